@@ -1,13 +1,13 @@
-//! Gives the build of a crate an id: a hash of all that its code is made of. Results on disk are believed by it
-//! (`src/engine/eval/disk/program.rs`).
+//! Computes an id of the build of a crate: a hash of everything that its code depends on. A program uses the cached results on disk only if
+//! they have the ids of its own crates (`src/engine/eval/disk/program.rs`).
 //!
-//! It counts what the code depends on and nothing else: the crate's sources, the entries of the lock file and of the workspace for the
-//! packages beneath, profiles, the compiler and what it is told, and the ids of the crates beneath. These come through cargo: each
-//! crate that takes part has `build = ".../build.rs"` and its own name as `links`. What only tests need does not count. The id is empty
-//! if something of this cannot be told, as where a local crate beneath has no id.
+//! The id covers the dependencies of the code and nothing else: the crate's sources, its dependencies' entries in the lock file and in the
+//! workspace's manifest, profiles, the compiler and its options, and the ids of the crates that it depends on. Cargo passes these ids on,
+//! because each of the crates has `build = ".../build.rs"` and its own name as `links`. Dependencies of tests do not count. The id is empty
+//! if any part of the hash is unknown, for example if a local dependency has no id.
 //!
-//! The id is empty, too, where a change could go unnoticed: a build folder outside of the workspace, or a library that is patched in from a
-//! folder. A source that is saved while it is compiled may get the id of its old content; the next build corrects this.
+//! The id is also empty where a change could go unnoticed: if the build folder is outside of the workspace, or a library is patched by a
+//! local folder. If a source is saved during compilation, the build may get the id of the old content; the next build corrects this.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -15,10 +15,10 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{env, fs};
 
-/// What the code is made of, by name. A file that cannot be read has no content.
+/// The contents that are hashed, by name. `None` stands for a file that cannot be read.
 type Parts = BTreeMap<String, Option<Vec<u8>>>;
 
-/// The end of the variables by which cargo hands over the ids of the crates beneath.
+/// The suffix of the environment variables in which cargo passes on the ids of dependencies.
 const HANDED_OVER: &str = "_MAQUETTE_BUILD";
 
 fn main() {
@@ -29,7 +29,7 @@ fn main() {
     println!("cargo::metadata=maquette_build={id}");
 }
 
-/// Two hashes of 64 bits.
+/// Returns two 64-bit hashes of the parts as hexadecimal digits.
 fn hash(parts: &Parts) -> String {
     let half = |which: u8| {
         let mut hasher = DefaultHasher::new();
@@ -39,23 +39,23 @@ fn hash(parts: &Parts) -> String {
     [0, 1].map(half).concat()
 }
 
-/// Adds the files. Whether no others matter.
+/// Adds the files to `parts`. Returns true if a change of any other file cannot matter.
 fn add_files(parts: &mut Parts) -> bool {
     let crate_folder = folder("CARGO_MANIFEST_DIR");
     add_file(parts, "own Cargo.toml", &crate_folder.join("Cargo.toml"));
     let sources = Some(crate_folder.join("src")).filter(|sources| sources.is_dir());
     let sources = sources.unwrap_or_else(|| crate_folder.clone());
-    // Of the whole folder, cargo notices new files and lost ones, too.
+    // If a folder is given, cargo also notices new and deleted files in it.
     println!("cargo::rerun-if-changed={}", sources.display());
     add_sources(parts, "", &sources);
-    // The workspace that is built, and the one that the crate is from: the build folder may lie in either.
+    // Two workspaces matter: the one that is built, which contains the build folder, and the one that contains the crate.
     let mut is_covered = false;
     for (name, inside) in [("built", &folder("OUT_DIR")), ("own", &crate_folder)] {
         let Some(workspace) = workspace(inside) else { continue };
         let [lock, settings] =
-            ["Cargo.lock", "Cargo.toml"].map(|file| watched(&workspace.join(file)));
+            ["Cargo.lock", "Cargo.toml"].map(|file| read_watched(&workspace.join(file)));
         let packages = packages(&lock);
-        let beneath = Beneath::of(&packages, &for_tests_alone(&crate_folder));
+        let beneath = Dependencies::new(&packages, &for_tests_alone(&crate_folder));
         is_covered |= name == "built" && beneath.is_covered;
         let entries = beneath.names.iter().filter_map(|name| packages.get(name));
         let entries = String::from_iter(entries.flat_map(|package| &package.entries).copied());
@@ -67,15 +67,15 @@ fn add_files(parts: &mut Parts) -> bool {
     is_covered
 }
 
-/// The text of a file, of which cargo notices changes; empty if there is none.
-fn watched(path: &Path) -> String {
+/// Returns the text of a file and lets cargo watch it. The text is empty if the file does not exist.
+fn read_watched(path: &Path) -> String {
     if path.exists() {
         println!("cargo::rerun-if-changed={}", path.display());
     }
     fs::read_to_string(path).unwrap_or_default()
 }
 
-/// The packages that the crate in this folder needs for its tests and for nothing else.
+/// Returns the dependencies that only the tests of this crate need.
 fn for_tests_alone(crate_folder: &Path) -> BTreeSet<String> {
     let manifest = fs::read_to_string(crate_folder.join("Cargo.toml")).unwrap_or_default();
     let (mut always, mut in_tests) = (BTreeSet::new(), BTreeSet::new());
@@ -94,7 +94,7 @@ fn for_tests_alone(crate_folder: &Path) -> BTreeSet<String> {
     &in_tests - &always
 }
 
-/// What a workspace's `Cargo.toml` says of profiles, of patches, and of this package and these ones.
+/// Returns the lines of a workspace's `Cargo.toml` about profiles, patches, this package and its dependencies.
 fn settings_of(manifest: &str, packages: &BTreeSet<&str>) -> String {
     let own = env::var("CARGO_PKG_NAME").unwrap_or_default();
     let (mut settings, mut section) = (String::new(), "");
@@ -106,7 +106,7 @@ fn settings_of(manifest: &str, packages: &BTreeSet<&str>) -> String {
         let is_profile = section.starts_with("profile");
         let counts = match section {
             "workspace.dependencies" => packages.contains(name),
-            // `"*"` means all packages.
+            // The package name `"*"` stands for all packages.
             _ if is_profile && section.ends_with(".package") => {
                 packages.contains(name) || name.starts_with('"') || name == own
             }
@@ -120,25 +120,25 @@ fn settings_of(manifest: &str, packages: &BTreeSet<&str>) -> String {
     settings
 }
 
-/// The folder that a variable of cargo names.
+/// Returns the folder that an environment variable of cargo names.
 fn folder(variable: &str) -> PathBuf {
     env::var_os(variable).unwrap_or_else(|| panic!("cargo sets {variable}")).into()
 }
 
-/// The nearest folder with a lock file.
+/// Returns the nearest enclosing folder with a lock file.
 fn workspace(inside: &Path) -> Option<&Path> {
     inside.ancestors().find(|folder| folder.join("Cargo.lock").is_file())
 }
 
 fn add_file(parts: &mut Parts, name: &str, path: &Path) {
-    // Of a file that is not there, cargo would think that it always changes.
+    // Cargo treats a missing watched file as changed in every build.
     if path.exists() {
         println!("cargo::rerun-if-changed={}", path.display());
     }
     parts.insert(name.to_owned(), fs::read(path).ok());
 }
 
-/// Adds what is in a folder of sources, except what cargo builds there.
+/// Adds the files of a source folder, except for the build folder if it is inside.
 fn add_sources(parts: &mut Parts, within: &str, path: &Path) {
     for entry in fs::read_dir(path).into_iter().flatten().flatten() {
         let (path, name) = (entry.path(), entry.file_name());
@@ -151,13 +151,13 @@ fn add_sources(parts: &mut Parts, within: &str, path: &Path) {
     }
 }
 
-/// What a lock file says of the packages of one name.
+/// The entries of a lock file for packages with one name.
 #[derive(Default)]
 struct Package<'l> {
-    /// Whether one of them is a folder of this machine, of which the lock file names no version that would change with it.
+    /// True if one of the packages is a local folder: the lock file does not record its changes.
     is_local: bool,
     needs: BTreeSet<&'l str>,
-    /// Its entries as they stand there.
+    /// The unchanged texts of the entries.
     entries: Vec<&'l str>,
 }
 
@@ -171,7 +171,7 @@ fn packages(lock: &str) -> Packages<'_> {
         let package = packages.entry(name.trim_matches('"')).or_default();
         package.is_local |= value("source = ").is_none();
         package.entries.push(text);
-        // A line such as ` "png 0.18.0",`; the version is there only if there are several.
+        // Dependencies have lines such as ` "png 0.18.0",`. The version is left out if the name is unambiguous.
         let needs =
             text.lines().filter_map(|line| line.strip_prefix(" \"")?.split([' ', '"']).next());
         package.needs.extend(needs);
@@ -179,15 +179,15 @@ fn packages(lock: &str) -> Packages<'_> {
     packages
 }
 
-/// The packages beneath this crate, down to those with ids of their own, which tell of the rest.
-struct Beneath<'l> {
+/// The dependencies of this crate. Those of a crate with an id are left out, because the id covers them.
+struct Dependencies<'l> {
     names: BTreeSet<&'l str>,
-    /// Whether each of them is told by the lock file or by an id: an edit of a local copy that is patched in would go unnoticed.
+    /// True if the lock file or an id covers each dependency. Otherwise an edit of a local copy could go unnoticed.
     is_covered: bool,
 }
 
-impl<'l> Beneath<'l> {
-    fn of(packages: &Packages<'l>, left_out: &BTreeSet<String>) -> Self {
+impl<'l> Dependencies<'l> {
+    fn new(packages: &Packages<'l>, left_out: &BTreeSet<String>) -> Self {
         let own = env::var("CARGO_PKG_NAME").unwrap_or_default();
         let has_id = |name: &str| {
             let variable = format!("DEP_{}{HANDED_OVER}", name.to_uppercase().replace('-', "_"));
@@ -209,10 +209,10 @@ impl<'l> Beneath<'l> {
     }
 }
 
-/// Adds the compiler, what it is told, and the ids of the crates beneath. Whether the compiler is known.
+/// Adds the compiler, its options, and the ids of dependencies. Returns true if the compiler is known.
 fn add_settings(parts: &mut Parts) -> bool {
     const TOLD: [&str; 4] = ["TARGET", "PROFILE", "OPT_LEVEL", "CARGO_ENCODED_RUSTFLAGS"];
-    // The folder of a profile has its name, while `PROFILE` knows two alone.
+    // The folder is named after the profile, whereas `PROFILE` is only `debug` or `release`.
     let out = folder("OUT_DIR");
     let profile = out.ancestors().nth(3).and_then(Path::file_name).unwrap_or_default();
     let profile = profile.to_string_lossy();
@@ -231,7 +231,8 @@ fn add_settings(parts: &mut Parts) -> bool {
         }
     }
     watch_variables(&profile);
-    // Asking takes half of the time of this script, and what is built at once has one compiler: the crates beneath have counted it.
+    // Asking the compiler for its version takes half of the time of this script. One build has one compiler, which the ids of dependencies
+    // already cover.
     if parts.keys().any(|name| name.ends_with(HANDED_OVER)) {
         return true;
     }
@@ -242,7 +243,8 @@ fn add_settings(parts: &mut Parts) -> bool {
     is_known
 }
 
-/// Cargo notices by itself what else it tells the compiler, but of profiles only the level of optimization.
+/// Lets cargo run this script again if these variables change. Cargo itself watches other compiler options, but of profiles only the
+/// optimization level.
 fn watch_variables(profile: &str) {
     const SETTINGS: [&str; 6] =
         ["CODEGEN_UNITS", "DEBUG_ASSERTIONS", "LTO", "OPT_LEVEL", "OVERFLOW_CHECKS", "PANIC"];

@@ -1,6 +1,6 @@
-//! What a batch costs beside its tasks' own work: tasks of the doll, and up to ten thousand of a small graph, when nothing is known, in the
-//! first run after that, which looks at outputs that were too young to be believed, and when nothing has changed; and the greatest memory of
-//! the program.
+//! Measures the time that a batch adds to its tasks, and the peak memory of the program. The tasks are of the doll's graph, and up to ten
+//! thousand of a small graph. Each batch runs three times: without cached results, a second time, which checks outputs that are too new to
+//! be trusted by their dates, and a third time without changes.
 //!
 //! `cargo bench -p maquette-program --bench batch`
 
@@ -62,7 +62,7 @@ fn main() {
     }
 }
 
-/// How long a batch takes, and the greatest memory of it.
+/// Runs a batch and returns its time in seconds and its peak memory in MB.
 fn run(project: &Path, out: &str) -> (f64, u64) {
     let start = Instant::now();
     let mut child = Command::new(env!("CARGO_BIN_EXE_maquette"))

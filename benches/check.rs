@@ -1,6 +1,6 @@
-//! How long does checking a graph take? It opens no capture, so its cost is the text's.
+//! Measures the time to check a graph. The graph reads no capture, so the time is that of the text.
 //!
-//! There is no bar.
+//! There is no performance target.
 
 use maquette::{Catalog, Graph, Options};
 
@@ -8,7 +8,7 @@ fn main() {
     divan::main();
 }
 
-/// A chain of transforms over one mesh, each with an expression.
+/// Returns a chain of `nodes` transforms of one mesh, each with an expression.
 fn graph(nodes: usize) -> String {
     let chain = (1..nodes).map(|k| {
         format!("        \"n{k}\": Transform(mesh: \"n{}\", translate: (Expr(\"step * {k}\"), 0, Param(\"step\"))),\n", k - 1)

@@ -1,6 +1,6 @@
-//! Two meshes of a million faces compared, and one rendered: the worst that a test meets.
+//! Measures the most expensive operations of a test: comparing two meshes of a million faces, and rendering one of them.
 //!
-//! There is no bar.
+//! There is no performance target.
 
 use divan::{Bencher, black_box};
 use maquette::render::{View, render};
@@ -8,15 +8,15 @@ use maquette::value::{Faces, Mesh};
 use maquette::{AnyValue, Tolerance, compare};
 use nalgebra::Point3;
 
-/// Faces of the largest meshes.
+/// Number of faces of the largest meshes.
 const MILLION: u32 = 1_000_000;
 
 fn main() {
     divan::main();
 }
 
-/// A wavy sheet of so many triangles, lifted by so many mm; `shuffled` puts its vertices into no order at all, lists its faces in
-/// reverse, and begins each at another corner.
+/// Returns a wavy sheet with this number of triangles, lifted by `lift` mm. With `shuffled`, its vertices are permuted, the order of its
+/// faces is reversed, and each face begins at another corner.
 fn sheet(triangles: u32, lift: f64, shuffled: bool) -> Mesh {
     let n = f64::from(triangles / 2).sqrt().ceil() as u32 + 1;
     let step = 708.0 / f64::from(n);
@@ -30,7 +30,7 @@ fn sheet(triangles: u32, lift: f64, shuffled: bool) -> Mesh {
     faces.truncate(triangles as usize);
     let mut points: Vec<_> = (0..n * n).map(at).collect();
     if shuffled {
-        // A prime that does not divide the number of vertices: each place is taken once.
+        // 1 000 003 is a prime that does not divide the number of vertices, so this is a permutation.
         let place = |vertex: u32| (u64::from(vertex) * 1_000_003 % u64::from(n * n)) as u32;
         (0..n * n).for_each(|vertex| points[place(vertex) as usize] = at(vertex));
         faces.iter_mut().for_each(|face| *face = [face[1], face[2], face[0]].map(place));
@@ -48,7 +48,7 @@ fn million_faces(bencher: Bencher<'_, '_>, case: &str) {
         _ => (30.0, true),
     };
     let tolerance = Tolerance { max: Some(0.1), ..Tolerance::default() };
-    // The values are read anew each time, so that nothing is known of them.
+    // The meshes are made anew for each run, because a mesh caches derived data.
     bencher
         .with_inputs(|| {
             (

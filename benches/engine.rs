@@ -1,9 +1,9 @@
-//! What does the engine itself cost? Graphs of nodes that do next to nothing, and a cheap node behind a heavy one.
+//! Measures the overhead of the engine: graphs of trivial nodes, and a cheap node after an expensive one.
 //!
-//! Evaluates on two threads; each bench changes what its name says before each evaluation, and times the evaluation alone. The
-//! same chains and trees run on salsa and in Blender in `benches/peers`.
+//! Graphs are evaluated on two threads. Each bench makes the change in its name before each evaluation, and measures only the evaluation.
+//! `benches/peers` runs equal chains and trees on salsa and in Blender.
 //!
-//! There is no bar: it stands beside its peers.
+//! There is no performance target: the results are compared with those of the peers.
 
 use divan::{Bencher, black_box};
 use maquette::{Catalog, Evaluator, Graph, Options, Pack};
@@ -25,10 +25,10 @@ fn load(text: &str, packs: &[&Pack]) -> Graph {
     std::fs::write(&path, text).expect("a file");
     std::fs::write(path.with_file_name("ring.obj"), ring()).expect("a file");
     let checked = Graph::load(&path, &Catalog::new(packs), &Options::default());
-    checked.graph.unwrap_or_else(|| panic!("{}", checked.problems[0].message))
+    checked.graph.unwrap_or_else(|| panic!("{}", checked.diagnostics[0].message))
 }
 
-/// A chain of additions, of which this one adds another number.
+/// Returns a chain of additions. `changed` gives the index and the number of one node; all others add 1.
 fn chain(changed: Option<(usize, u32)>) -> Graph {
     fn number(k: usize, changed: &Option<(usize, u32)>) -> f64 {
         match *changed {
@@ -79,7 +79,7 @@ fn chain_loaded_again_and_nothing_changed(bencher: Bencher<'_, '_>) {
     });
 }
 
-/// A new number each time, so that no result is in the cache.
+/// Changes the number of the node at `place` to a new value each time, so its result is never cached.
 fn changed_at(bencher: Bencher<'_, '_>, place: usize) {
     let graphs: Vec<_> = (2..66).map(|number| chain(Some((place, number)))).collect();
     let mut evaluator = evaluator();
@@ -101,7 +101,7 @@ fn chain_first_changed(bencher: Bencher<'_, '_>) {
     changed_at(bencher, 0);
 }
 
-/// A ring of 6 000 triangles as an OBJ file.
+/// Returns a torus of 6 000 triangles as an OBJ file.
 fn ring() -> String {
     const AROUND: usize = 60;
     const ACROSS: usize = 50;
@@ -126,8 +126,8 @@ fn ring() -> String {
     text
 }
 
-/// The ring, subdivided three times to 384 000 triangles, and moved.
-fn subdivided(step: u32) -> Graph {
+/// Returns a graph that subdivides the torus three times, to 384 000 triangles, and moves the result.
+fn subdivision_graph(step: u32) -> Graph {
     let text = format!(
         "Graph(format: 1, nodes: {{
             \"mesh\": ReadMesh(path: \"ring.obj\"),
@@ -140,7 +140,7 @@ fn subdivided(step: u32) -> Graph {
 
 #[divan::bench(sample_count = 21, sample_size = 1)]
 fn cheap_behind_subdivision_changed(bencher: Bencher<'_, '_>) {
-    let graphs: Vec<_> = (0..66).map(subdivided).collect();
+    let graphs: Vec<_> = (0..66).map(subdivision_graph).collect();
     let mut evaluator = evaluator();
     evaluator.evaluate_nodes(&graphs[0], &["moved"]);
     let mut turn = 0;
@@ -152,8 +152,8 @@ fn cheap_behind_subdivision_changed(bencher: Bencher<'_, '_>) {
 
 #[divan::bench(sample_count = 101)]
 fn cheap_behind_subdivision_nothing_changed(bencher: Bencher<'_, '_>) {
-    let (graph, mut evaluator) = (subdivided(1), evaluator());
-    // A file that was just written is read again, because a second write might not show.
+    let (graph, mut evaluator) = (subdivision_graph(1), evaluator());
+    // A file that was just written is read again by each evaluation, because another write at nearly the same time might go unnoticed.
     std::thread::sleep(std::time::Duration::from_secs(1));
     evaluator.evaluate_nodes(&graph, &["moved"]);
     bencher.bench_local(|| black_box(evaluator.evaluate_nodes(&graph, &["moved"])));

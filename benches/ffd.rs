@@ -1,13 +1,14 @@
-//! How long does it take to deform a million points by handles? The work is that of the peers (`benches/peers/peers.py ffd`):
-//! handles in a jittered grid, every one of them moved, f64, two threads. `near` has deviations of a third, for which handles
-//! far away are left out; `drag` moves one handle while its layout stays; `surface` is a mesh with normals.
+//! Measures the time to deform a million points by handles (free-form deformation). The work equals that of the peers
+//! (`benches/peers/peers.py ffd`): all handles of a jittered grid are moved, with f64 numbers and two threads. `deform_nearly` has a third
+//! of the standard deviations, so distant handles can be skipped. `drag` moves one handle while the others stay. `surface` deforms a mesh
+//! with normals.
 //!
-//! There is no bar: it stands beside its peers.
+//! There is no performance target: the results are compared with those of the peers.
 
 use divan::{Bencher, black_box};
 use maquette::Progress;
 use maquette::value::{Attribute, Faces, Handle, HandleSpace, Handles, Mesh, Points};
-use maquette_nodes::deform::{Deforming, Drag, Mode, ffd};
+use maquette_nodes::deform::{DeformOptions, Drag, Mode, ffd};
 use maquette_nodes::mesh::Movable;
 use nalgebra::{Point3, Vector3};
 
@@ -18,7 +19,7 @@ fn main() {
 
 const POINTS: usize = 1_000_000;
 
-/// Numbers from 0 to 1 without any order; see `nurbs.rs`.
+/// Returns pseudorandom numbers from 0 to 1, made like those in `nurbs.rs`.
 fn noise(k: usize) -> f64 {
     let mut bits = (k as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     bits ^= bits >> 29;
@@ -27,7 +28,7 @@ fn noise(k: usize) -> f64 {
     (bits >> 11) as f64 / (1u64 << 53) as f64
 }
 
-/// Points in the unit cube.
+/// Returns random points in the unit cube.
 fn cloud() -> Movable {
     Movable::Points(
         Points::new(
@@ -39,7 +40,7 @@ fn cloud() -> Movable {
     )
 }
 
-/// A sheet of as many vertices, with its normals.
+/// Returns a flat mesh with `POINTS` vertices and their normals.
 fn sheet() -> Movable {
     let side = 1000;
     fn place(k: usize, side: usize) -> f64 {
@@ -73,7 +74,7 @@ fn sheet() -> Movable {
     Movable::Mesh(mesh.expect("a sheet"))
 }
 
-/// Handles in a jittered grid, with deviations of about `reach` cells.
+/// Returns handles in a jittered grid. Their standard deviations are about `reach` times the size of a cell.
 fn handles(grid: [usize; 3], reach: f64) -> Handles {
     let cells = Vector3::from(grid.map(|count| 1.0 / count as f64));
     let count = grid.iter().product();
@@ -96,35 +97,40 @@ fn grid(count: usize) -> [usize; 3] {
     if count == 64 { [4, 4, 4] } else { [8, 8, 4] }
 }
 
-fn deform(bencher: Bencher<'_, '_>, what: &Movable, handles: &Handles, how: Deforming) {
+fn deform(bencher: Bencher<'_, '_>, what: &Movable, handles: &Handles, how: DeformOptions) {
     bencher.bench(|| {
-        ffd(black_box(what), black_box(handles), Mode::default(), how, &Progress::none())
+        ffd(black_box(what), black_box(handles), Mode::default(), how, &Progress::silent())
     });
 }
 
 #[divan::bench(args = [64, 256])]
 fn exact(bencher: Bencher<'_, '_>, count: usize) {
-    deform(bencher, &cloud(), &handles(grid(count), 0.55), Deforming::default());
+    deform(bencher, &cloud(), &handles(grid(count), 0.55), DeformOptions::default());
 }
 
 #[divan::bench(args = [64, 256])]
-fn near(bencher: Bencher<'_, '_>, count: usize) {
-    let how = Deforming { accuracy: 5e-8, ..Deforming::default() };
+fn deform_nearly(bencher: Bencher<'_, '_>, count: usize) {
+    let how = DeformOptions { accuracy: 5e-8, ..DeformOptions::default() };
     deform(bencher, &cloud(), &handles(grid(count), 0.2), how);
 }
 
 #[divan::bench(args = [64, 256])]
 fn surface(bencher: Bencher<'_, '_>, count: usize) {
-    deform(bencher, &sheet(), &handles(grid(count), 0.55), Deforming::default());
+    deform(bencher, &sheet(), &handles(grid(count), 0.55), DeformOptions::default());
 }
 
-/// One drag, of points without and of a mesh with normals.
+/// Moves one handle, for points without normals and for a mesh with normals.
 #[divan::bench(args = ["points", "mesh"])]
 fn drag(bencher: Bencher<'_, '_>, what: &str) {
     let what = if what == "points" { cloud() } else { sheet() };
-    let drag =
-        Drag::new(&what, &handles([4, 4, 4], 0.55), &[21], Mode::default(), Deforming::default());
+    let drag = Drag::new(
+        &what,
+        &handles([4, 4, 4], 0.55),
+        &[21],
+        Mode::default(),
+        DeformOptions::default(),
+    );
     let drag = drag.expect("a well conditioned layout");
     let to = [(21, Point3::new(0.4, 0.4, 0.5))];
-    bencher.bench(|| drag.to(black_box(&to), &Progress::none()));
+    bencher.bench(|| drag.apply_targets(black_box(&to), &Progress::silent()));
 }

@@ -1,6 +1,6 @@
-//! How long do files take? One million triangles and one capture; bytes in memory, no disk.
+//! Measures the time to read, write and process one million triangles and one capture, from bytes in memory instead of a disk.
 //!
-//! There is no bar.
+//! There is no performance target.
 
 use maquette::format::{pcd, ply};
 use maquette::value::{Faces, Mesh, RangeImage};
@@ -9,12 +9,12 @@ use maquette_nodes::subdivision::{Boundary, Corners, Creases, Scheme, Subdivisio
 use nalgebra::Point3;
 
 fn main() {
-    // What the project's budgets are for.
+    // The project's time budgets are for two threads.
     rayon::ThreadPoolBuilder::new().num_threads(2).build_global().expect("threads");
     divan::main();
 }
 
-/// A wavy sheet of `width` x `height` points.
+/// Returns a wavy sheet of `width` x `height` points.
 fn points(width: usize, height: usize) -> Vec<Point3<f64>> {
     (0..width * height)
         .map(|k: usize| {
@@ -24,7 +24,7 @@ fn points(width: usize, height: usize) -> Vec<Point3<f64>> {
         .collect()
 }
 
-/// One million triangles.
+/// Returns a mesh of one million triangles.
 fn mesh() -> Mesh {
     let (width, height) = (1001u32, 501u32);
     let quads = (0..height - 1).flat_map(|row| (0..width - 1).map(move |k| row * width + k));
@@ -68,14 +68,14 @@ fn write_pcd_640_480(bencher: divan::Bencher<'_, '_>) {
     bencher.bench(|| pcd::encode(&range));
 }
 
-/// One million cells, as `Triangulate` joins them.
+/// Triangulates a range image of one million cells.
 #[divan::bench(sample_count = 11, sample_size = 1)]
 fn triangulate_million_cells(bencher: divan::Bencher<'_, '_>) {
     let range = RangeImage::new(1000, 1000, points(1000, 1000)).expect("a grid");
     bencher.bench(|| triangulate(&range, 6.0, 85.0, 20).expect("a mesh"));
 }
 
-/// A quarter of a million triangles become one million.
+/// Subdivides a quarter of a million triangles into one million.
 #[divan::bench(sample_count = 11, sample_size = 1)]
 fn subdivide_to_million_triangles(bencher: divan::Bencher<'_, '_>) {
     let range = RangeImage::new(354, 354, points(354, 354)).expect("a grid");

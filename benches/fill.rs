@@ -1,16 +1,19 @@
-//! How long does it take to fill a hole, and how far is what fills it from what was there? Is it a surface, and one that runs through nothing?
+//! Measures the filling of holes: the time, the distance from the original surface, and whether the result is a manifold without
+//! intersections.
 //!
-//! Prints a table of all methods on all cases: those of the data's folder (`FILL_DATA`, by default `../shared/data`), and a bumpy sphere with
-//! a hole of 948 vertices, the one of the peers' item 7; each also with noise. `fill WORD ...` prints the rows whose case or method has one of
-//! the words, `fill rims` the times of large rims, `fill sizes` those of thin plates over one hole in ever finer data, and `fill rough WORD ...` compares how
-//! rough fills are with how rough it was there and is around, in the rows that have all of the words. Two other programs fill
-//! the same holes if they are there: `CGAL_FILL` names the program made of `benches/peers/cgal_fill.cpp`, `MESHLIB_PYTHON` a Python that has
-//! MeshLib. `benches/peers/peers.py holes` makes and names both.
+//! Prints a table of all methods on all cases, each without and with noise. The cases are those in the data folder (`FILL_DATA`, by default
+//! `../shared/data`), and a bumpy sphere with a hole of 948 vertices (item 7 of the peers' benchmarks). `fill WORD ...` prints the rows
+//! whose case or method contains one of the words. `fill rims` prints the times of large rims, and `fill sizes` the times of thin plates
+//! over one hole in ever finer data. `fill rough WORD ...` compares the roughness of fills with that of the original and of the
+//! neighborhood, in the rows that contain all of the words. Two other programs fill the same holes if they are available: `CGAL_FILL` names
+//! the program built from `benches/peers/cgal_fill.cpp`, and `MESHLIB_PYTHON` a Python with MeshLib. `benches/peers/peers.py holes` builds
+//! both and sets the variables.
 //!
-//! Times are of the public function, on values, the least of several runs. Distances are divided by the mean edge: of points all over the
-//! filled part to the truth (root of the mean square, and largest), and of the lost vertices to the filled mesh.
+//! Times are the minimum of several runs of the public function, on values in memory. Distances are divided by the mean length of edges:
+//! the distances of points all over the filled part from the original (root mean square and maximum), and the distances of the removed
+//! vertices from the filled mesh.
 //!
-//! There is no bar: it stands beside its peers.
+//! There is no performance target: the results are compared with those of the peers.
 
 #![allow(clippy::print_stdout, reason = "whoever measures must know what was measured")]
 
@@ -25,7 +28,7 @@ use judge::{characters, judge};
 use maquette::Progress;
 use maquette::value::{Faces, Mesh};
 use maquette_nodes::fill::{
-    ExemplarOptions, FillError, FillMethod, Filled, HoleChoice, Start, Update, fill_holes,
+    ExemplarOptions, FillError, FillMethod, FilledMesh, HoleChoice, Start, Update, fill_holes,
 };
 use maquette_nodes::mesh::read_mesh;
 use nalgebra::Point3;
@@ -35,11 +38,11 @@ mod cases;
 #[path = "fill/judge.rs"]
 mod judge;
 
-/// Standard deviations of noise, in mean edges.
+/// Standard deviations of the noise, relative to the mean length of edges.
 const NOISE: [f64; 2] = [0.05, 0.2];
 
 fn main() {
-    // As wherever there is an evaluator, and within its threads.
+    // The allocator keeps freed memory and two threads are used, as in an evaluator.
     maquette::memory::keep_freed();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("two threads");
     pool.install(measure);
@@ -57,7 +60,7 @@ fn measure() {
     if words.iter().any(|word| word == "rough") {
         return roughness(&words);
     }
-    fn wanted(text: &str, words: &[String]) -> bool {
+    fn is_wanted(text: &str, words: &[String]) -> bool {
         words.is_empty() || words.iter().any(|word| text.contains(&word[..]))
     }
     let peers = peers();
@@ -83,22 +86,22 @@ fn measure() {
         .collect();
     for case in clean.iter().chain(&noisy) {
         for (name, method) in methods() {
-            if wanted(&format!("{} {name}", case.name), &words) {
+            if is_wanted(&format!("{} {name}", case.name), &words) {
                 report(case, name, &method);
             }
         }
         for (name, command) in &peers {
-            if wanted(&format!("{} {name}", case.name), &words) {
+            if is_wanted(&format!("{} {name}", case.name), &words) {
                 fill_by(case, name, command);
             }
         }
     }
-    if wanted("model classes", &words) {
+    if is_wanted("model classes", &words) {
         model_classes(&clean);
     }
 }
 
-/// The other programs that are there, by command line.
+/// Returns the names and command lines of the other programs that are available.
 fn peers() -> Vec<(&'static str, Vec<OsString>)> {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../benches/peers/meshlib_fill.py");
     let mut peers = Vec::new();
@@ -116,15 +119,16 @@ fn peers() -> Vec<(&'static str, Vec<OsString>)> {
     peers
 }
 
-/// The models of the published completion: their vertices of data and missing ones, and the seconds that it took; and the case here that
-/// is like it in kind and size.
+/// The models of the published method: their name, the numbers of their vertices and of their missing vertices, the published time in
+/// seconds, and the case here that is similar in kind and size.
 const MODELS: [(&str, [u32; 2], f64, &str); 3] = [
     ("A, smooth", [5122, 1094], 1304.0, "holes/smooth_blob"),
     ("B, sharp", [3329, 1432], 186.0, "holes/sharp_nut"),
     ("C, relief", [18610, 667], 4070.0, "holes/rugged_mountain"),
 ];
 
-/// What Kawai, Sato and Yokoya report (2008, table 1), and how long the default takes for as much. They report no distances.
+/// Prints the times that Kawai, Sato and Yokoya report (2008, table 1) beside the times of the default method on similar cases. They report
+/// no distances.
 fn model_classes(cases: &[Case]) {
     println!(
         "\npublished model, data/missing, seconds on a Xeon of 3.0 GHz; ours of that size, seconds"
@@ -163,8 +167,8 @@ fn methods() -> Vec<(&'static str, FillMethod)> {
 
 const RUNS: usize = 5;
 
-fn fill_all(mesh: &Mesh, method: &FillMethod) -> Result<Filled, FillError> {
-    fill_holes(mesh, &HoleChoice::All, method, &Progress::none())
+fn fill_all(mesh: &Mesh, method: &FillMethod) -> Result<FilledMesh, FillError> {
+    fill_holes(mesh, &HoleChoice::All, method, &Progress::silent())
 }
 
 fn report(case: &Case, name: &str, method: &FillMethod) {
@@ -226,13 +230,13 @@ fn obj(mesh: &Mesh) -> String {
     text
 }
 
-/// The holed mesh filled by another program: `COMMAND IN OUT SKIP`, which prints milliseconds.
+/// Lets another program fill the mesh: `COMMAND IN OUT SKIP` writes the file OUT and prints the time in milliseconds.
 fn fill_by(case: &Case, name: &str, command: &[OsString]) {
     let folder = std::env::temp_dir();
-    fn named(what: &str, folder: &Path) -> std::path::PathBuf {
+    fn temporary_file(what: &str, folder: &Path) -> std::path::PathBuf {
         folder.join(format!("fill_{}_{what}", std::process::id()))
     }
-    let (input, output) = (named("in.txt", &folder), named("out.obj", &folder));
+    let (input, output) = (temporary_file("in.txt", &folder), temporary_file("out.obj", &folder));
     let mesh = &case.holed;
     let mut text = format!("{} {}\n", mesh.positions().len(), mesh.faces().len());
     mesh.positions().iter().for_each(|p| {
@@ -242,7 +246,7 @@ fn fill_by(case: &Case, name: &str, command: &[OsString]) {
         let _ = writeln!(text, "{} {} {}", f[0], f[1], f[2]);
     });
     std::fs::write(&input, text).expect("a folder for temporary files");
-    // An open truth has an outer border, which is no hole.
+    // An original mesh that is open has an outer border, which is not a hole and is skipped.
     let skipped = u8::from(case.truth.edges().faces.contains(&1)).to_string();
     let run = Command::new(&command[0])
         .args(&command[1..])
@@ -262,13 +266,13 @@ fn fill_by(case: &Case, name: &str, command: &[OsString]) {
     let _ = (std::fs::remove_file(&input), std::fs::remove_file(&output));
 }
 
-/// How long a rim of very many edges takes without refinement is what CGAL's manual tells; here the whole of `Flat`.
+/// Prints the times of `Flat` for rims of many edges. CGAL's manual reports such times, without refinement.
 fn large_rims() {
     for count in [565u32, 774, 967, 2000, 7657] {
         let mesh = band(count);
         let rim = HoleChoice::Loops(vec![1]);
         let start = Instant::now();
-        let filled = fill_holes(&mesh, &rim, &FillMethod::Flat, &Progress::none());
+        let filled = fill_holes(&mesh, &rim, &FillMethod::Flat, &Progress::silent());
         let filled = filled.expect("a band has holes");
         let seconds = start.elapsed().as_secs_f64();
         let added = filled.mesh.positions().len() - mesh.positions().len();
@@ -279,7 +283,7 @@ fn large_rims() {
     }
 }
 
-/// How the cost of a thin plate grows with the number of vertices that it gets.
+/// Prints how the time of a thin plate grows with the number of vertices that it adds.
 fn sizes() {
     for frequency in [23, 45, 90, 180] {
         let case = bumpy_sphere(frequency);
@@ -300,7 +304,7 @@ fn sizes() {
     }
 }
 
-/// How rough fills are beside what was there and beside what is around.
+/// Prints the roughness of fills relative to that of the original and of the neighborhood.
 fn roughness(words: &[String]) {
     let words: Vec<&String> = words.iter().filter(|word| *word != "rough").collect();
     println!(
@@ -328,17 +332,17 @@ fn roughness(words: &[String]) {
     }
 }
 
-/// A band along a wavy closed curve, whose inner border has so many edges.
+/// Returns a band along a wavy closed curve, whose inner border has `count` edges.
 fn band(count: u32) -> Mesh {
-    fn at(k: u32, out: f64, count: u32) -> Point3<f64> {
+    fn border_point(k: u32, out: f64, count: u32) -> Point3<f64> {
         let angle = std::f64::consts::TAU * f64::from(k) / f64::from(count);
         let radius = (1.0 + 0.2 * libm::sin(5.0 * angle) + 0.1 * libm::cos(11.0 * angle)) * out;
         let height = 0.2 * libm::sin(3.0 * angle) + 0.1 * libm::cos(7.0 * angle);
         Point3::new(radius * libm::cos(angle), radius * libm::sin(angle), height)
     }
     let points: Vec<_> = (0..count)
-        .map(|k| at(k, 1.02, count))
-        .chain((0..count).map(|k| at(k, 1.0, count)))
+        .map(|k| border_point(k, 1.02, count))
+        .chain((0..count).map(|k| border_point(k, 1.0, count)))
         .collect();
     let faces = (0..count).flat_map(|k| {
         let next = (k + 1) % count;

@@ -1,7 +1,6 @@
-//! How long does it take to find the control mesh of a subdivision surface through given vertices, with two threads, everything
-//! included, and how much memory? On the meshes of the peers' benchmarks, if they are there, else on tori like these.
-//! `cargo bench -p maquette-tests --bench interpolate -- WORD` runs the rows whose names have the word.
-//! Each row of the table shows its bar.
+//! Measures the time and memory to find the control mesh of a subdivision surface through given vertices, with two threads and including
+//! all preparation. The meshes are those of the peers' benchmarks if they exist, otherwise similar tori. `cargo bench -p maquette-tests
+//! --bench interpolate -- WORD` runs the rows whose names contain the word. Each row of the table shows its target in milliseconds (`bar`).
 
 #![allow(clippy::print_stdout, reason = "the table goes to whoever measures")]
 
@@ -24,23 +23,23 @@ use maquette_nodes::subdivision::{
 mod peers;
 
 fn main() {
-    // As wherever there is an evaluator.
+    // The allocator keeps freed memory, as in an evaluator.
     maquette::memory::keep_freed();
     let words: Vec<_> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
     let table = Table { words };
     println!("{:44} {:>9} {:>9} {:>7} {:>9}", "milliseconds", "median", "least", "bar", "peak MB");
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("two threads");
     pool.install(|| {
-        given(&table);
+        interpolate_files(&table);
         sizes(&table);
-        published(&table);
+        interpolate_published(&table);
         fit(&table);
         edit(&table);
     });
 }
 
-/// The peers' meshes, to a millionth of the diagonal.
-fn given(table: &Table) {
+/// Interpolates the peers' meshes, to a millionth of the diagonal.
+fn interpolate_files(table: &Table) {
     for (scheme, name, sides, bar) in [
         (Scheme::Loop, "int_tri", 3, Some(5.0)),
         (Scheme::CatmullClark, "int_quad", 4, Some(8.0)),
@@ -48,32 +47,32 @@ fn given(table: &Table) {
     ] {
         let mesh = peers::load(name, sides).unwrap_or_else(|| torus(sides, 20_000));
         let name = format!("{scheme:?}, {} vertices", mesh.positions().len());
-        table.row(&name, bar, 31, || interpolated(&mesh, scheme));
+        table.row(&name, bar, 31, || interpolate_mesh(&mesh, scheme));
     }
 }
 
-/// Ten times as large each.
+/// Interpolates tori, each with ten times as many vertices as the one before.
 fn sizes(table: &Table) {
     for (scheme, sides) in [(Scheme::Loop, 3), (Scheme::CatmullClark, 4), (Scheme::DooSabin, 4)] {
         for (count, runs) in [(2_000, 31), (20_000, 31), (200_000, 11), (2_000_000, 3)] {
             let name = format!("size: {scheme:?}, torus of {count} vertices");
             if table.has(&name) {
                 let mesh = torus(sides, count);
-                table.row(&name, None, runs, || interpolated(&mesh, scheme));
+                table.row(&name, None, runs, || interpolate_mesh(&mesh, scheme));
             }
         }
     }
 }
 
-fn interpolated(mesh: &Mesh, scheme: Scheme) -> Mesh {
-    let found = interpolate(mesh, scheme, &InterpolateOptions::default(), &[], &Progress::none());
+fn interpolate_mesh(mesh: &Mesh, scheme: Scheme) -> Mesh {
+    let found = interpolate(mesh, scheme, &InterpolateOptions::default(), &[], &Progress::silent());
     let found = found.expect("a surface");
     assert!(found.settled, "the surface passes through the vertices");
     found.shape
 }
 
-/// The iteration with nearest feet, on the doll of the example graphs, to 1e-5 of the diagonal.
-fn published(table: &Table) {
+/// Interpolates the doll of the example graphs to 1e-5 of the diagonal, by the published iteration with nearest points.
+fn interpolate_published(table: &Table) {
     let mesh = read_mesh(&example("coarse.obj"), "obj").expect("a mesh");
     for (scheme, bar) in
         [(Scheme::Loop, Some(300.0)), (Scheme::CatmullClark, None), (Scheme::DooSabin, None)]
@@ -83,7 +82,7 @@ fn published(table: &Table) {
         options.how.tolerance = 1e-5;
         let name = format!("nearest feet: {scheme:?}, {} vertices", mesh.positions().len());
         table.row(&name, bar, 5, || {
-            let found = interpolate(&mesh, scheme, &options, &[], &Progress::none());
+            let found = interpolate(&mesh, scheme, &options, &[], &Progress::silent());
             let found = found.expect("a surface");
             assert!(found.settled, "the surface passes through the vertices");
             found.shape
@@ -91,13 +90,13 @@ fn published(table: &Table) {
     }
 }
 
-/// A file of the doll of the example graphs.
+/// Reads a file of the doll of the example graphs.
 fn example(name: &str) -> Vec<u8> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs/doll");
     std::fs::read(folder.join(name)).expect("a file of the example graphs")
 }
 
-/// The doll's scan as a surface of a twentieth of its triangles, and how far both are from each other.
+/// Fits a subdivision surface with a twentieth of the triangles to the doll's scan, and prints the distances between both.
 fn fit(table: &Table) {
     let name = "fit of the doll's scan";
     if !table.has(name) {
@@ -112,10 +111,10 @@ fn fit(table: &Table) {
     let creased = crease(&scan, 40.0, 10.0);
     let points = scan.positions();
     let target = scan.faces().len() / 20;
-    let simplified = || simplify(&creased, target, &Progress::none()).expect("a mesh");
+    let simplified = || simplify(&creased, target, &Progress::silent()).expect("a mesh");
     table.row("fit of the doll's scan: simplification", None, 3, simplified);
     let coarse = simplified();
-    let fitted = || fit_subdivision(&coarse, points, 1e-3, 6, &Progress::none());
+    let fitted = || fit_subdivision(&coarse, points, 1e-3, 6, &Progress::silent());
     table.row(name, None, 3, fitted);
     let control = fitted().expect("points near the mesh").mesh;
     let (boundary, creases, corners) = Default::default();
@@ -137,14 +136,14 @@ fn fit(table: &Table) {
     }
 }
 
-/// Ten control points of a mesh of 6 000 quads follow a hand, four steps later.
+/// Moves ten control points of a mesh of about 6 000 faces, and updates the surface after four steps.
 fn edit(table: &Table) {
     for (scheme, sides) in [(Scheme::CatmullClark, 4), (Scheme::Loop, 3)] {
         let mesh = torus(sides, if sides == 4 { 6_000 } else { 2_900 });
         let (boundary, creases, corners) = Default::default();
         let how = Subdivision { scheme, levels: 4, limit: false, boundary, creases, corners };
         let plan = Plan::new(&mesh, how).expect("a surface");
-        let live = RefCell::new(plan.live(&mesh).expect("the plan's mesh"));
+        let live = RefCell::new(plan.moving_vertices(&mesh).expect("the plan's mesh"));
         let changed: Vec<_> = (100..110).map(|k| (k, mesh.positions()[k as usize])).collect();
         let name = format!("edit: {scheme:?}, 10 control points, 4 steps");
         table.row(&name, None, 31, || live.borrow_mut().update(&changed));
@@ -153,7 +152,7 @@ fn edit(table: &Table) {
     }
 }
 
-/// The rows that were asked for.
+/// Prints the rows whose names contain one of the words.
 struct Table {
     words: Vec<String>,
 }
@@ -163,13 +162,13 @@ impl Table {
         self.words.is_empty() || self.words.iter().any(|word| name.contains(&**word))
     }
 
-    /// Does some work once without a clock, to see how much memory it takes at most, and then so often.
+    /// Runs the work once to measure its peak memory, and then repeatedly to measure its time.
     fn row<T>(&self, name: &str, bar: Option<f64>, runs: usize, run: impl Fn() -> T) {
         if !self.has(name) {
             return;
         }
         let before = memory("VmRSS");
-        // Forgets the largest size of this process so far, on Linux.
+        // Resets the peak memory of this process, on Linux.
         let _ = std::fs::write("/proc/self/clear_refs", "5");
         drop(black_box(run()));
         let peak = memory("VmHWM") - before;
@@ -189,7 +188,7 @@ impl Table {
     }
 }
 
-/// A size of this process, in MB; 0 where the system does not tell.
+/// Returns a memory figure of this process in MB, or 0 if the system does not report it.
 fn memory(name: &str) -> f64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(':'));
@@ -197,7 +196,7 @@ fn memory(name: &str) -> f64 {
     kilobytes.unwrap_or(0.0) / 1024.0
 }
 
-/// A bumpy torus of some `count` vertices: quads, or twice as many triangles.
+/// Returns a bumpy torus of about `count` vertices, with `sides` sides per face.
 fn torus(sides: usize, count: u32) -> Mesh {
     let rows = (f64::from(count) / 2.0).sqrt() as u32;
     peers::torus(sides, [rows, count / rows], 0.01)

@@ -1,8 +1,8 @@
-//! What does a local change cost? The doll's nose grows by a millimeter under four levels of subdivision, some 10 million faces; then a
-//! share of the vertices under them is moved, and one of those of the skin itself. With two threads, in memory, beside what it costs to
-//! make all anew.
+//! Measures the cost of a local change with two threads, in memory, compared with computing everything again. The doll's nose grows by a
+//! millimeter under four levels of subdivision, which give about 10 million faces. Then a fraction of the control vertices is moved, and a
+//! fraction of the vertices of the surface itself.
 //!
-//! At most 40 ms for the nose.
+//! Target: at most 40 ms for the nose.
 
 #![allow(clippy::print_stdout, reason = "whoever measures must know what was measured")]
 
@@ -12,8 +12,8 @@ use std::time::Instant;
 
 use maquette::value::Mesh;
 use maquette::{
-    AnyValue, CancelToken, Carry, Catalog, Checked, Context, Error, Evaluator, Fate, Graph, In,
-    Node, Options, OutputFolder, Pack, Promise, Session, Settings, node,
+    AnyValue, CancelToken, Carry, Catalog, CheckedGraph, Context, Error, Evaluator, Graph, In,
+    Node, Options, OutputFolder, Pack, Promise, Session, Settings, Transfer, node,
 };
 use maquette_nodes::subdivision::{Plan, Scheme, Subdivision};
 use schemars::JsonSchema;
@@ -21,28 +21,27 @@ use serde::{Deserialize, Serialize};
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
 
-/// Each time is the median of so many.
+/// Number of measurements; their median is reported.
 const SAMPLES: usize = 11;
 
-/// Bytes for results: as many as the program takes by itself. With more of them all values of before are there still, and none of them
-/// can become the next one.
+/// Memory for results in bytes, the program's default. With more memory, all old values would be kept and none could be updated in place.
 const MEMORY: usize = 2_000_000_000;
 
-/// Moves the first vertices of a mesh.
+/// Moves the first vertices of a mesh along z.
 #[derive(Serialize, Deserialize, JsonSchema)]
 struct Push {
     /// The mesh.
     mesh: In<Mesh>,
-    /// The share of its vertices that is moved.
+    /// The fraction of its vertices that is moved.
     share: f64,
-    /// How far along z.
+    /// Distance along z in mm.
     by: f64,
 }
 
 impl Node for Push {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
-    const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept)];
+    const CARRIES: &'static [Carry] = &[Carry::uniform("mesh", "mesh", Transfer::Kept)];
     const PROMISES: &'static [Promise<Self>] = &[
         Promise::from("mesh", "Triangles", "mesh"),
         Promise::from("mesh", "Manifold", "mesh"),
@@ -59,21 +58,21 @@ impl Node for Push {
     }
 }
 
-/// Moves the vertices of a mesh that are nearest to its first one.
+/// Moves the vertices of a mesh that are nearest to its first vertex along z.
 #[derive(Serialize, Deserialize, JsonSchema)]
 struct Dent {
     /// The mesh.
     mesh: In<Mesh>,
-    /// The share of its vertices that is moved.
+    /// The fraction of its vertices that is moved.
     share: f64,
-    /// How far along z.
+    /// Distance along z in mm.
     by: f64,
 }
 
 impl Node for Dent {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
-    const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept)];
+    const CARRIES: &'static [Carry] = &[Carry::uniform("mesh", "mesh", Transfer::Kept)];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.get(&self.mesh);
@@ -101,12 +100,12 @@ fn load(path: &Path, parameters: &[(&str, f64)]) -> Graph {
     let packs = packs();
     let set = parameters.iter().map(|(name, value)| ((*name).to_owned(), format!("{value:?}")));
     let set = set.chain([("levels".to_owned(), "4".to_owned())]).collect();
-    let Checked { graph, problems, .. } =
+    let CheckedGraph { graph, diagnostics: problems, .. } =
         Graph::load(path, &Catalog::new(&packs), &Options { set, ..Options::default() });
     graph.unwrap_or_else(|| panic!("{}", problems[0].message))
 }
 
-/// The doll's graph with a node that moves vertices of the grid.
+/// Writes the doll's graph with additional nodes that move vertices.
 fn project() -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().expect("a temporary folder");
     fs::create_dir(folder.path().join("doll")).expect("a folder");
@@ -144,7 +143,8 @@ fn evaluator() -> Evaluator {
     Evaluator::new(2, MEMORY).expect("threads")
 }
 
-/// Milliseconds from a changed parameter to the model; and of each node alone.
+/// Evaluates the graphs one after the other. Returns the median time in milliseconds from a changed parameter to the target, and the median
+/// time of each node.
 fn changes(evaluator: &mut Evaluator, graphs: &[Graph], target: &str) -> (f64, Vec<(String, f64)>) {
     let mut nodes: Vec<(String, Vec<f64>)> = Vec::new();
     let mut times = Vec::new();
@@ -165,8 +165,8 @@ fn changes(evaluator: &mut Evaluator, graphs: &[Graph], target: &str) -> (f64, V
     (median(times), nodes.filter(|(_, time)| *time >= 0.05).collect())
 }
 
-/// Prints how long it takes from a changed parameter to the written file.
-fn saved(path: &Path) {
+/// Prints the time from a changed parameter to the written file.
+fn save_graph(path: &Path) {
     let packs = packs();
     let settings = Settings { threads: 2, memory: MEMORY, ..Settings::in_memory() };
     let mut session = Session::new(&packs, &settings).expect("threads");
@@ -196,23 +196,23 @@ fn mesh(evaluator: &mut Evaluator, graph: &Graph, node: &str) -> Mesh {
     mesh.cloned().expect("a mesh")
 }
 
-/// Has a virtual machine ask its host for memory now: what has not been used for some seconds may have been given back, and 2 MiB of it
-/// can cost milliseconds. And has the allocator keep it as it does in the program.
+/// Makes a virtual machine request its host's memory in advance: the host may have taken back unused memory, and getting 2 MiB of it again
+/// can cost milliseconds. Also makes the allocator keep freed memory, as the program does.
 fn warm_up() {
     maquette::memory::keep_freed();
     let mut memory: Vec<u8> = maquette::memory::huge_vec(4 << 30);
     memory.iter_mut().step_by(4096).for_each(|byte| *byte = 1);
 }
 
-/// Milliseconds that a node takes to follow what comes to it from another one, and to make all anew: medians of seven.
-fn followed(node: &str, from: &str, graph: &dyn Fn(usize) -> Graph) -> [f64; 2] {
-    // What values share is counted for each of them.
+/// Returns two medians in milliseconds: the time of a node to update its result for a changed input, and to compute it again.
+fn time_updates(node: &str, from: &str, graph: &dyn Fn(usize) -> Graph) -> [f64; 2] {
+    // The memory limit is high, because memory that values share is counted for each of them.
     let mut own = Evaluator::new(2, 16 << 30).expect("threads");
     let mut times = [Vec::new(), Vec::new()];
     warm_up();
     for k in 0..=14 {
         let graph = graph(k);
-        // Who is asked for after what comes to it was has nothing to follow.
+        // If the input was already computed by an earlier evaluation, the node cannot update its result and computes it again.
         if k % 2 == 0 {
             own.evaluate_nodes(&graph, &[from]);
         }
@@ -233,20 +233,20 @@ fn followed(node: &str, from: &str, graph: &dyn Fn(usize) -> Graph) -> [f64; 2] 
     times.map(median)
 }
 
-/// Prints what nodes behind the skin take where some of its vertices move, and what blending takes where the nose grows.
+/// Prints the times of nodes after the surface when some of its vertices move, and of blending when the nose grows.
 fn followers(path: &Path) {
-    fn told(node: &str, from: &str, graph: &dyn Fn(usize) -> Graph) -> String {
-        let [followed, anew] = followed(node, from, graph);
+    fn row(node: &str, from: &str, graph: &dyn Fn(usize) -> Graph) -> String {
+        let [followed, anew] = time_updates(node, from, graph);
         format!("{node} {followed:.1} ms ({anew:.1} ms)")
     }
     println!("share dented   followed (anew)");
     for share in [0.001, 0.01, 0.1, 1.0] {
         let dented = |k: usize| load(path, &[("dent", share), ("depth", 0.01 * k as f64)]);
-        let told = ["turned", "mirrored", "beside"].map(|node| told(node, "dented", &dented));
+        let told = ["turned", "mirrored", "beside"].map(|node| row(node, "dented", &dented));
         println!("{:9.1} %    {}", share * 100.0, told.join(", "));
     }
     let grown = |k: usize| load(path, &[("growth", 12.0 + k as f64)]);
-    println!("growth by a millimeter of the grid: {}", told("blended", "surface", &grown));
+    println!("growth by a millimeter of the grid: {}", row("blended", "surface", &grown));
 }
 
 fn main() {
@@ -268,7 +268,7 @@ fn main() {
     );
     drop((skin, alone));
 
-    saved(&path);
+    save_graph(&path);
 
     let graphs: Vec<_> =
         (0..=SAMPLES).map(|k: usize| load(&path, &[("pull", 1.0 + 0.01 * k as f64)])).collect();

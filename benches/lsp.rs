@@ -1,7 +1,7 @@
-//! How soon an editor has its answers, at a graph of 500 nodes that uses another one: each kind of request a hundred times, at as many places,
-//! each behind a keystroke.
+//! Measures how soon an editor gets answers for a graph of 500 nodes that uses another graph. Each kind of request is sent a hundred times
+//! at different positions, each time after a keystroke.
 //!
-//! `cargo bench -p maquette-program --bench lsp` prints medians and the 95th of a hundred, in ms.
+//! `cargo bench -p maquette-program --bench lsp` prints the median and the 95th percentile in ms.
 
 #![allow(clippy::print_stdout, reason = "the table goes to whoever measures")]
 
@@ -19,7 +19,7 @@ const TIMES: usize = 100;
 const FEATURE: &str = "Graph(format: 1, inputs: { \"mesh\": Mesh(doc: \"\") }, params: { \"lift\": Number(default: 1.0, unit: \"mm\", doc: \"\") }, \
                        nodes: { \"moved\": Transform(mesh: \"mesh\", translate: (0, Param(\"lift\"), 0)) }, outputs: { \"mesh\": \"moved\" })\n";
 
-/// A chain of nodes, every tenth a use.
+/// Returns a chain of nodes, every tenth of which is a use of the other graph.
 fn graph() -> String {
     let mut text = "Graph(\n    format: 1,\n    use: { \"Feature\": \"feature.ron\" },\n    params: { \"growth\": Number(default: 2.0, unit: \"mm\", doc: \"\") },\n    nodes: {\n        \"n0\": ReadMesh(path: \"ball.obj\"),\n".to_owned();
     for index in 1..NODES {
@@ -70,7 +70,7 @@ fn main() {
     let folder = tempfile::tempdir().expect("a folder");
     let root = std::fs::canonicalize(folder.path()).expect("a folder");
     fn write(name: &str, text: &str, root: &Path) {
-        std::fs::write(root.join(name), text).expect("a file")
+        std::fs::write(root.join(name), text).expect("a file");
     }
     write("maquette.toml", "", &root);
     write("feature.ron", FEATURE, &root);
@@ -86,7 +86,7 @@ fn main() {
     let (connection, theirs) = Connection::memory();
     let server = std::thread::spawn(move || {
         let session = Session::new(maquette_nodes::PACKS, &settings).expect("a session");
-        serve(&theirs, Setup { session, program: PathBuf::new(), words: Vec::new() })
+        serve(&theirs, Setup { session, program: PathBuf::new(), arguments: Vec::new() })
     });
     let uri = format!("file://{}", root.join("graph.ron").display());
     let mut editor = Editor { connection, uri, next: 0 };
@@ -133,7 +133,7 @@ fn evaluate(settings: &Settings, path: &Path) {
 fn measure(editor: &mut Editor, text: &str, method: &str) {
     let mut times = Vec::with_capacity(TIMES);
     for index in 0..TIMES {
-        // A letter is typed in the growing number of a node, then something is asked of that line.
+        // Numbers in the text change, as after a keystroke, and then the request is sent for the line of a node.
         let node = 5 * index + 3;
         let new = text.replacen("1.01", &format!("1.{index:03}"), 1 + index % 7);
         let line =
@@ -148,11 +148,11 @@ fn measure(editor: &mut Editor, text: &str, method: &str) {
         let (method, params) = match method {
             "extract" => {
                 let nodes = [format!("n{node}"), format!("n{}", node + 1)];
-                resolved(&json!({ "extract": { "uri": editor.uri, "nodes": nodes } }))
+                resolve_request(&json!({ "extract": { "uri": editor.uri, "nodes": nodes } }))
             }
             "inline" => {
                 let used = format!("n{}", 10 + node / 10 % 49 * 10);
-                resolved(&json!({ "inline": { "uri": editor.uri, "node": used } }))
+                resolve_request(&json!({ "inline": { "uri": editor.uri, "node": used } }))
             }
             _ => (
                 format!("textDocument/{method}"),
@@ -179,7 +179,7 @@ fn measure(editor: &mut Editor, text: &str, method: &str) {
     );
 }
 
-/// An action is chosen.
-fn resolved(data: &Json) -> (String, Json) {
+/// Returns the request that an editor sends when the user chooses an action.
+fn resolve_request(data: &Json) -> (String, Json) {
     ("codeAction/resolve".into(), json!({ "title": "", "data": data }))
 }

@@ -1,6 +1,6 @@
-//! How long does a surface take, at a grid of 2000 x 2000 parameters? Its net is 200 x 200 points with random weights.
+//! Measures the time to evaluate a NURBS surface on a grid of 2000 x 2000 parameters. Its net has 200 x 200 points with random weights.
 //!
-//! There is no bar: it stands beside its peers.
+//! There is no performance target: the results are compared with those of the peers.
 
 use maquette::value::{ControlNet, KnotVector, Surface};
 use nalgebra::Point3;
@@ -12,7 +12,7 @@ fn main() {
 const NET: usize = 200;
 const GRID: usize = 2000;
 
-/// Numbers from 0 to 1 without any order: the fractions of a counter times the golden ratio, stirred.
+/// Returns pseudorandom numbers from 0 to 1: multiples of the golden ratio, mixed.
 fn noise(k: usize) -> f64 {
     let mut bits = (k as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     bits ^= bits >> 29;

@@ -1,22 +1,23 @@
-//! Is the live page quick and small? Seven questions, with the figures that must hold on a quiet machine, in a real Chromium that draws
-//! without a graphics card:
+//! Measures the speed and the memory of the live page, in a real Chromium that draws without a graphics card. The limits in parentheses
+//! must hold on a quiet machine:
 //!
-//! - how long from a save of the graph until other pixels are there, with 20 000 triangles,
-//! - how long from a move of a slider until its picture is there, with as many,
-//! - how long from the message of a value until 1.5 million triangles that moved are in the buffers of the graphics card (150 ms),
-//! - which share of its bytes a local edit moves (a tenth),
-//! - how long until a page is told of such an edit of 10.8 million triangles, after a save (800 ms) and after a move of a slider (300 ms),
-//!   how long until it is in the buffers (300 ms), and how much is sent for it (10 MB),
-//! - what 500 edits leave in memory (nothing),
-//! - how long until eight pages show a save.
+//! - the time from a save of the graph until the picture changes, with 20 000 triangles,
+//! - the time from a move of a slider until its picture is drawn, with 20 000 triangles,
+//! - the time from the message of a value until 1.5 million moved triangles are in the buffers of the graphics card (150 ms),
+//! - the fraction of a value's bytes that a local edit sends (a tenth),
+//! - the time until the page is notified of a local edit of 10.8 million triangles, after a save (800 ms) or a slider's move (300 ms),
+//! - for this edit, the time until it is in the buffers (300 ms) and the amount of data that is sent (10 MB),
+//! - the additional memory after 500 edits (none),
+//! - the time until eight pages show a save.
 //!
-//! `cargo bench -p maquette-program --bench page` takes some eight minutes, four of them to draw without a card what is large, and needs Chromium.
-//! Words say what is measured alone: `told`, `small`, `large`, `local`, `ten-million`, `tabs`.
+//! `cargo bench -p maquette-program --bench page` needs Chromium and takes about eight minutes, four of them to draw large values without a
+//! graphics card.
+//! Arguments select single measurements: `told`, `small`, `large`, `local`, `ten-million`, `tabs`.
 //!
-//! On two cores without a graphics card, a save is visible after 130 ms, and a moved slider after 76 ms (20 000 triangles); 1.5 million
-//! triangles that moved are 12 MB and in the buffers after 50 ms; another nose of the doll moves 3 % of its bytes; 500 edits leave the page
-//! as large as it was; eight pages show a save after 95 ms. A page is told of ten million triangles 130 ms after a save or a moved slider;
-//! `told` draws nothing, because drawing without a card takes all cores for seconds.
+//! Results on two cores without a graphics card: a save is visible after 130 ms, and a moved slider after 76 ms (20 000 triangles). 1.5
+//! million moved triangles take 12 MB and are in the buffers after 50 ms. A changed nose of the doll sends 3 % of the value's bytes. 500
+//! edits leave the page as large as before. Eight pages show a save after 95 ms. A page is notified of ten million triangles 130 ms after a
+//! save or a slider's move; `told` measures this without drawing, because drawing without a graphics card takes all cores for seconds.
 
 use std::io::{BufRead, BufReader, Write};
 use std::net::TcpStream;
@@ -42,7 +43,7 @@ fn main() {
         wanted.is_empty() || wanted.iter().any(|word| word == name)
     }
     if is_wanted("told", &wanted) {
-        told();
+        measure_messages();
     }
     let Some(mut browser) = Browser::start() else { return };
     for (name, measure) in [
@@ -64,17 +65,17 @@ fn say(line: &str) {
 
 fn say_times(what: &str, mut times: Vec<f64>) {
     times.sort_by(f64::total_cmp);
-    fn at(share: usize, times: &[f64]) -> f64 {
+    fn percentile(share: usize, times: &[f64]) -> f64 {
         times[(times.len() - 1) * share / 100]
     }
     say(&format!(
         "{what}: {:.0} ms in half, {:.0} ms in 95 of 100",
-        at(50, &times),
-        at(95, &times)
+        percentile(50, &times),
+        percentile(95, &times)
     ));
 }
 
-/// A wavy sheet of `side` x `side` points that a parameter turns.
+/// Starts a watch of a wavy sheet of `side` x `side` points, which a parameter rotates.
 fn sheet(side: usize) -> Watch {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let mut file = String::from("ply\nformat ascii 1.0\n");
@@ -104,7 +105,7 @@ fn sheet(side: usize) -> Watch {
     Watch::start(folder, text)
 }
 
-/// The doll, subdivided so often.
+/// Starts a watch of the doll with this number of subdivision levels.
 fn doll(levels: usize) -> Watch {
     let folder = tempfile::tempdir().expect("a temporary folder");
     std::fs::create_dir(folder.path().join("doll")).expect("a folder");
@@ -116,13 +117,13 @@ fn doll(levels: usize) -> Watch {
     Watch::start(folder, &text.replace("\"levels\": Integer(default: 1", &levels))
 }
 
-/// Milliseconds since 1970, as the page's clock counts them.
+/// Returns the milliseconds since 1970, comparable with the clock of the page.
 fn now() -> f64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).expect("a clock");
     since.as_secs_f64() * 1e3
 }
 
-/// Opens the page of a watch, with what notes when which run was drawn.
+/// Opens the page of a watch, selects a node, and installs an observer that records when each value is drawn.
 fn open(browser: &mut Browser, watch: &Watch, node: &str) {
     browser.open("about:blank");
     browser.open(&watch.link);
@@ -141,13 +142,13 @@ fn open(browser: &mut Browser, watch: &Watch, node: &str) {
     );
 }
 
-/// When another value is drawn than those before, by the clock.
+/// Waits for the drawing after `before` others, and returns its time.
 fn next_drawn(browser: &mut Browser, before: usize) -> f64 {
     browser.wait(&format!("drawn.length > {before}"));
     browser.ask(&format!("drawn[{before}][0]")).as_f64().expect("a time")
 }
 
-fn drawn(browser: &mut Browser) -> usize {
+fn count_drawn(browser: &mut Browser) -> usize {
     browser.ask("drawn.length").as_u64().expect("a number") as usize
 }
 
@@ -156,15 +157,15 @@ fn small(browser: &mut Browser) {
     open(browser, &watch, "turned");
     let mut saves = Vec::new();
     for k in 0..40 {
-        let before = drawn(browser);
+        let before = count_drawn(browser);
         let saved = now();
-        watch.save(&watch.with(f64::from(k) + 0.5));
+        watch.save(&watch.with_default(f64::from(k) + 0.5));
         saves.push(next_drawn(browser, before) - saved);
     }
     say_times("from a save to other pixels, 20 000 triangles", saves);
     let mut drags = Vec::new();
     for k in 0..40 {
-        let before = drawn(browser);
+        let before = count_drawn(browser);
         let moved = slide(browser, 100 + 5 * k);
         drags.push(next_drawn(browser, before) - moved);
     }
@@ -173,7 +174,7 @@ fn small(browser: &mut Browser) {
     memory(browser, &mut watch);
 }
 
-/// Moves the slider of the first parameter, and tells when by the clock.
+/// Moves the slider of the first parameter, and returns the time of the move.
 fn slide(browser: &mut Browser, value: u32) -> f64 {
     let moved = browser.ask(&format!(
         "(() => {{ const slider = document.querySelector('.parameter input[type=range]'); \
@@ -183,24 +184,25 @@ fn slide(browser: &mut Browser, value: u32) -> f64 {
     moved.as_f64().expect("a time")
 }
 
-/// 300 edits first, after which the page keeps as much as it may, and then 500. The program gets there a little later.
+/// Measures the memory before and after 500 edits. 300 edits come first, after which the page keeps as much as it may. The program reaches
+/// its maximum a little later.
 fn memory(browser: &mut Browser, watch: &mut Watch) {
-    fn held(browser: &mut Browser) -> [f64; 2] {
+    fn heap_size(browser: &mut Browser) -> [f64; 2] {
         browser.call("HeapProfiler.collectGarbage", json!({}));
         let page = browser.call("Runtime.getHeapUsage", json!({}));
         ["usedSize", "backingStorageSize"].map(|part| page[part].as_f64().unwrap_or_default() / 1e6)
     }
     fn edits(browser: &mut Browser, watch: &mut Watch, from: usize, to: usize) {
         for k in from..to {
-            let before = drawn(browser);
-            watch.save(&watch.with(100.0 + k as f64));
+            let before = count_drawn(browser);
+            watch.save(&watch.with_default(100.0 + k as f64));
             next_drawn(browser, before);
         }
     }
     edits(browser, watch, 0, 300);
-    let (page, program) = (held(browser), watch.memory());
+    let (page, program) = (heap_size(browser), watch.memory());
     edits(browser, watch, 300, 800);
-    let (page_after, program_after) = (held(browser), watch.memory());
+    let (page_after, program_after) = (heap_size(browser), watch.memory());
     say(&format!(
         "memory before and after 500 edits: page {:.1} and {:.1} MB of objects, {:.1} and {:.1} MB of buffers, program {program:.0} and \
          {program_after:.0} MB",
@@ -215,8 +217,8 @@ fn large(browser: &mut Browser) {
     let mut bytes = 0.0;
     for k in 0..12 {
         wait_for_drawing(browser);
-        let before = drawn(browser);
-        watch.save(&watch.with(f64::from(k) + 0.5));
+        let before = count_drawn(browser);
+        watch.save(&watch.with_default(f64::from(k) + 0.5));
         next_drawn(browser, before);
         let [duration, sent] = last_value(browser);
         times.push(duration);
@@ -226,7 +228,7 @@ fn large(browser: &mut Browser) {
     say(&format!("for which {:.1} MB were sent", bytes / 1e6));
 }
 
-/// A program that draws instead of a card takes seconds for what is large; to wait for that is no part of the question.
+/// Waits until drawing has finished. Without a graphics card this takes seconds for large values, and it is not part of the measurement.
 fn wait_for_drawing(browser: &mut Browser) {
     browser.ask(
         "document.querySelector('canvas[tabindex]').getContext('webgl2').readPixels(0, 0, 1, 1, 6408, 5121, new Uint8Array(4))",
@@ -240,8 +242,8 @@ fn local(browser: &mut Browser) {
     let all = "performance.getEntriesByType('resource').filter((it) => it.name.includes('/column/')).reduce((sum, it) => sum + \
                it.encodedBodySize, 0)";
     let all = browser.ask(all).as_f64().expect("a number");
-    let before = drawn(browser);
-    watch.save(&watch.with(13.0));
+    let before = count_drawn(browser);
+    watch.save(&watch.with_default(13.0));
     next_drawn(browser, before);
     let moved = browser.ask(bytes).as_f64().expect("a number");
     let share = 100.0 * moved / all;
@@ -252,7 +254,8 @@ fn local(browser: &mut Browser) {
     ));
 }
 
-/// How long it took from the message of the value that was drawn last to the buffers, and the bytes that came after it.
+/// Returns the time in milliseconds from the message of the last drawn value until its data is in the buffers, and the number of bytes
+/// received.
 fn last_value(browser: &mut Browser) -> [f64; 2] {
     let measure = "(() => { const [it] = performance.getEntriesByName('value'); \
                    return [it.duration, it.detail.bytes]; })()";
@@ -260,14 +263,15 @@ fn last_value(browser: &mut Browser) -> [f64; 2] {
     [0, 1].map(|k| measured[k].as_f64().expect("a number"))
 }
 
-/// A nose that grows under four levels of subdivision, and what hears of it but draws nothing: without a card that takes all cores.
-fn told() {
+/// Measures when a page is notified of the doll's growing nose under four levels of subdivision. The page does not draw, because this would
+/// take all cores without a graphics card.
+fn measure_messages() {
     let watch = doll(4);
     let mut page = Page::open(&watch);
     page.say(&json!({ "ask": "views", "views": [{ "node": "model", "output": "mesh" }] }));
     page.next_value();
-    let saves =
-        page.times(|_: &mut Page, k: u32| watch.save(&watch.with(13.0 + 0.5 * f64::from(k))));
+    let saves = page
+        .times(|_: &mut Page, k: u32| watch.save(&watch.with_default(13.0 + 0.5 * f64::from(k))));
     say_times("another nose of 10.8 million triangles, from the save to the message", saves);
     let drags = page.times(|page, k| {
         let value = format!("{:.2}", 20.25 + 0.5 * f64::from(k));
@@ -276,7 +280,7 @@ fn told() {
     say_times("from a move of a slider to its message", drags);
 }
 
-/// The same in a browser.
+/// Measures the growing nose in a browser, which draws it.
 fn ten_million(browser: &mut Browser) {
     let watch = doll(4);
     let start = now();
@@ -285,8 +289,8 @@ fn ten_million(browser: &mut Browser) {
     let (mut copied, mut bytes) = (Vec::new(), 0.0);
     for k in 0..3 {
         wait_for_drawing(browser);
-        let before = drawn(browser);
-        watch.save(&watch.with(13.0 + f64::from(k)));
+        let before = count_drawn(browser);
+        watch.save(&watch.with_default(13.0 + f64::from(k)));
         next_drawn(browser, before);
         let [duration, sent] = last_value(browser);
         copied.push(duration);
@@ -303,11 +307,11 @@ fn tabs(browser: &mut Browser) {
         .map(|_| {
             let tab = browser.add_tab();
             open(browser, &watch, "raised");
-            (tab, drawn(browser))
+            (tab, count_drawn(browser))
         })
         .collect();
     let saved = now();
-    watch.save(&watch.with(14.0));
+    watch.save(&watch.with_default(14.0));
     let shown = tabs.iter().map(|(tab, before)| {
         browser.go_to(tab);
         next_drawn(browser, *before)
@@ -316,7 +320,7 @@ fn tabs(browser: &mut Browser) {
     say(&format!("from a save to the pixels of eight pages: {:.0} ms", last - saved));
 }
 
-/// The socket of a page, as it is without a browser around it.
+/// A page's WebSocket without a browser.
 struct Page(WebSocket<TcpStream>);
 
 impl Page {
@@ -338,11 +342,11 @@ impl Page {
         self.0.send(Message::Text(wish.to_string().into())).expect("somebody hears it");
     }
 
-    /// Milliseconds from some changes to the next value.
+    /// Makes several changes and returns the milliseconds from each change to the next value.
     fn times(&mut self, change: impl Fn(&mut Self, u32)) -> Vec<f64> {
         (0..11)
             .map(|k| {
-                // So that nothing of the edit before is still being written.
+                // Waits until nothing of the last edit is being written anymore.
                 std::thread::sleep(Duration::from_secs(1));
                 let start = now();
                 change(self, k);
@@ -352,7 +356,7 @@ impl Page {
             .collect::<Vec<_>>()
     }
 
-    /// Waits for the next value.
+    /// Waits for the next message with a value.
     fn next_value(&mut self) {
         loop {
             if let Message::Text(text) = self.0.read().expect("a message")
@@ -398,7 +402,7 @@ impl Watch {
         Self { folder, text: text.to_owned(), process, link }
     }
 
-    /// Saves as most editors do, by renaming.
+    /// Saves the graph as most editors do, by renaming a new file.
     fn save(&self, text: &str) {
         let graph = self.folder.path().join("graph.ron");
         let temporary = graph.with_extension("new");
@@ -406,12 +410,12 @@ impl Watch {
         std::fs::rename(temporary, graph).expect("a save");
     }
 
-    /// The graph with this parameter.
-    fn with(&self, value: f64) -> String {
+    /// Returns the graph with this value of the parameter.
+    fn with_default(&self, value: f64) -> String {
         self.text.replace("default: 12.0", &format!("default: {value:.2}"))
     }
 
-    /// Megabytes that the program holds.
+    /// Returns the resident memory of the program in megabytes.
     fn memory(&self) -> f64 {
         let path = format!("/proc/{}/status", self.process.id());
         let status = std::fs::read_to_string(path).unwrap_or_default();

@@ -1,6 +1,6 @@
-//! How long does a whole run take, from the start of the process to the last file?
+//! Measures the time of a whole run, from the start of the process to the last file.
 //!
-//! There is no bar.
+//! There is no performance target.
 
 use std::process::Command;
 
@@ -10,7 +10,7 @@ fn main() {
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 
-/// `maquette run graphs/doll.ron` with two threads, nothing cached.
+/// Runs `maquette run doll.ron` with two threads and the default cache folder.
 #[divan::bench(sample_count = 21, sample_size = 1)]
 fn run_doll(bencher: divan::Bencher<'_, '_>) {
     let out = tempfile::tempdir().expect("a temporary folder");

@@ -1,8 +1,9 @@
-//! How long does it take to make a skin of points, with two threads, everything included, and how near is it to the surface that the
-//! points were taken from? `cargo bench -p maquette-tests --bench reconstruct -- WORD` runs the rows whose names have the word.
+//! Measures the time to reconstruct a surface from points, with two threads and including all preparation, and its distance from the
+//! surface on which the points lie. `cargo bench -p maquette-tests --bench reconstruct -- WORD` runs the rows whose names contain the word.
 //!
-//! Points lie evenly on a torus; noise is normal, its deviation a part of the diagonal of the points' box. Distances are root mean
-//! squares over the vertices, in the mean distance of points. The bar for 100 000 points is 2 s and 0.5 distances.
+//! The points are evenly distributed on a torus. The noise is normal, and its standard deviation is given as a fraction of the diagonal of
+//! the bounding box. Distances are root mean squares over the vertices, divided by the mean distance between points. The target for 100 000
+//! points is 2 s and a distance of 0.5.
 
 #![allow(clippy::print_stdout, reason = "the table goes to whoever measures")]
 
@@ -10,14 +11,14 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use maquette::Progress;
-use maquette::random::Random;
+use maquette::rng::Random;
 use maquette::value::{Attribute, Mesh, Points};
 use maquette_nodes::mesh::{Options, Poses, reconstruct};
 use maquette_nodes::subdivision::Scattered;
 use nalgebra::{Point3, Vector3};
 
 fn main() {
-    // As wherever there is an evaluator.
+    // The allocator keeps freed memory, as in an evaluator.
     maquette::memory::keep_freed();
     let words: Vec<_> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
     println!("{:44} {:>9} {:>9} {:>9} {:>9}", "milliseconds", "median", "least", "vertices", "off");
@@ -40,7 +41,7 @@ fn main() {
 fn row(name: &str, runs: usize, points: &Points) {
     let sources = [Scattered::Points(points.clone())];
     fn run(sources: &[Scattered; 1]) -> Result<Mesh, maquette_nodes::mesh::ReconstructError> {
-        reconstruct(sources, Poses::Auto, &Options::default(), &Progress::none())
+        reconstruct(sources, Poses::Auto, &Options::default(), &Progress::silent())
     }
     let mesh = run(&sources).expect("a skin");
     let mut times: Vec<_> = (0..runs)
@@ -54,21 +55,25 @@ fn row(name: &str, runs: usize, points: &Points) {
         .collect();
     times.sort_by(f64::total_cmp);
     let area = 4.0 * std::f64::consts::PI * std::f64::consts::PI * ROUND * TUBE;
-    let off = off(&mesh) / (area / points.positions().len() as f64).sqrt();
+    let off = mean_error(&mesh) / (area / points.positions().len() as f64).sqrt();
     let (median, least, vertices) = (times[runs / 2], times[0], mesh.positions().len());
     println!("{name:44} {median:9.1} {least:9.1} {vertices:9} {off:9.3}");
 }
 
-/// Radii of the torus, in mm.
+/// Major radius of the torus in mm. `TUBE` is the minor radius.
 const ROUND: f64 = 40.0;
 const TUBE: f64 = 15.0;
 
-fn off(mesh: &Mesh) -> f64 {
-    fn off(point: &Point3<f64>) -> f64 {
+fn mean_error(mesh: &Mesh) -> f64 {
+    fn distance_to_torus(point: &Point3<f64>) -> f64 {
         let out = (point.x * point.x + point.z * point.z).sqrt() - ROUND;
         (out * out + point.y * point.y).sqrt() - TUBE
     }
-    let squares: f64 = mesh.positions().iter().map(|point| off(point) * off(point)).sum();
+    let squares: f64 = mesh
+        .positions()
+        .iter()
+        .map(|point| distance_to_torus(point) * distance_to_torus(point))
+        .sum();
     (squares / mesh.positions().len() as f64).sqrt()
 }
 
@@ -80,7 +85,7 @@ fn torus(count: usize, noise: f64, normals: bool) -> Points {
     while places.len() < count {
         let [u, v] = [0, 1].map(|_| std::f64::consts::TAU * random.even());
         let radius = ROUND + TUBE * libm::cos(v);
-        // As many as there is area.
+        // Rejects more points on the inner side, where the area is smaller, so the points are evenly distributed.
         if random.even() * (ROUND + TUBE) < radius {
             let (s, c) = libm::sincos(u);
             let out = Vector3::new(libm::cos(v) * c, libm::sin(v), libm::cos(v) * s);
@@ -97,13 +102,13 @@ fn torus(count: usize, noise: f64, normals: bool) -> Points {
     points.with_attribute("normal", Attribute::Vector(outwards.into())).expect("one for each")
 }
 
-/// Normal noise.
+/// Random numbers with a normal distribution.
 trait Noise {
     fn normal(&mut self, deviation: f64) -> f64;
 }
 
 impl Noise for Random {
-    /// Normal, with this deviation: Box and Muller (1958).
+    /// Returns a number with this standard deviation (Box and Muller, 1958).
     fn normal(&mut self, deviation: f64) -> f64 {
         let angle = std::f64::consts::TAU * self.even();
         deviation * (-2.0 * libm::log(1.0 - self.even())).sqrt() * libm::cos(angle)

@@ -1,12 +1,12 @@
-//! How long does segmenting a large picture take? The work is that of OpenCV's `inRange`, `connectedComponentsWithStats` and
-//! `Canny` on a picture of the same kind; the results are freshly allocated, hash and graph are left out.
+//! Measures the time to segment a large picture. The work equals that of OpenCV's `inRange`, `connectedComponentsWithStats` and `Canny` on
+//! a similar picture. Results are newly allocated. Hashing and the graph are not included.
 //!
-//! There is no bar: it stands beside its peers.
+//! There is no performance target: the results are compared with those of the peers.
 
 use std::sync::LazyLock;
 
 use divan::{Bencher, black_box};
-use maquette::random::Random;
+use maquette::rng::Random;
 use maquette::value::{Image, Labels, Mask, Rgb};
 use maquette_nodes::image::{
     Connectivity, High, Operator, Picture, Select, Space, ThinMethod, edges, label, thin, threshold,
@@ -19,7 +19,7 @@ fn main() {
 
 const SIZE: usize = 4096;
 
-/// Six thousand blobs of five colors on a textured, noisy ground.
+/// A picture with six thousand blobs in five colors on a textured, noisy background.
 static PICTURE: LazyLock<Image> = LazyLock::new(|| {
     let mut random = Random(1);
     let mut levels = ground(&mut random);
@@ -35,7 +35,7 @@ static PICTURE: LazyLock<Image> = LazyLock::new(|| {
     .expect("a full picture")
 });
 
-/// The same without color.
+/// The picture in gray.
 static GRAY: LazyLock<Picture> = LazyLock::new(|| {
     let gray =
         |[r, g, b]: Rgb| ((77 * u32::from(r) + 150 * u32::from(g) + 29 * u32::from(b)) >> 8) as u8;
@@ -51,19 +51,19 @@ const COLORS: [[f64; 3]; 5] = [
     [150.0, 60.0, 160.0],
 ];
 
-/// Numbers in a range, and normal ones.
+/// Random numbers with a uniform or a normal distribution.
 trait Spread {
-    fn between(&mut self, low: f64, high: f64) -> f64;
+    fn uniform(&mut self, low: f64, high: f64) -> f64;
 
     fn normal(&mut self, deviation: f64) -> f64;
 }
 
 impl Spread for Random {
-    fn between(&mut self, low: f64, high: f64) -> f64 {
+    fn uniform(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.even()
     }
 
-    /// About normal, with this deviation: a sum of four even numbers.
+    /// Returns a sum of four uniform numbers, which is approximately normal with this standard deviation.
     fn normal(&mut self, deviation: f64) -> f64 {
         let sum = self.even() + self.even() + self.even() + self.even();
         (sum - 2.0) * deviation * f64::sqrt(3.0)
@@ -85,11 +85,11 @@ fn ground(random: &mut Random) -> Vec<[f64; 3]> {
 }
 
 fn paint_blob(levels: &mut [[f64; 3]], random: &mut Random) {
-    let center = [random.between(0.0, SIZE as f64), random.between(0.0, SIZE as f64)];
-    let radius = random.between(6.0, 60.0);
-    let (flatness, phase) = (random.between(0.6, 1.0), random.between(0.0, std::f64::consts::TAU));
-    let (lobes, swing) = (random.between(2.0, 7.0).floor(), random.between(0.0, 0.25));
-    let color = COLORS[random.between(0.0, 5.0) as usize];
+    let center = [random.uniform(0.0, SIZE as f64), random.uniform(0.0, SIZE as f64)];
+    let radius = random.uniform(6.0, 60.0);
+    let (flatness, phase) = (random.uniform(0.6, 1.0), random.uniform(0.0, std::f64::consts::TAU));
+    let (lobes, swing) = (random.uniform(2.0, 7.0).floor(), random.uniform(0.0, 0.25));
+    let color = COLORS[random.uniform(0.0, 5.0) as usize];
     let [columns, rows] = center.map(|c| {
         let reach = 1.3 * radius;
         (c - reach).max(0.0) as usize..((c + reach + 1.0) as usize).min(SIZE)
@@ -107,7 +107,7 @@ fn paint_blob(levels: &mut [[f64; 3]], random: &mut Random) {
     }
 }
 
-/// Thirty levels a channel around the first color.
+/// Selects the pixels whose channels differ from the first color by at most 30 levels.
 fn red() -> Mask {
     let [low, high] = [-30.0, 30.0].map(|step| COLORS[0].map(|c| (c + step).clamp(0.0, 255.0)));
     let select = Select::Box { space: Space::Rgb, low, high };
@@ -126,7 +126,7 @@ fn label_and_statistics(bencher: Bencher<'_, '_>) {
     bencher.bench(|| label(&mask, Connectivity::Eight));
 }
 
-/// With the label of every pixel, as OpenCV gives them.
+/// The label of every pixel is computed, as in OpenCV.
 #[divan::bench(sample_count = 25, sample_size = 1)]
 fn threshold_label_and_statistics(bencher: Bencher<'_, '_>) {
     LazyLock::force(&PICTURE);
@@ -152,7 +152,7 @@ fn edges_by_sobel(bencher: Bencher<'_, '_>) {
     });
 }
 
-/// The edges of 400 x 400 pixels, as the doll's picture has.
+/// Thins the edges of a picture of 400 x 400 pixels, the size of the doll's picture.
 #[divan::bench]
 fn thin_edges_of_a_small_picture(bencher: Bencher<'_, '_>) {
     let row = |row: usize| PICTURE.pixels()[row * SIZE..][..400].iter().copied();

@@ -1,7 +1,7 @@
-//! How long does a subdivision take, 4 steps to some 1.5 million faces, with two threads? On the meshes of the peers' benchmarks,
-//! if they are there, else on tori like these.
+//! Measures the time of four steps of subdivision, to about 1.5 million faces, with two threads. The meshes are those of the peers'
+//! benchmarks if they exist, otherwise similar tori.
 //!
-//! There is no bar: it stands beside its peers.
+//! There is no performance target: the results are compared with those of the peers.
 
 #![allow(clippy::print_stdout, reason = "whoever measures must know what was measured")]
 
@@ -24,7 +24,7 @@ fn main() {
 
 const SCHEMES: [Scheme; 3] = [Scheme::CatmullClark, Scheme::Loop, Scheme::DooSabin];
 
-fn how(scheme: Scheme, limit: bool) -> Subdivision {
+fn options(scheme: Scheme, limit: bool) -> Subdivision {
     Subdivision {
         scheme,
         levels: 4,
@@ -35,7 +35,7 @@ fn how(scheme: Scheme, limit: bool) -> Subdivision {
     }
 }
 
-/// Triangles for Loop, quads for the others: 5 780 and 6 000.
+/// Returns a mesh of 5 780 triangles for Loop, or of 6 000 quads for the other schemes.
 fn mesh(scheme: Scheme) -> Mesh {
     let (name, sides) = if scheme == Scheme::Loop { ("sub_tri", 3) } else { ("sub_quad", 4) };
     let size = if sides == 3 { [34, 85] } else { [60, 100] };
@@ -49,18 +49,18 @@ fn two_threads() -> rayon::ThreadPool {
 #[divan::bench(args = SCHEMES, sample_count = 31, sample_size = 1)]
 fn everything(bencher: Bencher<'_, '_>, scheme: Scheme) {
     let (mesh, pool) = (mesh(scheme), two_threads());
-    bencher.bench_local(|| pool.install(|| subdivide(&mesh, how(scheme, false))));
+    bencher.bench_local(|| pool.install(|| subdivide(&mesh, options(scheme, false))));
 }
 
 #[divan::bench(args = SCHEMES, sample_count = 31, sample_size = 1)]
 fn positions_only(bencher: Bencher<'_, '_>, scheme: Scheme) {
     let (mesh, pool) = (mesh(scheme), two_threads());
-    let plan = Plan::new(&mesh, how(scheme, false)).expect("a surface");
+    let plan = Plan::new(&mesh, options(scheme, false)).expect("a surface");
     bencher.bench_local(|| pool.install(|| plan.apply(&mesh)));
 }
 
 #[divan::bench(args = SCHEMES, sample_count = 11, sample_size = 1)]
 fn with_limit_and_normals(bencher: Bencher<'_, '_>, scheme: Scheme) {
     let (mesh, pool) = (mesh(scheme), two_threads());
-    bencher.bench_local(|| pool.install(|| subdivide(&mesh, how(scheme, true))));
+    bencher.bench_local(|| pool.install(|| subdivide(&mesh, options(scheme, true))));
 }

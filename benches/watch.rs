@@ -1,12 +1,11 @@
-//! Is a watch quick, calm and small? Four questions, each with the figure that must hold on a quiet machine:
+//! Measures the speed, load and memory of a watch. These figures must hold on a quiet machine:
 //!
-//! - how long from a save of `growth` until its problems (30 ms in half of the saves, 80 ms in 95 of 100) and its outputs (60 and
-//!   120 ms) are there,
-//! - how many nodes a comment runs (none),
-//! - how much processor time a watch takes that has nothing to do (none that can be measured),
-//! - how much memory 10 000 saves of different values take (none, once as many results are kept as are ever kept).
+//! - from a save of `growth`, diagnostics take 30 ms (median) and 80 ms (95th percentile), and outputs 60 and 120 ms,
+//! - a change of a comment runs no node,
+//! - the processor time of an idle watch is not measurable,
+//! - 10 000 saves of different values take no additional memory, once the maximum number of results is kept.
 //!
-//! `cargo bench -p maquette-program --bench watch` takes half a minute; `-- 10000` adds that many saves for the last question.
+//! `cargo bench -p maquette-program --bench watch` takes half a minute; `-- 10000` adds this number of saves to measure the memory.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -35,7 +34,7 @@ fn say(line: &str) {
     writeln!(std::io::stdout(), "{line}").expect("stdout is open");
 }
 
-/// A watch of a copy of the doll, and what it says, each with the time when it was heard.
+/// A watch of a copy of the doll's graph, and its events with their times of arrival.
 struct Watch {
     folder: tempfile::TempDir,
     text: String,
@@ -84,7 +83,7 @@ impl Watch {
         }
     }
 
-    /// Saves as most editors do, by renaming; gives the time of the save.
+    /// Saves the graph as most editors do, by renaming a new file; returns the time of the save.
     fn save(&self, text: &str) -> Instant {
         let graph = self.graph();
         let temporary = graph.with_extension("new");
@@ -98,7 +97,7 @@ impl Watch {
         self.folder.path().join("doll.ron")
     }
 
-    /// The doll with this growth; beyond 40 it has a problem.
+    /// Returns the doll's graph with this value of `growth`. Above 40 the value is an error.
     fn with_growth(&self, growth: f64) -> String {
         self.text.replace("default: 12.0", &format!("default: {growth:.4}"))
     }
@@ -114,7 +113,7 @@ impl Drop for Watch {
 fn latency(watch: &mut Watch) {
     let (mut checked, mut broken, mut written) = (Vec::new(), Vec::new(), Vec::new());
     for k in 0..SAVES {
-        // Never the 12 mm of the first run, whose results are known.
+        // The value is never the 12 mm of the first run, whose results are cached.
         let saved = watch.save(&watch.with_growth(5.05 + k as f64 * 0.1));
         checked.push(watch.wait("problems").0 - saved);
         let (done, event) = watch.wait("done");
@@ -133,14 +132,14 @@ fn latency(watch: &mut Watch) {
 
 fn percentiles(what: &str, mut times: Vec<Duration>) {
     times.sort_unstable();
-    fn at(share: usize, times: &[Duration]) -> f64 {
+    fn percentile(share: usize, times: &[Duration]) -> f64 {
         times[times.len() * share / 100].as_secs_f64() * 1e3
     }
     let most = times.last().map_or(0.0, Duration::as_secs_f64) * 1e3;
     say(&format!(
         "{what:<38} p50 {:6.1} ms  p95 {:6.1} ms  most {most:6.1} ms",
-        at(50, &times),
-        at(95, &times)
+        percentile(50, &times),
+        percentile(95, &times)
     ));
 }
 
@@ -164,7 +163,7 @@ fn idle(watch: &Watch) {
     say(&format!("processor time in {IDLE:?} without work     {ticks}"));
 }
 
-/// The time that a process has used, in user mode and in the system (Linux: proc(5), fields 14 and 15 of `stat`).
+/// Returns the processor time of a process in user and system mode, in ticks (Linux: proc(5), fields 14 and 15 of `stat`).
 fn processor_ticks(process: &Child) -> Option<u64> {
     let stat = std::fs::read_to_string(format!("/proc/{}/stat", process.id())).ok()?;
     let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
@@ -182,7 +181,7 @@ fn memory(watch: &mut Watch, saves: usize) {
     }
 }
 
-/// The memory of a process in megabytes (Linux).
+/// Returns the resident memory of a process in megabytes (Linux).
 fn resident(process: &Child) -> Option<f64> {
     let status = std::fs::read_to_string(format!("/proc/{}/status", process.id())).ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;

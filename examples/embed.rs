@@ -1,4 +1,5 @@
-//! maquette in another program: a graph from a text, a mesh from arrays, progress, cancel, and columns read where they lie.
+//! Uses maquette in another program: loads a graph from a text, passes a mesh as arrays, reports progress, can cancel, and reads columns
+//! without a copy.
 #![allow(clippy::print_stdout, reason = "this program talks to its user")]
 
 use maquette::value::{Faces, Mesh};
@@ -13,11 +14,11 @@ const GRAPH: &str = r#"Graph(
     outputs: { "smooth": "smooth" },
 )"#;
 
-/// Says what happens; a host that wants to stop calls `cancel()` on the token of the run.
+/// Prints the progress. A host that wants to stop the run calls `cancel()` on its token.
 struct Show;
 
 impl Observer for Show {
-    fn progress(&self, node: &str, share: f64) {
+    fn on_progress(&self, node: &str, share: f64) {
         println!("{node}: {:.0} %", share * 100.0);
     }
 }
@@ -27,7 +28,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let set = vec![("levels".into(), "3".into())];
     let options = Options { set, ..Options::default() }.with_text("smooth.ron", GRAPH);
     let checked = session.load("smooth.ron".as_ref(), &options);
-    let graph = checked.graph.ok_or_else(|| checked.problems[0].to_text(false))?;
+    let graph = checked.graph.ok_or_else(|| checked.diagnostics[0].to_text(false))?;
     let corners = [[0.0, 0.0, 0.0], [9.0, 0.0, 0.0], [0.0, 9.0, 0.0], [0.0, 0.0, 9.0]];
     let faces = Faces::triangles(vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]);
     let cage = Mesh::new(corners.map(Point3::from).to_vec(), faces)?;

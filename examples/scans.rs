@@ -1,5 +1,5 @@
-//! Makes a project with many scans for `maquette batch`: the doll's two captures, each as several scanners with some noise would have seen it,
-//! and captures of yours, each a folder with `range.pcd`, `color.png` (or `colour.png`) and perhaps `camera.json`.
+//! Makes a project with many scans for `maquette batch`: the doll's two captures, each as seen by several noisy scanners, and your own
+//! captures. A capture is a folder with `range.pcd`, `color.png` (or `colour.png`) and optionally `camera.json`.
 //!
 //! `cargo run --release --example scans -- FOLDER [CAPTURE..]`
 #![allow(clippy::print_stdout, reason = "this program talks to its user")]
@@ -9,14 +9,14 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use maquette::format::pcd;
-use maquette::random::Random;
+use maquette::rng::Random;
 use maquette::value::RangeImage;
 use maquette::{Options, Run, Session, Settings};
 
-/// How many scanners see each capture of the doll.
+/// Number of simulated scanners for each capture of the doll.
 const SCANNERS: u64 = 5;
 
-/// What their depths are off by, in mm: one standard deviation.
+/// Standard deviation of the scanners' noise along a line of sight, in mm.
 const NOISE: f64 = 0.4;
 
 const SWEEP: &str = r#"// Which bumps are noise? Each scan, cleaned with four depths.
@@ -54,7 +54,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The folder of a scan, with the picture and the camera of a capture.
+/// Makes a folder for a scan, with the picture and the camera of a capture, and returns its path.
 fn scan_folder(folder: &Path, name: &str, capture: &Path) -> Result<PathBuf, Box<dyn Error>> {
     let scan = folder.join("scans").join(name);
     fs::create_dir_all(&scan)?;
@@ -75,16 +75,16 @@ fn range_of(file: &Path) -> Result<RangeImage, Box<dyn Error>> {
         "Graph(format: 1, nodes: {{ \"scan\": ReadRange(path: \"{name}\") }}, outputs: {{ \"range.pcd\": \"scan\" }})"
     );
     let checked = session.load(&graph, &Options::default().with_text(&graph, text));
-    let graph = checked.graph.ok_or_else(|| checked.problems[0].to_text(false))?;
+    let graph = checked.graph.ok_or_else(|| checked.diagnostics[0].to_text(false))?;
     let done =
         session.run(&graph, &Run::default()).map_err(|problems| problems[0].to_text(false))?;
     Ok(done.get::<RangeImage>("scan")?.clone())
 }
 
-/// The same with noise along each line of sight, another one for each seed.
+/// Returns the range image with random noise along each line of sight.
 fn noisy(range: &RangeImage, seed: u64) -> Result<RangeImage, Box<dyn Error>> {
     let mut random = Random(seed);
-    // The sum of twelve numbers from 0 to 1 is nearly normal, with a deviation of 1.
+    // The sum of twelve uniform numbers from 0 to 1 is nearly normal, with a standard deviation of 1.
     fn normal(random: &mut Random) -> f64 {
         (0..12).map(|_| random.even()).sum::<f64>() - 6.0
     }

@@ -1,4 +1,4 @@
-"""A host of maquette in sixty lines of any Python: runs a graph by `maquette serve --stdio` and prints what it gives.
+"""A host of maquette in sixty lines, without dependencies: runs a graph by `maquette serve --stdio` and prints its results.
 
     python examples/serve.py target/debug/maquette graphs/doll.ron growth=20 growth=30
 """
@@ -11,31 +11,31 @@ import sys
 
 
 class Server:
-    """A server, and the requests to it."""
+    """A process of `maquette serve`, and requests to it."""
 
     def __init__(self, program, *options):
         self.process = subprocess.Popen(
             [program, "serve", "--stdio", *options], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, encoding="utf-8"
         )
-        self.folder = self.hear()["folder"]
-        self.asked = 0
+        self.folder = self.read_event()["folder"]
+        self.last_id = 0
 
-    def hear(self):
+    def read_event(self):
         line = self.process.stdout.readline()
         if not line:
-            raise SystemExit("the server is gone")
+            raise SystemExit("the server has ended")
         return json.loads(line)
 
     def ask(self, do, **fields):
-        """The answer to a request."""
-        self.asked += 1
-        self.process.stdin.write(json.dumps({"id": self.asked, "do": do, **fields}) + "\n")
+        """Sends a request and returns its answer."""
+        self.last_id += 1
+        self.process.stdin.write(json.dumps({"id": self.last_id, "do": do, **fields}) + "\n")
         self.process.stdin.flush()
         while True:
-            event = self.hear()
-            if event.get("id") == self.asked and event["event"] == "answer":
+            event = self.read_event()
+            if event.get("id") == self.last_id and event["event"] == "answer":
                 return event
-            if event.get("id") == self.asked and event["event"] == "refused":
+            if event.get("id") == self.last_id and event["event"] == "refused":
                 raise SystemExit("\n".join([event["why"], *(problem["message"] for problem in event["problems"])]))
 
     def numbers(self, column):
@@ -49,11 +49,11 @@ class Server:
 def main(program, graph, *values):
     server = Server(program)
     for value in values or [None]:
-        given = dict([value.split("=", 1)]) if value else {}
-        for name, told in server.ask("run", graph=graph, set=given)["values"].items():
-            position = next((column for column in told["columns"] if column["name"] == "position"), None)
+        values_to_set = dict([value.split("=", 1)]) if value else {}
+        for name, entry in server.ask("run", graph=graph, set=values_to_set)["values"].items():
+            position = next((column for column in entry["columns"] if column["name"] == "position"), None)
             highest = f", {max(server.numbers(position)[1::3]):.3f} mm high" if position else ""
-            print(f"{value or graph}: {name} is a {told['type']} of {told['facts']}{highest}")
+            print(f"{value or graph}: {name} is a {entry['type']} of {entry['facts']}{highest}")
 
 
 main(*sys.argv[1:])

@@ -1,4 +1,4 @@
-"""The targets of fuzzing are a workspace of their own, whose lock file goes out of date in silence."""
+"""Tests that the lock file of the fuzz targets, which are a separate workspace, is up to date."""
 
 import tomllib
 import unittest
@@ -7,16 +7,16 @@ from pathlib import Path
 PROJECT = Path(__file__).parent.parent
 
 
-def locked():
-    """What each of our packages depends on, by the lock file of the targets."""
+def locked_dependencies():
+    """The dependencies of each of our packages in the lock file of the fuzz targets."""
     packages = tomllib.loads((PROJECT / "fuzz/Cargo.lock").read_text())["package"]
     for package in packages:
         if "source" not in package:
             yield package["name"], {one.split(" ")[0] for one in package.get("dependencies", [])}
 
 
-def asked():
-    """What each of our packages always asks for, by its manifest."""
+def required_dependencies():
+    """The non-optional dependencies of each of our packages in its manifest."""
     for manifest in [*PROJECT.glob("src/*/Cargo.toml"), *PROJECT.glob("nodes/*/Cargo.toml")]:
         text = tomllib.loads(manifest.read_text())
         dependencies = text.get("dependencies", {}).items()
@@ -25,12 +25,12 @@ def asked():
 
 
 class Lock(unittest.TestCase):
-    def test_the_lock_file_has_what_our_packages_ask_for(self):
-        asked_for = dict(asked())
-        for name, has in locked():
+    def test_the_lock_file_has_all_dependencies_of_our_packages(self):
+        required = dict(required_dependencies())
+        for name, has in locked_dependencies():
             with self.subTest(package=name):
-                missing = asked_for.get(name, set()) - has
-                self.assertFalse(missing, "`cargo metadata` in fuzz/ writes a new lock file")
+                missing = required.get(name, set()) - has
+                self.assertFalse(missing, "out of date: run `cargo metadata` in fuzz/, which writes a new lock file")
 
 
 if __name__ == "__main__":

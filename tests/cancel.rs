@@ -1,4 +1,4 @@
-//! A cancelled evaluation stops soon, whatever its nodes are busy with.
+//! A cancelled evaluation stops soon, whatever node is running.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use maquette::{CancelToken, Catalog, Evaluator, Graph, Observer, Options, State};
 
-/// A range image of this many cells a side, a wave with a hole of half its width in the middle.
+/// Writes a range image with `side` cells per side. Its depths are a noisy plane with a square hole of half the side length in the middle.
 fn write_range(path: &Path, side: usize) {
     let mut text = String::from("VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n");
     let _ = write!(
@@ -27,14 +27,14 @@ fn write_range(path: &Path, side: usize) {
     std::fs::write(path, bytes).unwrap();
 }
 
-/// Cancels once this node has begun.
+/// Cancels the evaluation 100 ms after this node has started.
 struct Canceller<'a> {
     node: &'a str,
     cancel: CancelToken,
 }
 
 impl Observer for Canceller<'_> {
-    fn started(&self, node: &str) {
+    fn on_start(&self, node: &str) {
         if node == self.node {
             let cancel = self.cancel.clone();
             std::thread::spawn(move || {
@@ -45,7 +45,8 @@ impl Observer for Canceller<'_> {
     }
 }
 
-/// How long, at most, the node goes on after it was told to stop. Each of them would work for much longer.
+/// Returns the time in seconds from the cancellation until the node stops. Without cancellation, each tested node would run for much
+/// longer.
 fn seconds_to_stop(nodes: &str, node: &str) -> f64 {
     seconds_to_stop_with(1200, nodes, node)
 }
@@ -64,7 +65,7 @@ fn seconds_to_stop_with(side: usize, nodes: &str, node: &str) -> f64 {
     );
     std::fs::write(&path, text).unwrap();
     let checked = Graph::load(&path, &Catalog::new(maquette_nodes::PACKS), &Options::default());
-    let messages = checked.problems.iter().map(|problem| &problem.message[..]);
+    let messages = checked.diagnostics.iter().map(|problem| &problem.message[..]);
     let graph = checked.graph.unwrap_or_else(|| panic!("{}", Vec::from_iter(messages).join("; ")));
     let canceller = Canceller { node, cancel: CancelToken::default() };
     let mut evaluator = Evaluator::new(2, 1 << 30).unwrap();
@@ -77,7 +78,8 @@ fn seconds_to_stop_with(side: usize, nodes: &str, node: &str) -> f64 {
     start.elapsed().as_secs_f64() - before - 0.1
 }
 
-/// Far more than the 50 ms between two looks at the token, because tests run beside each other; far less than the work.
+/// The bound is far more than the 50 ms between two checks for cancellation, because tests run in parallel, and far less than the node's
+/// work.
 fn soon(seconds: f64) {
     assert!(seconds < 2.0, "it went on for {seconds} s");
 }
@@ -113,7 +115,7 @@ fn the_denoising_of_a_large_capture() {
 fn the_filling_of_a_hole_of_many_triangles() {
     let nodes = r#""sheet": Triangulate(range: "scan.range"),
         "whole": FillHoles(mesh: "sheet", method: ThinPlate),"#;
-    // A larger hole would be refused: it would need more triangles than are made.
+    // A larger hole would be refused, because filling it would need more triangles than allowed.
     soon(seconds_to_stop_with(600, nodes, "whole"));
 }
 

@@ -1,2 +1,2 @@
-//! Tests, benches and examples of maquette as a whole: what no crate can be asked alone. `engine/` is the engine as packs and hosts see it;
-//! the tests of the program are those of `maquette-program`.
+//! Tests, benches and examples that use several crates of maquette. `engine/` tests the engine as packs and hosts see it. The tests of the
+//! program belong to the package `maquette-program`.

@@ -1,4 +1,5 @@
-//! What results are counted as is what they hold: everything that is allocated is counted, so these tests have a process of their own.
+//! The memory that the engine counts for results is their real memory. Every allocation of the process is counted, so these tests run in a
+//! process of their own.
 
 #![allow(
     unsafe_code,
@@ -16,12 +17,12 @@ use std::sync::{Mutex, MutexGuard};
 
 use maquette::{CancelToken, Catalog, Evaluator, Graph, Observer, Options, State};
 
-/// Counts what is allocated.
+/// An allocator that counts the allocated bytes.
 struct Counting;
 
 static NOW: AtomicUsize = AtomicUsize::new(0);
 
-/// The most that was allocated at a time since somebody set it.
+/// The maximum of `NOW`, the number of allocated bytes, since it was last reset.
 static PEAK: AtomicUsize = AtomicUsize::new(0);
 
 fn add(bytes: usize) {
@@ -29,23 +30,23 @@ fn add(bytes: usize) {
     PEAK.fetch_max(now, Relaxed);
 }
 
-// SAFETY: every call goes to the system's allocator, with what was given.
+// SAFETY: every call is forwarded to the system's allocator unchanged.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         add(layout.size());
-        // SAFETY: as the caller promises.
+        // SAFETY: guaranteed by the caller.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
         add(layout.size());
-        // SAFETY: as the caller promises.
+        // SAFETY: guaranteed by the caller.
         unsafe { System.alloc_zeroed(layout) }
     }
 
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
         NOW.fetch_sub(layout.size(), Relaxed);
-        // SAFETY: as the caller promises.
+        // SAFETY: guaranteed by the caller.
         unsafe { System.dealloc(pointer, layout) }
     }
 }
@@ -53,18 +54,18 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static COUNTING: Counting = Counting;
 
-/// One test at a time: the other's memory would count, too.
-fn alone() -> MutexGuard<'static, ()> {
+/// Only one test runs at a time: the memory of another test would be counted, too.
+fn lock_memory() -> MutexGuard<'static, ()> {
     static ALONE: Mutex<()> = Mutex::new(());
     ALONE.lock().unwrap_or_else(|broken| broken.into_inner())
 }
 
-/// What an evaluator holds beside results: its threads, what it knows of nodes and files, and tables that are made once.
+/// Maximum memory of an evaluator besides results: its threads, its tables of nodes and files, and tables that are made once.
 const BASE: usize = 2 << 20;
 
-/// The evaluator after all nodes of a graph were computed, whose values nobody holds, and how many bytes more than before are allocated;
-/// with this many bytes for results.
-fn evaluated(path: &Path, memory: usize) -> (Evaluator, usize) {
+/// Computes all nodes of a graph with `memory` bytes for results, and drops their values. Returns the evaluator and the number of bytes
+/// that stay allocated.
+fn evaluate(path: &Path, memory: usize) -> (Evaluator, usize) {
     let catalog = Catalog::new(maquette_nodes::PACKS);
     let graph = Graph::load(path, &catalog, &Options::default()).graph.unwrap();
     let before = NOW.load(Relaxed);
@@ -80,9 +81,9 @@ fn graphs() -> PathBuf {
 
 #[test]
 fn results_hold_what_they_are_counted_as() {
-    let _alone = alone();
+    let _alone = lock_memory();
     for path in examples::examples() {
-        let (evaluator, held) = evaluated(&path, 1 << 30);
+        let (evaluator, held) = evaluate(&path, 1 << 30);
         let counted = evaluator.memory();
         assert!(
             held <= counted + counted / 5 + BASE,
@@ -94,20 +95,20 @@ fn results_hold_what_they_are_counted_as() {
 
 #[test]
 fn results_hold_no_more_than_they_may() {
-    let _alone = alone();
+    let _alone = lock_memory();
     let path = graphs().join("doll.ron");
-    let (evaluator, _) = evaluated(&path, 1 << 30);
+    let (evaluator, _) = evaluate(&path, 1 << 30);
     let all = evaluator.memory();
     drop(evaluator);
     for part in [2, 5, 20] {
         let allowed = all / part;
-        let (evaluator, held) = evaluated(&path, allowed);
+        let (evaluator, held) = evaluate(&path, allowed);
         assert!(evaluator.memory() <= allowed);
         assert!(held <= allowed + allowed / 5 + BASE, "{held} bytes are held, {allowed} allowed");
     }
 }
 
-/// How much was allocated at most, beside what was there, while each node was under way.
+/// Records the maximum of additionally allocated bytes during each node.
 #[derive(Default)]
 struct Peaks {
     began: AtomicUsize,
@@ -115,25 +116,26 @@ struct Peaks {
 }
 
 impl Observer for Peaks {
-    fn started(&self, _: &str) {
+    fn on_start(&self, _: &str) {
         let now = NOW.load(Relaxed);
         PEAK.store(now, Relaxed);
         self.began.store(now, Relaxed);
     }
 
-    fn finished(&self, node: &str, _: State, _: f64) {
+    fn on_finish(&self, node: &str, _: State, _: f64) {
         let peak = PEAK.load(Relaxed) - self.began.load(Relaxed);
         self.peaks.lock().unwrap().push((node.to_owned(), peak));
     }
 }
 
-/// Each node of a graph that says how much it needs: its type, that, and what it really took. Only one node is under way at a time.
-fn measured(text: &str) -> Vec<(String, f64, f64)> {
+/// Returns, for each node with a memory estimate, its type, the estimate, and the memory that it really used. Only one node runs at a time.
+fn measure(text: &str) -> Vec<(String, f64, f64)> {
     let path = graphs().join("measured.ron");
     let catalog = Catalog::new(maquette_nodes::PACKS);
     let options = Options::default().with_text(&path, text);
     let checked = Graph::load(&path, &catalog, &options);
-    let graph = checked.graph.unwrap_or_else(|| panic!("{text}: {}", checked.problems[0].message));
+    let graph =
+        checked.graph.unwrap_or_else(|| panic!("{text}: {}", checked.diagnostics[0].message));
     let peaks = Peaks::default();
     let mut evaluator = Evaluator::new(1, 1 << 32).unwrap();
     let evaluation = evaluator.evaluate_all_nodes(&graph, &peaks, &CancelToken::default());
@@ -147,7 +149,7 @@ fn measured(text: &str) -> Vec<(String, f64, f64)> {
     said.collect()
 }
 
-/// A graph of these nodes, of a doll, its scan, a ring and a surface.
+/// Returns a graph with these nodes, which may use the nodes `doll`, `mug`, `scan`, `ring`, `grid`, `net` and `vase`.
 fn graph_of(nodes: &str) -> String {
     format!(
         r#"Graph(format: 1, nodes: {{
@@ -163,7 +165,7 @@ fn graph_of(nodes: &str) -> String {
     )
 }
 
-/// Nodes large enough that what is allocated in any case does not count.
+/// Nodes with so much data that constant allocations do not matter.
 const LARGE: [&str; 27] = [
     r#""a": Subdivide(mesh: "doll", scheme: Loop, levels: 5)"#,
     r#""a": Subdivide(mesh: "doll", scheme: Loop, levels: 5, limit: true)"#,
@@ -194,14 +196,14 @@ const LARGE: [&str; 27] = [
     r##""red": Threshold(image: "scan.color", select: Near(color: "#c33923", distance: 30.0)), "spots": Label(mask: "red"), "nose": ExtractRegion(labels: "spots", range: "scan.range"), "points": ControlNet(region: "nose", range: "scan.range"), "surface": Nurbs(net: "points"), "a": Blend(range: "scan.range", region: "nose", surface: "surface", resample: (8, 8))"##,
 ];
 
-/// What a node needs may be a tenth more than it says, and no less than a quarter of it.
+/// The memory that a node uses may be at most 1.1 times its estimate, and at least a quarter of the estimate.
 #[test]
 fn nodes_need_about_as_much_as_they_say() {
-    let _alone = alone();
+    let _alone = lock_memory();
     let texts: Vec<_> = LARGE.iter().map(|nodes| graph_of(nodes)).collect();
     let mut kinds = BTreeSet::new();
     for text in texts {
-        for (kind, said, took) in measured(&text) {
+        for (kind, said, took) in measure(&text) {
             assert!(
                 took <= 1.1 * said && said <= 4.0 * took,
                 "{kind} said {said:.0} bytes and took {took:.0}: {text}"
@@ -212,13 +214,13 @@ fn nodes_need_about_as_much_as_they_say() {
     assert!(kinds.len() > 10, "{kinds:?}");
 }
 
-/// In the examples what is allocated in any case counts, too.
+/// The nodes of the examples are small, so constant allocations are allowed in addition.
 #[test]
 fn nodes_of_examples_need_no_more_than_they_say() {
-    let _alone = alone();
+    let _alone = lock_memory();
     for path in examples::examples() {
         let text = std::fs::read_to_string(&path).unwrap().replace("../doll/", "doll/");
-        for (kind, said, took) in measured(&text) {
+        for (kind, said, took) in measure(&text) {
             assert!(took <= 1.1 * said + BASE as f64, "{kind} said {said} bytes and took {took}");
         }
     }
@@ -226,7 +228,7 @@ fn nodes_of_examples_need_no_more_than_they_say() {
 
 #[test]
 fn twelve_levels_of_a_million_faces_are_refused_before_anything_is_allocated() {
-    let _alone = alone();
+    let _alone = lock_memory();
     let path = graphs().join("measured.ron");
     let text = graph_of(
         r#""million": Tessellate(surface: "vase", u: 1000, v: 1000),
@@ -235,13 +237,13 @@ fn twelve_levels_of_a_million_faces_are_refused_before_anything_is_allocated() {
     );
     let options = Options::default().with_text(&path, text);
     let graph = Graph::load(&path, &Catalog::new(maquette_nodes::PACKS), &options).graph.unwrap();
-    let mut evaluator = Evaluator::new(1, 1 << 31).unwrap().holding_at_most(4_000_000_000);
+    let mut evaluator = Evaluator::new(1, 1 << 31).unwrap().with_max_memory(4_000_000_000);
     drop(evaluator.evaluate_nodes(&graph, &["million"]));
     let before = NOW.load(Relaxed);
     PEAK.store(before, Relaxed);
     let evaluation = evaluator.evaluate_nodes(&graph, &["fine", "other"]);
     let peak = PEAK.load(Relaxed) - before;
-    let problems = evaluation.problems();
+    let problems = evaluation.diagnostics();
     assert_eq!(problems.len(), 1, "{problems:?}");
     let message = &problems[0].message;
     assert!(

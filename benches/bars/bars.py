@@ -1,16 +1,16 @@
 #!/usr/bin/env python3
-"""Every figure of this project that has a bar, with ours, the peer's and the verdict:  python3 benches/bars/bars.py [WORD ...]
+"""Measures all figures that have a bar (an upper limit):  python3 benches/bars/bars.py [WORD ...]
 
-    WORD ...      only bars whose subject or name has one of these words; all if left out, which takes most of an hour
+    WORD ...      only bars whose subject or name contains one of these words; by default all, which takes most of an hour
 
-Rows of `benches/peers/peers.py` are measured as it does, beside their peers in turn; it tells where those come from, and its
-environment variables hold here, too. Benches and tests print their figures themselves, and are run again where one misses its bar.
-A bar that is missed by more than noise ends this program with 1, as does a figure that is not printed. Where other programs keep the
-machine busy nothing is missed, but not judged. Bars in milliseconds were set on an AMD EPYC of family 26, with AVX-512, and are judged so on
-every machine; where one is not held, and it is known what a peer took there, the share of what that takes is told, here and there. Bars that
-a test of CI holds, or `just python` and `just blender`, are not here, nor what a build takes.
+Prints a table of our figure, the peer's, the bar and the verdict. Rows of `benches/peers/peers.py` are measured as there, alternating with
+their peers, and with the same environment variables. Other benchmarks and tests print their figures themselves, and are run again if one
+misses its bar. The exit code is 1 if a bar is missed by more than noise, or if a figure is not printed. On a busy machine, bars are not
+judged instead of missed. Bars in milliseconds were set on an AMD EPYC of family 26 with AVX-512, and apply to every machine; if one is
+missed, and the time of a peer on that EPYC is known, the ratio to the peer is printed for both machines. Bars that are checked by tests in
+CI, by `just python` or by `just blender`, and build times, are not included.
 
-To add a bar: a line in BARS. A bar in milliseconds of a row of peers stands in that row.
+To add a bar, add a line to BARS; for a bar in milliseconds of a row of peers, set the bar in that row.
 """
 import itertools
 import math
@@ -31,44 +31,44 @@ sys.path.insert(0, str(PROJECT / "benches/peers"))
 import peers  # noqa: E402
 from peers import THREADS, Row  # noqa: E402
 
-# A bench is run so often where it misses a bar, if the machine is quiet.
+# The maximum number of runs of a benchmark that misses a bar on a quiet machine.
 RUNS = 3
-# Seconds of a peer in one row, after which it has been measured well enough.
-PATIENCE = 20
+# The time in seconds after which a peer in a row is not measured further.
+PEER_SECONDS = 20
 
 
-# ---------------------------------------------------------------- what is measured
+# ---------------------------------------------------------------- bars
 @dataclass
 class Bar:
-    # What the bar belongs to.
+    # The group of the bar.
     subject: str
     name: str
-    # A row of peers, or the command line of what prints figures.
+    # A row of peers, or a command that prints figures.
     by: Row | tuple[str, ...]
-    # What ours may be at most; of a row in milliseconds, megabytes, or times what the peer takes.
-    most: float | None
+    # The maximum of our figure, in `unit`.
+    limit: float | None
     unit: str = "ms"
-    # How figures are printed: # stands for one or several with commas between, * for anything, one space for any number. A line of
-    # divan is `GROUP/ARGUMENT: # ms`, its median. Of several lines the one with the greatest figure counts.
+    # The pattern of printed lines: # is one figure or several separated by commas, * is any text, a space is any number of spaces. Results
+    # of divan have the form `GROUP/ARGUMENT: # ms`, with the median. If several lines match, the greatest figure counts.
     line: str = ""
-    # Which of the figures of a line counts.
+    # Selects a figure of a line.
     take: Callable[[list[float]], float] = max
-    # How many times as long as the peer ours may take; where the peer is not there, `most` holds.
+    # The maximum ratio of our time to the peer's; without a peer, `limit` applies.
     times: float | None = None
-    # A word in the name of that peer; if left out, the fastest.
-    of: str = ""
-    # What a peer of this name took where the bar was set, in milliseconds.
-    there: tuple[str, float] | None = None
+    # A word in the name of that peer; by default the fastest peer.
+    peer_word: str = ""
+    # The name of a peer, and its time in milliseconds on the machine on which the bar was set.
+    reference: tuple[str, float] | None = None
 
 
-def of_row(subject, word, times=None, of="", there=None):
-    """A bar of the row that is called so, or begins so, in the table of peers."""
+def row_bar(subject, word, times=None, peer_word="", reference=None):
+    """The bar of a row of the table of peers, by the name of our work or the beginning of the row's name."""
     row = next(row for row in peers.ROWS if row.ours == word or row.name.startswith(word))
-    return Bar(subject, row.name, row, row.bar, times=times, of=of, there=there)
+    return Bar(subject, row.name, row, row.bar, times=times, peer_word=peer_word, reference=reference)
 
 
 def bench(name, *words):
-    """Of no named package: so the engine is compiled once for all, with what all of them need."""
+    """The command of a benchmark. Without `--package`, so that all benchmarks share one build of the engine."""
     return ("cargo", "bench", "-q", "--bench", name, "--", *words)
 
 
@@ -91,17 +91,17 @@ BARS = [
     Bar("main job", DOLL.name, DOLL, 120),
     Bar("main job", "doll.ron, memory", DOLL, 150, "MB"),
     Bar("main job", "check a graph of 500 nodes", bench("check"), 20, line="check/500: # ms"),
-    of_row("first publication", "segment"),
-    of_row("first publication", "edges", there=("OpenCV", 25.4)),
-    of_row("first publication", "edges-percentile", there=("OpenCV", 25.4)),
-    of_row("first publication", "points-2", there=("SciPy", 61.7)),
-    of_row("first publication", "points-3", there=("SciPy", 61.8)),
-    of_row("first publication", "normals-2", there=("SciPy", 373)),
-    of_row("first publication", "normals-3", there=("SciPy", 361)),
-    of_row("first publication", "pipeline", there=("OpenCV + splinepy + pymeshlab", 2639)),
-    of_row("first publication", "read-pcd"),
-    of_row("first publication", "read-ply", there=("trimesh", 3.5)),
-    of_row("first publication", "write-ply", there=("trimesh", 11.7)),
+    row_bar("first publication", "segment"),
+    row_bar("first publication", "edges", reference=("OpenCV", 25.4)),
+    row_bar("first publication", "edges-percentile", reference=("OpenCV", 25.4)),
+    row_bar("first publication", "points-2", reference=("SciPy", 61.7)),
+    row_bar("first publication", "points-3", reference=("SciPy", 61.8)),
+    row_bar("first publication", "normals-2", reference=("SciPy", 373)),
+    row_bar("first publication", "normals-3", reference=("SciPy", 361)),
+    row_bar("first publication", "pipeline", reference=("OpenCV + splinepy + pymeshlab", 2639)),
+    row_bar("first publication", "read-pcd"),
+    row_bar("first publication", "read-ply", reference=("trimesh", 3.5)),
+    row_bar("first publication", "write-ply", reference=("trimesh", 11.7)),
     Bar("memory", "10 000 nodes, first evaluation", ENGINE, 12, line="chain_first_evaluation: # ms"),
     Bar("memory", "10 000 nodes, nothing changed", ENGINE, 0.3, line="chain_nothing_changed: # ms"),
     Bar("memory", "10 000 nodes, last changed", ENGINE, 1, line="chain_last_changed: # ms"),
@@ -122,27 +122,27 @@ BARS = [
     Bar("golden tests", TESTS.name, TESTS, 1000),
     Bar("graphs of graphs", "check 2 041 uses", REUSE, 100, line="check_2041_uses: # ms"),
     Bar("graphs of graphs", "evaluate 3 745 nodes, 2 us each", REUSE, 7.5, line="evaluate_3745_nodes: # ms"),
-    of_row("subdivision", "catmull-clark"),
-    of_row("subdivision", "catmull-clark-places"),
-    of_row("subdivision", "loop"),
-    of_row("subdivision", "loop-places"),
-    of_row("subdivision", "doo-sabin"),
+    row_bar("subdivision", "catmull-clark"),
+    row_bar("subdivision", "catmull-clark-places"),
+    row_bar("subdivision", "loop"),
+    row_bar("subdivision", "loop-places"),
+    row_bar("subdivision", "doo-sabin"),
     Bar("subdivision", "Catmull-Clark, limit and normals", bench("subdivide", "with_limit"), 90, line="with_limit_and_normals/CatmullClark: # ms"),
-    of_row("interpolation", "interpolate-loop"),
-    of_row("interpolation", "interpolate-catmull-clark"),
+    row_bar("interpolation", "interpolate-loop"),
+    row_bar("interpolation", "interpolate-catmull-clark"),
     Bar("interpolation", "closest feet, 1 516 vertices, Loop", INTERPOLATE, 300, line="nearest feet: Loop, * vertices #"),
     Bar("interpolation", "fit of the doll, 95 of 100 within", INTERPOLATE, 0.1, "mm", "scan to surface: * 95 % #, 99 %"),
-    of_row("free-form", "ffd-64", times=1.0, of="plain C"),
-    of_row("free-form", "ffd-256", times=0.75, of="plain C"),
-    of_row("free-form", "ffd-near", times=0.4, of="plain C"),
-    of_row("free-form", "ffd-drag"),
-    of_row("filling", "fill", there=("CGAL", 14.8)),
+    row_bar("free-form", "ffd-64", times=1.0, peer_word="plain C"),
+    row_bar("free-form", "ffd-256", times=0.75, peer_word="plain C"),
+    row_bar("free-form", "ffd-near", times=0.4, peer_word="plain C"),
+    row_bar("free-form", "ffd-drag"),
+    row_bar("filling", "fill", reference=("CGAL", 14.8)),
     Bar("filling", "exemplar, smooth, 1 094 lost", FILL, 0.25, "s", "A, smooth *; * #, rms"),
     Bar("filling", "exemplar, sharp, 1 432 lost", FILL, 0.25, "s", "B, sharp *; * #, rms"),
     Bar("filling", "exemplar, relief, 668 lost", FILL, 0.65, "s", "C, relief *; * #, rms"),
-    of_row("whole skin", "reconstruct"),
-    of_row("whole skin", "reconstruct-normals"),
-    of_row("whole skin", "reconstruct-clean"),
+    row_bar("whole skin", "reconstruct"),
+    row_bar("whole skin", "reconstruct-normals"),
+    row_bar("whole skin", "reconstruct-clean"),
     Bar("whole skin", "off the torus, 1 % noise", bench("reconstruct", "100000 points alone, noise 0.01"), 0.5, "apart", "noise 0.01 * * * #"),
     Bar("live page", "1.5 M moved triangles in the card", PAGE, 150, line="from the message to the buffers, *: # ms in half"),
     Bar("live page", "save of 10.8 M triangles to the page's message", PAGE, 800, line="from the save to the message: # ms in half"),
@@ -157,26 +157,26 @@ BARS = [
     Bar("batches", "the same in the first run after", BATCH, 2, line="tasks of doll *, first run after* # ms a task"),
     Bar("batches", "sheet of 1 000 tasks opens", SHEET, 1000, line="open after # ms"),
     Bar("batches", "key to picture in it", SHEET, 50, line="keys # ms"),
-    of_row("real scans", "align", times=1.0, of="Open3D"),
-    of_row("real scans", "union", times=1.0, of="of meshes"),
-    of_row("real scans", "unwrap"),
-    of_row("real scans", "remesh", times=1.0, of="MeshLab"),
-    of_row("real scans", "simplify", times=1.0, of="MeshLab"),
-    of_row("real scans", "simplify-texture", times=1.0, of="MeshLab"),
-    of_row("real scans", "outliers", times=1.0, of="Open3D"),
+    row_bar("real scans", "align", times=1.0, peer_word="Open3D"),
+    row_bar("real scans", "union", times=1.0, peer_word="of meshes"),
+    row_bar("real scans", "unwrap"),
+    row_bar("real scans", "remesh", times=1.0, peer_word="MeshLab"),
+    row_bar("real scans", "simplify", times=1.0, peer_word="MeshLab"),
+    row_bar("real scans", "simplify-texture", times=1.0, peer_word="MeshLab"),
+    row_bar("real scans", "outliers", times=1.0, peer_word="Open3D"),
     Bar("local changes", "growth by a mm, 10.8 M faces", LOCAL, 40, line="growth by a millimeter: # ms"),
     Bar("local changes", "handle of an FFD on the same", LOCAL, 40, line="handle of an FFD by *: # ms"),
     Bar("local changes", "save to written PLY of the same", LOCAL, 120, line="from a millimeter to the written PLY file: # ms"),
 ]
 
 
-# ---------------------------------------------------------------- figures that are printed
+# ---------------------------------------------------------------- printed figures
 FIGURES = r"(-?\d[\d.]*(?:, -?\d[\d.]*)*)"
 MILLISECONDS = {"ns": 1e-6, "µs": 1e-3, "ms": 1.0, "s": 1e3}
 
 
 def lines(text):
-    """Of what a bench prints; a leaf of divan's tree becomes a line with its median."""
+    """The lines of a benchmark's output; a leaf of divan's tree becomes a line with its median."""
     path = []
     for line in text.splitlines():
         branch = re.match(r"([│ ]*)[├╰]─ (.+?)  +(.*)", line)
@@ -191,15 +191,15 @@ def lines(text):
 
 
 def figure(bar, text):
-    """What the bar is held against; none where no line has it."""
+    """The figure of a bar in an output; None if no line has it."""
     pattern = "".join({"#": FIGURES, "*": ".*?"}.get(letter) or re.escape(letter) for letter in bar.line)
     matches = filter(None, (re.search(pattern, line) for line in lines(text)))
     return max((bar.take([float(number) for group in match.groups() for number in group.split(", ")]) for match in matches), default=None)
 
 
 # ---------------------------------------------------------------- a quiet machine
-# A machine is quiet where others keep at most this part of a core busy, and in three of four cases a fixed loop takes at most so many
-# times as long as it ever did.
+# A machine is quiet if other programs use at most this fraction of a core, and if the upper quartile of the times of a fixed loop is at
+# most this multiple of its fastest time.
 OTHERS, SLOWER = 0.1, 1.15
 
 
@@ -209,23 +209,23 @@ class Machine:
         self.loops, self.others = [], 0.0
 
     def loop(self):
-        """The same work on each thread, some 10 ms."""
+        """Measures a fixed amount of work on each thread, about 10 ms."""
         start = time.perf_counter()
         list(self.pool.map(lambda _: sha256(self.data).digest(), range(THREADS)))
         self.loops.append(time.perf_counter() - start)
         self.fastest = min(self.fastest, self.loops[-1])
 
-    def look(self):
+    def sample(self):
         self.others = max(self.others, busy_cores())
         for _ in range(5):
             self.loop()
 
-    def during(self, measure):
-        """What this gives, and whether it was quiet before, after and, where it calls `loop`, meanwhile."""
+    def observe(self, measure):
+        """Calls a function and returns its result; observes the load of the machine before, after, and when the function calls `loop`."""
         self.loops, self.others = [], 0.0
-        self.look()
+        self.sample()
         result = measure()
-        self.look()
+        self.sample()
         return result
 
     def slower(self):
@@ -235,11 +235,11 @@ class Machine:
         return self.others <= OTHERS and self.slower() <= SLOWER
 
     def __str__(self):
-        return f"others keep {self.others:.1f} cores busy, a fixed loop is {self.slower():.2f} times slower"
+        return f"other programs use {self.others:.1f} cores, a fixed loop is {self.slower():.2f} times slower"
 
 
 def busy_cores(seconds=0.5):
-    """How many cores are busy while this program sleeps; 0 where the system does not tell."""
+    """The number of busy cores while this program sleeps; 0 if the system does not report it."""
 
     def busy():
         user, nice, system, _idle, _waiting, *others = map(int, Path("/proc/stat").read_text().split("\n")[0].split()[1:9])
@@ -257,52 +257,52 @@ def quartiles(samples):
     return statistics.quantiles(samples, n=4, method="inclusive") if len(samples) > 1 else samples * 3
 
 
-def verdict(samples, most, slower, is_quiet):
-    """A bar is held by the median. It is missed by more than noise where three of four samples are above it, and would be if the
-    machine were as fast as at its best: above the bar times `slower`."""
+def verdict(samples, limit, slower, is_quiet):
+    """Judges samples: the median must not exceed the limit. It is missed by more than noise if three of four samples exceed the limit
+    times `slower`, the slowdown of the machine."""
     low, middle, _ = quartiles(samples)
-    if middle <= most:
+    if middle <= limit:
         return "holds"
     if not is_quiet:
         return "not judged"
-    return "MISSED" if low > most * slower else "within noise"
+    return "MISSED" if low > limit * slower else "within noise"
 
 
 @dataclass
-class Found:
+class BarResult:
     bar: Bar
     samples: list[float]
     peer: str = ""
     theirs: float | None = None
-    # Ours by theirs, run by run.
+    # The ratios of our time to the peer's, run by run.
     ratios: list[float] | None = None
-    # Why there is no peer, or no sample.
+    # The reason why there is no peer, or no sample.
     why: str = ""
 
     def judge(self, machine):
-        samples, most = (self.ratios, self.bar.times) if self.ratios and self.bar.times else (self.samples, self.bar.most)
-        if not samples or most is None:
+        samples, limit = (self.ratios, self.bar.times) if self.ratios and self.bar.times else (self.samples, self.bar.limit)
+        if not samples or limit is None:
             return self.why
-        said = verdict(samples, most, machine.slower(), machine.is_quiet())
-        return said if said == "holds" else "; ".join([f"{said}: {machine}" if said == "not judged" else said, *self.beside()])
+        word = verdict(samples, limit, machine.slower(), machine.is_quiet())
+        return word if word == "holds" else "; ".join([f"{word}: {machine}" if word == "not judged" else word, *self.peer_notes()])
 
-    def beside(self):
-        """Ours by the peer's here, and the bar by the peer's where it was set. Nothing is judged by that."""
-        name, there = self.bar.there or ("", 0.0)
-        if there and self.ratios and self.peer.startswith(name):
-            yield f"{statistics.median(self.ratios):.2g} of the peer, the bar was {self.bar.most / there:.2g} of it"
+    def peer_notes(self):
+        """The ratio to the peer here, and that of the bar on the machine on which it was set, for information only."""
+        name, reference = self.bar.reference or ("", 0.0)
+        if reference and self.ratios and self.peer.startswith(name):
+            yield f"{statistics.median(self.ratios):.2g} of the peer, the bar was {self.bar.limit / reference:.2g} of it"
 
 
 def measure_row(bars, machine):
     try:
-        measured = machine.during(lambda: peers.measure(bars[0].by, bars[0].of, machine.loop, PATIENCE))
+        measured = machine.observe(lambda: peers.measure(bars[0].by, bars[0].peer_word, machine.loop, PEER_SECONDS))
     except (Exception, SystemExit) as error:
-        measured = peers.Measured(bars[0].by, missing=[f"no figure: {error!r}"])
+        measured = peers.RowResult(bars[0].by, missing=[f"no figure: {error!r}"])
     for bar in bars:
         if bar.unit == "MB":
-            yield Found(bar, [measured.peak] if measured.peak else [], why="; ".join(measured.missing))
+            yield BarResult(bar, [measured.peak] if measured.peak else [], why="; ".join(measured.missing))
             continue
-        found = Found(bar, measured.ours, why="; ".join(measured.missing))
+        found = BarResult(bar, measured.ours, why="; ".join(measured.missing))
         if measured.peers:
             found.peer, theirs = min(measured.peers.items(), key=lambda peer: statistics.median(peer[1]))
             found.theirs = statistics.median(theirs)
@@ -313,16 +313,16 @@ def measure_row(bars, machine):
 def measure_command(bars, machine):
     samples = [[] for _ in bars]
     for _ in range(RUNS):
-        done = machine.during(lambda: subprocess.run(bars[0].by, cwd=PROJECT, capture_output=True, text=True))
+        done = machine.observe(lambda: subprocess.run(bars[0].by, cwd=PROJECT, capture_output=True, text=True))
         for bar, of_bar in zip(bars, samples):
             found = None if done.returncode else figure(bar, done.stdout)
             of_bar += [] if found is None else [found]
-        misses = any(of_bar and of_bar[-1] > bar.most for bar, of_bar in zip(bars, samples))
+        misses = any(of_bar and of_bar[-1] > bar.limit for bar, of_bar in zip(bars, samples))
         if not misses or not machine.is_quiet():
             break
     skipped = [line for line in done.stdout.splitlines() if line.startswith("skipped")]
     why = skipped[0] if skipped else f"no figure: {(done.stderr.strip() or 'no such line').splitlines()[-1]}"
-    return [Found(bar, of_bar, why="" if of_bar else why) for bar, of_bar in zip(bars, samples)]
+    return [BarResult(bar, of_bar, why="" if of_bar else why) for bar, of_bar in zip(bars, samples)]
 
 
 # ---------------------------------------------------------------- the table
@@ -344,8 +344,8 @@ def show(found, said):
         peer, ratio = f"{number(found.theirs)} ms, {found.peer}", f"{statistics.median(found.ratios):.2f}"
     elif found.samples:
         peer = found.why[:40]
-    limit = f"{bar.times:g} x peer" if bar.times and (found.ratios or bar.most is None) else f"{bar.most:g} {bar.unit}"
-    print(LINE.format(bar.subject, bar.name, ours, peer, ratio, limit, said), flush=True)
+    bound = f"{bar.times:g} x peer" if bar.times and (found.ratios or bar.limit is None) else f"{bar.limit:g} {bar.unit}"
+    print(LINE.format(bar.subject, bar.name, ours, peer, ratio, bound, said), flush=True)
 
 
 def output(*command):
@@ -353,10 +353,10 @@ def output(*command):
 
 
 def processor():
-    told = Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else ""
-    of = lambda name: (re.search(rf"^{name}\s*: (.*)", told, re.MULTILINE) or ("", "unknown"))[1]
-    vectors = next((word for word in ["avx512f", "avx2"] if word in of("flags").split()), "no avx2")
-    return f"{of('model name')} of family {of('cpu family')}, {vectors}"
+    text = Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else ""
+    field = lambda name: (re.search(rf"^{name}\s*: (.*)", text, re.MULTILINE) or ("", "unknown"))[1]
+    vectors = next((word for word in ["avx512f", "avx2"] if word in field("flags").split()), "no avx2")
+    return f"{field('model name')} of family {field('cpu family')}, {vectors}"
 
 
 def main():
@@ -372,7 +372,7 @@ def main():
         peers.build()
     commit = (output("git", "rev-parse", "--short", "HEAD") or "no commit") + (" and changes" if output("git", "status", "--porcelain") else "")
     machine = Machine()
-    machine.during(lambda: None)
+    machine.observe(lambda: None)
     print(f"{commit}; {THREADS} threads of {os.cpu_count()}, {processor()}; load {os.getloadavg()[0]:.2f}, {machine}\n")
     print(LINE.format("subject", "what", f"ours, {commit}", "peer", "ratio", "bar", "verdict"))
     print(LINE.format("---", "---", "---", "---", "---", "---", "---"))

@@ -1,8 +1,8 @@
-"""What `bars.py` reads of benches, and when it says that a bar is missed:  python3 -m unittest discover benches/bars"""
+"""Tests of `bars.py`: parsing of figures, and verdicts:  python3 -m unittest discover benches/bars"""
 import unittest
 
 import bars
-from bars import BARS, PROJECT, Bar, Found, Row, figure, measure_command, verdict
+from bars import BARS, PROJECT, Bar, BarResult, Row, figure, measure_command, verdict
 
 DIVAN = """
 compare                      fastest       │ slowest       │ median        │ mean          │ samples │ iters
@@ -78,12 +78,12 @@ class Verdicts(unittest.TestCase):
 
 
 class Quiet(bars.Machine):
-    """A machine without noise, and one that is busy."""
+    """A machine without noise, quiet or busy."""
 
     def __init__(self, quiet=True):
         self.quiet = quiet
 
-    def during(self, measure):
+    def observe(self, measure):
         return measure()
 
     def slower(self):
@@ -96,16 +96,16 @@ class Quiet(bars.Machine):
 class Measures(unittest.TestCase):
     def test_a_ratio_is_judged_and_milliseconds_where_there_is_no_peer(self):
         row = Bar("", "", (), 40, times=1.0)
-        self.assertEqual(Found(row, [50.0], "plain C", 60.0, [0.83]).judge(Quiet()), "holds")
-        self.assertEqual(Found(row, [50.0], why="no peer").judge(Quiet()), "MISSED")
-        self.assertEqual(Found(Bar("", "", (), None, times=1.0), [50.0], why="no peer").judge(Quiet()), "no peer")
+        self.assertEqual(BarResult(row, [50.0], "plain C", 60.0, [0.83]).judge(Quiet()), "holds")
+        self.assertEqual(BarResult(row, [50.0], why="no peer").judge(Quiet()), "MISSED")
+        self.assertEqual(BarResult(Bar("", "", (), None, times=1.0), [50.0], why="no peer").judge(Quiet()), "no peer")
 
     def test_milliseconds_are_judged_whatever_the_peer_took_where_the_bar_was_set(self):
-        row = Bar("", "", (), 40, there=("SciPy", 400.0))
-        missed = Found(row, [80.0], "SciPy 1.17.1", 900.0, [80 / 900]).judge(Quiet())
+        row = Bar("", "", (), 40, reference=("SciPy", 400.0))
+        missed = BarResult(row, [80.0], "SciPy 1.17.1", 900.0, [80 / 900]).judge(Quiet())
         self.assertEqual(missed, "MISSED; 0.089 of the peer, the bar was 0.1 of it")
-        self.assertEqual(Found(row, [40.0], "SciPy 1.17.1", 300.0, [40 / 300]).judge(Quiet()), "holds")
-        self.assertEqual(Found(row, [80.0], "splinepy", 900.0, [80 / 900]).judge(Quiet()), "MISSED")
+        self.assertEqual(BarResult(row, [40.0], "SciPy 1.17.1", 300.0, [40 / 300]).judge(Quiet()), "holds")
+        self.assertEqual(BarResult(row, [80.0], "splinepy", 900.0, [80 / 900]).judge(Quiet()), "MISSED")
 
     def test_a_bench_is_run_again_where_it_misses_a_bar_on_a_quiet_machine(self):
         printed = [Bar("", "", ("echo", "a: 5 ms, b: 7 ms"), most, line=line) for most, line in [(6, "a: # ms"), (6, "b: # ms"), (6, "c: # ms")]]
@@ -129,7 +129,7 @@ class Table(unittest.TestCase):
     def test_each_bar_says_how_it_is_measured(self):
         for it in BARS:
             with self.subTest(it.name):
-                self.assertTrue(it.most is not None or it.times)
+                self.assertTrue(it.limit is not None or it.times)
                 self.assertEqual("#" in it.line, not isinstance(it.by, Row))
 
     def test_each_bench_is_there(self):
@@ -138,7 +138,7 @@ class Table(unittest.TestCase):
                 self.assertTrue((PROJECT / "benches" / f"{it.by[it.by.index('--bench') + 1]}.rs").exists(), it.name)
 
     def test_bars_of_one_bench_stand_together(self):
-        """So that it is run once."""
+        """Bars of one benchmark must be adjacent, so that it is run once."""
         runs = [by for by, _ in bars.itertools.groupby(it.by for it in BARS)]
         self.assertEqual([by for k, by in enumerate(runs) if by in runs[:k]], [])
 

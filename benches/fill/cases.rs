@@ -1,8 +1,8 @@
-//! Meshes with holes of which it is known what was there.
+//! Meshes with holes, for which the original surface without holes is known.
 
 use std::path::{Path, PathBuf};
 
-use maquette::random;
+use maquette::rng;
 use maquette::value::{Faces, Mesh};
 use maquette_nodes::mesh::read_mesh;
 use nalgebra::{Point3, Vector3};
@@ -10,17 +10,17 @@ use nalgebra::{Point3, Vector3};
 #[path = "../../nodes/fill/shapes/nut.rs"]
 mod nut;
 
-/// A mesh with holes, and what it was before.
+/// A mesh with holes, and the original mesh.
 pub(crate) struct Case {
     pub(crate) name: String,
     pub(crate) holed: Mesh,
-    /// The lost vertices stand behind those that are left.
+    /// The original mesh. Its first vertices are those of `holed`, and the removed vertices follow.
     pub(crate) truth: Mesh,
-    /// The mean length of edges without noise.
+    /// The mean length of the edges of `holed`, before noise is added.
     pub(crate) edge: f64,
 }
 
-/// All cases; those whose data is not there are told of.
+/// Returns all cases and prints which data is missing.
 pub(crate) fn cases() -> Vec<Case> {
     let folder = std::env::var_os("FILL_DATA").map(PathBuf::from);
     let folder =
@@ -60,7 +60,8 @@ pub(crate) fn cases() -> Vec<Case> {
     cases
 }
 
-/// Holes cut out of whole meshes, for which nothing was chosen by what comes out: around a vertex, so many rings of vertices.
+/// Holes that are cut out of complete meshes: the file, the vertex in the middle, and the number of rings of vertices around it. They were
+/// not selected by their results.
 const CUT: [(&str, u32, usize); 6] = [
     ("meshes/spot/spot_triangulated.obj", 1000, 8),
     ("meshes/penguin/penguin.obj", 1500, 9),
@@ -80,13 +81,13 @@ fn cut(file: &str, mesh: &Mesh, seed: u32, rings: usize) -> Case {
         near.into_iter().for_each(|vertex| gone[vertex as usize] = true);
     }
     let points = mesh.positions().to_vec();
-    let (holed, truth) = without(points, &faces, &gone);
+    let (holed, truth) = remove_vertices(points, &faces, &gone);
     let edge = mean_edge(&holed);
     let name = file.rsplit('/').next().unwrap_or(file).split('.').next().unwrap_or(file);
     Case { name: format!("cut {name} {seed}"), holed, truth, edge }
 }
 
-/// A sphere with curls: ridges that wind. What is cut out is as rough as what is around it, which is not so everywhere.
+/// A sphere with curly ridges. The removed part is as rough as its surroundings, which does not hold everywhere on the sphere.
 fn wool() -> Case {
     let (directions, faces) = geodesic(45);
     let points: Vec<Point3<f64>> = directions
@@ -108,14 +109,14 @@ fn wool() -> Case {
     cut("wool", &mesh, 14_300, 10)
 }
 
-/// A square of fractal noise, whose waves are as high as they are long to the power 1.5.
+/// A square terrain of fractal noise. The height of each wave is proportional to its length to the power of 1.5.
 fn terrain() -> Case {
     let side = 120_u32;
     let tau = std::f64::consts::TAU;
     let waves: Vec<[f64; 4]> = (0..160)
         .map(|k| {
             let [long, turn, phase] = [0, 1, 2].map(|part| noise(3 * k + part + 77));
-            // From 60 edges to 3.
+            // Wavelengths from 60 edges down to 3.
             let length = 60.0 * libm::pow(0.05, long);
             let (sine, cosine) = libm::sincos(tau * turn);
             let height = 0.003 * libm::pow(length, 1.5);
@@ -137,7 +138,7 @@ fn terrain() -> Case {
     cut("terrain", &mesh, side * 55 + 62, 11)
 }
 
-/// An egg with grooves, some five edges apart, that run along it like hair.
+/// An egg with hair-like grooves along it, about five edges apart.
 fn fur() -> Case {
     let (directions, faces) = geodesic(40);
     let points: Vec<Point3<f64>> = directions
@@ -171,12 +172,12 @@ fn mean_edge(mesh: &Mesh) -> f64 {
     sum / edges.len() as f64
 }
 
-/// A number between 0 and 1 that looks random.
+/// Returns a pseudorandom number between 0 and 1.
 fn noise(seed: u64) -> f64 {
-    random::even(random::mix(seed.wrapping_mul(random::STEP)))
+    rng::even(rng::mix(seed.wrapping_mul(rng::STEP)))
 }
 
-/// The data moved along its normals; `share` of the mean edge is one sigma.
+/// Moves the vertices of a case along their normals by normal noise, whose standard deviation is `share` times the mean length of edges.
 pub(crate) fn with_noise(case: &Case, share: f64) -> Case {
     fn gauss(k: u64) -> f64 {
         (0..12).map(|i| noise(12 * k + i)).sum::<f64>() - 6.0
@@ -189,7 +190,8 @@ pub(crate) fn with_noise(case: &Case, share: f64) -> Case {
     Case { name, holed, truth: case.truth.clone(), edge: case.edge }
 }
 
-/// The sphere of the peers' item 7: a geodesic one with bumps, and a hole; at a frequency of 45 of 20 252 vertices, of which 948 are missing.
+/// The sphere of item 7 of the peers' benchmarks: a geodesic sphere with bumps and a hole. With a frequency of 45 it has 20 252 vertices,
+/// 948 of which are missing.
 pub(crate) fn bumpy_sphere(frequency: u32) -> Case {
     let (directions, faces) = geodesic(frequency);
     let axis = Vector3::new(0.48, 0.6, 0.64);
@@ -204,7 +206,7 @@ pub(crate) fn bumpy_sphere(frequency: u32) -> Case {
         })
         .collect();
     let points = directions.iter().map(|&v| (v * bump(v)).into()).collect();
-    let (holed, truth) = without(points, &faces, &gone);
+    let (holed, truth) = remove_vertices(points, &faces, &gone);
     let edge = mean_edge(&holed);
     Case { name: "bumpy sphere".to_owned(), holed, truth, edge }
 }
@@ -212,20 +214,20 @@ pub(crate) fn bumpy_sphere(frequency: u32) -> Case {
 fn broken_nut(sides: u32) -> Case {
     let (points, faces) = nut::nut(sides);
     let gone: Vec<bool> = points.iter().map(|point| nut::is_lost(point, sides)).collect();
-    let (holed, truth) = without(points, &faces, &gone);
+    let (holed, truth) = remove_vertices(points, &faces, &gone);
     let edge = mean_edge(&holed);
     Case { name: format!("nut of {sides} sides"), holed, truth, edge }
 }
 
-/// A mesh without some vertices, and the whole one with these at the end.
-fn without(points: Vec<Point3<f64>>, faces: &[[u32; 3]], gone: &[bool]) -> (Mesh, Mesh) {
+/// Removes vertices. Returns the remaining mesh, and the complete mesh with the removed vertices at the end.
+fn remove_vertices(points: Vec<Point3<f64>>, faces: &[[u32; 3]], gone: &[bool]) -> (Mesh, Mesh) {
     let mut kept: Vec<[u32; 3]> = faces
         .iter()
         .filter(|face| face.iter().all(|&vertex| !gone[vertex as usize]))
         .copied()
         .collect();
     loop {
-        // A vertex with two ways along the border is a bow tie.
+        // A vertex with more than two border edges would pinch the surface, so its faces are removed, too.
         let border =
             Mesh::new(vec![Point3::origin(); points.len()], Faces::triangles(kept.clone()));
         let edges = border.expect("faces of a surface").edges();
@@ -236,7 +238,7 @@ fn without(points: Vec<Point3<f64>>, faces: &[[u32; 3]], gone: &[bool]) -> (Mesh
         let before = kept.len();
         kept.retain(|face| face.iter().all(|&vertex| ends[vertex as usize] <= 2));
         if kept.len() == before {
-            // Nor may a loose crumb be left in the hole, all of whose vertices are at the border.
+            // Fragments without any inner vertex are removed, too: they would be loose pieces in the hole.
             let mut is_held: Vec<bool> = ends.iter().map(|&ways| ways == 0).collect();
             fn holds(held: &[bool], face: &[u32; 3]) -> bool {
                 face.iter().any(|&v| held[v as usize])
@@ -284,7 +286,7 @@ fn bump(v: Vector3<f64>) -> f64 {
     1.0 + low + 0.008 * fine
 }
 
-/// An icosahedron, each face cut into `frequency` squared triangles, on the unit sphere.
+/// Returns an icosahedron whose faces are divided into `frequency` squared triangles each, projected onto the unit sphere.
 fn geodesic(frequency: u32) -> (Vec<Vector3<f64>>, Vec<[u32; 3]>) {
     let g = (1.0 + 5f64.sqrt()) / 2.0;
     let corners = [

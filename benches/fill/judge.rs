@@ -1,4 +1,4 @@
-//! How far what fills a hole is from what was there, and whether it is a surface.
+//! Measures the distance of a filled hole from the original surface, and checks that the result is a surface.
 
 use maquette::Progress;
 use maquette::value::{Mesh, TriangleTree};
@@ -8,24 +8,24 @@ use robust::{Coord3D, orient3d};
 
 use crate::cases::Case;
 
-/// What is known of a filled mesh. Distances are in mean edges.
+/// The measures of a filled mesh. Distances are divided by the mean length of edges.
 pub(crate) struct Verdict {
-    /// From points all over the filled part to the truth: the root of the mean square, and the largest.
+    /// The root mean square of the distances from points all over the filled part to the original. `most` is their maximum.
     pub(crate) rms: f64,
     pub(crate) most: f64,
-    /// From the lost vertices to the filled mesh.
+    /// The root mean square of the distances from the removed vertices to the filled mesh. `back_most` is their maximum.
     pub(crate) back_rms: f64,
     pub(crate) back_most: f64,
     pub(crate) open: usize,
     pub(crate) added: usize,
-    /// Whether no border is left that the truth does not have.
+    /// True if the filled mesh has as many border edges as the original.
     pub(crate) is_tight: bool,
     pub(crate) is_manifold: bool,
-    /// Pairs of triangles, at least one of them filled, that run through each other.
+    /// The number of intersecting pairs of triangles of which at least one belongs to the filled part.
     pub(crate) crossings: usize,
 }
 
-/// Looks at `filled`, whose first vertices and faces are those of the case.
+/// Measures `filled`, whose first vertices and faces must be those of the case.
 pub(crate) fn judge(case: &Case, filled: &Mesh) -> Verdict {
     let (data, kept) = (case.holed.positions().len(), case.holed.faces().len());
     let there = TriangleTree::new(&case.truth);
@@ -35,38 +35,38 @@ pub(crate) fn judge(case: &Case, filled: &Mesh) -> Verdict {
     }
     let distances = squares(&there, &samples);
     let sum: f64 = distances.iter().zip(&weights).map(|(d, w)| d * w).sum();
-    fn most(squares: &[f64], case_edge: f64) -> f64 {
+    fn largest(squares: &[f64], case_edge: f64) -> f64 {
         squares.iter().copied().fold(0.0, f64::max).sqrt() / case_edge
     }
     let back = squares(&TriangleTree::new(filled), &case.truth.positions()[data..]);
     fn open(mesh: &Mesh) -> usize {
         mesh.edges().faces.iter().filter(|&&faces| faces == 1).count()
     }
-    // To fill no hole only checks whether the mesh is a surface.
+    // Called without any hole to fill, `fill_holes` only checks that the mesh is a surface.
     let no_hole = HoleChoice::Loops(Vec::new());
     Verdict {
         rms: (sum / weights.iter().sum::<f64>()).sqrt() / case.edge,
-        most: most(&distances, case.edge),
+        most: largest(&distances, case.edge),
         back_rms: (back.iter().sum::<f64>() / back.len() as f64).sqrt() / case.edge,
-        back_most: most(&back, case.edge),
+        back_most: largest(&back, case.edge),
         open: open(filled),
         added: filled.positions().len() - data,
         is_tight: open(filled) == open(&case.truth),
-        is_manifold: fill_holes(filled, &no_hole, &FillMethod::Flat, &Progress::none()).is_ok(),
+        is_manifold: fill_holes(filled, &no_hole, &FillMethod::Flat, &Progress::silent()).is_ok(),
         crossings: crossings(filled, kept),
     }
 }
 
-/// How rough what fills a hole is, as a share of how rough something else is.
+/// The roughness of a part of a mesh, or its ratio to the roughness of another part.
 pub(crate) struct Character {
-    /// Of the distances from the surface to itself after some smoothing, the roots of their mean squares.
+    /// The root mean square of the distances between the vertices and their smoothed positions.
     pub(crate) roughness: f64,
-    /// Of the angles by which edges bend, those below which there are 10, 25, 50, 75 and 90 of a hundred.
+    /// The 10th, 25th, 50th, 75th and 90th percentiles of the dihedral angles.
     pub(crate) bends: [f64; 5],
 }
 
-/// Compares the part of `filled` at its new vertices with that of the truth at its lost ones, and with the neighborhood: the data in so
-/// many rings around the hole as the hole has across. Last, compares the truth with the neighborhood.
+/// Returns three ratios: filled part to original part, filled part to neighborhood, and original part to neighborhood. The neighborhood is
+/// the data in as many rings around the hole as the hole's diameter has.
 pub(crate) fn characters(case: &Case, filled: &Mesh) -> [Character; 3] {
     let data = case.holed.positions().len();
     let new = |vertex: usize| data <= vertex;
@@ -76,16 +76,16 @@ pub(crate) fn characters(case: &Case, filled: &Mesh) -> [Character; 3] {
     }
     let [own, there] = [filled, &case.truth].map(|mesh| measure(mesh, &new, true));
     let near = measure(&case.truth, &|vertex| around[vertex], false);
-    fn over(a: &Character, b: &Character) -> Character {
+    fn ratio(a: &Character, b: &Character) -> Character {
         Character {
             roughness: a.roughness / b.roughness,
             bends: std::array::from_fn(|k| a.bends[k] / b.bends[k]),
         }
     }
-    [over(&own, &there), over(&own, &near), over(&there, &near)]
+    [ratio(&own, &there), ratio(&own, &near), ratio(&there, &near)]
 }
 
-/// Marks the vertices of the truth in so many rings around what is lost as that has across.
+/// Marks the vertices of the original in the neighborhood of the removed part: as many rings around it as its diameter has.
 fn neighborhood(case: &Case) -> Vec<bool> {
     let data = case.holed.positions().len();
     let edges = case.truth.edges().vertices;
@@ -113,7 +113,7 @@ fn neighborhood(case: &Case) -> Vec<bool> {
     out.into_iter().map(|ring| 0 < ring && ring <= 2 * depth).collect()
 }
 
-/// Steps of smoothing, each half-way to the mean of the neighbors.
+/// Number of smoothing steps; each step moves vertices halfway to the mean of their neighbors.
 const STEPS: usize = 4;
 
 fn roughness(mesh: &Mesh, is_in: &dyn Fn(usize) -> bool) -> f64 {
@@ -138,7 +138,8 @@ fn roughness(mesh: &Mesh, is_in: &dyn Fn(usize) -> bool) -> f64 {
     (far.iter().map(|far| far * far).sum::<f64>() / far.len() as f64).sqrt()
 }
 
-/// Of the faces with all vertices in a part, or, if they need but touch it, with one.
+/// Returns percentiles of the dihedral angles in a part of a mesh: the faces with all vertices in the part or, if `touches`, with at least
+/// one.
 fn bends(mesh: &Mesh, is_in: &dyn Fn(usize) -> bool, touches: bool) -> [f64; 5] {
     let mut sides: Vec<([u32; 2], Vector3<f64>)> = Vec::new();
     for face in mesh.faces().iter().filter(|face| {
@@ -162,7 +163,7 @@ fn bends(mesh: &Mesh, is_in: &dyn Fn(usize) -> bool, touches: bool) -> [f64; 5] 
     [0.1, 0.25, 0.5, 0.75, 0.9].map(|share| angles[(share * angles.len() as f64) as usize])
 }
 
-/// Points all over the faces behind the first `kept`, with the areas that they stand for.
+/// Returns sample points on the faces after the first `kept`, and for each a weight proportional to the area that it represents.
 fn samples(mesh: &Mesh, kept: usize) -> (Vec<Point3<f64>>, Vec<f64>) {
     let (mut points, mut weights) = (Vec::new(), Vec::new());
     for face in mesh.faces().iter().skip(kept) {
@@ -184,8 +185,8 @@ fn samples(mesh: &Mesh, kept: usize) -> (Vec<Point3<f64>>, Vec<f64>) {
     (points, weights)
 }
 
-/// How many pairs of triangles, one of them behind the first `kept`, run through each other, decided without rounding. Those in one
-/// plane do not count.
+/// Counts the intersecting pairs of triangles of which at least one comes after the first `kept` faces. The predicates are exact. Coplanar
+/// pairs do not count.
 fn crossings(mesh: &Mesh, kept: usize) -> usize {
     let place = |vertex: u32| mesh.positions()[vertex as usize];
     let low = |face: &[u32]| place(face[0]).inf(&place(face[1])).inf(&place(face[2]));
@@ -212,7 +213,7 @@ fn crossings(mesh: &Mesh, kept: usize) -> usize {
     count
 }
 
-/// Whether an edge of a triangle, that has no vertex of the other one, runs through that.
+/// Returns true if an edge of `a` intersects `b`. Edges with an end in common with `b` do not count.
 fn has_edge_through(a: &[u32], b: &[u32], place: impl Fn(u32) -> Point3<f64>) -> bool {
     let side = |corners: [u32; 4]| {
         let [a, b, c, d] = corners.map(|vertex| {

@@ -1,4 +1,4 @@
-// Fills the holes of a mesh with CGAL:  cgal_fill CONTINUITY IN OUT SKIP  (SKIP 1: the longest border is no hole). Prints milliseconds.
+// Fills the holes of a mesh with CGAL:  cgal_fill CONTINUITY IN OUT SKIP  (SKIP 1: the longest border is not a hole). Prints milliseconds.
 // g++ -O3 -march=native -DNDEBUG -DCGAL_EIGEN3_ENABLED -std=c++17 -frounding-math -I/usr/include/eigen3 benches/peers/cgal_fill.cpp -o cgal_fill -lgmp -lmpfr
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <CGAL/Polygon_mesh_processing/border.h>

@@ -1,4 +1,4 @@
-"""Fills the holes of a mesh with MeshLib:  meshlib_fill.py IN OUT SKIP  (SKIP 1: the longest border is no hole). Prints milliseconds."""
+"""Fills the holes of a mesh with MeshLib:  meshlib_fill.py IN OUT SKIP  (SKIP 1: do not fill the longest border). Prints milliseconds."""
 import sys
 import time
 

@@ -1,8 +1,8 @@
-// OpenSubdiv's side of peers.py:  opensubdiv SCHEME PART FILE
+// The OpenSubdiv program of peers.py:  opensubdiv SCHEME PART FILE
 //
-// SCHEME: 0 Catmull-Clark, 1 Loop. PART: 0 everything (topology, places in double precision, list of faces), 1 places alone. FILE:
-// the mesh's vertices and faces are FILE_v.npy and FILE_f.npy in the folder that PEERS_DATA names. Does the work once, prints the
-// sum of the squares of all x, then once for each line that it reads, and prints the milliseconds.
+// SCHEME: 0 Catmull-Clark, 1 Loop. PART: 0 everything (topology, positions in double precision, list of faces), 1 only positions. FILE:
+// FILE_v.npy and FILE_f.npy in the folder PEERS_DATA are the vertices and faces of the mesh. Does the work once and prints the sum of
+// the squares of all x. Then does it once for each line of standard input, and prints the milliseconds.
 #include <opensubdiv/far/primvarRefiner.h>
 #include <opensubdiv/far/topologyDescriptor.h>
 #include <opensubdiv/far/topologyRefinerFactory.h>
@@ -11,7 +11,7 @@
 #include <iostream>
 #include <memory>
 
-#include "bench.h" // of shared/peers/cpp: reads .npy
+#include "bench.h" // in shared/peers/cpp: reads .npy
 using namespace OpenSubdiv;
 
 static const int LEVELS = 4;

@@ -1,8 +1,9 @@
-//! Our side of `benches/peers/peers.py`: does one work again and again, on the inputs that the peers get.
+//! Maquette's side of the comparison in `benches/peers/peers.py`: does one task repeatedly, on the inputs that the peers (other programs)
+//! get.
 //!
-//! `peers WORK FOLDER` opens the inputs in a folder, does the work once without a clock, and prints what to compare with the
-//! peers' result. Then it does the work once for each line that it reads, and prints the milliseconds. Each result is allocated
-//! anew, and dropped when the clock has stopped. To add a work, add an arm to [`repeat`] and a row to `peers.py`.
+//! `peers WORK FOLDER` reads the inputs from a folder, does the task once without measuring it, and prints a number that is compared with
+//! the peers' result. Then it does the task once for each line on stdin and prints the milliseconds. Each result is newly allocated, and is
+//! dropped after the time is taken. To add a task, add an arm to [`repeat`] and a row to `peers.py`.
 
 #![allow(clippy::print_stdout, reason = "the numbers go to the program that asks for them")]
 
@@ -17,10 +18,10 @@ use maquette::value::{
     Attribute, ControlNet, Faces, Handle, HandleSpace, Handles, Image, KnotVector, Mesh, Points,
     Rgb, Surface,
 };
-use maquette_nodes::align::{By, align};
+use maquette_nodes::align::{AlignMethod, align};
 use maquette_nodes::clean::{Outliers, outliers, remesh};
 use maquette_nodes::color::{Layout, lay_out};
-use maquette_nodes::deform::{Deforming, Drag, Mode, ffd};
+use maquette_nodes::deform::{DeformOptions, Drag, Mode, ffd};
 use maquette_nodes::fill::{FillMethod, HoleChoice, fill_holes};
 use maquette_nodes::image::{
     Connectivity, High, Operator, Picture, Select, Space, edges, label, threshold,
@@ -41,13 +42,13 @@ fn main() {
         println!("usage: peers WORK FOLDER; see benches/peers/peers.py");
         return;
     };
-    // As an evaluator runs its nodes.
+    // The allocator keeps freed memory, as in an evaluator.
     maquette::memory::keep_freed();
     let pool = rayon::ThreadPoolBuilder::new().build().expect("threads");
     pool.install(|| repeat(work, Path::new(folder)));
 }
 
-/// Opens the inputs of a work, and does it again and again.
+/// Reads the inputs of a task and does it repeatedly.
 fn repeat(work: &str, folder: &Path) {
     match work {
         "segment" => {
@@ -70,38 +71,38 @@ fn repeat(work: &str, folder: &Path) {
         "fill" => {
             let mesh = mesh(folder, "hole");
             let (holes, method) = (HoleChoice::All, FillMethod::ThinPlate);
-            // No border is left.
+            // The number of border edges, which is 0 if the hole is filled.
             fn open(mesh: &Mesh) -> usize {
                 mesh.edges().faces.iter().filter(|&&faces| faces == 1).count()
             }
             serve(
-                || fill_holes(&mesh, &holes, &method, &Progress::none()).expect("a hole"),
+                || fill_holes(&mesh, &holes, &method, &Progress::silent()).expect("a hole"),
                 |filled| open(&filled.mesh) as f64,
             );
         }
         "union" => {
             let [ball, other] = ["ball", "other"].map(|name| mesh(folder, name));
             fn run(ball: &Mesh, other: &Mesh) -> Result<Mesh, maquette_nodes::solid::BooleanError> {
-                boolean(ball, &[other], Operation::Union, &Progress::none())
+                boolean(ball, &[other], Operation::Union, &Progress::silent())
             }
             serve(|| run(&ball, &other).expect("two solids"), |united| united.faces().len() as f64);
         }
-        "align" => aligned(folder),
+        "align" => align_scans(folder),
         "unwrap" => {
             let mesh = mesh(folder, "bumpy");
             let layout = Layout::default();
             serve(
-                || lay_out(&mesh, &layout, &Progress::none()).expect("a layout"),
+                || lay_out(&mesh, &layout, &Progress::silent()).expect("a layout"),
                 |laid| laid.charts as f64,
             );
         }
-        "reconstruct" => reconstructed(folder, "cloud", false),
-        "reconstruct-normals" => reconstructed(folder, "cloud", true),
-        "reconstruct-clean" => reconstructed(folder, "cloud_clean", false),
+        "reconstruct" => reconstruct_points(folder, "cloud", false),
+        "reconstruct-normals" => reconstruct_points(folder, "cloud", true),
+        "reconstruct-clean" => reconstruct_points(folder, "cloud_clean", false),
         "remesh" => {
             let mesh = mesh(folder, "clean");
             serve(
-                || remesh(&mesh, EVEN_LENGTH, 40.0, &Progress::none()).expect("a surface"),
+                || remesh(&mesh, EVEN_LENGTH, 40.0, &Progress::silent()).expect("a surface"),
                 |mesh| mesh.faces().len() as f64,
             );
         }
@@ -116,9 +117,9 @@ fn repeat(work: &str, folder: &Path) {
             let points = Points::new(places.into_iter().map(Point3::from).collect::<Vec<_>>());
             let scan = Scan::Points(points.expect("finite places"));
             let by = Outliers::Spread { neighbors: 20, ratio: 2.0 };
-            // The sum of the places of those that stay, so that they are the same ones.
+            // The check is the sum of the indices of the remaining points: it shows that the same points remain as with the peers.
             serve(
-                || outliers(&scan, by, &Progress::none()).expect("points"),
+                || outliers(&scan, by, &Progress::silent()).expect("points"),
                 |apart| (0..apart.len()).filter(|&k| !apart[k]).map(|k| k as f64).sum(),
             );
         }
@@ -145,19 +146,19 @@ fn repeat(work: &str, folder: &Path) {
     }
 }
 
-/// How long edges become, in units of the mesh.
+/// The length of edges after remeshing, in units of the mesh.
 const EVEN_LENGTH: f64 = 0.06;
 
-/// A tenth of the faces.
+/// Simplifies a mesh to a tenth of its faces.
 fn coarse(mesh: &Mesh) {
     let target = mesh.faces().len() / 10;
     serve(
-        || simplify(mesh, target, &Progress::none()).expect("a surface"),
+        || simplify(mesh, target, &Progress::silent()).expect("a surface"),
         |mesh| mesh.faces().len() as f64,
     );
 }
 
-/// Does the work whenever a line comes in.
+/// Does the task once and prints the check, and then once for each line on stdin, printing the milliseconds.
 fn serve<T>(run: impl Fn() -> T, check: impl Fn(&T) -> f64) {
     answer(check(&run()));
     for _ in std::io::stdin().lines() {
@@ -174,14 +175,15 @@ fn answer(number: f64) {
     std::io::stdout().flush().expect("the program that asks is there");
 }
 
-/// Thirty levels a channel around the color of `make_inputs.py`.
+/// Selects the pixels whose channels differ by at most 30 levels from the color in `make_inputs.py`.
 fn red(image: &Image) -> maquette::value::Mask {
     let [low, high] = [-30.0, 30.0].map(|step| [205.0, 62.0, 48.0].map(|c| c + step));
     threshold(image, None, &Select::Box { space: Space::Rgb, low, high }, false)
         .expect("a box fits every picture")
 }
 
-/// The thresholds of the peers, 100 and 200, are for the sums of Sobel's operator, which are eight times the levels per pixel.
+/// The peers' thresholds 100 and 200 apply to the sums of Sobel's operator, which are eight times the levels per pixel. So 200 corresponds
+/// to 25 here.
 fn edges_above(folder: &Path, high: High) {
     let gray = Picture::Image(image(folder, "seg_grey", |&[level]| [level; 3]));
     serve(
@@ -190,15 +192,16 @@ fn edges_above(folder: &Path, high: High) {
     );
 }
 
-/// Without a hint, on two threads; the check is how far the second scan is from where Stanford's `bun.conf` puts it, in mm.
-fn aligned(folder: &Path) {
+/// Aligns two scans without an initial pose. The check is the root mean square distance in mm between the points of the second scan and
+/// their positions according to Stanford's `bun.conf`.
+fn align_scans(folder: &Path) {
     fn scan(name: &str, folder: &Path) -> Scan {
         let bytes = read(&folder.join(name));
         let (range, _) = read_range(&bytes, "ply", None, Unit::M, Axes::YUp).expect("a grid");
         Scan::RangeImage(range)
     }
     let (front, side) = (scan("bun000.ply", folder), scan("bun045.ply", folder));
-    // The file's quaternion turns the other way; ours have y down and z away from the sensor.
+    // The quaternion in `bun.conf` describes the inverse rotation. Here y points down and z away from the sensor.
     let turn = Quaternion::new(0.955586, -0.00548449, 0.294635, 0.0038555);
     let truth = Isometry3::from_parts(
         Translation3::new(-52.0211, -0.383981, -10.9223),
@@ -207,25 +210,30 @@ fn aligned(folder: &Path) {
     let over = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
     let truth = (over * truth * over).to_homogeneous();
     serve(
-        || align(&side, &front, &By::Features, &|_| (), &Progress::none()).expect("a place"),
+        || {
+            align(&side, &front, &AlignMethod::Features, &|_| (), &Progress::silent())
+                .expect("a place")
+        },
         |alignment| {
             let motion = alignment.motion(2).expect("two scans");
-            let places = || side.places().iter().filter(|place| !place.x.is_nan());
-            fn off(
+            let places = || side.positions().iter().filter(|place| !place.x.is_nan());
+            fn alignment_error(
                 place: &Point3<f64>,
                 motion: &nalgebra::Matrix4<f64>,
                 truth: &nalgebra::Matrix4<f64>,
             ) -> Vector3<f64> {
                 motion.transform_point(place) - truth.transform_point(place)
             }
-            (places().map(|place| off(place, &motion, &truth).norm_squared()).sum::<f64>()
+            (places()
+                .map(|place| alignment_error(place, &motion, &truth).norm_squared())
+                .sum::<f64>()
                 / places().count() as f64)
                 .sqrt()
         },
     );
 }
 
-/// Parameters along each side of the grid.
+/// Number of parameters along each side of the grid.
 const GRID: usize = 2000;
 
 fn points(folder: &Path, degree: usize) {
@@ -265,13 +273,13 @@ fn surface(folder: &Path, degree: usize) -> Surface {
     Surface::new(net, knots(shape[0], degree), knots(shape[1], degree)).expect("knots for the net")
 }
 
-/// Four steps to some 1.5 million faces.
+/// Subdivides a mesh four times, to about 1.5 million faces.
 fn refine(folder: &Path, scheme: Scheme) {
     let mesh = control_mesh(folder, scheme);
     serve(|| subdivide(&mesh, four_steps(scheme)).expect("a surface"), squares);
 }
 
-/// The same with the plan kept.
+/// Subdivides a mesh four times with a plan that was made before, so only the positions are computed.
 fn places(folder: &Path, scheme: Scheme) {
     let mesh = control_mesh(folder, scheme);
     let plan = Plan::new(&mesh, four_steps(scheme)).expect("a surface");
@@ -289,12 +297,12 @@ fn four_steps(scheme: Scheme) -> Subdivision {
     }
 }
 
-/// The control mesh of a surface through all vertices, to a millionth of their diagonal.
+/// Finds the control mesh of a surface through all vertices, to a millionth of the diagonal.
 fn pass_through(folder: &Path, name: &str, scheme: Scheme) {
     let mesh = mesh(folder, name);
     let options = InterpolateOptions::default();
     let run =
-        || interpolate(&mesh, scheme, &options, &[], &Progress::none()).expect("a surface").shape;
+        || interpolate(&mesh, scheme, &options, &[], &Progress::silent()).expect("a surface").shape;
     serve(run, squares);
 }
 
@@ -313,15 +321,15 @@ fn squares(mesh: &Mesh) -> f64 {
     mesh.positions().iter().map(|point| point.x * point.x).sum()
 }
 
-/// Deviations in the row `near`, as a share of those in the others.
+/// Standard deviations of the handles in the task `ffd-near`, relative to those in the other tasks.
 const NARROW: f64 = 1.0 / 3.0;
 
 fn deform(folder: &Path, count: usize, narrower: f64, accuracy: f64) {
     let (what, handles) = (cloud(folder), handles(folder, count, narrower));
-    let how = Deforming { accuracy, ..Deforming::default() };
+    let how = DeformOptions { accuracy, ..DeformOptions::default() };
     serve(
         || {
-            ffd(&what, &handles, Mode::default(), how, &Progress::none())
+            ffd(&what, &handles, Mode::default(), how, &Progress::silent())
                 .expect("a well conditioned layout")
                 .0
         },
@@ -329,13 +337,14 @@ fn deform(folder: &Path, count: usize, narrower: f64, accuracy: f64) {
     );
 }
 
-/// The 22nd handle, by a little more than its own move.
+/// Moves the handle with the index 21 a little farther than its own target.
 fn drag(folder: &Path) {
     let handles = handles(folder, 64, 1.0);
-    let drag = Drag::new(&cloud(folder), &handles, &[21], Mode::default(), Deforming::default());
+    let drag =
+        Drag::new(&cloud(folder), &handles, &[21], Mode::default(), DeformOptions::default());
     let drag = drag.expect("a well conditioned layout");
-    let to = [(21, handles.to()[21] + Vector3::new(0.01, 0.02, 0.03))];
-    serve(|| drag.to(&to, &Progress::none()).expect("finite points").0, sum);
+    let to = [(21, handles.targets()[21] + Vector3::new(0.01, 0.02, 0.03))];
+    serve(|| drag.apply_targets(&to, &Progress::silent()).expect("finite points").0, sum);
 }
 
 fn cloud(folder: &Path) -> Movable {
@@ -344,8 +353,8 @@ fn cloud(folder: &Path) -> Movable {
     Movable::Points(Points::new(points).expect("finite points"))
 }
 
-/// A skin of points, with or without their normals.
-fn reconstructed(folder: &Path, name: &str, with_normals: bool) {
+/// Reconstructs a surface from points, with or without their normals.
+fn reconstruct_points(folder: &Path, name: &str, with_normals: bool) {
     let (_, places) = open::<[f64; 3]>(folder, name);
     let points = Points::new(places.into_iter().map(Point3::from).collect::<Vec<_>>());
     let mut points = points.expect("finite places");
@@ -357,7 +366,7 @@ fn reconstructed(folder: &Path, name: &str, with_normals: bool) {
     let sources = [Scattered::Points(points)];
     let options = maquette_nodes::mesh::Options::default();
     serve(
-        || reconstruct(&sources, Poses::Auto, &options, &Progress::none()).expect("a skin"),
+        || reconstruct(&sources, Poses::Auto, &options, &Progress::silent()).expect("a skin"),
         |mesh| mesh.faces().len() as f64,
     );
 }
@@ -402,7 +411,7 @@ where
     Image::new(shape[1], shape[0], pixels.iter().map(color).collect::<Vec<_>>()).expect("a picture")
 }
 
-/// The shape and the items of a file of NumPy, version 1, in C order: bytes or doubles, as the caller knows.
+/// Returns the shape and the items of a NumPy file (version 1, C order). The caller must know the type of the items.
 fn open<T: bytemuck::Pod>(folder: &Path, name: &str) -> (Vec<usize>, Vec<T>) {
     let bytes = read(&folder.join(format!("{name}.npy")));
     let length = usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));

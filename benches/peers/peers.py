@@ -1,18 +1,18 @@
 #!/usr/bin/env python3
-"""Measures our work beside that of other programs, in turn, on the same inputs:  python3 benches/peers/peers.py [WORD ...]
+"""Compares the speed of maquette and other programs on the same inputs:  python3 benches/peers/peers.py [WORD ...]
 
-    WORD ...      only rows whose name has one of these words; all if left out
-    holes         instead, the table of all ways to fill holes; further words choose rows of it: see benches/fill.rs
-    PEERS         scripts and versions of the peers (default: ../shared/peers beside the project)
-    PEERS_WORK    packages, inputs and results are kept here, about 2 GB (default: peers in the system's temporary folder)
-    PEERS_RUNS    runs of each program in a row (default 11)
+    WORD ...      only rows whose name contains one of these words; by default all
+    holes         instead, the table of all methods to fill holes; further words select its rows: see benches/fill.rs
+    PEERS         the folder of scripts and versions of the peers (default: ../shared/peers next to the project)
+    PEERS_WORK    the folder for packages, inputs and results, about 2 GB (default: peers in the system's temporary folder)
+    PEERS_RUNS    the number of runs of each program in a row (default 11)
 
-What a run is: the public function, on values, its result allocated anew, with two threads. Ours runs, then each peer, then ours
-again, so that a busy machine is busy for both. Our program is started anew after every fourth run, since how threads and large
-pages fall differs from process to process; the first run of each process does not count. A row whose peer is not there is
-measured without it, and says so. `pipeline` counts our whole process, of the peer only what comes after its imports.
+A run calls the public function on values, with a newly allocated result and two threads. Runs of ours and of the peers alternate, so that
+the load of the machine affects all. Our program is restarted after every fourth run, since the placement of threads and large pages differs
+between processes; the first run of each process does not count. A row whose peer is not available is measured without it, with a message.
+`pipeline` measures our whole process, but of the peer only the time after its imports.
 
-To add a row: a function that opens a peer and gives what to run, a line in ROWS, and an arm in `ours.rs`.
+To add a row: write a function that opens a peer and returns a `Peer`, a line in ROWS, and an arm in `ours.rs`.
 """
 import importlib
 import io
@@ -28,13 +28,13 @@ from typing import Any, Callable
 
 PROJECT = Path(__file__).resolve().parents[2]
 PEERS = Path(os.environ.get("PEERS", PROJECT.parent / "shared/peers"))
-NO_PEERS = f"the peers' scripts are not there, {PEERS}; set PEERS to their folder"
+NO_PEERS = f"cannot find the peers' scripts in {PEERS}; set PEERS to their folder"
 WORK = Path(os.environ.get("PEERS_WORK", Path(tempfile.gettempdir()) / "peers"))
 RUNS = int(os.environ.get("PEERS_RUNS", 11))
 DATA = WORK / "data"
 OUT = WORK / "out"
 THREADS = 2
-# Installed by name, in the version of the peers' requirements.txt where that names one.
+# Installed from PyPI, in the version of the peers' requirements.txt if that has one.
 PACKAGES = ["numpy", "numba", "opencv-python-headless", "scipy", "scikit-image", "splinepy", "geomdl", "trimesh", "pymeshlab", "meshio", "open3d", "meshlib", "manifold3d", "xatlas"]
 RUNS_OF_A_PROCESS = 4
 
@@ -43,31 +43,31 @@ RUNS_OF_A_PROCESS = 4
 class Peer:
     name: str
     run: Callable[[], Any]
-    # A number that our result has, too; None where the programs compute different things.
+    # A number of the result that must equal ours; None if the programs compute different things.
     check: Callable[[Any], float] | None = None
 
 
 @dataclass
 class Row:
     name: str
-    # The work in `ours.rs`, or a command line.
+    # The name of the work in `ours.rs`, or a command.
     ours: str | list[str]
-    # Milliseconds that ours should take at most.
+    # The maximum of our time, in milliseconds.
     bar: float | None = None
-    # Each opens one peer; an ImportError means that it is not there, as does a missing compiler.
+    # Functions that open a peer; an ImportError or a missing compiler means that it is not available.
     peers: list[Callable[[], Peer]] = field(default_factory=list)
 
 
 @dataclass
-class Measured:
-    """Milliseconds of each run, of ours and of each peer by its name."""
+class RowResult:
+    """The milliseconds of each run, of ours and of each peer by name."""
 
     row: Row
     ours: list[float] = field(default_factory=list)
     peers: dict[str, list[float]] = field(default_factory=dict)
-    # Megabytes of our program, at most.
+    # The peak memory of our program, in megabytes.
     peak: float = 0.0
-    # What results are like, and how they differ; peers that are not there.
+    # Remarks on results and their differences; peers that are not available.
     notes: list[str] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
 
@@ -80,7 +80,7 @@ def load(name):
 
 
 def script(name):
-    """A script of the peers as a module; the argument keeps it from measuring anything."""
+    """Imports a script of the peers; the argument prevents it from measuring."""
     sys.argv[1:] = ["nothing"]
     return importlib.import_module(name)
 
@@ -133,7 +133,7 @@ def splinepy_nurbs(degree):
 
 
 def scipy_interpolation(name):
-    """The limit masks as a sparse matrix, and the plain iteration to a millionth of the diagonal."""
+    """Plain iteration with the limit masks as a sparse matrix, up to a millionth of the diagonal."""
 
     def open_peer():
         import numpy
@@ -167,7 +167,7 @@ def scipy_interpolation(name):
 
 
 def ffd_system(count, narrower, drag):
-    """Points, handles, factors of the exponents, weights, coefficients: what a peer solves for in each run."""
+    """Handles, factors of the exponents, weights, basis functions, and the solver for coefficients, which a peer calls in each run."""
     import numpy
 
     handles, moves, sigma, weights = (load(f"ffd_{k}{count}") for k in "hdsw")
@@ -231,7 +231,7 @@ def numba_ffd(count, narrower=1.0, drag=False):
 
 
 def plain_c_ffd(count):
-    """The same sums in plain C, with random handles and without solving for them: what a compiler makes of the loop."""
+    """The same sums in plain C, with random handles and without a solve: a reference for the speed of the loop."""
 
     def open_peer():
         source, program = PEERS / "cpp/ffd_floor.c", WORK / "ffd_floor"
@@ -248,7 +248,7 @@ def plain_c_ffd(count):
 
 
 def open3d_align():
-    """Histograms of features and RANSAC, then ICP of all points: as in Open3D's tutorial on global registration, with a grid of 4 mm."""
+    """Feature histograms and RANSAC, then ICP with all points, as in Open3D's tutorial on global registration, with voxels of 4 mm."""
     import numpy
     import open3d
 
@@ -259,7 +259,7 @@ def open3d_align():
     front, side, edge = scan("bun000.ply"), scan("bun045.ply"), 4.0
     registration, search = open3d.pipelines.registration, open3d.geometry.KDTreeSearchParamHybrid
 
-    def described(cloud):
+    def describe(cloud):
         sampled = cloud.voxel_down_sample(edge)
         sampled.estimate_normals(search(radius=2 * edge, max_nn=30))
         sampled.orient_normals_towards_camera_location(numpy.array([0, 0, 1000.0]))
@@ -267,7 +267,7 @@ def open3d_align():
 
     def run():
         clouds = [open3d.geometry.PointCloud(cloud) for cloud in (side, front)]
-        (a, a_features), (b, b_features) = map(described, clouds)
+        (a, a_features), (b, b_features) = map(describe, clouds)
         checks = [registration.CorrespondenceCheckerBasedOnEdgeLength(0.9), registration.CorrespondenceCheckerBasedOnDistance(1.5 * edge)]
         coarse = registration.registration_ransac_based_on_feature_matching(
             a, b, a_features, b_features, True, 1.5 * edge, registration.TransformationEstimationPointToPoint(False), 3, checks,
@@ -277,14 +277,14 @@ def open3d_align():
             cloud.estimate_normals(search(radius=2.0, max_nn=30))
         return registration.registration_icp(*clouds, 0.4 * edge, coarse.transformation, registration.TransformationEstimationPointToPlane())
 
-    def off(result):
-        """How far the second scan is from where Stanford's bun.conf puts it, in mm."""
+    def error(result):
+        """The root mean square distance of the second scan from its pose in Stanford's bun.conf, in mm."""
         turn = open3d.geometry.get_rotation_matrix_from_quaternion([0.955586, -0.00548449, 0.294635, 0.0038555])
         points, motion = numpy.asarray(side.points), result.transformation
         truth = points @ turn.T + [-52.0211, -0.383981, -10.9223]
         return float(numpy.sqrt(((points @ motion[:3, :3].T + motion[:3, 3] - truth) ** 2).sum(1).mean()))
 
-    return Peer(f"Open3D {open3d.__version__}", run, off)
+    return Peer(f"Open3D {open3d.__version__}", run, error)
 
 
 def manifold_union():
@@ -323,7 +323,7 @@ def meshlab_union():
 
 
 def meshlab(work, **options):
-    """A filter of MeshLab on the koala; the mesh is copied with the clock running, as ours makes a new one."""
+    """A filter of MeshLab on the koala. The time includes a copy of the mesh, since ours creates a new mesh, too."""
 
     def open_peer():
         import pymeshlab
@@ -350,7 +350,7 @@ def meshlab(work, **options):
 
 
 def quality(places, faces):
-    """How even triangles are: the mean and the least of their smallest angles, in degrees."""
+    """The quality of triangles: the mean and the minimum of their smallest angles, in degrees."""
     import numpy
 
     corners = places[faces]
@@ -367,7 +367,7 @@ def open3d_outliers():
     import open3d
 
     points = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(load("scattered")))
-    # It counts a point among its own neighbors.
+    # Open3D counts a point among its own neighbors.
     run = lambda: points.remove_statistical_outlier(nb_neighbors=21, std_ratio=2.0)
     return Peer(f"Open3D {open3d.__version__}", run, lambda result: float(numpy.sum(result[1])))
 
@@ -422,7 +422,7 @@ def meshio_ply(write):
 
 
 def open3d_poisson(cloud, normals):
-    """Depth 8, as ours is about; without normals they are estimated from 30 neighbors and carried along their spanning tree."""
+    """Poisson reconstruction of depth 8, about that of ours; missing normals are estimated from 30 neighbors and oriented consistently."""
 
     def open_peer():
         import open3d
@@ -468,7 +468,7 @@ def meshlab_poisson(cloud, normals):
 
 
 def xatlas_unwrap():
-    """Charts and packing as it does by itself, in a square of 1024 texels with 4 between charts."""
+    """Charts and packing with default settings, in a square of 1024 texels with 4 between charts."""
     import numpy
     import xatlas
 
@@ -482,8 +482,8 @@ def xatlas_unwrap():
         atlas.generate(xatlas.ChartOptions(), options)
         return atlas
 
-    def used(atlas):
-        """The share of the square that triangles cover."""
+    def coverage(atlas):
+        """The number of charts, and the fraction of the square that triangles cover."""
         _, corners, uv = atlas[0]
         a, b, c = (uv[corners[:, k]] * [atlas.width, atlas.height] for k in range(3))
         (p, q), (r, s) = (b - a).T, (c - a).T
@@ -491,12 +491,12 @@ def xatlas_unwrap():
         return f"{atlas.chart_count} charts, {100 * share:.0f} % of the square"
 
     peer = Peer("xatlas", run)
-    peer.note = used
+    peer.note = coverage
     return peer
 
 
 def off_torus(places):
-    """Root mean square distance from the torus of `make_clouds`, in distances of its points."""
+    """The root mean square distance from the torus of `make_clouds`, in multiples of the distance of its points."""
     import numpy
 
     x, y, z = numpy.asarray(places).T
@@ -504,8 +504,8 @@ def off_torus(places):
     return f"off by {numpy.sqrt((off**2).mean()) / numpy.sqrt(4 * numpy.pi**2 * 600 / 100_000):.3f} distances of points"
 
 
-class Served:
-    """A program that does its work whenever a line comes in, as ours does, and prints the milliseconds."""
+class PeerProcess:
+    """A program that does its work for each line of input and prints the milliseconds, as ours does."""
 
     def __init__(self, command):
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
@@ -527,8 +527,8 @@ def opensubdiv(scheme, part, large_pages=False):
             subprocess.run(["g++", *flags, source, "-o", program, "-losdCPU"], check=True)
         command = [program, str(scheme), str(part), ["sub_quad", "sub_tri"][scheme]]
         tunables = {"GLIBC_TUNABLES": "glibc.malloc.hugetlb=1"} if large_pages else {}
-        served = Served(["env", *(f"{name}={value}" for name, value in tunables.items()), *command])
-        peer = Peer("OpenSubdiv" + (", large pages" if large_pages else ""), served.run, lambda _: served.check)
+        process = PeerProcess(["env", *(f"{name}={value}" for name, value in tunables.items()), *command])
+        peer = Peer("OpenSubdiv" + (", large pages" if large_pages else ""), process.run, lambda _: process.check)
         peer.milliseconds = lambda result: result
         return peer
 
@@ -546,7 +546,7 @@ def cgal_program():
 
 
 def cgal_fill():
-    """A program that fills the hole for each line that comes in, as the others do."""
+    """Runs CGAL's program, which fills the hole and prints the milliseconds."""
     program, mesh = cgal_program(), DATA / "hole.txt"
     if not mesh.exists():
         points, faces = load("hole_v"), load("hole_f")
@@ -634,7 +634,7 @@ ROWS = [
 
 # ---------------------------------------------------------------- inputs
 def make_inputs():
-    """Those of the peers, and files of the formats that they do not use."""
+    """Creates the inputs of the peers' scripts, and further files."""
     if not (DATA / "pipe_range.npy").exists():
         subprocess.run([sys.executable, PEERS / "make_inputs.py"], check=True)
     import cv2
@@ -668,7 +668,7 @@ def make_inputs():
 
 
 def make_clouds():
-    """Points spread evenly over a torus, with normals; noise has a hundredth of the box's diagonal as deviation."""
+    """Points distributed evenly over a torus, with normals; the standard deviation of the noise is 1 % of the box's diagonal."""
     import numpy
 
     random, count = numpy.random.default_rng(1), 100_000
@@ -683,7 +683,7 @@ def make_clouds():
 
 
 def make_balls():
-    """Two balls of 81 920 triangles that overlap; one is turned, so that no two edges are parallel."""
+    """Two overlapping balls of 81 920 triangles; one is rotated, so that no edges are parallel."""
     import numpy
     import trimesh
 
@@ -695,7 +695,7 @@ def make_balls():
 
 
 def make_rough():
-    """The koala with a texture that is cut open along a plane, and points of a torus of which some fly around."""
+    """The koala with a texture that has a seam along a plane, and points of a torus with outliers."""
     import numpy
     import trimesh
 
@@ -703,12 +703,12 @@ def make_rough():
     places, faces = numpy.asarray(mesh.vertices, float), numpy.asarray(mesh.faces)
     numpy.save(DATA / "clean_v.npy", places)
     numpy.save(DATA / "clean_f.npy", faces.astype("<u4"))
-    # From the front and from behind, each half beside the other in the picture.
+    # Projections from the front and from the back, side by side in the texture.
     low, size = places.min(0), numpy.ptp(places, axis=0).max()
     flat = (places - low)[:, :2] / size / 2
     is_front = places[faces].mean(1)[:, 2] > places[:, 2].mean()
     numpy.save(DATA / "clean_uv.npy", flat[faces.ravel()] + numpy.repeat(is_front, 3)[:, None] * [0.5, 0.0])
-    # A peer takes textures from files alone, and only if there is a picture.
+    # A peer reads textures only from files, and only if there is a picture.
     import cv2
 
     cv2.imwrite(str(DATA / "clean.png"), numpy.full((4, 4, 3), 200, numpy.uint8))
@@ -755,8 +755,8 @@ def write_pcd(path, points):
 
 
 # ---------------------------------------------------------------- measuring
-# Runs a command, and prints its milliseconds and the megabytes that it held at most. To what a process held Linux counts what its
-# parent held when it started it, so that this must be a small program: not the one that holds the data of peers.
+# Runs a command, and prints its milliseconds and its peak memory in megabytes. Linux counts the memory of the parent at the time of the
+# start, so the parent must be this small program and not the one that holds the data of peers.
 COMMAND = """
 import os, subprocess, sys, time
 start = time.perf_counter()
@@ -768,7 +768,7 @@ sys.exit(status != 0)
 
 
 class Ours:
-    """Our program, which is started anew after some runs."""
+    """Our program, which is restarted after some runs."""
 
     def __init__(self, work):
         self.work, self.process, self.peak, self.check = work, None, None, None
@@ -801,13 +801,13 @@ class Ours:
 
 
 def peak_of(pid):
-    """The most memory that a process held, in MB."""
+    """The peak memory of a process, in MB."""
     for line in Path(f"/proc/{pid}/status").read_text().splitlines():
         if line.startswith("VmHWM"):
             return int(line.split()[1]) / 1024
 
 
-def timed(peer):
+def time_peer(peer):
     start = time.perf_counter()
     result = peer.run()
     milliseconds = 1e3 * (time.perf_counter() - start)
@@ -816,16 +816,16 @@ def timed(peer):
     return milliseconds, result
 
 
-def measure(row, of="", between=lambda: None, patience=float("inf")):
-    """Runs ours and each peer in turn, or those alone that have the word `of` in their names, and `between` before each turn. A peer
-    that has taken so many seconds rests after three runs."""
-    peers, measured = [], Measured(row)
+def measure(row, peer_word="", between=lambda: None, max_seconds=float("inf")):
+    """Runs ours and each peer in turn, only peers with `peer_word` in their names, and calls `between` before each turn. A peer that has
+    taken more than `max_seconds` is not run again after three runs."""
+    peers, measured = [], RowResult(row)
     for open_peer in row.peers:
         try:
             peers.append(open_peer())
         except (ImportError, OSError) as error:
             measured.missing.append(f"no peer, {error}")
-    peers = [peer for peer in peers if of in peer.name]
+    peers = [peer for peer in peers if peer_word in peer.name]
     ours, measured.peers = Ours(row.ours), {peer.name: [] for peer in peers}
     seconds = dict.fromkeys(measured.peers, 0.0)
     for k in range(RUNS):
@@ -833,12 +833,12 @@ def measure(row, of="", between=lambda: None, patience=float("inf")):
         measured.ours.append(ours.run(k))
         for peer in peers:
             if k == 0:
-                _, result = timed(peer)
+                _, result = time_peer(peer)
                 measured.notes += notes(ours, peer, result)
                 del result
-            if k < 3 or seconds[peer.name] < patience:
+            if k < 3 or seconds[peer.name] < max_seconds:
                 start = time.perf_counter()
-                milliseconds, result = timed(peer)
+                milliseconds, result = time_peer(peer)
                 seconds[peer.name] += time.perf_counter() - start
                 measured.peers[peer.name].append(milliseconds)
                 del result
@@ -879,7 +879,7 @@ def show(measured):
 
 # ---------------------------------------------------------------- packages
 def enter_environment():
-    """Starts this program again with the peers' packages, which are installed where they are not yet."""
+    """Restarts this program in the virtual environment of the peers, which is created if it does not exist."""
     python = WORK / "venv/bin/python"
     if Path(sys.prefix) == WORK / "venv":
         return
@@ -891,12 +891,12 @@ def enter_environment():
             wanted = versions.get(package, package)
             command = [python, "-m", "pip", "install", "-q", "--disable-pip-version-check", "--only-binary=:all:", wanted]
             if subprocess.run(command).returncode != 0:
-                print(f"{wanted} cannot be installed: its rows are measured without it")
+                print(f"cannot install {wanted}: its rows are measured without it")
     os.execv(python, [python, *sys.argv])
 
 
 def holes():
-    """The table of all ways to fill holes, beside CGAL's and MeshLib's, if they are there; it needs no scripts of the peers."""
+    """Prints the table of all methods to fill holes, with CGAL and MeshLib if they are available. Needs no scripts of the peers."""
     environment = dict(os.environ, RAYON_NUM_THREADS=str(THREADS), OMP_NUM_THREADS=str(THREADS))
     try:
         environment["CGAL_FILL"] = str(cgal_program())
@@ -913,14 +913,14 @@ def holes():
 
 
 def build():
-    """Our programs, and a folder for what they write."""
+    """Builds our programs, and creates the folder of their outputs."""
     OUT.mkdir(parents=True, exist_ok=True)
-    # Together, and of no named package: so the engine is compiled once, also for benches.
+    # Together, and without `--package`, so that the engine is compiled once, also for benchmarks.
     subprocess.run(["cargo", "build", "--release", "-q", "--bin", "maquette", "--example", "peers", "--features", "maquette-tests/oracles"], cwd=PROJECT, check=True)
 
 
 def prepare():
-    """What the rows need beside our programs: packages and inputs."""
+    """Prepares packages and inputs for the rows."""
     enter_environment()
     os.environ.update(PEERS_DATA=str(DATA), RAYON_NUM_THREADS=str(THREADS), OMP_NUM_THREADS=str(THREADS), PYTHONDONTWRITEBYTECODE="1")
     sys.dont_write_bytecode = True

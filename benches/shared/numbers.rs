@@ -1,4 +1,4 @@
-//! A pack of one node that does next to nothing: what is timed with it is the engine.
+//! A pack with one trivial node, so benches measure the engine.
 
 use maquette::value::Parts;
 use maquette::{
@@ -7,7 +7,7 @@ use maquette::{
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// A number on a link.
+/// A number that is passed along a link.
 #[derive(Clone, Debug)]
 struct Number(f64);
 
@@ -27,7 +27,7 @@ impl Value for Number {
     }
 
     fn describe(&self) -> Summary {
-        Summary::default().with("number", self.0)
+        Summary::default().with_fact("number", self.0)
     }
 
     fn parts(&self) -> Parts<'_> {
@@ -38,9 +38,9 @@ impl Value for Number {
 /// Adds a number.
 #[derive(Serialize, Deserialize, JsonSchema)]
 struct Add {
-    /// To this one, or to 0.
+    /// The first number; 0 if omitted.
     to: Option<In<Number>>,
-    /// What is added.
+    /// The second number.
     number: f64,
 }
 
@@ -54,7 +54,7 @@ impl Node for Add {
     }
 }
 
-/// The pack.
+/// The pack with the node `Add`.
 pub(crate) const PACK: Pack = Pack {
     name: "numbers",
     nodes: &[node::<Add>()],

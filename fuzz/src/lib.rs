@@ -1,4 +1,4 @@
-//! Readers by name, and their files, for the fuzz targets.
+//! The readers and their valid files, by name, for the fuzz targets.
 
 use std::path::Path;
 
@@ -8,13 +8,13 @@ mod readers;
 
 use readers::{READERS, Reader};
 
-/// Calls the reader of that name.
+/// Reads `bytes` with the reader of this name.
 pub fn read(name: &str, bytes: &[u8]) {
     (reader(name).read)(bytes);
 }
 
-/// Puts the reader's files where `cargo fuzz run` and `.ci/fuzz` start from: `corpus/` and its name. A panic that a reader catches,
-/// because its decoder is known for it, is none from here on; any other still ends the program.
+/// Writes the valid files of a reader to `corpus/NAME`, where `cargo fuzz run` and `.ci/fuzz` start. Also installs a panic hook that does
+/// not abort: a panic that the reader catches (because its decoder is known to panic) does not count, and any other panic ends the program.
 pub fn plant(name: &str) {
     std::panic::set_hook(Box::new(|panic| eprintln!("{panic}")));
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus").join(name);

@@ -1,5 +1,5 @@
-//! Spoils files a million times, or as often as the first argument says, and reads them: reports panics, the longest time and the
-//! largest memory. The same files every time. Exit code 1 if a reader panicked, took a second, or took 200 MB.
+//! Damages files a million times (or as often as the first argument says) and reads them. Reports panics, the longest time and the peak
+//! memory. The damage is deterministic. The exit code is 1 if a reader panicked, took longer than a second, or allocated more than 200 MB.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -10,15 +10,15 @@ use std::time::{Duration, Instant};
 #[path = "../../tests/engine/hostile_files/readers.rs"]
 mod readers;
 
-use readers::{READERS, spoiled};
+use readers::{READERS, spoil};
 
-/// Counts what is allocated.
+/// An allocator that counts the allocated bytes.
 struct Counting;
 
 static NOW: AtomicUsize = AtomicUsize::new(0);
 static PEAK: AtomicUsize = AtomicUsize::new(0);
 
-// SAFETY: every call goes to the system's allocator, with what was given.
+// SAFETY: every call is forwarded to the system's allocator unchanged.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         let now = NOW.fetch_add(layout.size(), Relaxed) + layout.size();
@@ -38,11 +38,12 @@ static COUNTING: Counting = Counting;
 const MOST_TIME: Duration = Duration::from_secs(1);
 const MOST_BYTES: usize = 200 << 20;
 
-/// The case that is being read, for the watchdog.
+/// The number of the file that is being read; the watchdog thread reports it if it does not change.
 static CASE: AtomicU64 = AtomicU64::new(0);
 
 fn main() -> ExitCode {
-    let cases = std::env::args().nth(1).and_then(|cases| cases.parse().ok()).unwrap_or(1_000_000u64);
+    let cases =
+        std::env::args().nth(1).and_then(|cases| cases.parse().ok()).unwrap_or(1_000_000u64);
     std::thread::spawn(|| {
         let mut before = u64::MAX;
         loop {
@@ -63,7 +64,7 @@ fn main() -> ExitCode {
         let begin = Instant::now();
         for case in 0..each {
             CASE.fetch_add(1, Relaxed);
-            let file = spoiled(reader, case);
+            let file = spoil(reader, case);
             PEAK.store(NOW.load(Relaxed), Relaxed);
             let (before, clock) = (NOW.load(Relaxed), Instant::now());
             if catch_unwind(AssertUnwindSafe(|| (reader.read)(&file))).is_err() {

@@ -1,7 +1,4 @@
-"""`blender --command extension` for those who have Blender as a Python module: `python command.py build --help`.
-
-The module has no command line, but everything behind it.
-"""
+"""`blender --command extension` for Blender as a Python module (`bpy`), which has no command line: `python command.py build --help`."""
 
 import os
 import sys
@@ -16,7 +13,7 @@ try:
 except SystemExit as end:
     code = end.code if isinstance(end.code, int) else int(end.code is not None)
 finally:
-    # Blender may crash while it tidies up: what counts has happened.
+    # Exits at once, since Blender may crash during its cleanup.
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)

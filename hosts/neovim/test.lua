@@ -1,8 +1,8 @@
--- What a user of Neovim asks of the language server, held against the program's own words.
+-- Tests of the language server in Neovim: its answers are compared with the output of the program.
 local is_new = vim.fn.has("nvim-0.11") == 1
-local PATIENCE = 10000
+local TIMEOUT = 10000
 
--- The settings are those that are told to users: the first block is for 0.11, the second one for what is older.
+-- The settings are those of the README: the first block for Neovim 0.11, the second one for older versions.
 local file = assert(io.open(vim.env.README))
 local blocks = {}
 for block in file:read("*a"):gmatch("```lua\n(.-)```") do
@@ -33,14 +33,14 @@ local function run(words)
 end
 
 local function wait(what, holds)
-  if not vim.wait(PATIENCE, holds, 20) then
-    error("not within " .. PATIENCE .. " ms: " .. what, 0)
+  if not vim.wait(TIMEOUT, holds, 20) then
+    error("not within " .. TIMEOUT .. " ms: " .. what, 0)
   end
 end
 
 local client
 
--- Opens a file, with other content than it has on the disk if that is given.
+-- Opens a file, optionally with content that differs from that on disk.
 local function open(name, text)
   vim.cmd("edit! " .. name)
   local buffer = vim.api.nvim_get_current_buf()
@@ -56,7 +56,7 @@ local function open(name, text)
   return buffer
 end
 
--- The first place of a text in the buffer, and so many bytes on.
+-- Moves the cursor to the first occurrence of a text and `on` bytes further; returns the position for a request.
 local function place(text, on)
   for row, line in ipairs(vim.api.nvim_buf_get_lines(0, 0, -1, true)) do
     local column = line:find(text, 1, true)
@@ -69,7 +69,7 @@ local function place(text, on)
 end
 
 local function ask(method, params)
-  local reply, why = client.request_sync(method, params, PATIENCE, vim.api.nvim_get_current_buf())
+  local reply, why = client.request_sync(method, params, TIMEOUT, vim.api.nvim_get_current_buf())
   assert(reply, why)
   assert(not reply.err, vim.inspect(reply.err))
   return reply.result
@@ -79,15 +79,15 @@ local function apply(edit)
   vim.lsp.util.apply_workspace_edit(edit, client.offset_encoding)
 end
 
--- How many characters the first bytes of a line are.
+-- The number of characters in the first bytes of a line.
 local function characters(row, bytes)
   local line = vim.api.nvim_buf_get_lines(0, row, row + 1, true)[1]
   local _, count = line:sub(1, bytes):gsub("[^\128-\191]", "")
   return count
 end
 
--- What the editor tells, as `line:column-end message`, in order.
-local function told()
+-- The diagnostics in the editor, as sorted lines `line:column-end code message`.
+local function shown_diagnostics()
   local lines = {}
   for _, it in ipairs(vim.diagnostic.get(0)) do
     local first, last = characters(it.lnum, it.col), characters(it.end_lnum, it.end_col)
@@ -97,8 +97,8 @@ local function told()
   return lines
 end
 
--- What `maquette check` says of a file on the disk, in the same way.
-local function checked(name)
+-- The problems that `maquette check` reports for a file on disk, in the same format.
+local function problems_of_check(name)
   local lines = {}
   for _, it in ipairs(vim.fn.json_decode(run("check --json " .. name)).problems) do
     if it.file == name then
@@ -134,24 +134,24 @@ if LINGER then
   vim.wait(60000)
 end
 
--- Two mistakes in one line, behind letters of one, two, three and four bytes.
+-- Two errors in one line, after characters of one, two, three and four bytes.
 local BROKEN = read("doll.ron"):gsub('Label%(mask: "red", connectivity: Eight%)', 'Label(/* größer – 😀 */ mask: "rad", connectivity: Eigth)')
 
-test("1 diagnostics are those of check, behind letters of many bytes", function()
+test("1 diagnostics are those of check, also after multi-byte characters", function()
   write("doll.ron", BROKEN)
-  local wanted = checked("doll.ron")
+  local wanted = problems_of_check("doll.ron")
   assert(#wanted >= 2, vim.inspect(wanted))
   open("doll.ron")
   wait("diagnostics", function() return #vim.diagnostic.get(0) == #wanted end)
-  same(told(), wanted)
+  same(shown_diagnostics(), wanted)
 end)
 
 test("1 diagnostics follow what is typed and not saved", function()
   write("copy.ron", BROKEN)
-  local wanted = checked("copy.ron")
+  local wanted = problems_of_check("copy.ron")
   open("doll.ron", BROKEN)
   wait("diagnostics", function() return #vim.diagnostic.get(0) == #wanted end)
-  same(told(), wanted)
+  same(shown_diagnostics(), wanted)
   vim.api.nvim_buf_set_lines(0, 0, -1, true, vim.split(read("doll.ron"), "\n"))
   wait("no diagnostics", function() return #vim.diagnostic.get(0) == 0 end)
 end)
@@ -182,7 +182,7 @@ test("2 completion in a file that is cut off", function()
   assert(not vim.tbl_contains(names, "image"), vim.inspect(names))
 end)
 
-test("4 a hover tells of a type of nodes and of a field", function()
+test("4 hovers describe a node type and a field", function()
   open("doll.ron", BROKEN)
   local hover = ask("textDocument/hover", place("Threshold"))
   assert(hover.contents.value:find("Marks the pixels", 1, true), vim.inspect(hover))
@@ -256,7 +256,7 @@ test("formatting is that of fmt", function()
   same(vim.trim(got), vim.trim(read("crooked.ron")))
 end)
 
--- The group of what stands at the first letter of a text.
+-- The syntax group at the first character of a text.
 local function color(text)
   for row, line in ipairs(vim.api.nvim_buf_get_lines(0, 0, -1, true)) do
     local column = line:find(text, 1, true)

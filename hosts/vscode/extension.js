@@ -1,30 +1,30 @@
-// The extension: starts `maquette lsp`, and shows what its commands tell.
+// The extension: starts `maquette lsp`, and shows the results of its commands.
 const { execFile } = require("node:child_process");
 const { homedir } = require("node:os");
 const { isAbsolute, join } = require("node:path");
 const { commands, env, UIKind, Uri, ViewColumn, window, workspace } = require("vscode");
 const { LanguageClient, RevealOutputChannelOn } = require("vscode-languageclient/node");
 
-/** The commands of the server that are in the palette. */
+/** The commands of the server in the command palette. */
 const COMMANDS = ["maquette.run", "maquette.watch", "maquette.stop"];
 
-/** How long a program may take to say that it has a language server, in milliseconds. */
-const PATIENCE = 10_000;
+/** The timeout of the check that a program has a language server, in milliseconds. */
+const CHECK_TIMEOUT = 10_000;
 
-/** What commands tell, and the server. @type {import("vscode").OutputChannel} */
-let told;
+/** The output of commands. @type {import("vscode").OutputChannel} */
+let output;
 /** @type {LanguageClient | undefined} */
 let client;
-/** Commands that say why there is no server, while there is none. @type {import("vscode").Disposable[]} */
-let excuses = [];
-/** One start or stop after the other. */
-let turn = Promise.resolve();
+/** While there is no server: replacements of its commands, which report the reason. @type {import("vscode").Disposable[]} */
+let standIns = [];
+/** The pending starts and stops, which run one after the other. */
+let pending = Promise.resolve();
 
 /** @param {import("vscode").ExtensionContext} context */
 exports.activate = (context) => {
-  told = window.createOutputChannel("Maquette");
+  output = window.createOutputChannel("Maquette");
   context.subscriptions.push(
-    told,
+    output,
     commands.registerCommand("maquette.restart", restart),
     workspace.onDidChangeConfiguration((change) => {
       if (change.affectsConfiguration("maquette.path")) restart();
@@ -33,24 +33,24 @@ exports.activate = (context) => {
   return restart();
 };
 
-exports.deactivate = () => next(stop);
+exports.deactivate = () => enqueue(stop);
 
 /** @param {() => Promise<void>} step */
-function next(step) {
-  turn = turn.then(step, step);
-  return turn;
+function enqueue(step) {
+  pending = pending.then(step, step);
+  return pending;
 }
 
-const restart = () => next(async () => {
+const restart = () => enqueue(async () => {
   await stop();
   await start();
 });
 
 async function stop() {
-  excuses.splice(0).forEach((excuse) => excuse.dispose());
+  standIns.splice(0).forEach((standIn) => standIn.dispose());
   const old = client;
   client = undefined;
-  // A server that has ended by itself is as good as stopped.
+  // An error means that the server has ended already.
   await old?.dispose().catch(() => {});
 }
 
@@ -58,10 +58,10 @@ const settings = () => workspace.getConfiguration("maquette");
 
 async function start() {
   const folder = workspace.workspaceFolders?.find((it) => it.uri.scheme === "file")?.uri.fsPath;
-  const program = found(settings().get("path") || "maquette", folder);
+  const program = resolvePath(settings().get("path") || "maquette", folder);
   const why = await refusal(program, folder);
   if (why) {
-    excuse(why);
+    reportNoServer(why);
     return;
   }
   client = new LanguageClient(
@@ -70,66 +70,66 @@ async function start() {
     { command: program, args: ["lsp"], options: { cwd: folder } },
     {
       documentSelector: [{ language: "ron", scheme: "file" }],
-      // What commands tell is shown here: the server need not tell it once more.
+      // The extension shows the results of commands, so the server must not show them, too.
       initializationOptions: { ...settings(), shows: true },
       synchronize: { configurationSection: "maquette" },
-      // What commands tell has an output of its own.
+      // The results of commands have another output channel.
       revealOutputChannelOn: RevealOutputChannelOn.Never,
       middleware: {
         executeCommand: run,
-        // The page that a command has opened is opened beside the text, by its answer.
+        // The live page is opened beside the text, by the answer of the command.
         window: { showDocument: async (page, ask) => (page.external ? { success: true } : ask(page)) },
       },
     },
   );
-  await client.start().catch((error) => excuse(`${program} did not start: ${error.message}`));
+  await client.start().catch((error) => reportNoServer(`${program} did not start: ${error.message}`));
 }
 
-/** Says why there is no server, and again for each command. @param {string} why */
-function excuse(why) {
-  excuses = COMMANDS.map((command) => commands.registerCommand(command, () => complain(why)));
-  // Nobody waits for the answer: the editor goes on without a server.
-  complain(why);
+/** Reports why there is no server, now and on each command. @param {string} why */
+function reportNoServer(why) {
+  standIns = COMMANDS.map((command) => commands.registerCommand(command, () => showReason(why)));
+  // Not awaited: the editor continues without a server.
+  showReason(why);
 }
 
 /**
- * The file of a program, where it is named by a path.
+ * Resolves the path of a program; a name without a folder is unchanged.
  * @param {string} path
- * @param {string | undefined} folder what it is relative to
+ * @param {string | undefined} folder the base of relative paths
  */
-function found(path, folder) {
+function resolvePath(path, folder) {
   if (/^~[\\/]/.test(path)) return join(homedir(), path.slice(2));
   return /[\\/]/.test(path) && !isAbsolute(path) && folder ? join(folder, path) : path;
 }
 
 /**
- * Why a program is no language server for graphs, if it is none.
+ * The reason why a program is not a language server for graphs; undefined if it is one.
  * @param {string} program
  * @param {string | undefined} cwd
  * @returns {Promise<string | undefined>}
  */
 function refusal(program, cwd) {
-  return new Promise((tell) => {
-    execFile(program, ["lsp", "--help"], { cwd, timeout: PATIENCE }, (error) => {
-      if (!error) return tell(undefined);
-      if (error.code === "ENOENT") return tell(`The program \`${program}\` is not there.`);
-      if (typeof error.code !== "number") return tell(`\`${program}\` cannot be run: ${error.message}`);
-      tell(`\`${program}\` is too old: it has no command \`lsp\`.`);
+  return new Promise((resolve) => {
+    execFile(program, ["lsp", "--help"], { cwd, timeout: CHECK_TIMEOUT }, (error) => {
+      if (!error) return resolve(undefined);
+      if (error.code === "ENOENT") return resolve(`Cannot find the program \`${program}\`.`);
+      if (typeof error.code !== "number") return resolve(`Cannot run \`${program}\`: ${error.message}`);
+      resolve(`\`${program}\` is too old: it has no command \`lsp\`.`);
     });
   });
 }
 
 /** @param {string} why */
-async function complain(why) {
-  const [where, again] = ["Say where it is", "Try again"];
-  const help = "Install it from its sources by `cargo install --path src/program`, or say in the setting `maquette.path` where it is.";
+async function showReason(why) {
+  const [where, again] = ["Set path", "Try again"];
+  const help = "Install it from its sources with `cargo install --path src/program`, or set its path in the setting `maquette.path`.";
   const answer = await window.showErrorMessage(`${why} ${help}`, where, again);
   if (answer === where) await commands.executeCommand("workbench.action.openSettings", "maquette.path");
   if (answer === again) await restart();
 }
 
 /**
- * Runs a command of the server, of the graph in the active editor if none is named, and shows what comes back.
+ * Runs a command of the server and shows its result. The default argument is the graph in the active editor.
  * @param {string} command
  * @param {any[]} words
  * @param {(command: string, words: any[]) => any} ask
@@ -137,13 +137,13 @@ async function complain(why) {
 async function run(command, words, ask) {
   const active = window.activeTextEditor?.document;
   const given = words.length > 0 || !active ? words : [active.uri.toString()];
-  // What is run is what is seen.
+  // Save first, so that the graph runs as it is shown.
   const graph = workspace.textDocuments.find((it) => given[0] && it.uri.toString() === Uri.parse(given[0]).toString());
   if (command !== "maquette.stop" && graph?.isDirty && !(await graph.save())) return undefined;
   const answer = await ask(command, given);
   if (answer?.text) {
-    told.appendLine(answer.text.trimEnd() + "\n");
-    told.show(true);
+    output.appendLine(answer.text.trimEnd() + "\n");
+    output.show(true);
   }
   if (answer?.url) await open(answer.url);
   return answer;
@@ -152,9 +152,9 @@ async function run(command, words, ask) {
 /** Opens a page beside the text. @param {string} url */
 async function open(url) {
   const page = Uri.parse(url);
-  // A window on another machine reaches the page through a tunnel; a browser has none, and is on this machine.
+  // A desktop window connected to another machine needs a tunnel to the page. A browser has no tunnel, and is on this machine.
   const reached = env.uiKind === UIKind.Desktop ? await env.asExternalUri(page) : page;
   const place = { viewColumn: ViewColumn.Beside, preserveFocus: true };
-  // Not every editor of this kind has a browser of its own.
+  // Some editors have no built-in browser.
   await commands.executeCommand("simpleBrowser.api.open", reached, place).then(undefined, () => env.openExternal(reached));
 }

@@ -1,7 +1,7 @@
-// The extension where there is no machine behind the editor, as on vscode.dev: colors and snippets work there, and commands say why they do not.
+// The extension in editors without a machine, such as vscode.dev: syntax colors and snippets work; commands report why they do not.
 const { commands, window } = require("vscode");
 
-const WHY = "Graphs are checked and run by the program `maquette`, which needs a machine: open this folder in Visual Studio Code, or in code-server on one.";
+const WHY = "Checking and running graphs needs the program `maquette`, which cannot run here: open this folder in Visual Studio Code or code-server.";
 
 /** @param {import("vscode").ExtensionContext} context */
 exports.activate = (context) => {

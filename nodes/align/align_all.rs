@@ -1,7 +1,7 @@
-//! Brings several scans together.
+//! Registers several scans together.
 
 use maquette_mesh::{Poses, merge};
-use maquette_node::{Carry, Context, Error, Fate, In, Limit, Node, Progress};
+use maquette_node::{Carry, Context, Error, In, Limit, Node, Progress, Transfer};
 use maquette_range::{GRAZING, JUMP, triangulate};
 use maquette_scan::Scan;
 use maquette_value::{Faces, Mesh};
@@ -12,104 +12,104 @@ use serde::{Deserialize, Serialize};
 use super::align_error::AlignError;
 use super::alignment::Alignment;
 use super::cloud::Cloud;
-use super::moved::{frame_of, moved_scan};
-use super::place::{Start, all_pairs, together};
+use super::motion::{frame_of, move_scan};
+use super::registration::{Start, align_from, all_pairs};
 
-/// Brings several scans of one object together, all at once: the first one stays.
+/// Registers several scans of one object simultaneously. The first one stays.
 ///
-/// Errors are not handed on from scan to scan: all pairs that overlap pull at the same time, so that a round of scans closes. The result is
-/// one mesh with the faces of all, as `Merge` makes it, of which `Reconstruct` makes one skin. `MoveAligned` moves the scans themselves, or
-/// what belongs to them, by `alignment`.
+/// All overlapping pairs count at the same time, so that errors do not accumulate from scan to scan and a loop of scans closes. The result
+/// is one mesh with the faces of all scans, as from `Merge`; `Reconstruct` makes one surface of it. `MoveAligned` moves the scans
+/// themselves, or data that belongs to them, by `alignment`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct AlignAll {
-    /// The scans: range images, points or meshes. A scan need not overlap the first one, if others lie between.
+    /// Scans: range images, points or meshes. Each must overlap the first one, directly or through other scans.
     #[schemars(extend("least" = 1))]
     pub scans: Vec<In<Scan>>,
-    /// How their places are found.
+    /// Method of finding the motions.
     #[serde(default)]
     pub by: Search,
 }
 
-/// How the places of several scans are found.
+/// A method of finding the motions of several scans.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub enum Search {
-    /// Without any hint, by what the surfaces look like: each is tried on each.
+    /// Compares local features of the surfaces of all pairs, without any hint.
     #[default]
     Features,
-    /// The same, but each is tried only on the one before, and the last one on the first: for many scans in the order in which they were
-    /// taken.
+    /// As `Features`, but only for consecutive scans, and the last with the first: for many scans in the order of their capture.
     Neighbors,
-    /// From where they lie: what is nearest belongs together.
+    /// Starts at the current positions and matches nearest points.
     Nearest {
-        /// How far apart what belongs together may be; 0 is a twentieth of the largest scan.
+        /// Maximum distance of corresponding points at the start; 0 stands for a twentieth of the largest scan.
         #[schemars(range(min = 0.0), extend("unit" = "mm"))]
         #[serde(default)]
         reach: f64,
-        /// Whether the search begins where the captures' poses bring them, if all are known.
+        /// Use of the captures' poses as start.
         #[serde(default)]
         poses: Poses,
     },
-    /// As they come from a turntable, which was turned by the same angle between one scan and the next, in front of a scanner that stood still.
+    /// Scans of an object on a turntable in front of a fixed scanner, rotated by a constant angle between scans.
     Turntable(Turntable),
 }
 
-/// A turntable.
+/// The geometry of a turntable.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Turntable {
-    /// By which angle each scan must be turned to lie on the one before.
+    /// Rotation that brings each scan onto the previous one.
     #[schemars(range(min = -180.0, max = 180.0), extend("unit" = "deg"))]
     pub angle: f64,
-    /// The direction of the axis, against which the angle is counter-clockwise; if it is left out, the axis is found by what the surfaces
-    /// look like, and the angle counts to either side.
+    /// Direction of the axis; the angle is counter-clockwise as seen against it. If omitted, the axis is found by features of the surfaces,
+    /// and the sign of the angle is ignored.
     #[schemars(extend("direction" = true))]
     #[serde(default)]
     pub axis: Option<[f64; 3]>,
-    /// A place on the axis.
+    /// Point on the axis.
     #[schemars(extend("unit" = "mm"))]
     #[serde(default)]
     pub through: [f64; 3],
-    /// How far off the angle and the axis may be: how far apart what belongs together may be; 0 is a twentieth of the largest scan.
+    /// Maximum distance of corresponding points at the start, which depends on the errors of angle and axis; 0 stands for a twentieth of
+    /// the largest scan.
     #[schemars(range(min = 0.0), extend("unit" = "mm"))]
     #[serde(default)]
     pub reach: f64,
 }
 
-/// Without an axis a pair may be turned by so much more or less than it should be, in degrees.
-const SLACK: f64 = 10.0;
+/// If no axis is given: the maximum deviation of the rotation between two scans from the expected angle, in degrees.
+const ANGLE_TOLERANCE: f64 = 10.0;
 
-/// Scans of one alignment: all pairs are looked at.
-const SCANS: Limit = Limit { most: 100, of: "scans", help: "align fewer at once" };
+/// The maximum number of scans. It is limited because all pairs are compared.
+const SCANS: Limit = Limit { max: 100, items: "scans", help: "align fewer at once" };
 
 impl Node for AlignAll {
     type Outputs = (Mesh, Alignment);
     const OUTPUTS: [&'static str; 2] = ["mesh", "alignment"];
 
     const CARRIES: &'static [Carry] =
-        &[Carry::all("scans", "mesh", Fate::Kept).and_cells(Fate::Kept)];
+        &[Carry::uniform("scans", "mesh", Transfer::Kept).and_cells(Transfer::Kept)];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let scans: Vec<_> = self.scans.iter().map(|scan| cx.get(scan)).collect();
-        let scans = Vec::from_iter(&scans);
-        let alignment = align_all(&scans, &self.by, &|doubt| cx.warn(doubt), cx.progress())?;
-        Ok((merged(&scans, &alignment)?, alignment))
+        let scans = scans.iter().collect::<Vec<_>>();
+        let alignment = align_all(&scans, &self.by, &|warning| cx.warn(warning), cx.progress())?;
+        Ok((merge_scans(&scans, &alignment)?, alignment))
     }
 }
 
-/// How scans come together; the first one stays. Doubts about it are told to `doubt`.
+/// Computes the motions of all scans; the first scan does not move. Calls `warn` if the result is doubtful.
 ///
 /// # Errors
-/// If there are fewer than two, one has too few points, or one fits none of the others.
+/// If there are fewer than two scans, a scan has too few points, or a scan fits none of the others.
 pub fn align_all(
     scans: &[&Scan],
     by: &Search,
-    doubt: &dyn Fn(String),
+    warn: &dyn Fn(String),
     progress: &Progress<'_>,
 ) -> Result<Alignment, AlignError> {
     if scans.len() < 2 {
         return Err(AlignError::TooFewScans { count: scans.len() });
     }
     SCANS.check("the alignment", scans.len() as f64)?;
-    let clouds = Cloud::of_all(scans)?;
+    let clouds = Cloud::from_scans(scans)?;
     let count = scans.len();
     fn neighbors(count: usize) -> Vec<[usize; 2]> {
         let mut pairs: Vec<_> = (1..count).map(|scan| [scan - 1, scan]).collect();
@@ -119,10 +119,10 @@ pub fn align_all(
     let search = |progress: &Progress<'_>| match by {
         Search::Features => Start::by_features(&clouds, &all_pairs(count), &|_, _| true, progress),
         Search::Neighbors => Start::by_features(&clouds, &neighbors(count), &|_, _| true, progress),
-        Search::Nearest { reach, poses } => Start::known(scans, &clouds, *poses, *reach),
+        Search::Nearest { reach, poses } => Start::from_positions(scans, &clouds, *poses, *reach),
         Search::Turntable(table) => match table.poses(count)? {
             Some(poses) => {
-                let known = Start::known(scans, &clouds, Poses::Ignore, table.reach)?;
+                let known = Start::from_positions(scans, &clouds, Poses::Ignore, table.reach)?;
                 Ok(Start { poses, ..known })
             }
             None => Start::by_features(
@@ -135,13 +135,13 @@ pub fn align_all(
     };
     let start = progress.part(0.0..0.7, search)?;
     let frame = frame_of(scans[0]);
-    progress.part(0.7..1.0, |progress| together(&clouds, start, frame.as_ref(), doubt, progress))
+    progress.part(0.7..1.0, |progress| align_from(&clouds, start, frame.as_ref(), warn, progress))
 }
 
 impl Turntable {
-    /// Where the scans are, if the axis is known.
+    /// Returns the poses of the scans that follow from the turntable's axis; `None` if no axis is given.
     fn poses(&self, count: usize) -> Result<Option<Vec<Isometry3<f64>>>, AlignError> {
-        fn wrong(
+        fn invalid(
             what: &'static str,
             value: f64,
             must: &'static str,
@@ -149,55 +149,55 @@ impl Turntable {
             Err(AlignError::Parameter { what, value, must })
         }
         if !(-180.0..=180.0).contains(&self.angle) {
-            return wrong("angle", self.angle, "from -180 to 180 degrees");
+            return invalid("angle", self.angle, "from -180 to 180 degrees");
         }
         let Some(axis) = self.axis else { return Ok(None) };
         let length = Vector3::from(axis).norm();
         let Some(axis) = Unit::try_new(Vector3::from(axis), 1e-9).filter(|_| length.is_finite())
         else {
-            return wrong("length of the axis", length, "greater than 0");
+            return invalid("length of the axis", length, "greater than 0");
         };
         if let Some(value) = self.through.into_iter().find(|x| !x.is_finite()) {
-            return wrong("through", value, "finite");
+            return invalid("through", value, "finite");
         }
         Ok(Some(
             (0..count)
                 .map(|scan: usize| {
-                    let turn = UnitQuaternion::from_axis_angle(
+                    let rotation = UnitQuaternion::from_axis_angle(
                         &axis,
                         (self.angle * scan as f64).to_radians(),
                     );
-                    Isometry3::rotation_wrt_point(turn, Point3::from(self.through))
+                    Isometry3::rotation_wrt_point(rotation, Point3::from(self.through))
                 })
                 .collect(),
         ))
     }
 
-    /// Whether a pair is turned as it should be.
+    /// Returns true if the rotation between two scans has the expected angle.
     fn allows(&self, [from, to]: [usize; 2], motion: &Isometry3<f64>) -> bool {
         let angle = self.angle * (from as f64 - to as f64);
-        // From 0 to 180 degrees, to either side.
+        // Reduce the angle to the range from -180 to 180 degrees; its sign is then ignored.
         let angle = (angle + 180.0).rem_euclid(360.0) - 180.0;
-        (motion.rotation.angle().to_degrees() - angle.abs()).abs() <= SLACK
+        (motion.rotation.angle().to_degrees() - angle.abs()).abs() <= ANGLE_TOLERANCE
     }
 }
 
-/// One mesh of all scans where they lie now.
-fn merged(scans: &[&Scan], alignment: &Alignment) -> Result<Mesh, AlignError> {
+/// Merges all scans at their aligned positions into one mesh.
+fn merge_scans(scans: &[&Scan], alignment: &Alignment) -> Result<Mesh, AlignError> {
     let frame = alignment.frame();
     let meshes = scans.iter().zip(1..).map(|(scan, number)| {
         let motion = alignment.motion(number).expect("a motion for each scan");
-        Ok(match moved_scan(&Scan::Mesh(mesh_of(scan)?), &motion, frame.as_ref())? {
+        Ok(match move_scan(&Scan::Mesh(to_mesh(scan)?), &motion, frame.as_ref())? {
             Scan::Mesh(mesh) => mesh,
             other => unreachable!("a mesh became {other:?}"),
         })
     });
     let meshes = meshes.collect::<Result<Vec<_>, AlignError>>()?;
-    Ok(merge(&Vec::from_iter(&meshes), Poses::Ignore)?)
+    Ok(merge(&meshes.iter().collect::<Vec<_>>(), Poses::Ignore)?)
 }
 
-/// A range image as `Triangulate` makes a mesh of it; points as vertices without faces.
-fn mesh_of(scan: &Scan) -> Result<Mesh, AlignError> {
+/// Converts a scan to a mesh: a range image as `Triangulate` does, points to vertices without faces.
+fn to_mesh(scan: &Scan) -> Result<Mesh, AlignError> {
     Ok(match scan {
         Scan::Mesh(mesh) => mesh.clone(),
         Scan::RangeImage(range) => triangulate(range, JUMP, GRAZING, 20)?,

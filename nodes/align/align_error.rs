@@ -1,145 +1,147 @@
-//! Why scans do not come together.
+//! Errors of the registration of scans.
 
 use maquette_mesh::{MergeError, TransformError};
-use maquette_node::{Cancelled, TooMuch};
+use maquette_node::{CancelledError, LimitError};
 use maquette_range::TriangulateError;
 use maquette_value::MeshError;
 use thiserror::Error;
 
 use super::alignment::AlignmentError;
 
-/// Why scans do not come together.
+/// An error of the registration of scans.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum AlignError {
-    /// Too few scans.
-    #[error("there are {count} scans, but at least 2 are needed to bring them together")]
+    /// There are fewer than two scans.
+    #[error("expected at least 2 scans, found {count}")]
     TooFewScans {
-        /// How many there are.
+        /// The number of scans.
         count: usize,
     },
-    /// A scan with next to nothing in it.
-    #[error("scan {scan} has {points} different points, but at least {least} are needed")]
+    /// A scan has too few different points.
+    #[error("scan {scan} has {points} different points, expected at least {least}")]
     TooFewPoints {
-        /// Its place among the scans, from 1.
+        /// The number of the scan, from 1.
         scan: usize,
-        /// Its points.
+        /// The number of different points.
         points: usize,
-        /// How many it must have.
+        /// The minimum number of different points.
         least: usize,
     },
-    /// Places out of the numbers.
-    #[error("scan {scan} is {size:e} mm large, which cannot be measured")]
+    /// The size or the position of a scan is extreme.
+    #[error(
+        "scan {scan} is too small, too large or too far from the origin: its bounding box has a diagonal of {size:e} mm"
+    )]
     Size {
-        /// Its place among the scans, from 1.
+        /// The number of the scan, from 1.
         scan: usize,
-        /// The diagonal of its box, in mm.
+        /// The diagonal of the bounding box, in mm.
         size: f64,
     },
-    /// No place at which they fit.
+    /// Two scans do not fit at any position that was found.
     #[error(
-        "scans {scan} and {to} do not fit: at the best place that was found {share:.1} % of scan {scan} lies on scan {to} (at least {LEAST_SHARE} % must) and {agreement:.0} % of where both should be seen agrees (at least {LEAST_AGREEMENT} % must). They need more overlap, or `Pairs` of points"
+        "scans {scan} and {to} do not fit: at the best position found, {share:.1} % of scan {scan} is on scan {to} (at least {MIN_OVERLAP} % required), and {agreement:.0} % of the surface that both should see agrees (at least {MIN_AGREEMENT} % required); take scans with more overlap, or use `Pairs`"
     )]
     NoFit {
-        /// The scan that is moved, from 1.
+        /// The number of the scan that is moved, from 1.
         scan: usize,
-        /// The scan that it should fit.
+        /// The number of the scan that it should fit, from 1.
         to: usize,
-        /// How much of it fits, in percent.
+        /// The fraction of scan `scan` that lies on scan `to`, in percent.
         share: f64,
-        /// How much of what both should see agrees, in percent.
+        /// The fraction of the common surface on which the scans agree, in percent.
         agreement: f64,
     },
-    /// Nothing lies near.
+    /// A scan is not near the other scans.
     #[error(
-        "no part of scan {scan} is nearer than {reach:.3} mm to a scan that hangs together with the first one and looks the same way: raise `reach`, or bring them together by `Features` or `Pairs`"
+        "no part of scan {scan} is within {reach:.3} mm of a scan that is connected to the first one, with similar normals; increase `reach`, or use `Features` or `Pairs`"
     )]
     Apart {
-        /// The scan, from 1.
+        /// The number of the scan, from 1.
         scan: usize,
-        /// How far was searched, in mm.
+        /// The search distance, in mm.
         reach: f64,
     },
-    /// Too few pairs of points.
-    #[error("there are {count} pairs of points, but at least 3 are needed")]
+    /// There are fewer than three pairs of points.
+    #[error("expected at least 3 pairs of points, found {count}")]
     TooFewPairs {
-        /// How many there are.
+        /// The number of pairs.
         count: usize,
     },
-    /// Pairs that leave a turn open.
+    /// The points of the pairs are on a line, which leaves a rotation undetermined.
     #[error(
-        "the points of the pairs lie on a line, from which they are {off:.3e} mm off where they spread over {along:.3e} mm: choose one beside it"
+        "the points of the pairs are on a line: their standard deviation is {off:.3e} mm across and {along:.3e} mm along it; add a pair beside the line"
     )]
     Line {
-        /// How far they are off the line, as standard deviation in mm.
+        /// The standard deviation of the distances from the line, in mm.
         off: f64,
-        /// How far they spread along it, as standard deviation in mm.
+        /// The standard deviation along the line, in mm.
         along: f64,
     },
-    /// Pairs of which some must be wrong.
+    /// The pairs contradict each other: no rigid motion fits them.
     #[error(
-        "the pairs contradict each other: brought together as well as can be they are {off:.3} mm apart, as mean squares go, where they spread over {spread:.3} mm, and pair {worst} is {most:.3} mm apart. Is it picked at the right place, in the same unit, and is neither scan mirrored?"
+        "the pairs contradict each other: after the best motion their distance is {off:.3} mm (root mean square) for points that spread over {spread:.3} mm, and pair {worst} is {most:.3} mm apart; check its points, the units of both scans, and that neither is mirrored"
     )]
     Contradiction {
-        /// The root mean square of their distances, in mm.
+        /// The root mean square distance of the pairs after the best motion, in mm.
         off: f64,
-        /// The root mean square of their distances from their middle, in mm.
+        /// The root mean square distance of the points from their centroid, in mm.
         spread: f64,
-        /// The pair that is farthest apart, from 1.
+        /// The number of the pair with the largest distance, from 1.
         worst: usize,
-        /// How far, in mm.
+        /// The distance of this pair after the best motion, in mm.
         most: f64,
     },
-    /// A number that means nothing.
-    #[error("`{what}` is {value}, but must be {must}")]
+    /// A parameter is out of range.
+    #[error("`{what}` is {value}, expected {must}")]
     Parameter {
-        /// Its name.
+        /// The name of the parameter.
         what: &'static str,
-        /// Its value.
+        /// The value of the parameter.
         value: f64,
-        /// What it must be.
+        /// The range of valid values.
         must: &'static str,
     },
-    /// A pose that is needed and not there.
+    /// A scan has no pose, but the options require it.
     #[error(
         "scan {scan} has no pose: only captures whose camera file has `world_from_camera_mm` have one, and only until they are moved"
     )]
     NoPose {
-        /// The scan, from 1.
+        /// The number of the scan, from 1.
         scan: usize,
     },
-    /// A scan that an alignment does not have.
-    #[error("the alignment is of {count} scans, so that there is no scan {scan}")]
+    /// The alignment has no scan with this number.
+    #[error("unknown scan {scan}: the alignment has {count} scans")]
     NoScan {
-        /// The scan, from 1.
+        /// The number of the scan, from 1.
         scan: u32,
-        /// How many there are.
+        /// The number of scans in the alignment.
         count: usize,
     },
-    /// Places that become infinite.
+    /// A position became infinite.
     #[error(transparent)]
     Moved(#[from] TransformError),
-    /// A motion out of the numbers.
+    /// A computed motion is invalid.
     #[error(transparent)]
     Alignment(#[from] AlignmentError),
-    /// More than can be done at once.
+    /// There are too many scans.
     #[error(transparent)]
-    TooMuch(#[from] TooMuch),
-    /// A range image that makes no mesh.
+    TooMuch(#[from] LimitError),
+    /// A range image cannot be triangulated.
     #[error(transparent)]
     Range(#[from] TriangulateError),
-    /// Scans that make no mesh together.
+    /// The scans cannot be merged.
     #[error(transparent)]
     Merged(#[from] MergeError),
-    /// A scan that makes no mesh.
+    /// A scan cannot be converted to a mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
-    /// The evaluation was told to stop.
+    /// The evaluation was cancelled.
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }
 
-/// What of a scan must lie on the other, in percent.
-pub(super) const LEAST_SHARE: f64 = 5.0;
+/// The minimum fraction of a scan that must lie on the other scan, in percent.
+pub(super) const MIN_OVERLAP: f64 = 5.0;
 
-/// How much of where both should be seen must agree, in percent.
-pub(super) const LEAST_AGREEMENT: f64 = 60.0;
+/// The minimum fraction of the common surface on which the scans must agree, in percent.
+pub(super) const MIN_AGREEMENT: f64 = 60.0;

@@ -1,56 +1,56 @@
-//! How scans were moved to lie together, and how well they fit.
+//! The result of a registration: the motions of the scans and the quality of the fit.
 
 use maquette_value::{
-    CaptureFrame, Column, DecodeError, Decoder, Encoder, Meaning, On, Part, Parts, PartsError,
-    Summary, Value,
+    CaptureFrame, Column, DecodeError, Decoder, ElementKind, Encoder, Meaning, Part, Parts,
+    PartsError, Summary, Value,
 };
 use nalgebra::{Isometry3, Matrix3, Matrix4};
 use thiserror::Error;
 
-/// How well two scans fit that were brought together.
+/// The quality of the fit of two aligned scans.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PairFit {
-    /// Which scans, from 1.
+    /// The numbers of the scans, from 1.
     pub scans: [u32; 2],
-    /// Which part of each lies on the other, in percent.
+    /// The fraction of each scan that lies on the other one, in percent.
     pub overlap: [f64; 2],
-    /// Points of either that belong to points of the other.
+    /// The number of points of either scan that have a corresponding point on the other scan.
     pub matches: u32,
-    /// How far those are off the other's surface, in mm: root mean square.
+    /// The root mean square distance of the corresponding points from the other scan's surface, in mm.
     pub plane: f64,
-    /// How far they are from the other's points, in mm: root mean square.
+    /// The root mean square distance between corresponding points, in mm.
     pub point: f64,
 }
 
-/// Why numbers make no alignment.
+/// An error of [`Alignment::new`].
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum AlignmentError {
-    /// A motion that is no turn and no move, or is not finite.
+    /// A motion is not rigid, or not finite.
     #[error("the motion of scan {scan} is not rigid")]
     NotRigid {
         /// The scan, from 1.
         scan: usize,
     },
-    /// A pair of scans that are not there.
-    #[error("pair {pair} is of scans that are not there")]
+    /// A pair has the number of a scan that does not exist.
+    #[error("pair {pair} has an unknown scan")]
     NoScan {
         /// The pair, from 1.
         pair: usize,
     },
 }
 
-/// How scans were moved to lie together, in mm, and how well they fit.
+/// The motions of scans, in mm, and the quality of their fit.
 ///
-/// Invariant, checked by [`Alignment::new`]: motions are rigid, and pairs are of scans that are there.
+/// Invariant, checked by [`Alignment::new`]: motions are rigid, and the scans of all pairs exist.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Alignment {
     motions: Column<[f64; 16]>,
     pairs: Vec<PairFit>,
-    /// The axes in which they lie: those of this capture.
+    /// The capture whose axes the aligned scans use.
     frame: Option<Frame>,
 }
 
-/// What of a capture's frame holds for whatever was moved into it.
+/// The part of a capture's frame that is valid for all data moved into the axes of the capture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Frame {
     picture: [usize; 2],
@@ -59,17 +59,16 @@ struct Frame {
 }
 
 impl Alignment {
-    /// The motions of all scans, and the fits of those pairs that touch. With a frame everything lies in the axes of that capture.
+    /// Creates an alignment from the motions of all scans and the fits of the overlapping pairs. If a frame is given, the aligned scans use
+    /// the axes of its capture.
     ///
     /// # Errors
-    /// If a motion is not rigid, or a pair is of scans that are not there.
+    /// If a motion is not rigid, or a pair has an unknown scan.
     pub fn new(
         motions: &[Matrix4<f64>],
         pairs: Vec<PairFit>,
         frame: Option<&CaptureFrame>,
     ) -> Result<Self, AlignmentError> {
-        let numbers =
-            |motion: &Matrix4<f64>| motion.data.0.as_flattened().try_into().expect("sixteen");
         if let Some(scan) = motions.iter().position(|motion| !is_rigid(motion)) {
             return Err(AlignmentError::NotRigid { scan: scan + 1 });
         }
@@ -81,28 +80,28 @@ impl Alignment {
         let frame = frame.map(|frame| Frame {
             picture: frame.picture,
             depth: frame.depth,
-            pose: frame.world_from_camera.as_ref().map(numbers),
+            pose: frame.world_from_camera.as_ref().map(matrix_entries),
         });
-        Ok(Self { motions: motions.iter().map(numbers).collect(), pairs, frame })
+        Ok(Self { motions: motions.iter().map(matrix_entries).collect(), pairs, frame })
     }
 
-    /// How many scans there are.
+    /// The number of scans.
     pub fn count(&self) -> usize {
         self.motions.len()
     }
 
-    /// How a scan was moved, from 1; none if there are not as many.
+    /// Returns the motion of a scan. `scan` counts from 1; the result is `None` if there is no such scan.
     pub fn motion(&self, scan: u32) -> Option<Matrix4<f64>> {
-        let place = (scan as usize).checked_sub(1)?;
-        self.motions.get(place).map(|numbers| Matrix4::from_column_slice(numbers))
+        let index = (scan as usize).checked_sub(1)?;
+        self.motions.get(index).map(|numbers| Matrix4::from_column_slice(numbers))
     }
 
-    /// How well those pairs fit that touch.
+    /// The quality of the fit for each overlapping pair.
     pub fn pairs(&self) -> &[PairFit] {
         &self.pairs
     }
 
-    /// The frame of the capture in whose axes everything lies, without its camera.
+    /// Returns the frame of the capture whose axes the aligned scans use, without its camera.
     pub fn frame(&self) -> Option<CaptureFrame> {
         self.frame.map(|Frame { picture, depth, pose }| CaptureFrame {
             camera: None,
@@ -113,13 +112,18 @@ impl Alignment {
     }
 }
 
-/// Whether a matrix moves and turns, and does nothing else.
+/// The entries of a matrix, column by column.
+fn matrix_entries(matrix: &Matrix4<f64>) -> [f64; 16] {
+    matrix.data.0.as_flattened().try_into().expect("sixteen entries")
+}
+
+/// Returns true if a matrix is a rigid motion.
 fn is_rigid(motion: &Matrix4<f64>) -> bool {
-    let turn: Matrix3<f64> = motion.fixed_view::<3, 3>(0, 0).into();
-    let off = (turn * turn.transpose() - Matrix3::identity()).amax();
+    let rotation: Matrix3<f64> = motion.fixed_view::<3, 3>(0, 0).into();
+    let off = (rotation * rotation.transpose() - Matrix3::identity()).amax();
     motion.iter().all(|x| x.is_finite())
         && off < 1e-9
-        && turn.determinant() > 0.0
+        && rotation.determinant() > 0.0
         && motion.row(3) == Matrix4::identity().row(3)
 }
 
@@ -143,16 +147,17 @@ impl Value for Alignment {
     fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
         let motions = from.column()?;
         let [count] = from.counts()?;
-        let mut pair = || {
-            Ok(PairFit {
-                scans: from.plain()?,
-                overlap: from.plain()?,
-                matches: from.plain()?,
-                plane: from.plain()?,
-                point: from.plain()?,
+        let pairs = (0..count)
+            .map(|_| {
+                Ok(PairFit {
+                    scans: from.plain()?,
+                    overlap: from.plain()?,
+                    matches: from.plain()?,
+                    plane: from.plain()?,
+                    point: from.plain()?,
+                })
             })
-        };
-        let pairs = (0..count).map(|_| pair()).collect::<Result<_, _>>()?;
+            .collect::<Result<_, DecodeError>>()?;
         let frame = from.option(|from| {
             Ok(Frame {
                 picture: from.counts()?,
@@ -168,15 +173,15 @@ impl Value for Alignment {
     }
 
     fn describe(&self) -> Summary {
-        let summary = Summary::default().with("scans", self.count());
+        let summary = Summary::default().with_fact("scans", self.count());
         self.pairs.iter().fold(summary, |summary, pair| {
             let [a, b] = pair.scans;
             let [on_b, on_a] = pair.overlap;
-            let told = format!(
+            let fit = format!(
                 "overlap {on_b:.1} % and {on_a:.1} %, {} matches, {:.4} mm off the surface, {:.4} mm off the points",
                 pair.matches, pair.plane, pair.point
             );
-            summary.with(&format!("scans {a} and {b}"), told)
+            summary.with_fact(&format!("scans {a} and {b}"), fit)
         })
     }
 
@@ -184,40 +189,46 @@ impl Value for Alignment {
         let mut parts = Parts::default();
         parts.fact("scans", self.count());
         parts.fact("pairs", self.pairs.len());
-        parts.push("motion", On::Entry, Meaning::Number, 16, self.motions.as_flattened());
+        parts.push("motion", ElementKind::Entry, Meaning::Number, 16, self.motions.as_flattened());
         fn flat(f: &dyn Fn(&PairFit) -> Vec<f64>, pairs: &[PairFit]) -> Vec<f64> {
             pairs.iter().flat_map(f).collect::<Vec<_>>()
         }
         let scans: Vec<_> = self.pairs.iter().flat_map(|pair| pair.scans).collect();
-        parts.push("pair", On::Edge, Meaning::Exact, 2, scans);
+        parts.push("pair", ElementKind::Edge, Meaning::Exact, 2, scans);
         parts.push(
             "overlap",
-            On::Edge,
+            ElementKind::Edge,
             Meaning::Number,
             2,
             flat(&|it| it.overlap.to_vec(), &self.pairs),
         );
         let matches: Vec<_> = self.pairs.iter().map(|pair| pair.matches).collect();
-        parts.push("matches", On::Edge, Meaning::Exact, 1, matches);
+        parts.push("matches", ElementKind::Edge, Meaning::Exact, 1, matches);
         parts.push(
             "off surface",
-            On::Edge,
+            ElementKind::Edge,
             Meaning::Number,
             1,
             flat(&|it| vec![it.plane], &self.pairs),
         );
         parts.push(
             "off points",
-            On::Edge,
+            ElementKind::Edge,
             Meaning::Number,
             1,
             flat(&|it| vec![it.point], &self.pairs),
         );
         if let Some(Frame { picture: [width, height], depth, pose }) = self.frame {
             let numbers = vec![width as f64, height as f64, depth];
-            parts.push("frame", On::Whole, Meaning::Number, 3, numbers);
+            parts.push("frame", ElementKind::Whole, Meaning::Number, 3, numbers);
             if let Some(pose) = pose {
-                parts.push_aside("frame pose", On::Whole, Meaning::Number, 16, pose.to_vec());
+                parts.push_hidden(
+                    "frame pose",
+                    ElementKind::Whole,
+                    Meaning::Number,
+                    16,
+                    pose.to_vec(),
+                );
             }
         }
         parts
@@ -227,27 +238,27 @@ impl Value for Alignment {
         fn matrix(numbers: [f64; 16]) -> Matrix4<f64> {
             Matrix4::from_column_slice(&numbers)
         }
-        let motions = parts.need("motion", 16)?.elements::<16>()?.into_iter().map(matrix);
-        let scans = parts.need("pair", 2)?;
+        let motions = parts.require("motion", 16)?.elements::<16>()?.into_iter().map(matrix);
+        let scans = parts.require("pair", 2)?;
         let count = scans.count();
-        let whole = |part: &Part<'_>| part.with_count(count)?.whole();
         let numbers = |name: &str| {
-            let part = parts.need(name, 1)?.with_count(count)?;
+            let part = parts.require(name, 1)?.with_count(count)?;
             Ok(part.elements::<1>()?.into_iter().flatten().collect::<Vec<f64>>())
         };
-        let (scans, matches) = (whole(scans)?, whole(parts.need("matches", 1)?)?);
-        let overlap = parts.need("overlap", 2)?.with_count(count)?.elements::<2>()?;
+        let scans = scans.to_u32()?;
+        let matches = parts.require("matches", 1)?.with_count(count)?.to_u32()?;
+        let overlap = parts.require("overlap", 2)?.with_count(count)?.elements::<2>()?;
         let (plane, point) = (numbers("off surface")?, numbers("off points")?);
-        let pose = parts.on(On::Whole, "frame pose").map(Part::only::<16>).transpose()?;
-        let frame = parts.on(On::Whole, "frame").map(|part| {
-            let [width, height, depth] = part.only()?;
-            let size = |k: usize, x: f64| match (0.0..=f64::from(u32::MAX)).contains(&x)
-                && x.fract() == 0.0
-            {
-                true => Ok(x as usize),
-                false => Err(part.wrong(k, x, "a count")),
-            };
-            let picture = [size(0, width)?, size(1, height)?];
+        let pose =
+            parts.find(ElementKind::Whole, "frame pose").map(Part::single::<16>).transpose()?;
+        let frame = parts.find(ElementKind::Whole, "frame").map(|part| {
+            let [width, height, depth] = part.single()?;
+            for (k, x) in [width, height].into_iter().enumerate() {
+                if !(0.0..=f64::from(u32::MAX)).contains(&x) || x.fract() != 0.0 {
+                    return Err(part.number_error(k, x, "a count"));
+                }
+            }
+            let picture = [width, height].map(|x| x as usize);
             Ok(CaptureFrame { camera: None, picture, depth, world_from_camera: pose.map(matrix) })
         });
         let pairs = (0..count)
@@ -259,12 +270,12 @@ impl Value for Alignment {
                 point: point[k],
             })
             .collect();
-        Self::new(&Vec::from_iter(motions), pairs, frame.transpose()?.as_ref())
-            .map_err(PartsError::refused)
+        Self::new(&motions.collect::<Vec<_>>(), pairs, frame.transpose()?.as_ref())
+            .map_err(PartsError::from_error)
     }
 
-    /// Of no scan, of one that stays, and of some that go far.
-    fn hostile() -> Vec<Self> {
+    /// Alignments of no scan, of one scan that does not move, and of several scans with large motions.
+    fn edge_cases() -> Vec<Self> {
         let turned = Isometry3::rotation(nalgebra::Vector3::new(0.3, -2.0, 1.0)).to_homogeneous();
         let far = Matrix4::new_translation(&nalgebra::Vector3::new(1e300, -1e-300, 0.0));
         let frame = CaptureFrame {

@@ -1,4 +1,4 @@
-//! What scans are compared by: points with normals, which know where the surface ends.
+//! The form to which all scans are converted for registration: points with normals, and flags that mark the rim of the surface.
 
 use std::collections::{BTreeSet, BinaryHeap};
 
@@ -11,47 +11,47 @@ use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 
 use super::align_error::AlignError;
 
-/// Points with normals.
+/// Points with normals and rim flags.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Cloud {
     pub(super) positions: Vec<Point3<f64>>,
     /// Unit normals.
     pub(super) normals: Vec<Vector3<f64>>,
-    /// Whether the surface ends there.
+    /// Marks the points at the rim of the surface.
     pub(super) rim: Vec<bool>,
-    /// How far neighbors are apart, in mm: the edge of the grid by which they were sampled.
+    /// The distance between neighboring points, in mm. After sampling this is the edge of the sampling grid.
     pub(super) spacing: f64,
     pub(super) tree: Tree,
 }
 
-/// So many points must a scan have.
-pub(super) const FEWEST: usize = 6;
+/// The minimum number of points of a scan.
+pub(super) const MIN_POINTS: usize = 6;
 
 impl Cloud {
-    /// The points of some scans.
+    /// Converts scans to clouds.
     ///
     /// # Errors
-    /// If one has too few points, or cannot be measured.
-    pub(super) fn of_all(scans: &[&Scan]) -> Result<Vec<Self>, AlignError> {
-        scans.iter().zip(1..).map(|(scan, number)| Self::of(scan, number)).collect()
+    /// If a scan has too few points, or its size or position is extreme.
+    pub(super) fn from_scans(scans: &[&Scan]) -> Result<Vec<Self>, AlignError> {
+        scans.iter().zip(1..).map(|(scan, number)| Self::from_scan(scan, number)).collect()
     }
 
-    /// The points of a scan, which is number `number` from 1 among others. Normals and rims are those of its faces; points without faces
-    /// have those of their neighbors.
-    fn of(scan: &Scan, number: usize) -> Result<Self, AlignError> {
-        let all = || scan.places().iter().filter(|place| !place.x.is_nan());
-        let different = all().map(|place| place.coords.data.0[0].map(f64::to_bits));
-        let points = BTreeSet::from_iter(different.take(1000)).len();
-        if points < FEWEST {
-            return Err(AlignError::TooFewPoints { scan: number, points, least: FEWEST });
+    /// Converts a scan to a cloud. `number` is the number of the scan, from 1, for error messages. Normals and rim flags are computed from
+    /// the faces; without faces they are estimated from neighboring points.
+    fn from_scan(scan: &Scan, number: usize) -> Result<Self, AlignError> {
+        let all = scan.positions().iter().filter(|point| !point.x.is_nan());
+        let different = all.clone().map(|point| point.coords.data.0[0].map(f64::to_bits));
+        let points = different.take(1000).collect::<BTreeSet<_>>().len();
+        if points < MIN_POINTS {
+            return Err(AlignError::TooFewPoints { scan: number, points, least: MIN_POINTS });
         }
-        let (low, high) = bounds(all());
+        let (low, high) = bounds(all.clone());
         let size = (high - low).norm();
         let farthest = high.coords.amax().max(low.coords.amax());
         if !(1e-9..1e9).contains(&size) || farthest > 1e6 * size {
             return Err(AlignError::Size { scan: number, size });
         }
-        // From where a grid without a camera was seen is not known: it may have moved.
+        // If the range image has no camera, the sensor position is unknown, because the grid may have been moved.
         fn is_seen(range: &RangeImage) -> bool {
             range.camera().is_some()
         }
@@ -64,18 +64,18 @@ impl Cloud {
             Scan::Points(points) => (None, points.attributes().vectors("normal")),
         };
         let Some(mesh) = faces.filter(|mesh| !mesh.faces().is_empty()) else {
-            return Ok(Self::of_points(all().copied().collect(), normals.map(|it| &**it)));
+            return Ok(Self::from_points(all.copied().collect(), normals.map(|it| &**it)));
         };
-        let mut cloud = Self::of_mesh(&mesh, number)?;
+        let mut cloud = Self::from_mesh(&mesh, number)?;
         if matches!(scan, Scan::RangeImage(range) if !is_seen(range)) {
-            let everything = Vec::from_iter(0..cloud.positions.len());
-            turn_outwards(&cloud.positions, &mut cloud.normals, &everything);
+            let everything = (0..cloud.positions.len()).collect::<Vec<_>>();
+            flip_outwards(&cloud.positions, &mut cloud.normals, &everything);
         }
         Ok(cloud)
     }
 
-    /// Points with normals that are given, or else those of the planes through their neighbors.
-    fn of_points(positions: Vec<Point3<f64>>, given: Option<&[[f64; 3]]>) -> Self {
+    /// Converts points to a cloud. The normals are `given`, or else the normals of planes fitted to neighboring points.
+    fn from_points(positions: Vec<Point3<f64>>, given: Option<&[[f64; 3]]>) -> Self {
         let tree = Tree::new(&positions);
         let spacing = spacing(&positions, &tree);
         let radius = 3.0 * spacing;
@@ -89,26 +89,26 @@ impl Cloud {
                 .iter()
                 .map(|it| Vector3::from(*it).try_normalize(1e-9).unwrap_or_default())
                 .collect(),
-            None => oriented(&positions, estimated, &tree, radius),
+            None => orient_normals(&positions, estimated, &tree, radius),
         };
         Self { positions, normals, rim, spacing, tree }
     }
 
-    /// The vertices of the faces, with their normals.
-    fn of_mesh(mesh: &Mesh, number: usize) -> Result<Self, AlignError> {
+    /// Converts the vertices of a mesh, with their normals, to a cloud.
+    fn from_mesh(mesh: &Mesh, number: usize) -> Result<Self, AlignError> {
         let mut is_rim = vec![false; mesh.positions().len()];
         let edges = mesh.edges();
         for (ends, _) in edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1) {
             ends.iter().for_each(|&end| is_rim[end as usize] = true);
         }
-        // A vertex without faces, or whose faces have no area, has no normal.
+        // A vertex has no normal if it has no faces, or if its faces have no area.
         let normals = mesh.vertex_normals();
         let kept: Vec<_> = (0..is_rim.len()).filter(|&k| normals[k].norm_squared() > 0.5).collect();
-        if kept.len() < FEWEST {
+        if kept.len() < MIN_POINTS {
             return Err(AlignError::TooFewPoints {
                 scan: number,
                 points: kept.len(),
-                least: FEWEST,
+                least: MIN_POINTS,
             });
         }
         let positions: Vec<_> = kept.iter().map(|&vertex| mesh.positions()[vertex]).collect();
@@ -122,41 +122,35 @@ impl Cloud {
         })
     }
 
-    /// How far neighbors are off each other's planes, in mm: root mean square of up to a thousand.
+    /// The roughness of the surface, in mm: the root mean square distance of neighboring points from each other's tangent planes. It is
+    /// computed from at most a thousand points.
     pub(super) fn roughness(&self) -> f64 {
         let step = self.positions.len().div_ceil(1000).max(1);
         let some: Vec<_> = (0..self.positions.len()).step_by(step).collect();
-        fn way(from: usize, to: u32, positions: &[Point3<f64>]) -> Vector3<f64> {
-            positions[to as usize] - positions[from]
-        }
         let heights: Vec<f64> = some
             .par_iter()
             .filter_map(|&k| {
-                let near = self.tree.within(&self.positions[k], 1.5 * self.spacing);
-                let others = near.into_iter().filter(|&other| other as usize != k);
-                fn distance(other: u32, k: usize, positions: &[Point3<f64>]) -> f64 {
-                    way(k, other, positions).norm_squared()
-                }
-                let next = others.min_by(|&a, &b| {
-                    distance(a, k, &self.positions).total_cmp(&distance(b, k, &self.positions))
-                })?;
-                Some(
-                    0.5 * way(k, next, &self.positions)
-                        .dot(&(self.normals[k] + self.normals[next as usize])),
-                )
+                let near = self.tree.points_within(&self.positions[k], 1.5 * self.spacing);
+                let (next, offset) = near
+                    .into_iter()
+                    .map(|other| other as usize)
+                    .filter(|&other| other != k)
+                    .map(|other| (other, self.positions[other] - self.positions[k]))
+                    .min_by(|(_, a), (_, b)| a.norm_squared().total_cmp(&b.norm_squared()))?;
+                Some(0.5 * offset.dot(&(self.normals[k] + self.normals[next])))
             })
             .collect();
         let squares = heights.iter().map(|height| height * height).sum::<f64>();
         (squares / heights.len().max(1) as f64).sqrt()
     }
 
-    /// Lowest and highest coordinates.
+    /// The lowest and the highest corner of the bounding box.
     pub(super) fn bounds(&self) -> (Point3<f64>, Point3<f64>) {
         bounds(self.positions.iter())
     }
 
-    /// Fewer points: the means of those in each cell of a grid with this edge, with the means of their normals.
-    pub(super) fn sampled(&self, edge: f64) -> Self {
+    /// Downsamples the cloud: averages the points and the normals in each cell of a grid with the edge `edge`, in mm.
+    pub(super) fn sample(&self, edge: f64) -> Self {
         let (low, _) = self.bounds();
         let mut cells: Vec<([u64; 3], usize)> = (0..self.positions.len())
             .into_par_iter()
@@ -168,15 +162,15 @@ impl Cloud {
         cells.par_sort_unstable();
         let mut sampled = Self { spacing: edge, ..Self::default() };
         for cell in cells.chunk_by(|a, b| a.0 == b.0) {
-            let all = || cell.iter().map(|&(_, k)| k);
-            let sum = all().map(|k| self.normals[k]).sum::<Vector3<f64>>();
-            // Both sides of something thin have no common normal.
+            let members = cell.iter().map(|&(_, k)| k);
+            let sum = members.clone().map(|k| self.normals[k]).sum::<Vector3<f64>>();
+            // In a cell with both sides of a thin part, the normals have no meaningful mean.
             let Some(normal) = sum.try_normalize(0.3 * cell.len() as f64) else { continue };
-            let middle =
-                all().map(|k| self.positions[k] - low).sum::<Vector3<f64>>() / cell.len() as f64;
+            let middle = members.clone().map(|k| self.positions[k] - low).sum::<Vector3<f64>>()
+                / cell.len() as f64;
             sampled.positions.push(low + middle);
             sampled.normals.push(normal);
-            sampled.rim.push(all().any(|k| self.rim[k]));
+            sampled.rim.push(members.clone().any(|k| self.rim[k]));
         }
         sampled.tree = Tree::new(&sampled.positions);
         sampled
@@ -190,43 +184,47 @@ pub(super) fn bounds<'a>(
     points.fold(none, |(low, high), point| (low.inf(point), high.sup(point)))
 }
 
-/// The distance from a point to the nearest other one, in the middle of up to a thousand.
+/// The median distance between a point and its nearest neighbor, computed from at most a thousand points.
 fn spacing(points: &[Point3<f64>], tree: &Tree) -> f64 {
     let (low, high) = bounds(points.iter());
-    let all = (high - low).norm();
+    let diagonal = (high - low).norm();
     let some: Vec<_> = points.iter().step_by(points.len().div_ceil(1000).max(1)).collect();
-    // Wider and wider, until there is another one.
-    let to_next = |at: &&Point3<f64>| {
-        let mut reach = 0.5 * all / (points.len() as f64).sqrt();
-        loop {
-            let squares = tree
-                .within(at, reach)
-                .into_iter()
-                .map(|k| (points[k as usize] - *at).norm_squared());
-            let next = squares.filter(|square| *square > 0.0).fold(f64::INFINITY, f64::min);
-            if next.is_finite() || reach > all {
-                return next.min(all * all).sqrt();
-            }
-            reach *= 2.0;
-        }
-    };
-    let mut distances: Vec<f64> = some.par_iter().map(to_next).collect();
+    let mut distances: Vec<f64> =
+        some.par_iter().map(|at| neighbor_distance(at, points, tree, diagonal)).collect();
     distances.sort_by(f64::total_cmp);
     distances[distances.len() / 2]
 }
 
-/// What the neighbors of a point tell.
+/// The distance from a point to its nearest neighbor. Points at the same position do not count. The result is at most `diagonal`, the
+/// diagonal of the bounding box.
+fn neighbor_distance(at: &Point3<f64>, points: &[Point3<f64>], tree: &Tree, diagonal: f64) -> f64 {
+    // Enlarge the search radius until another point is found.
+    let mut reach = 0.5 * diagonal / (points.len() as f64).sqrt();
+    loop {
+        let squares = tree
+            .points_within(at, reach)
+            .into_iter()
+            .map(|k| (points[k as usize] - at).norm_squared());
+        let next = squares.filter(|square| *square > 0.0).fold(f64::INFINITY, f64::min);
+        if next.is_finite() || reach > diagonal {
+            return next.min(diagonal * diagonal).sqrt();
+        }
+        reach *= 2.0;
+    }
+}
+
+/// Properties of a point that are estimated from its neighbors.
 struct Neighbors {
-    /// Across the plane that is nearest to them; 0 if there is none.
+    /// The normal of the plane fitted to the neighbors; 0 if no plane can be fitted.
     normal: Vector3<f64>,
-    /// Whether a third of what is around it is empty.
+    /// True if a sector of at least a third of the full circle contains no neighbors.
     is_rim: bool,
 }
 
 impl Neighbors {
     fn new(at: &Point3<f64>, points: &[Point3<f64>], tree: &Tree, radius: f64) -> Self {
         let near = tree
-            .within(at, radius)
+            .points_within(at, radius)
             .into_iter()
             .map(|k| points[k as usize] - at)
             .collect::<Vec<_>>();
@@ -236,25 +234,25 @@ impl Neighbors {
         let eigen = SymmetricEigen::new(spread);
         let mut order = [0, 1, 2];
         order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
-        let [least, middle, most] = order.map(|k| eigen.eigenvectors.column(k).into_owned());
+        let [normal, middle, longest] = order.map(|k| eigen.eigenvectors.column(k).into_owned());
         if near.len() < 4 || eigen.eigenvalues[order[1]] <= 1e-9 * eigen.eigenvalues[order[2]] {
             return Self { normal: Vector3::zeros(), is_rim: true };
         }
         let around = near.iter().filter(|off| off.norm_squared() > 0.0);
         let mut angles =
-            around.map(|off| libm::atan2(middle.dot(off), most.dot(off))).collect::<Vec<_>>();
+            around.map(|off| libm::atan2(middle.dot(off), longest.dot(off))).collect::<Vec<_>>();
         angles.sort_by(f64::total_cmp);
         let last = angles.last().map_or(0.0, |last| last - std::f64::consts::TAU);
         let ends = std::iter::once(last).chain(angles.iter().copied());
         let gap = angles.iter().zip(ends).map(|(angle, before)| angle - before).fold(0.0, f64::max);
-        Self { normal: least, is_rim: gap > std::f64::consts::TAU / 3.0 }
+        Self { normal, is_rim: gap > std::f64::consts::TAU / 3.0 }
     }
 }
 
-/// Normals turned so that neighbors agree and that most of each part look away from its middle.
+/// Orients the normals: neighboring normals should agree, and in each connected part most normals should point away from the centroid.
 ///
 /// Hoppe, DeRose, Duchamp, McDonald and Stuetzle, "Surface reconstruction from unorganized points" (1992), section 3.3.
-fn oriented(
+fn orient_normals(
     points: &[Point3<f64>],
     mut normals: Vec<Vector3<f64>>,
     tree: &Tree,
@@ -266,7 +264,8 @@ fn oriented(
             continue;
         }
         let mut part = Vec::new();
-        // The pair that agrees most comes first: by the bits of a cosine from 0 to 1, which are in its order.
+        // The pair of neighbors whose normals agree most is taken first. The bit patterns of cosines from 0 to 1 have the same order as the
+        // cosines.
         let mut open = BinaryHeap::from([(u64::MAX, first, first)]);
         while let Some((_, from, to)) = open.pop() {
             if std::mem::replace(&mut seen[to], true) {
@@ -276,19 +275,19 @@ fn oriented(
                 normals[to] = -normals[to];
             }
             part.push(to);
-            for next in tree.within(&points[to], radius).into_iter().map(|k| k as usize) {
+            for next in tree.points_within(&points[to], radius).into_iter().map(|k| k as usize) {
                 if !seen[next] {
                     open.push((normals[to].dot(&normals[next]).abs().to_bits(), to, next));
                 }
             }
         }
-        turn_outwards(points, &mut normals, &part);
+        flip_outwards(points, &mut normals, &part);
     }
     normals
 }
 
-/// Turns the normals of some points so that most look away from their middle.
-fn turn_outwards(points: &[Point3<f64>], normals: &mut [Vector3<f64>], part: &[usize]) {
+/// Flips the normals of the points in `part` if most of them point towards the centroid of these points.
+fn flip_outwards(points: &[Point3<f64>], normals: &mut [Vector3<f64>], part: &[usize]) {
     let middle = part.iter().map(|&k| points[k].coords).sum::<Vector3<f64>>() / part.len() as f64;
     let outwards = part.iter().map(|&k| normals[k].dot(&(points[k].coords - middle)));
     if outwards.sum::<f64>() < 0.0 {

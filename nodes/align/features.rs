@@ -1,230 +1,249 @@
-//! Where scans may fit without any hint: by what their surfaces look like.
+//! Feature-based search for the motion between two scans, without a start pose.
 
 use std::cmp::Reverse;
 use std::collections::BTreeSet;
 
 use histograms::{Histogram, histograms};
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use maquette_value::parallel::*;
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::cloud::Cloud;
 use super::fit::{Fit, fit};
-use super::pairs::motion_of;
+use super::pairs::fit_motion;
 use super::refine::{Level, refine};
 
 mod histograms;
 
-/// So many points does the larger of two scans have while they are matched.
+/// The number of sample points for the larger scan during matching.
 const SAMPLES: f64 = 1200.0;
-/// Radii of what is described around a point, in edges of the grid.
+/// The radii of the neighborhoods that histograms describe, in multiples of the sampling grid's edge.
 const RADII: [f64; 2] = [4.0, 7.0];
-/// So many of the other scan's points may look most like one.
-const ALIKE: usize = 3;
-/// At most so many matches are weighed against each other.
-const MATCHES: usize = 1200;
-/// So many matches that agree with one another make a motion.
-const AGREEING: usize = 20;
-/// So many motions are tried on the surfaces,
-const TRIED: usize = 4;
-/// with so many steps.
+/// The number of points of the other scan, the most similar ones, that are candidates for a match.
+const SIMILAR: usize = 3;
+/// The maximum number of matches that are compared with each other.
+const MAX_MATCHES: usize = 1200;
+/// The maximum number of mutually consistent matches from which a motion is computed.
+const MAX_CONSISTENT: usize = 20;
+/// The number of candidate motions that are refined on the surfaces.
+const REFINED_MOTIONS: usize = 4;
+/// The maximum number of refinement steps for each motion.
 const STEPS: usize = 12;
 
-/// A place where a scan may fit.
+/// A candidate motion and the quality of its fit.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Found {
+pub(super) struct Candidate {
     pub(super) motion: Isometry3<f64>,
     pub(super) fit: Fit,
 }
 
-/// The edge of the grid by which scans are matched, in mm.
-pub(super) fn grid_of(clouds: &[Cloud]) -> f64 {
+/// Returns the edge of the sampling grid for matching, in mm.
+pub(super) fn sampling_edge(clouds: &[Cloud]) -> f64 {
     clouds
         .iter()
         .map(|cloud| {
             let (low, high) = cloud.bounds();
             let first = (high - low).norm() / 40.0;
-            let count = cloud.sampled(first).positions.len() as f64;
+            let count = cloud.sample(first).positions.len() as f64;
             (first * (count / SAMPLES).sqrt()).max(2.0 * cloud.spacing)
         })
         .fold(0.0, f64::max)
 }
 
-/// A scan with what its surface looks like.
-pub(super) struct Described {
+/// A sampled scan with the feature histograms of its points.
+pub(super) struct DescribedCloud {
     cloud: Cloud,
-    /// Of each point, at each radius.
+    /// For each radius the histogram of each point; `None` near the rim of the surface.
     histograms: [Vec<Option<Histogram>>; RADII.len()],
 }
 
-impl Described {
+impl DescribedCloud {
     pub(super) fn new(
         cloud: &Cloud,
         edge: f64,
         progress: &Progress<'_>,
-    ) -> Result<Self, Cancelled> {
+    ) -> Result<Self, CancelledError> {
         progress.check()?;
-        let cloud = cloud.sampled(edge);
+        let cloud = cloud.sample(edge);
         let histograms = RADII.map(|radius| histograms(&cloud, radius * edge));
         Ok(Self { cloud, histograms })
     }
 }
 
-/// The best place of the first scan on the second, if there is one; `edge` is that of the grid, and only motions that `allowed` has count.
+/// Finds the best motion of the first scan onto the second among the motions that `allowed` accepts. Returns `None` if there is none.
+/// `edge` is the edge of the sampling grid, in mm.
 ///
-/// Points are matched by how alike their surroundings are, at two radii. Motions come from matches that keep the distances between each
-/// other, as do most of those that agree with them: Chen, Sun, Yang and Tao, "SC2-PCR: a second order spatial compatibility for efficient
-/// and robust point cloud registration" (2022), equation 6. The best of them are tried on the surfaces. Nothing is drawn by lot.
+/// Points are matched by the similarity of their neighborhoods at two radii. Two matches are compatible if they preserve the distance
+/// between their points. Each motion is computed from matches that share many compatible matches: Chen, Sun, Yang and Tao, "SC2-PCR: a
+/// second order spatial compatibility for efficient and robust point cloud registration" (2022), equation 6. The best motions are refined
+/// on the surfaces. The search is deterministic.
 pub(super) fn best_place(
-    [from, to]: [&Described; 2],
+    [from, to]: [&DescribedCloud; 2],
     edge: f64,
     allowed: &dyn Fn(&Isometry3<f64>) -> bool,
     progress: &Progress<'_>,
-) -> Result<Option<Found>, Cancelled> {
+) -> Result<Option<Candidate>, CancelledError> {
     let alike = from.histograms.iter().zip(&to.histograms).flat_map(|(a, b)| matches(a, b));
-    let mut alike = Vec::from_iter(alike);
+    let mut alike: Vec<_> = alike.collect();
     alike.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    alike.truncate(MATCHES);
-    let pairs = BTreeSet::from_iter(alike.into_iter().map(|(_, pair)| pair));
+    alike.truncate(MAX_MATCHES);
+    let pairs = alike.into_iter().map(|(_, pair)| pair).collect::<BTreeSet<_>>();
     progress.check()?;
     let [from, to] = [&from.cloud, &to.cloud];
-    let mut motions = motions(&Vec::from_iter(pairs), from, to, edge);
+    let mut motions = motions(&pairs.into_iter().collect::<Vec<_>>(), from, to, edge);
     motions.retain(|(_, motion)| allowed(motion));
     motions.sort_by_key(|(agreeing, _)| Reverse(*agreeing));
     let (low, high) = from.bounds();
     let middle = nalgebra::center(&low, &high);
-    let same = |a: &Isometry3<f64>, b: &Isometry3<f64>| {
-        let turned = 0.5 * (high - low).norm() * a.rotation.angle_to(&b.rotation);
-        (a * middle - b * middle).norm() + turned < 8.0 * edge
-    };
-    let level = Level::of(&[to, from]);
+    let radius = 0.5 * (high - low).norm();
+    let level = Level::new(&[to, from]);
     let (mut tried, mut found) = (Vec::new(), Vec::new());
     for (_, motion) in motions {
-        if tried.len() == 2 * TRIED {
+        if tried.len() == 2 * REFINED_MOTIONS {
             break;
         }
-        if tried.iter().any(|other| same(other, &motion)) {
+        if tried.iter().any(|other| displacement(other, &motion, &middle, radius) < 8.0 * edge) {
             continue;
         }
         let poses = vec![Isometry3::identity(), motion];
         let refined = refine(&level, poses, &[[0, 1]], STEPS, progress)?.poses[1];
         tried.extend([motion, refined]);
         if allowed(&refined) {
-            found.push(Found { motion: refined, fit: fit([from, to], &refined) });
+            found.push(Candidate { motion: refined, fit: fit([from, to], &refined) });
         }
     }
     Ok(found.into_iter().max_by(|a, b| a.fit.score().total_cmp(&b.fit.score())))
 }
 
-/// A match of a point of the first scan with one of the second, and how far their histograms are apart.
+/// Returns an upper bound for the distance between the images of a point under two motions. The bound is valid for all points within
+/// `radius` of `center`.
+fn displacement(a: &Isometry3<f64>, b: &Isometry3<f64>, center: &Point3<f64>, radius: f64) -> f64 {
+    (a * center - b * center).norm() + radius * a.rotation.angle_to(&b.rotation)
+}
+
+/// The distance between two histograms, and the points to which the histograms belong: one point of the first scan and one of the second.
 type Match = (f32, [u32; 2]);
 
-/// Pairs of which each is among those most like the other.
+/// Returns the matches: pairs in which each point is among the points most similar to the other one.
 fn matches(a: &[Option<Histogram>], b: &[Option<Histogram>]) -> Vec<Match> {
     let [to_b, to_a] = [(a, b), (b, a)].map(|(from, to)| {
         from.par_iter()
             .with_min_len(64)
-            .map(|one| one.as_ref().map_or(Vec::new(), |one| alike(one, to)))
+            .map(|one| one.as_ref().map_or(Vec::new(), |one| most_similar(one, to)))
             .collect::<Vec<_>>()
     });
     to_b.iter()
         .enumerate()
         .flat_map(|(k, alike)| {
-            let back = |&&(_, other): &&(f32, u32)| {
-                to_a[other as usize].iter().any(|it| it.1 as usize == k)
-            };
             alike
                 .iter()
-                .filter(back)
+                .filter(|(_, other)| to_a[*other as usize].iter().any(|it| it.1 as usize == k))
                 .map(|&(off, other)| (off, [k as u32, other]))
                 .collect::<Vec<_>>()
         })
         .collect()
 }
 
-/// Those histograms that are most like one.
-fn alike(one: &Histogram, others: &[Option<Histogram>]) -> Vec<(f32, u32)> {
-    let mut best = Vec::with_capacity(ALIKE + 1);
+/// Returns the histograms most similar to `one`, as pairs of distance and index.
+fn most_similar(one: &Histogram, others: &[Option<Histogram>]) -> Vec<(f32, u32)> {
+    let mut best = Vec::with_capacity(SIMILAR + 1);
     for (k, other) in (0..).zip(others) {
         let Some(other) = other else { continue };
-        let most = best.get(ALIKE - 1).map_or(f32::INFINITY, |it: &(f32, u32)| it.0);
-        let off = one.off(other, most);
-        if off >= most {
+        let max_distance = best.get(SIMILAR - 1).map_or(f32::INFINITY, |it: &(f32, u32)| it.0);
+        let distance = one.distance_sq(other, max_distance);
+        if distance >= max_distance {
             continue;
         }
-        let at = best.partition_point(|it: &(f32, u32)| it.0 <= off);
-        best.insert(at, (off, k));
-        best.truncate(ALIKE);
+        let at = best.partition_point(|it: &(f32, u32)| it.0 <= distance);
+        best.insert(at, (distance, k));
+        best.truncate(SIMILAR);
     }
     best
 }
 
-/// A motion for each match, by those that agree with it most, and how many matches agree with the motion.
+/// Matched points of two scans with their normals.
+struct Correspondences {
+    /// For each match the point of the first scan and the point of the second scan.
+    ends: Vec<[Point3<f64>; 2]>,
+    /// For each match the normals at its two points.
+    normals: Vec<[Vector3<f64>; 2]>,
+    /// The edge of the sampling grid, in mm.
+    edge: f64,
+}
+
+impl Correspondences {
+    fn new(pairs: &[[u32; 2]], from: &Cloud, to: &Cloud, edge: f64) -> Self {
+        let pairs = pairs.iter().map(|pair| pair.map(|point| point as usize));
+        Self {
+            ends: pairs.clone().map(|[a, b]| [from.positions[a], to.positions[b]]).collect(),
+            normals: pairs.map(|[a, b]| [from.normals[a], to.normals[b]]).collect(),
+            edge,
+        }
+    }
+
+    /// Returns true if two matches preserve the distance between their points and the angle between the normals.
+    fn is_compatible(&self, i: usize, j: usize) -> bool {
+        let [a, b] = [0, 1].map(|side| (self.ends[i][side] - self.ends[j][side]).norm());
+        let [u, v] = [0, 1].map(|side| self.normals[i][side].dot(&self.normals[j][side]));
+        a.min(b) > 2.0 * self.edge && (a - b).abs() < 1.5 * self.edge && (u - v).abs() < 0.35
+    }
+
+    /// Returns for each match the set of matches compatible with it, as a list of bits.
+    fn compatible_sets(&self) -> Vec<Vec<u64>> {
+        let count = self.ends.len();
+        (0..count)
+            .into_par_iter()
+            .with_min_len(64)
+            .map(|i: usize| {
+                let mut set = vec![0_u64; count.div_ceil(64)];
+                (0..count)
+                    .filter(|&j| self.is_compatible(i, j))
+                    .for_each(|j| set[j / 64] |= 1 << (j % 64));
+                set
+            })
+            .collect()
+    }
+
+    /// Computes a motion from match `i` and those of its compatible matches that share the most compatible matches with it. Also returns
+    /// the number of matches that agree with the motion. Returns `None` if fewer than three matches are compatible.
+    fn motion(&self, i: usize, sets: &[Vec<u64>]) -> Option<(usize, Isometry3<f64>)> {
+        let mut compatible: Vec<_> = (0..self.ends.len())
+            .filter(|j| sets[i][j / 64] >> (j % 64) & 1 == 1)
+            .map(|j| (Reverse(count_common(&sets[i], &sets[j])), j))
+            .collect();
+        compatible.sort_unstable();
+        if compatible.len() < 3 {
+            return None;
+        }
+        let best = compatible.iter().take(MAX_CONSISTENT).map(|&(_, j)| j).chain([i]);
+        let motion = fit_motion(&best.map(|j| self.ends[j]).collect::<Vec<_>>());
+        let agreeing = self
+            .ends
+            .iter()
+            .filter(|[a, b]| (motion * a - b).norm_squared() < 4.0 * self.edge * self.edge)
+            .count();
+        Some((agreeing, motion))
+    }
+}
+
+/// The number of elements that two sets of bits have in common.
+fn count_common(a: &[u64], b: &[u64]) -> u32 {
+    a.iter().zip(b).map(|(a, b)| (a & b).count_ones()).sum()
+}
+
+/// Computes a motion for each match, from the matches that are most compatible with it. Each motion is returned with the number of matches
+/// that agree with it.
 fn motions(
     pairs: &[[u32; 2]],
     from: &Cloud,
     to: &Cloud,
     edge: f64,
 ) -> Vec<(usize, Isometry3<f64>)> {
-    fn ends(
-        [a, b]: [u32; 2],
-        from_positions: &[Point3<f64>],
-        to_positions: &[Point3<f64>],
-    ) -> [Point3<f64>; 2] {
-        [from_positions[a as usize], to_positions[b as usize]]
-    }
-    let ends: Vec<_> =
-        pairs.iter().map(|&pair| ends(pair, &from.positions, &to.positions)).collect();
-    fn normals(
-        [a, b]: [u32; 2],
-        from_normals: &[nalgebra::Vector3<f64>],
-        to_normals: &[nalgebra::Vector3<f64>],
-    ) -> [nalgebra::Vector3<f64>; 2] {
-        [from_normals[a as usize], to_normals[b as usize]]
-    }
-    let normals: Vec<_> =
-        pairs.iter().map(|&pair| normals(pair, &from.normals, &to.normals)).collect();
-    // Whether two matches keep the distance between each other, and the angle of their normals.
-    fn keeps(
-        i: usize,
-        j: usize,
-        ends: &[[Point3<f64>; 2]],
-        normals: &[[nalgebra::Vector3<f64>; 2]],
-        edge: f64,
-    ) -> bool {
-        let [a, b] = [0, 1].map(|side| (ends[i][side] - ends[j][side]).norm());
-        let [u, v] = [0, 1].map(|side| normals[i][side].dot(&normals[j][side]));
-        a.min(b) > 2.0 * edge && (a - b).abs() < 1.5 * edge && (u - v).abs() < 0.35
-    }
-    let words = pairs.len().div_ceil(64);
-    let rows: Vec<Vec<u64>> = (0..pairs.len())
+    let matches = Correspondences::new(pairs, from, to, edge);
+    let sets = matches.compatible_sets();
+    (0..pairs.len())
         .into_par_iter()
         .with_min_len(64)
-        .map(|i: usize| {
-            let mut row = vec![0_u64; words];
-            (0..pairs.len())
-                .filter(|&j| keeps(i, j, &ends, &normals, edge))
-                .for_each(|j| row[j / 64] |= 1 << (j % 64));
-            row
-        })
-        .collect();
-    let motion = |i: usize| {
-        let common =
-            |j: usize| rows[i].iter().zip(&rows[j]).map(|(a, b)| (a & b).count_ones()).sum::<u32>();
-        let agreeing = (0..pairs.len()).filter(|j| rows[i][j / 64] >> (j % 64) & 1 == 1);
-        let mut agreeing: Vec<_> = agreeing.map(|j| (Reverse(common(j)), j)).collect();
-        agreeing.sort_unstable();
-        if agreeing.len() < 3 {
-            return None;
-        }
-        let best = agreeing.iter().take(AGREEING).map(|&(_, j)| j).chain([i]);
-        let motion = motion_of(&best.map(|j| ends[j]).collect::<Vec<_>>());
-        Some((
-            ends.iter()
-                .filter(|[a, b]| (motion * a - b).norm_squared() < 4.0 * edge * edge)
-                .count(),
-            motion,
-        ))
-    };
-    (0..pairs.len()).into_par_iter().with_min_len(64).filter_map(motion).collect()
+        .filter_map(|i| matches.motion(i, &sets))
+        .collect()
 }

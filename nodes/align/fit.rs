@@ -1,41 +1,42 @@
-//! How well two scans fit.
+//! The quality of the fit of two scans.
 
 use maquette_value::parallel::*;
 use nalgebra::Isometry3;
 
 use super::cloud::Cloud;
 
-/// How well two scans fit, counted on both.
+/// The quality of the fit of two scans, expressed by numbers of points.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Fit {
-    /// Points of each.
+    /// The number of points of each scan.
     pub(super) points: [usize; 2],
-    /// Those that lie on the other.
+    /// For each scan, the number of its points that lie on the other scan.
     pub(super) on: [usize; 2],
-    /// Those that do not, although the other goes on there.
+    /// The number of points of both scans that do not lie on the other scan, although the surface of that scan continues there.
     pub(super) off: usize,
 }
 
 impl Fit {
-    /// Which part of a scan lies on the other, in percent.
-    pub(super) fn share(&self, side: usize) -> f64 {
+    /// The fraction of a scan's points that lie on the other scan, in percent.
+    pub(super) fn overlap(&self, side: usize) -> f64 {
         100.0 * self.on[side] as f64 / self.points[side].max(1) as f64
     }
 
-    /// Which part of what both should see agrees, in percent.
+    /// The fraction of the common surface on which the scans agree, in percent. The common surface is the part that both scans should have
+    /// seen.
     pub(super) fn agreement(&self) -> f64 {
-        let on = (self.on[0] + self.on[1]) as f64;
-        100.0 * on / (on + self.off as f64).max(1.0)
+        let agreeing = (self.on[0] + self.on[1]) as f64;
+        100.0 * agreeing / (agreeing + self.off as f64).max(1.0)
     }
 
-    /// Much that agrees, and little that does not.
+    /// A score that grows with the number of agreeing points and falls with the number of disagreeing points.
     pub(super) fn score(&self) -> f64 {
         (self.on[0] + self.on[1]) as f64 * self.agreement() * self.agreement()
     }
 }
 
-/// How well a scan fits another when it has moved so; both are sampled by grids. What lies on the other may be as far off as
-/// neighbors of one scan are off each other's planes, which tells noise and curvature, and a part of the edge more.
+/// Computes the fit of two sampled scans if the first one is moved by `motion`. A point lies on the other scan if its distance is at most
+/// the roughness of the scans, which measures noise and curvature, plus a fraction of the sampling grid's edge.
 pub(super) fn fit(clouds: [&Cloud; 2], motion: &Isometry3<f64>) -> Fit {
     let edge = clouds[0].spacing.max(clouds[1].spacing);
     let rough = clouds.map(|cloud| cloud.roughness()).into_iter().fold(0.0, f64::max);
@@ -43,25 +44,45 @@ pub(super) fn fit(clouds: [&Cloud; 2], motion: &Isometry3<f64>) -> Fit {
     let mut fit = Fit { points: clouds.map(|cloud| cloud.positions.len()), ..Fit::default() };
     for (side, motion) in [(0, *motion), (1, motion.inverse())] {
         let (from, to) = (clouds[side], clouds[1 - side]);
-        // 1 lies on the other, -1 does not.
-        let judge = |k: usize| {
-            let (at, normal) = (motion * from.positions[k], motion * from.normals[k]);
-            let Some((near, _)) = to.tree.nearest(&at, 3.0 * edge) else { return 0 };
-            if to.rim[near] {
-                return 0;
-            }
-            let (way, other) = (at - to.positions[near], to.normals[near]);
-            let height = way.dot(&other).abs();
-            // Beside the end of the other one there is nothing to judge.
-            if (way.norm_squared() - height * height).sqrt() > 1.2 * edge {
-                return 0;
-            }
-            if height < tolerance && normal.dot(&other) > 0.7 { 1 } else { -1 }
-        };
-        let judged: Vec<i32> =
-            (0..from.positions.len()).into_par_iter().with_min_len(512).map(judge).collect();
-        fit.on[side] = judged.iter().filter(|it| **it == 1).count();
-        fit.off += judged.iter().filter(|it| **it == -1).count();
+        let comparison = Comparison { from, to, motion, edge, tolerance };
+        let verdicts: Vec<Option<bool>> = (0..from.positions.len())
+            .into_par_iter()
+            .with_min_len(512)
+            .map(|k| comparison.is_on(k))
+            .collect();
+        fit.on[side] = verdicts.iter().filter(|it| **it == Some(true)).count();
+        fit.off += verdicts.iter().filter(|it| **it == Some(false)).count();
     }
     fit
+}
+
+/// The comparison of a moved scan with another one.
+struct Comparison<'a> {
+    from: &'a Cloud,
+    to: &'a Cloud,
+    motion: Isometry3<f64>,
+    /// The edge of the coarser of the two sampling grids, in mm.
+    edge: f64,
+    /// The maximum distance at which a point still lies on the other scan, in mm.
+    tolerance: f64,
+}
+
+impl Comparison<'_> {
+    /// Returns true if point `k` lies on the other scan; `None` if the other scan has no surface there with which the point could be
+    /// compared.
+    fn is_on(&self, k: usize) -> Option<bool> {
+        let Self { from, to, motion, edge, tolerance } = *self;
+        let (at, normal) = (motion * from.positions[k], motion * from.normals[k]);
+        let (near, _) = to.tree.nearest(&at, 3.0 * edge)?;
+        if to.rim[near] {
+            return None;
+        }
+        let (offset, other) = (at - to.positions[near], to.normals[near]);
+        let height = offset.dot(&other).abs();
+        // Outside the rim of the other scan there is no surface for a comparison.
+        if (offset.norm_squared() - height * height).sqrt() > 1.2 * edge {
+            return None;
+        }
+        Some(height < tolerance && normal.dot(&other) > 0.7)
+    }
 }

@@ -1,4 +1,4 @@
-//! Nodes that bring several scans of one object together.
+//! Nodes that register several scans of one object.
 
 use maquette_node::{Pack, Recipe, node};
 use maquette_value::value_type;
@@ -10,21 +10,21 @@ mod alignment;
 mod cloud;
 mod features;
 mod fit;
+mod motion;
 mod move_aligned;
-mod moved;
 mod pairs;
-mod place;
 mod refine;
+mod registration;
 #[cfg(test)]
 mod tests;
 
-pub use align::{Align, By, align};
+pub use align::{Align, AlignMethod, align};
 pub use align_all::{AlignAll, Search, Turntable, align_all};
 pub use align_error::AlignError;
 pub use alignment::{Alignment, PairFit};
 pub use move_aligned::MoveAligned;
 
-/// Nodes that bring several scans of one object together.
+/// The nodes that register several scans of one object.
 pub static PACK: Pack = Pack {
     name: "align",
     version: env!("CARGO_PKG_VERSION"),

@@ -1,30 +1,30 @@
-//! Moves something as an alignment moved a scan.
+//! Applies the motion of an alignment to other data.
 
 use maquette_mesh::Movable;
-use maquette_node::{Carry, Context, Error, Fate, In, Node, Promise};
+use maquette_node::{Carry, Context, Error, In, Node, Promise, Transfer};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::align_error::AlignError;
 use super::alignment::Alignment;
-use super::moved::moved;
+use super::motion::move_item;
 
-/// Moves something as `Align` or `AlignAll` moved a scan: what was left out for the alignment, or the scan as it is now.
+/// Applies the motion that `Align` or `AlignAll` found for a scan to other data, such as the full scan or a part that was not aligned.
 ///
-/// It then lies in the axes of the scan that stayed, and knows that scan's pose, if there is one.
+/// The result is in the axes of the scan that stayed, and has its pose, if there is one.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct MoveAligned {
-    /// What is moved: a mesh, a range image, points, a curve or a control net.
+    /// Data to move: a mesh, a range image, points, a curve or a control net.
     pub mesh: In<Movable>,
-    /// What `Align` or `AlignAll` found.
+    /// Output `alignment` of `Align` or `AlignAll`.
     pub alignment: In<Alignment>,
-    /// As which scan it is moved: for `AlignAll` its place in the list, from 1; for `Align` 2 is the one that was moved.
+    /// Number of the scan whose motion is applied: for `AlignAll` its index in the list, from 1; for `Align` 2 is the scan that was moved.
     #[schemars(range(min = 1))]
-    #[serde(default = "two")]
+    #[serde(default = "default_scan")]
     pub scan: u32,
 }
 
-fn two() -> u32 {
+fn default_scan() -> u32 {
     2
 }
 
@@ -35,13 +35,13 @@ impl Node for MoveAligned {
     const PROMISES: &'static [Promise<Self>] = &Promise::faces_kept("mesh", "mesh");
 
     const CARRIES: &'static [Carry] =
-        &[Carry::all("mesh", "mesh", Fate::Kept).and_cells(Fate::Kept)];
+        &[Carry::uniform("mesh", "mesh", Transfer::Kept).and_cells(Transfer::Kept)];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let alignment = cx.get(&self.alignment);
         let none = AlignError::NoScan { scan: self.scan, count: alignment.count() };
         let motion = alignment.motion(self.scan).ok_or(none)?;
-        let moved = moved(&cx.get(&self.mesh), &motion, alignment.frame().as_ref());
+        let moved = move_item(&cx.get(&self.mesh), &motion, alignment.frame().as_ref());
         Ok((moved.map_err(AlignError::from)?,))
     }
 }

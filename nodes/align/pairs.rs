@@ -1,21 +1,24 @@
-//! The rigid motion that brings points onto others.
+//! Computes a rigid motion from pairs of points.
 
 use nalgebra::{Isometry3, Matrix3, Matrix4, Point3, Quaternion, SymmetricEigen, UnitQuaternion};
 
 use super::align_error::AlignError;
 
-/// The rigid motion by which the first point of each pair comes nearest to the second, by the squares of their distances.
+/// Computes the rigid motion that moves the first point of each pair as close as possible to the second: it minimizes the sum of the
+/// squared distances.
 ///
-/// Horn, "Closed-form solution of absolute orientation using unit quaternions" (1987), section 4.A: a turn, never a reflection.
-pub(super) fn motion_of(pairs: &[[Point3<f64>; 2]]) -> Isometry3<f64> {
+/// Horn, "Closed-form solution of absolute orientation using unit quaternions" (1987), section 4.A. The result is always a rotation, never
+/// a reflection.
+pub(super) fn fit_motion(pairs: &[[Point3<f64>; 2]]) -> Isometry3<f64> {
     let count = pairs.len().max(1) as f64;
     fn mean(side: usize, count: f64, pairs: &[[Point3<f64>; 2]]) -> nalgebra::Vector3<f64> {
         pairs.iter().map(|pair| pair[side].coords / count).sum::<nalgebra::Vector3<f64>>()
     }
     let (from, to) = (mean(0, count, pairs), mean(1, count, pairs));
-    let products =
-        |pair: &[Point3<f64>; 2]| (pair[0].coords - from) * (pair[1].coords - to).transpose();
-    let s = pairs.iter().map(products).sum::<Matrix3<f64>>();
+    let s = pairs
+        .iter()
+        .map(|pair| (pair[0].coords - from) * (pair[1].coords - to).transpose())
+        .sum::<Matrix3<f64>>();
     let [x, y, z] = [s[(1, 2)] - s[(2, 1)], s[(2, 0)] - s[(0, 2)], s[(0, 1)] - s[(1, 0)]];
     let [xy, zx, yz] = [s[(0, 1)] + s[(1, 0)], s[(2, 0)] + s[(0, 2)], s[(1, 2)] + s[(2, 1)]];
     let [a, b, c] = [s[(0, 0)], s[(1, 1)], s[(2, 2)]];
@@ -32,20 +35,22 @@ pub(super) fn motion_of(pairs: &[[Point3<f64>; 2]]) -> Isometry3<f64> {
     Isometry3::from_parts((to - turn * from).into(), turn)
 }
 
-/// Pairs are no farther apart than this share of what they spread over: people pick better.
-const MOST_OFF: f64 = 0.1;
+/// The maximum root mean square distance of the pairs after the motion, as a fraction of the spread of the points. Points picked by hand
+/// are more accurate than this.
+const MAX_RELATIVE_ERROR: f64 = 0.1;
 
-/// The motion of pairs that people give, and how far apart they are then, as root mean square in mm.
+/// Computes the motion from pairs that the user has picked. Also returns the root mean square distance of the pairs after the motion, in
+/// mm.
 ///
 /// # Errors
-/// If there are fewer than three, one is out of the numbers, they lie on a line, or contradict each other.
-pub(super) fn motion_of_given(
+/// If there are fewer than three pairs, a coordinate is not finite, the points are on a line, or the pairs contradict each other.
+pub(super) fn fit_picked_pairs(
     pairs: &[[Point3<f64>; 2]],
 ) -> Result<(Isometry3<f64>, f64), AlignError> {
     if pairs.len() < 3 {
         return Err(AlignError::TooFewPairs { count: pairs.len() });
     }
-    let mut least = f64::INFINITY;
+    let mut min_spread = f64::INFINITY;
     for side in 0..2 {
         let mean = pairs.iter().map(|pair| pair[side].coords).sum::<nalgebra::Vector3<f64>>()
             / pairs.len() as f64;
@@ -60,25 +65,25 @@ pub(super) fn motion_of_given(
             return Err(AlignError::Parameter {
                 what: "pairs",
                 value: *value,
-                must: "near enough to be measured",
+                must: "coordinates of moderate size",
             });
         }
         let mut along = SymmetricEigen::new(spread).eigenvalues;
         along.as_mut_slice().sort_by(f64::total_cmp);
-        least = least.min(spread.trace().sqrt());
-        // A millionth of the length.
+        min_spread = min_spread.min(spread.trace().sqrt());
+        // Both values are squared lengths, so the limit is a millionth of the length.
         if along[1] <= 1e-12 * along[2] {
             let [off, along] = [along[1], along[2]].map(|square| square.max(0.0).sqrt());
             return Err(AlignError::Line { off, along });
         }
     }
-    let motion = motion_of(pairs);
+    let motion = fit_motion(pairs);
     let apart: Vec<_> = pairs.iter().map(|[from, onto]| (motion * from - onto).norm()).collect();
     let off = (apart.iter().map(|off| off * off).sum::<f64>() / pairs.len() as f64).sqrt();
-    if MOST_OFF * least < off {
+    if MAX_RELATIVE_ERROR * min_spread < off {
         let worst = (0..apart.len()).max_by(|&a, &b| apart[a].total_cmp(&apart[b])).unwrap_or(0);
         let (most, worst) = (apart[worst], worst + 1);
-        return Err(AlignError::Contradiction { off, spread: least, worst, most });
+        return Err(AlignError::Contradiction { off, spread: min_spread, worst, most });
     }
     Ok((motion, off))
 }

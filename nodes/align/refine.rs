@@ -1,9 +1,9 @@
-//! Brings scans that lie almost right together, all of them at once.
+//! Refines the poses of roughly aligned scans, all of them simultaneously.
 //!
-//! Each pair that overlaps adds its equations to one system, for two scans as for many. Scans are sampled by grids, from coarse to fine, so
-//! that noise is averaged and both sides are sampled alike. Nothing is random.
+//! The equations of all overlapping pairs are solved as one system. Scans are sampled by grids, from coarse to fine; this averages noise
+//! and gives both scans of a pair equal density. The algorithm is deterministic.
 
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use maquette_value::parallel::*;
 use nalgebra::{
     DMatrix, DVector, Isometry3, Matrix6, Point3, SymmetricEigen, Translation3, UnitQuaternion,
@@ -12,15 +12,15 @@ use nalgebra::{
 
 use super::cloud::Cloud;
 
-/// Scans that are sampled by grids.
+/// All scans, sampled by a grid.
 pub(super) struct Level {
     pub(super) clouds: Vec<Cloud>,
-    /// Half of the largest scan, in mm: what a turn moves at most.
+    /// Half of the diagonal of the largest scan's bounding box, in mm. Multiplied by this length, rotations are comparable to translations.
     radius: f64,
 }
 
 impl Level {
-    pub(super) fn of(clouds: &[&Cloud]) -> Self {
+    pub(super) fn new(clouds: &[&Cloud]) -> Self {
         let radius = clouds
             .iter()
             .map(|cloud| {
@@ -31,71 +31,75 @@ impl Level {
         Self { clouds: clouds.iter().map(|&cloud| cloud.clone()).collect(), radius }
     }
 
-    /// The edge of the coarser grid of two scans, in mm.
+    /// Returns the edge of the coarser of two scans' sampling grids, in mm.
     fn edge(&self, [a, b]: [usize; 2]) -> f64 {
         self.clouds[a].spacing.max(self.clouds[b].spacing)
     }
 }
 
-/// Scans that were brought together.
-pub(super) struct Refined {
+/// The result of [`refine`].
+pub(super) struct Refinement {
     pub(super) poses: Vec<Isometry3<f64>>,
-    /// What two scans have in common, for each pair.
+    /// The contact of each pair of scans.
     pub(super) contacts: Vec<Contact>,
-    /// In how many ways all scans may move without anything being felt.
+    /// The number of degrees of freedom, of all scans together, that the matches do not determine.
     pub(super) free: usize,
 }
 
-/// What two scans have in common.
+/// The contact of two scans: the number of their matches, and the distances of the matched points.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Contact {
-    /// Points of either that belong to points of the other.
+    /// The number of points of either scan that have a corresponding point on the other scan.
     pub(super) matches: usize,
-    /// How far those are off the other's planes, in mm: root mean square.
+    /// The root mean square distance of the corresponding points from the other scan's tangent planes, in mm.
     pub(super) plane: f64,
-    /// How far they are from the other's points, in mm: root mean square.
+    /// The root mean square distance between corresponding points, in mm.
     pub(super) point: f64,
 }
 
-/// Points of a scan belong to others up to so many edges of the grid away.
+/// The maximum distance between corresponding points, in multiples of the sampling grid's edge.
 const REACH: f64 = 3.0;
-/// The cosine of the angle that their normals may make.
-const ALIGNED: f64 = 0.6;
-/// Points that are so many standard deviations off are left out.
-const TRIMMED: f64 = 3.0;
-/// A motion that changes the distance of what it moves by less than this part, squared, is not felt.
-const FELT: f64 = 1e-3;
+/// The minimum cosine of the angle between the normals of corresponding points.
+const MIN_NORMAL_COSINE: f64 = 0.6;
+/// A match is an outlier if its distance is more than this many standard deviations.
+const OUTLIER_DEVIATIONS: f64 = 3.0;
+/// A degree of freedom is undetermined if its eigenvalue per match is at most this. The eigenvalue per match is the mean squared change of
+/// the distances relative to the squared motion.
+const MIN_EIGENVALUE: f64 = 1e-3;
 
-/// Moves all scans but the first until points lie on the others' surfaces, for at most so many steps; `pairs` says which overlap.
+/// Moves all scans except the first until their points lie on the surfaces of the other scans, in at most `steps` steps. `pairs` are the
+/// pairs of overlapping scans.
 ///
-/// The nearest point of each is found both ways, and what counts is its distance along the mean of both normals: Rusinkiewicz, "A
-/// symmetric objective function for ICP" (2019), equation 9, which has Chen and Medioni, "Object modelling by registration of multiple
-/// range images" (1992), as the case in which one normal counts. Left out are points whose nearest one is at a rim or looks elsewhere
-/// (Turk and Levoy, "Zippered polygon meshes from range images", 1994), and those that are far off beside the others, by the median as in
-/// Chetverikov, Svirko, Stepanov and Krsek, "The trimmed iterative closest point algorithm" (2002). All scans move in one system of equations,
-/// so that no error is handed from scan to scan: Krishnan, Lee, Moore and Venkatasubramanian, "Global registration of multiple 3D point sets
-/// via optimization-on-a-manifold" (2005). Motions that nothing holds are not made: Gelfand, Ikemoto, Rusinkiewicz and Levoy, "Geometrically
-/// stable sampling for the ICP algorithm" (2003), section 3.
+/// For each point of a pair of scans, the nearest point of the other scan is found. The residual is their distance along the mean of both
+/// normals: Rusinkiewicz, "A symmetric objective function for ICP" (2019), equation 9; with only one of the normals this is Chen and
+/// Medioni, "Object modelling by registration of multiple range images" (1992). A point is skipped if its nearest point is at a rim or has
+/// a different normal (Turk and Levoy, "Zippered polygon meshes from range images", 1994), or if its distance is an outlier relative to the
+/// median, as in Chetverikov, Svirko, Stepanov and Krsek, "The trimmed iterative closest point algorithm" (2002). The motions of all scans
+/// are unknowns of one system of equations, so errors do not accumulate from scan to scan: Krishnan, Lee, Moore and Venkatasubramanian,
+/// "Global registration of multiple 3D point sets via optimization-on-a-manifold" (2005). Motions that the matches do not determine are not
+/// made: Gelfand, Ikemoto, Rusinkiewicz and Levoy, "Geometrically stable sampling for the ICP algorithm" (2003), section 3.
 pub(super) fn refine(
     level: &Level,
     mut poses: Vec<Isometry3<f64>>,
     pairs: &[[usize; 2]],
     steps: usize,
     progress: &Progress<'_>,
-) -> Result<Refined, Cancelled> {
+) -> Result<Refinement, CancelledError> {
     let center = level.center(&poses);
     let mut reaches: Vec<_> = pairs.iter().map(|&pair| REACH * level.edge(pair)).collect();
     let least = pairs.iter().map(|&pair| level.edge(pair)).fold(f64::INFINITY, f64::min);
     let mut left = steps;
     loop {
         progress.check()?;
-        let systems = pairs.iter().zip(&reaches);
-        let systems = systems.map(|(&pair, &reach)| System::new(level, &poses, pair, reach));
-        let systems = Vec::from_iter(systems);
+        let systems: Vec<_> = pairs
+            .iter()
+            .zip(&reaches)
+            .map(|(&pair, &reach)| System::new(level, &poses, pair, reach))
+            .collect();
         let (moves, free) = solve(&systems, pairs, poses.len(), center, level.radius);
         if left == 0 {
             let contacts = systems.iter().map(|system| system.contact).collect();
-            return Ok(Refined { poses, contacts, free });
+            return Ok(Refinement { poses, contacts, free });
         }
         let mut farthest: f64 = 0.0;
         for (pose, motion) in poses.iter_mut().zip(&moves) {
@@ -105,7 +109,7 @@ pub(super) fn refine(
             let turn = Isometry3::rotation_wrt_point(turn, center);
             *pose = Translation3::from(shift) * turn * *pose;
         }
-        // The nearer the scans come, the less may be far off.
+        // The search distance decreases as the scans approach each other.
         for ((reach, system), &pair) in reaches.iter_mut().zip(&systems).zip(pairs) {
             *reach = reach.min(2.0 * level.edge(pair) + 3.0 * system.contact.plane);
         }
@@ -113,18 +117,19 @@ pub(super) fn refine(
     }
 }
 
-/// Two points that belong together.
+/// Two corresponding points.
 #[derive(Clone, Copy)]
 struct Match {
-    /// Between them.
+    /// The midpoint between the two points.
     middle: Point3<f64>,
-    /// The mean of both normals.
+    /// The mean of the two normals.
     normal: Vector3<f64>,
-    /// From the point of the second scan to that of the first.
+    /// The vector from the point of the second scan to the point of the first scan.
     off: Vector3<f64>,
 }
 
-/// What two scans ask of the motion of the first one against the second: turned by `x` about `center`, in units of `radius`, and moved.
+/// The normal equations of one pair of scans. The unknowns are the motion of the first scan relative to the second: a rotation about
+/// `center`, in units of `radius`, and a translation.
 struct System {
     matrix: Matrix6<f64>,
     right: Vector6<f64>,
@@ -146,9 +151,10 @@ impl System {
         let middle = heights.len() / 2;
         if !heights.is_empty() {
             heights.select_nth_unstable_by(middle, f64::total_cmp);
-            // The median of normal numbers is 0.6745 standard deviations.
-            let most = TRIMMED * heights[middle] / 0.6745 + 1e-6 * level.edge([a, b]);
-            matches.retain(|it| height(it).abs() <= most);
+            // The median absolute value of normally distributed numbers is 0.6745 standard deviations.
+            let max_height =
+                OUTLIER_DEVIATIONS * heights[middle] / 0.6745 + 1e-6 * level.edge([a, b]);
+            matches.retain(|it| height(it).abs() <= max_height);
         }
         let count = matches.len().max(1) as f64;
         fn mean(f: &dyn Fn(&Match) -> f64, matches: &[Match], count: f64) -> f64 {
@@ -171,19 +177,19 @@ impl System {
             matrix += row * row.transpose();
             right -= row * height(it);
         }
-        // What is not felt is not asked for.
+        // Remove the directions that the matches do not determine.
         let eigen = SymmetricEigen::new(matrix);
-        let (mut held, mut asked) = (Matrix6::zeros(), Vector6::zeros());
-        for k in (0..6).filter(|k| eigen.eigenvalues[*k] > FELT * count) {
+        let (mut determined, mut right_side) = (Matrix6::zeros(), Vector6::zeros());
+        for k in (0..6).filter(|k| eigen.eigenvalues[*k] > MIN_EIGENVALUE * count) {
             let way = eigen.eigenvectors.column(k);
-            held += way * way.transpose() * eigen.eigenvalues[k];
-            asked += way * way.dot(&right);
+            determined += way * way.transpose() * eigen.eigenvalues[k];
+            right_side += way * way.dot(&right);
         }
-        Self { matrix: held, right: asked, center, radius, contact }
+        Self { matrix: determined, right: right_side, center, radius, contact }
     }
 
-    /// Its matrix and right side for a turn about another center, in units of another radius.
-    fn about(&self, center: Point3<f64>, radius: f64) -> (Matrix6<f64>, Vector6<f64>) {
+    /// Converts the matrix and the right side to rotations about another center, in units of another radius.
+    fn change_center(&self, center: Point3<f64>, radius: f64) -> (Matrix6<f64>, Vector6<f64>) {
         let mut map = Matrix6::identity();
         map.fixed_view_mut::<3, 3>(0, 0).fill_diagonal(self.radius / radius);
         let moved = -(self.center - center).cross_matrix() / radius;
@@ -193,7 +199,7 @@ impl System {
 }
 
 impl Level {
-    /// The middle of all scans.
+    /// The mean of the centers of all scans, after they are moved by `poses`.
     fn center(&self, poses: &[Isometry3<f64>]) -> Point3<f64> {
         self.clouds
             .iter()
@@ -206,7 +212,7 @@ impl Level {
             .into()
     }
 
-    /// The nearest point of the second scan to each of the first, where they belong together.
+    /// Finds for each point of the first scan the nearest point of the second scan. Returns the pairs that count as corresponding points.
     fn matches(&self, poses: &[Isometry3<f64>], [a, b]: [usize; 2], reach: f64) -> Vec<Match> {
         let (from, to) = (&self.clouds[a], &self.clouds[b]);
         let motion = poses[b].inv_mul(&poses[a]);
@@ -216,18 +222,19 @@ impl Level {
             .filter_map(|k: usize| {
                 let (at, normal) = (motion * from.positions[k], motion * from.normals[k]);
                 let (near, _) = to.tree.nearest(&at, reach)?;
-                let (place, other) = (to.positions[near], to.normals[near]);
-                (!to.rim[near] && normal.dot(&other) > ALIGNED).then(|| Match {
-                    middle: poses[b] * nalgebra::center(&at, &place),
+                let (point, other) = (to.positions[near], to.normals[near]);
+                (!to.rim[near] && normal.dot(&other) > MIN_NORMAL_COSINE).then(|| Match {
+                    middle: poses[b] * nalgebra::center(&at, &point),
                     normal: poses[b] * (0.5 * (normal + other)),
-                    off: poses[b] * (at - place),
+                    off: poses[b] * (at - point),
                 })
             })
             .collect()
     }
 }
 
-/// How each scan moves, turned about `center` in units of `radius`, and in how many ways nothing holds them.
+/// Solves for the motion of each scan; rotations are about `center`, in units of `radius`. Also returns the number of degrees of freedom
+/// that the matches do not determine.
 fn solve(
     systems: &[System],
     pairs: &[[usize; 2]],
@@ -235,19 +242,19 @@ fn solve(
     center: Point3<f64>,
     radius: f64,
 ) -> (Vec<Vector6<f64>>, usize) {
-    // The first scan has no numbers among those that are sought.
-    fn place(scan: usize) -> Option<usize> {
+    // The first scan does not move, so the system has no unknowns for it.
+    fn offset(scan: usize) -> Option<usize> {
         Some(6 * scan.checked_sub(1)?)
     }
     let size = 6 * (count - 1);
     let (mut matrix, mut right) = (DMatrix::zeros(size, size), DVector::zeros(size));
     for (system, pair) in systems.iter().zip(pairs) {
-        let (part, asked) = system.about(center, radius);
+        let (part, right_side) = system.change_center(center, radius);
         let signed = [(pair[0], 1.0), (pair[1], -1.0)];
-        let signed = signed.map(|(scan, sign)| place(scan).map(|at| (at, sign)));
+        let signed = signed.map(|(scan, sign)| offset(scan).map(|at| (at, sign)));
         for (row, sign) in signed.into_iter().flatten() {
             let mut rows = right.rows_mut(row, 6);
-            rows += asked * sign;
+            rows += right_side * sign;
             for (column, other) in signed.into_iter().flatten() {
                 let mut block = matrix.view_mut((row, column), (6, 6));
                 block += part * (sign * other);
@@ -267,7 +274,7 @@ fn solve(
     }
     (
         (0..count)
-            .map(|scan| place(scan).map_or(Vector6::zeros(), |at| all.fixed_rows::<6>(at).into()))
+            .map(|scan| offset(scan).map_or(Vector6::zeros(), |at| all.fixed_rows::<6>(at).into()))
             .collect(),
         free,
     )

@@ -1,4 +1,4 @@
-//! What several packs stand on: sparse systems of equations, the topology of meshes, points by their places, and limits.
+//! Code shared by several packs: sparse linear systems, mesh topology, spatial search, and limits on sizes.
 
 pub mod limits;
 pub mod linear;

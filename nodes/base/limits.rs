@@ -1,11 +1,12 @@
-//! What several nodes make at most.
+//! Size limits shared by several nodes.
 
 use maquette_node::Limit;
 
-/// Vertices of a mesh that a node makes from a few numbers: with normals, texture coordinates and faces some 2 GB while it is made.
+/// The maximum number of vertices of a mesh that a node generates from a few numbers. So many vertices need about 2 GB of memory, with
+/// normals, texture coordinates and faces.
 pub const VERTICES: Limit =
-    Limit { most: 1 << 24, of: "vertices", help: "choose fewer rows, columns or sides" };
+    Limit { max: 1 << 24, items: "vertices", help: "choose fewer rows, columns or sides" };
 
-/// Points of a net or grid that is made anew: some 400 MB while it is made.
+/// The maximum number of points of a newly created net or grid. So many points need about 400 MB of memory.
 pub const POINTS: Limit =
-    Limit { most: 1 << 22, of: "points", help: "choose fewer rows or columns" };
+    Limit { max: 1 << 22, items: "points", help: "choose fewer rows or columns" };

@@ -1,13 +1,13 @@
-//! Linear equations: direct and iterative solvers, and the lists and sparse matrices that they work on.
+//! Linear equations: direct and iterative solvers, and the vectors and sparse matrices they operate on.
 
+pub mod attribute_transfer;
 pub mod banded;
-pub mod carry;
 pub mod cholesky;
 pub mod columns;
 pub mod laplace;
 pub mod lu;
-pub mod missed;
-pub mod mix;
 mod multigrid;
+pub mod residuals;
 pub mod stencils;
 pub mod transpose;
+pub mod weighted_mean;

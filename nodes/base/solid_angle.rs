@@ -1,19 +1,19 @@
-//! How much of all directions a triangle fills.
+//! Solid angles of triangles.
 
 use nalgebra::Point3;
 
-/// Half of the solid angle in which a triangle is seen from a place, positive if it turns its back; the sum over a closed mesh is 2 pi for
-/// each time that it winds around the place.
+/// Returns half of the solid angle of a triangle as seen from a point. It is positive if the back of the triangle faces the point. The sum
+/// over all triangles of a closed mesh is 2 pi times the winding number of the point.
 ///
 /// Van Oosterom and Strackee, "The solid angle of a plane triangle" (1983), equation 8.
 pub fn half_solid_angle(corners: [Point3<f64>; 3], from: &Point3<f64>) -> f64 {
     let [a, b, c] = corners.map(|corner| corner - from);
     let lengths = [a.norm(), b.norm(), c.norm()];
-    let below = lengths[0] * lengths[1] * lengths[2]
+    let denominator = lengths[0] * lengths[1] * lengths[2]
         + a.dot(&b) * lengths[2]
         + b.dot(&c) * lengths[0]
         + c.dot(&a) * lengths[1];
-    libm::atan2(a.dot(&b.cross(&c)), below)
+    libm::atan2(a.dot(&b.cross(&c)), denominator)
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Connectivity: disjoint sets, and lists of neighbors in one piece of memory.
+//! Connectivity: disjoint sets, and lists of neighbors in contiguous memory.
 
 pub mod lists;
 pub mod union_find;

@@ -1,25 +1,25 @@
-//! The points near to a place.
+//! A k-d tree: finds the points near a position.
 //!
-//! Bentley, "Multidimensional binary search trees used for associative searching" (1975), halved along the longest side of each box; the
-//! tree is the order of its points.
+//! Bentley, "Multidimensional binary search trees used for associative searching" (1975). Each box is split along its longest side. No
+//! nodes are stored: the order of the points determines the tree.
 
 use std::ops::Range;
 
 use nalgebra::Point3;
 
-/// Points of a leaf.
+/// The maximum number of points in a leaf.
 const LEAF: usize = 8;
 
-/// Points in the order of a tree: those of each branch stand side by side, halved in the middle.
+/// Points in the order of the tree: the points of each branch are contiguous, and the branch is split at its middle point.
 #[derive(Clone, Debug, Default)]
 pub struct Tree {
     points: Vec<(Point3<f64>, u32)>,
-    /// The axis along which each branch is halved, by the place of its middle.
+    /// For each branch the axis along which it is split, stored at the index of the branch's middle point.
     axes: Vec<u8>,
 }
 
 impl Tree {
-    /// The tree of some points. Cost grows with n log n.
+    /// Builds the tree for some points in O(n log n).
     pub fn new(points: &[Point3<f64>]) -> Self {
         let mut tree =
             Self { points: points.iter().copied().zip(0..).collect(), axes: vec![0; points.len()] };
@@ -27,7 +27,8 @@ impl Tree {
         tree
     }
 
-    /// The point that is nearest to a place and nearer than `reach`, with the square of its distance. Of several it is the first.
+    /// Returns the index of the point nearest to `at` and its squared distance, if it is less than `reach` away. Of several equally near
+    /// points, returns the one with the lowest index.
     pub fn nearest(&self, at: &Point3<f64>, reach: f64) -> Option<(usize, f64)> {
         let mut best = (reach * reach, u32::MAX);
         self.visit(0..self.points.len(), at, best.0, &mut |point, square| {
@@ -39,8 +40,8 @@ impl Tree {
         (best.1 != u32::MAX).then_some((best.1 as usize, best.0))
     }
 
-    /// The points that are nearer to a place than `reach`, ascending.
-    pub fn within(&self, at: &Point3<f64>, reach: f64) -> Vec<u32> {
+    /// Returns the indices of the points that are less than `reach` away from `at`, ascending.
+    pub fn points_within(&self, at: &Point3<f64>, reach: f64) -> Vec<u32> {
         let (mut found, square) = (Vec::new(), reach * reach);
         self.visit(0..self.points.len(), at, square, &mut |point, distance| {
             if distance < square {
@@ -52,27 +53,28 @@ impl Tree {
         found
     }
 
-    /// The points, with their numbers, in such an order that neighbors in it are near each other.
+    /// The points with their indices, in the order of the tree: points near each other in the list are near each other in space.
     pub fn points(&self) -> &[(Point3<f64>, u32)] {
         &self.points
     }
 
-    /// The squares of the distances to the `count` nearest points, ascending, in place of what is in `squares`; fewer if there are not so many.
+    /// Replaces `squares` by the squared distances from `at` to its `count` nearest points, ascending. There are fewer if the tree has
+    /// fewer points.
     pub fn nearest_squares(&self, at: &Point3<f64>, count: usize, squares: &mut Vec<f64>) {
         squares.clear();
         let limit = if count == 0 { -1.0 } else { f64::INFINITY };
         self.visit(0..self.points.len(), at, limit, &mut |_, square| {
-            let place = squares.iter().rposition(|known| *known <= square).map_or(0, |it| it + 1);
-            if place < count {
+            let index = squares.iter().rposition(|known| *known <= square).map_or(0, |it| it + 1);
+            if index < count {
                 squares.truncate(count - 1);
-                squares.insert(place, square);
+                squares.insert(index, square);
             }
             if squares.len() < count { f64::INFINITY } else { squares[count - 1] }
         });
     }
 
-    /// Shows `see` the points of a branch that may be nearer than the root of `limit`, the nearer half first, and says what the limit is
-    /// then: what `see` said last.
+    /// Calls `see` with each point of a branch whose squared distance from `at` may be less than `limit`; the nearer half of the branch is
+    /// visited first. `see` returns the new limit. Returns the last limit.
     fn visit(
         &self,
         branch: Range<usize>,
@@ -80,15 +82,10 @@ impl Tree {
         limit: f64,
         see: &mut impl FnMut(u32, f64) -> f64,
     ) -> f64 {
-        fn see_one(
-            see: &mut dyn FnMut(u32, f64) -> f64,
-            (point, index): &(Point3<f64>, u32),
-            at: &Point3<f64>,
-        ) -> f64 {
-            see(*index, (point - at).norm_squared())
-        }
         if branch.len() <= LEAF {
-            return self.points[branch].iter().fold(limit, |_, point| see_one(see, point, at));
+            return self.points[branch]
+                .iter()
+                .fold(limit, |_, (point, index)| see(*index, (point - at).norm_squared()));
         }
         let middle = branch.start + branch.len() / 2;
         let axis = usize::from(self.axes[middle]);
@@ -96,7 +93,8 @@ impl Tree {
         let (low, high) = (branch.start..middle, middle + 1..branch.end);
         let (near, far) = if off < 0.0 { (low, high) } else { (high, low) };
         self.visit(near, at, limit, see);
-        let limit = see_one(see, &self.points[middle], at);
+        let (point, index) = self.points[middle];
+        let limit = see(index, (point - at).norm_squared());
         if off * off <= limit { self.visit(far, at, limit, see) } else { limit }
     }
 }
@@ -122,20 +120,20 @@ fn halve(points: &mut [(Point3<f64>, u32)], axes: &mut [u8]) {
 
 #[cfg(test)]
 mod tests {
-    use maquette_value::random::Random;
+    use maquette_value::rng::Random;
 
     use super::*;
 
     #[test]
-    fn the_nearest_point_and_those_around_are_those_of_a_plain_search() {
+    fn results_equal_those_of_a_linear_search() {
         let mut random = Random(3);
-        fn place(random: &mut Random) -> Point3<f64> {
-            Point3::from([0; 3].map(|_| random.below(40) as f64))
+        fn random_point(random: &mut Random) -> Point3<f64> {
+            Point3::from([0; 3].map(|_| random.next_below(40) as f64))
         }
-        let points: Vec<_> = (0..500).map(|_| place(&mut random)).collect();
+        let points: Vec<_> = (0..500).map(|_| random_point(&mut random)).collect();
         let tree = Tree::new(&points);
         for at in (0..300)
-            .map(|_| place(&mut random) + nalgebra::Vector3::new(0.25, 0.0, -0.5))
+            .map(|_| random_point(&mut random) + nalgebra::Vector3::new(0.25, 0.0, -0.5))
             .collect::<Vec<_>>()
         {
             let all = || points.iter().map(|point| (point - at).norm_squared()).enumerate();
@@ -144,7 +142,7 @@ mod tests {
                 let nearest = near.clone().min_by(|a, b| a.1.total_cmp(&b.1));
                 assert_eq!(tree.nearest(&at, reach), nearest);
                 let near: Vec<_> = near.map(|(point, _)| point as u32).collect();
-                assert_eq!(tree.within(&at, reach), near);
+                assert_eq!(tree.points_within(&at, reach), near);
             }
             let mut squares: Vec<_> = all().map(|(_, square)| square).collect();
             squares.sort_by(f64::total_cmp);

@@ -1,4 +1,4 @@
-//! Units of length in files that do not say theirs.
+//! Units of length, for files that do not state theirs.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -18,7 +18,7 @@ pub enum Unit {
 }
 
 impl Unit {
-    /// Millimeters in one of it.
+    /// The length of one unit, in mm.
     pub fn millimeters(self) -> f64 {
         match self {
             Self::Mm => 1.0,
@@ -28,11 +28,11 @@ impl Unit {
         }
     }
 
-    /// A length in this unit, in mm. The decimal number that a file has comes out as the one that the file in mm would have, which the
-    /// product alone often misses by its last bit: 0.0234 m is 23.4 mm and not 23.400000000000002.
+    /// Converts a length in this unit to mm. The result is the number that a file in mm would contain. The product with
+    /// [`Self::millimeters`] alone often differs from this number in the last bit: 0.0234 m is 23.4 mm and not 23.400000000000002.
     pub fn in_millimeters(self, length: f64) -> f64 {
         let product = length * self.millimeters();
-        // So many decimals a double always has at this size, after the error of a product.
+        // The product is rounded to this number of decimals. A product of this size always has so many correct decimals.
         let decimals = match product.abs() {
             size if size < 1e3 => 1e12,
             size if size < 1e6 => 1e9,
@@ -42,13 +42,13 @@ impl Unit {
         if self.is_millimeters() { product } else { (product * decimals).round() / decimals }
     }
 
-    /// Whether it is the one that values carry; as a field it is left out of a node's key then, as if there were no such field.
+    /// Returns true for millimeters, the unit of all values. A field with this unit is left out of a node's cache key.
     pub fn is_millimeters(&self) -> bool {
         *self == Self::Mm
     }
 
-    /// The word for it in camera files.
-    pub fn word(self) -> &'static str {
+    /// The name of the unit in camera files.
+    pub fn name(self) -> &'static str {
         match self {
             Self::Mm => "mm",
             Self::Cm => "cm",

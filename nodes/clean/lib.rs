@@ -1,4 +1,4 @@
-//! Nodes that clean scans: even faces, less noise, nothing that flies around.
+//! Nodes that clean scans: they make triangles uniform, reduce noise, and remove stray points.
 
 use maquette_node::{Pack, node};
 
@@ -16,7 +16,7 @@ pub use remesh_error::RemeshError;
 pub use remove_outliers::{Outliers, OutliersError, RemoveOutliers, outliers};
 pub use smooth::{Smooth, SmoothError, smooth};
 
-/// Nodes that clean scans.
+/// The pack of nodes that clean scans.
 pub static PACK: Pack = Pack {
     name: "clean",
     version: env!("CARGO_PKG_VERSION"),

@@ -1,7 +1,8 @@
-//! Gives a surface triangles of one size.
+//! Replaces the triangles of a surface by triangles of uniform size.
 
 use maquette_node::{
-    Cancelled, Carry, Context, Error, Estimate, Fate, In, Limit, Node, Progress, Promise, Want,
+    CancelledError, Carry, Context, Error, Estimate, In, Limit, Node, Progress, Promise, Transfer,
+    Want,
 };
 use maquette_value::Mesh;
 use maquette_value::parallel::*;
@@ -16,37 +17,39 @@ use crate::remesh_error::RemeshError;
 mod net;
 mod original;
 
-/// Gives a surface new triangles, all with edges of nearly one length.
+/// Replaces the triangles of a surface by new ones with edges of nearly one length.
 ///
-/// The new vertices lie on the old surface. Borders, creases and edges where faces meet at a larger angle than `angle` stay, and so do the
-/// corners where they end, meet or turn. The shape of what is smaller than `length` goes, holes and parts stay as many as they are.
-/// Vertices have attributes mixed from those around their places, faces those of the nearest face; attributes of corners and
-/// normals are dropped. A vertex that joins fans of faces becomes one for each.
+/// The new vertices are on the old surface. Borders, creases, and edges where faces meet at an angle larger than `angle` are kept, and so
+/// are the corners where such lines end, meet or bend. Detail smaller than `length` is lost; the numbers of holes and of parts stay.
+/// Vertices have attributes interpolated at their positions, faces have those of the nearest face; attributes of corners, and normals, are
+/// dropped. A vertex that joins several fans of faces is split into one vertex for each fan.
 ///
 /// In other programs: retopologize, isotropic.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Remesh {
     /// The surface.
     pub mesh: In<Mesh>,
-    /// How long edges become, most of them between four fifths and four thirds of this; 0 takes the mean length of the edges that there are.
+    /// Target length of edges in mm; most edges are between four fifths and four thirds of it. 0 takes the mean length of the existing
+    /// edges.
     #[schemars(range(min = 0.0), extend("unit" = "mm"))]
     #[serde(default)]
     pub length: f64,
-    /// Edges whose faces meet at a larger angle are kept; 180 keeps borders and creases alone. Less finds edges in noise.
+    /// Edges whose faces meet at a larger angle, in degrees, are kept; 180 keeps only borders and creases. Small angles also find edges in
+    /// noise.
     #[schemars(range(min = 0.0, max = 180.0), extend("unit" = "deg"))]
-    #[serde(default = "forty")]
+    #[serde(default = "default_angle")]
     pub angle: f64,
 }
 
-fn forty() -> f64 {
+fn default_angle() -> f64 {
     40.0
 }
 
-/// Triangles of a result: some 4 GB while they are made.
+/// Maximum number of triangles of the result; remeshing so many takes about 4 GB.
 const TRIANGLES: Limit =
-    Limit { most: 1 << 23, of: "triangles", help: "choose a greater `length`" };
+    Limit { max: 1 << 23, items: "triangles", help: "choose a greater `length`" };
 
-/// Bytes for each triangle while it is made.
+/// Memory in bytes for each triangle during the computation.
 const BYTES: f64 = 450.0;
 
 impl Node for Remesh {
@@ -65,8 +68,11 @@ impl Node for Remesh {
         Promise::from("mesh", "NonEmpty", "mesh"),
     ];
 
-    const CARRIES: &'static [Carry] =
-        &[Carry::each("mesh", "mesh", [Fate::Interpolated, Fate::Dropped, Fate::Kept, Fate::Kept])];
+    const CARRIES: &'static [Carry] = &[Carry::per_domain(
+        "mesh",
+        "mesh",
+        [Transfer::Interpolated, Transfer::Dropped, Transfer::Kept, Transfer::Kept],
+    )];
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let mesh = cx.get(&self.mesh);
@@ -77,28 +83,32 @@ impl Node for Remesh {
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.get(&self.mesh);
         if mesh.corner().iter().any(|(name, _)| name != "normal") {
-            cx.warn("the attributes of corners are dropped: the new triangles do not keep to their seams");
+            cx.warn("the attributes of corners are dropped: the new triangles do not follow their seams");
         }
         Ok((remesh(mesh, self.length, self.angle, cx.progress())?,))
     }
 }
 
-/// How often triangles are changed and vertices moved: after that little changes any more.
+/// Number of rounds. Each round changes triangles and moves vertices; further rounds hardly change the result.
 const ROUNDS: u32 = 10;
 
-/// Edges that are longer or shorter than this share of the length are split and collapsed: then both halves, or what is left, are nearer to it.
+/// Multiples of the target length: edges longer than the first are split, and edges shorter than the second collapse. The two halves of a
+/// split edge, and the edge into which two edges merge, are then closer to the target length.
 const LONG: f64 = 4.0 / 3.0;
 const SHORT: f64 = 4.0 / 5.0;
 
-/// The surface of `mesh` with edges of some `length` mm (their mean length if 0), keeping edges where faces meet at more than `angle` degrees.
+/// Remeshes `mesh` with edges of `length` mm (the mean length of its edges if 0), keeping edges where faces meet at more than `angle`
+/// degrees.
 ///
-/// Botsch and Kobbelt, "A remeshing approach to multiresolution modeling" (2004), section 4: long edges are split, short ones collapse,
-/// others are flipped where that brings valences nearer to 6 (4 at borders), and vertices move within the tangent plane to the middle
-/// of the area around them and from there to the nearest place of the surface. Vertices on features move along them to the middle between
-/// their neighbors; where features end, meet or turn by more than 45 degrees on a way of `length` they stay. What would turn a triangle by more than 60 degrees or make it a needle is left out. Cost grows with n log n.
+/// Botsch and Kobbelt, "A remeshing approach to multiresolution modeling" (2004), section 4. Long edges are split, short ones collapse, and
+/// others are flipped if that brings the valences of vertices closer to 6 (4 at borders). Then each vertex moves in its tangent plane to
+/// the centroid of the area around it, and from there to the nearest point of the surface. Vertices on feature edges move along them to the
+/// middle between their neighbors; they stay where feature edges end, meet, or turn by more than 45 degrees within `length`. A change that
+/// would rotate a triangle by more than 60 degrees, or make it a needle, is skipped. The cost is O(n log n).
 ///
 /// # Errors
-/// If a parameter is out of range, the mesh is no surface, there would be too many triangles, or the evaluation is told to stop.
+/// Returns an error if a parameter is out of range, the mesh is not a surface, there would be too many triangles, or the evaluation is
+/// cancelled.
 pub fn remesh(
     mesh: &Mesh,
     length: f64,
@@ -115,7 +125,7 @@ pub fn remesh(
     let count = count(mesh, length);
     TRIANGLES.check(format_args!("a surface with edges of {length} mm"), count)?;
     let (original, mut net) = Original::new(mesh, length, angle)?;
-    // Of faces without area nothing even can be made.
+    // A mesh whose faces have no area cannot be remeshed, and is kept.
     let rounds = if count > 0.0 { ROUNDS } else { 0 };
     for round in 0..rounds {
         fn share(part: f64, round: u32, rounds: u32) -> f64 {
@@ -133,7 +143,7 @@ pub fn remesh(
     Ok(original.into_mesh(&net)?)
 }
 
-/// The length of edges that is meant.
+/// Returns the target length of edges: `given`, or the mean length if that is 0.
 fn length(mesh: &Mesh, given: f64) -> f64 {
     if given != 0.0 {
         return given;
@@ -146,7 +156,8 @@ fn length(mesh: &Mesh, given: f64) -> f64 {
     lengths.sum::<f64>() / edges.len().max(1) as f64
 }
 
-/// About how many triangles the surface is made of that have such edges; a long needle has little area, but is cut often.
+/// Estimates the number of triangles with edges of the given length. The lengths of the existing edges count as well as the area, because a
+/// long needle has hardly any area but is split often.
 fn count(mesh: &Mesh, length: f64) -> f64 {
     fn place(vertex: u32, mesh: &Mesh) -> Point3<f64> {
         mesh.positions()[vertex as usize]
@@ -173,11 +184,11 @@ fn area(mesh: &Mesh) -> f64 {
     mesh.faces().iter().map(|face| mesh.area_vector(face).norm()).sum()
 }
 
-/// How many edges are looked at before somebody may stop it.
+/// Number of edges that are processed between two checks for cancellation.
 const BATCH: usize = 4096;
 
-/// Splits the edges that are longer than `longest`, the longest first.
-fn split(net: &mut Net, longest: f64, progress: &Progress<'_>) -> Result<(), Cancelled> {
+/// Splits edges longer than `longest`, the longest first.
+fn split(net: &mut Net, longest: f64, progress: &Progress<'_>) -> Result<(), CancelledError> {
     loop {
         let mut long = edges(net, |square| longest * longest < square);
         long.reverse();
@@ -187,7 +198,7 @@ fn split(net: &mut Net, longest: f64, progress: &Progress<'_>) -> Result<(), Can
         for batch in long.chunks(BATCH) {
             progress.check()?;
             for &(square, h) in batch {
-                // It has another length if it was cut off.
+                // Skip an edge whose length has changed because it was split.
                 if net.square(h) == square {
                     net.split(h);
                 }
@@ -196,7 +207,8 @@ fn split(net: &mut Net, longest: f64, progress: &Progress<'_>) -> Result<(), Can
     }
 }
 
-/// The edges of certain squared lengths, by half-edge, the shortest first.
+/// Returns the edges whose squared length `wanted` accepts, the shortest first. Each edge is given by its squared length and one of its
+/// half-edges.
 fn edges(net: &Net, wanted: impl Fn(f64) -> bool) -> Vec<(f64, u32)> {
     let edges = net.edges().map(|h| (net.square(h), h));
     let mut edges: Vec<_> = edges.filter(|(square, _)| wanted(*square)).collect();
@@ -204,12 +216,12 @@ fn edges(net: &Net, wanted: impl Fn(f64) -> bool) -> Vec<(f64, u32)> {
     edges
 }
 
-/// Collapses the edges that are shorter than `shortest`, the shortest first, where none becomes longer than `longest`.
+/// Collapses edges shorter than the first of two lengths, the shortest first, if no edge becomes longer than the second.
 fn collapse(
     net: &mut Net,
     [shortest, longest]: [f64; 2],
     progress: &Progress<'_>,
-) -> Result<(), Cancelled> {
+) -> Result<(), CancelledError> {
     let (shortest, longest) = (shortest * shortest, longest * longest);
     loop {
         let (mut done, mut count) = (0, 0);
@@ -227,16 +239,16 @@ fn collapse(
                 );
             }
         }
-        // Most that are left are short because nothing can be done.
+        // If few of the short edges could be collapsed, most remaining ones cannot, and the loop ends.
         if done * 10 <= count {
             return Ok(());
         }
     }
 }
 
-/// Flips edges where that brings the valences of the four vertices around nearer to what they should be.
-fn flip(net: &mut Net, progress: &Progress<'_>) -> Result<(), Cancelled> {
-    fn off(vertex: u32, net: &Net) -> i32 {
+/// Flips an edge if that brings the valences of the four vertices around it closer to their targets.
+fn flip(net: &mut Net, progress: &Progress<'_>) -> Result<(), CancelledError> {
+    fn valence_error(vertex: u32, net: &Net) -> i32 {
         match net.leaving[vertex as usize] {
             NONE => 0,
             _ => {
@@ -251,7 +263,7 @@ fn flip(net: &mut Net, progress: &Progress<'_>) -> Result<(), Cancelled> {
     }
     let vertices = (0..net.places.len() as u32).into_par_iter().with_min_len(1024);
     let still = &*net;
-    let mut offs: Vec<i32> = vertices.map(|vertex| off(vertex, still)).collect();
+    let mut offs: Vec<i32> = vertices.map(|vertex| valence_error(vertex, still)).collect();
     let edges = Vec::from_iter(net.edges());
     for batch in edges.chunks(BATCH) {
         progress.check()?;
@@ -260,10 +272,10 @@ fn flip(net: &mut Net, progress: &Progress<'_>) -> Result<(), Cancelled> {
             if twin == NONE {
                 continue;
             }
-            let [a, b] = [net.from(h), net.to(h)];
+            let [a, b] = [net.from(h), net.end(h)];
             let [c, d] = [h, twin].map(|h| net.from(net::previous(h)));
             let changes = [(a, -1), (b, -1), (c, 1), (d, 1)];
-            // By how much the sum of the squares grows.
+            // The change of the sum of squared deviations from the target valences.
             let growth: i32 = changes
                 .iter()
                 .map(|&(vertex, change)| 2 * change * offs[vertex as usize] + 1)
@@ -277,13 +289,16 @@ fn flip(net: &mut Net, progress: &Progress<'_>) -> Result<(), Cancelled> {
     Ok(())
 }
 
-/// Moves vertices to the middle of what is around them, on the surface and on its features.
-fn relax(net: &mut Net, original: &Original<'_>, progress: &Progress<'_>) -> Result<(), Cancelled> {
+/// Moves each vertex to the centroid of its neighborhood, but keeps it on the surface and on its feature edges.
+fn relax(
+    net: &mut Net,
+    original: &Original<'_>,
+    progress: &Progress<'_>,
+) -> Result<(), CancelledError> {
     fn of_kind(kind: Kind, net: &Net) -> Vec<u32> {
-        let vertices = 0..net.places.len() as u32;
-        let is_there =
-            |&vertex: &u32| net.kind(vertex) == kind && net.leaving[vertex as usize] != NONE;
-        vertices.filter(is_there).collect::<Vec<_>>()
+        (0..net.places.len() as u32)
+            .filter(|&vertex| net.kind(vertex) == kind && net.leaving[vertex as usize] != NONE)
+            .collect()
     }
     let (smooth, curved) = (of_kind(Kind::Smooth, net), of_kind(Kind::Curve, net));
     let still = &*net;
@@ -292,7 +307,7 @@ fn relax(net: &mut Net, original: &Original<'_>, progress: &Progress<'_>) -> Res
         .with_min_len(256)
         .map(|&vertex| {
             let at = still.place(vertex);
-            let (normal, middle) = still.around(vertex);
+            let (normal, middle) = still.normal_and_center(vertex);
             let normal = normal.try_normalize(0.0).unwrap_or_default();
             let way = middle - at;
             (at + (way - normal * normal.dot(&way)), normal)
@@ -314,7 +329,7 @@ fn relax(net: &mut Net, original: &Original<'_>, progress: &Progress<'_>) -> Res
         }
     }
     for ((&vertex, place), normal) in smooth.iter().zip(found).zip(normals) {
-        // The other side of what is thin is not meant.
+        // The nearest point may be on the opposite side of a thin part; it is then not accepted.
         match place {
             Some((place, of_place)) if of_place.dot(&normal) >= 0.0 => net.shift(vertex, place),
             _ => {}

@@ -1,37 +1,39 @@
-//! Why a surface was not given new triangles.
+//! Errors of remeshing.
 
-use maquette_node::{Cancelled, TooMuch};
+use maquette_node::{CancelledError, LimitError};
 use maquette_value::MeshError;
 use thiserror::Error;
 
-/// Why a surface was not given new triangles.
+/// Reasons why a surface cannot be remeshed.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum RemeshError {
-    /// A length that is none.
+    /// The length is out of range.
     #[error("`length` is {0} mm, but must be a number from 0 on")]
     Length(f64),
-    /// An angle that is none.
+    /// The angle is out of range.
     #[error("`angle` is {0}, but must be from 0 to 180 degrees")]
     Angle(f64),
-    /// Edges of more than two faces.
-    #[error("{edges} edges have more than two faces: the mesh is no surface there")]
+    /// Some edges have more than two faces.
+    #[error("{edges} edges have more than two faces: the mesh is not a surface there")]
     Crowded {
-        /// How many.
+        /// The number of edges.
         edges: usize,
     },
-    /// Neighbors that look to different sides.
-    #[error("{edges} edges lie between faces that look to different sides; `Orient` turns them")]
+    /// Adjacent faces have inconsistent orientations.
+    #[error(
+        "{edges} edges have faces with different orientations; use `Orient` to make them consistent"
+    )]
     Twisted {
-        /// How many.
+        /// The number of edges.
         edges: usize,
     },
-    /// More than memory should hold.
+    /// The result would have too many triangles for the memory.
     #[error(transparent)]
-    TooMuch(#[from] TooMuch),
-    /// Places out of all bounds.
+    TooMuch(#[from] LimitError),
+    /// The positions exceed the largest coordinate of a mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
-    /// The evaluation was told to stop.
+    /// The evaluation was cancelled.
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }

@@ -1,87 +1,87 @@
-//! Takes away points that lie apart.
+//! Removes isolated points.
 
 use maquette_base::tree::Tree;
-use maquette_node::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress};
+use maquette_node::{CancelledError, Carry, Context, Error, In, Node, Progress, Transfer};
 use maquette_scan::Scan;
 use maquette_value::parallel::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// Takes away what flies around a scan: points that have no others near them.
+/// Removes stray points of a scan: points that have no other points near them.
 ///
-/// Of a mesh vertices are judged, and a face goes if one of its corners does; of a range image the cells with points. What stays keeps its
-/// attributes. Whole pieces that fly around are taken away by `Pieces`, what hangs at silhouettes by `FlyingPixels`.
+/// For a mesh, the vertices are tested, and a face is removed if one of its corners is removed; for a range image, the cells with points
+/// are tested. All other data keeps its attributes. `Pieces` removes whole stray pieces, `FlyingPixels` removes points at silhouettes.
 ///
 /// In other programs: statistical outlier removal.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct RemoveOutliers {
-    /// What is cleaned: a mesh, points or a range image.
+    /// The scan: a mesh, points or a range image.
     pub mesh: In<Scan>,
-    /// How it is told what lies apart.
+    /// Rule for isolated points.
     #[serde(default)]
     pub by: Outliers,
 }
 
-/// How it is told what lies apart.
+/// A rule by which isolated points are found.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub enum Outliers {
-    /// By how far the nearest points are away, beside how far that is everywhere: no length must be known.
+    /// By the mean distance to the nearest points, compared with that of all points. Requires no length.
     Spread {
-        /// To how many of the nearest points the distance is measured.
+        /// Number of nearest points to which the distance is measured.
         #[schemars(range(min = 1, max = 1000))]
-        #[serde(default = "twenty")]
+        #[serde(default = "default_spread_neighbors")]
         neighbors: u32,
-        /// A point goes if its mean distance is above the mean of all by more than so many standard deviations.
+        /// A point is removed if its mean distance exceeds the mean of all by more than this number of standard deviations.
         #[schemars(range(min = 0.0))]
-        #[serde(default = "two")]
+        #[serde(default = "default_ratio")]
         ratio: f64,
     },
-    /// By how many others are near.
+    /// By the number of neighbors within a radius.
     Radius {
-        /// How near.
+        /// The radius in mm.
         #[schemars(range(min = 0.0), extend("unit" = "mm", "exclusiveMinimum" = 0.0))]
         radius: f64,
-        /// A point goes if fewer others are so near.
+        /// A point with fewer neighbors within the radius is removed.
         #[schemars(range(min = 1, max = 1000))]
-        #[serde(default = "five")]
+        #[serde(default = "default_radius_neighbors")]
         neighbors: u32,
     },
 }
 
-fn twenty() -> u32 {
+fn default_spread_neighbors() -> u32 {
     20
 }
 
-fn two() -> f64 {
+fn default_ratio() -> f64 {
     2.0
 }
 
-fn five() -> u32 {
+fn default_radius_neighbors() -> u32 {
     5
 }
 
 impl Default for Outliers {
     fn default() -> Self {
-        Self::Spread { neighbors: twenty(), ratio: two() }
+        Self::Spread { neighbors: default_spread_neighbors(), ratio: default_ratio() }
     }
 }
 
-/// Why it cannot be told what lies apart.
+/// Reasons why isolated points cannot be found.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum OutliersError {
-    /// No neighbors, or too many.
+    /// The number of neighbors is out of range.
     #[error("`neighbors` is {0}, but must be from 1 to 1000")]
     Neighbors(u32),
-    /// A ratio that is none.
+    /// The ratio is out of range.
     #[error("`ratio` is {0}, but must be a number from 0 on")]
     Ratio(f64),
-    /// A radius that is none.
+    /// The radius is out of range.
     #[error("`radius` is {0} mm, but must be a number above 0")]
     Radius(f64),
-    /// The evaluation was told to stop.
+    /// The evaluation was cancelled.
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }
 
 impl Node for RemoveOutliers {
@@ -89,26 +89,26 @@ impl Node for RemoveOutliers {
     const OUTPUTS: [&'static str; 1] = ["mesh"];
 
     const CARRIES: &'static [Carry] =
-        &[Carry::all("mesh", "mesh", Fate::Kept).and_cells(Fate::Kept)];
+        &[Carry::uniform("mesh", "mesh", Transfer::Kept).and_cells(Transfer::Kept)];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let scan = cx.get(&self.mesh);
         let apart = outliers(&scan, self.by, cx.progress())?;
-        let kept = scan.only(&apart.iter().map(|apart| !apart).collect::<Vec<_>>());
+        let kept = scan.select(&apart.iter().map(|apart| !apart).collect::<Vec<_>>());
         if kept.count() == 0 && scan.count() > 0 {
-            cx.warn(format!("nothing is left of {} {}", scan.places().len(), scan.elements()));
+            cx.warn(format!("all {} {} were removed", scan.positions().len(), scan.elements()));
         }
         Ok((kept,))
     }
 }
 
-/// Which places of a scan lie apart. A cell without a point does not.
+/// Finds the isolated points of a scan. A cell without a point is not isolated.
 ///
-/// `Spread` is the statistical removal of Rusu, Marton, Blodow, Dolha and Beetz, "Towards 3D point cloud based object maps for household environments"
-/// (2008), section 4.1. Cost grows with n log n.
+/// `Spread` is the statistical removal of Rusu, Marton, Blodow, Dolha and Beetz, "Towards 3D point cloud based object maps for household
+/// environments" (2008), section 4.1. The cost is O(n log n).
 ///
 /// # Errors
-/// If a parameter is out of range, or the evaluation is told to stop.
+/// Returns an error if a parameter is out of range, or the evaluation is cancelled.
 pub fn outliers(
     scan: &Scan,
     by: Outliers,
@@ -127,12 +127,12 @@ pub fn outliers(
         }
         _ => {}
     }
-    let places = scan.places();
+    let places = scan.positions();
     let there: Vec<_> = (0..places.len()).filter(|&place| !places[place].x.is_nan()).collect();
     let points: Vec<_> = there.iter().map(|&place| places[place]).collect();
     let tree = Tree::new(&points);
     progress.tick(0.2)?;
-    // Each point is the first of those near to itself.
+    // One more point is searched, because each point is its own nearest neighbor.
     let count = neighbors as usize + 1;
     let mut apart = vec![false; places.len()];
     match by {
@@ -160,16 +160,16 @@ pub fn outliers(
     Ok(apart)
 }
 
-/// How many points are looked at before somebody may stop it.
+/// Number of points that are processed between two checks for cancellation.
 const BATCH: usize = 1 << 15;
 
-/// What `see` makes of the squared distances of each point to the `count` nearest, itself among them.
+/// Returns the result of `see` for each point; `see` gets the squared distances to the point's `count` nearest points, itself included.
 fn of_each<T: Copy + Default + Send>(
     tree: &Tree,
     count: usize,
     progress: &Progress<'_>,
     see: impl Fn(&[f64]) -> T + Sync,
-) -> Result<Vec<T>, Cancelled> {
+) -> Result<Vec<T>, CancelledError> {
     let (mut seen, see) = (vec![T::default(); tree.points().len()], &see);
     for (batch, points) in tree.points().chunks(BATCH).enumerate() {
         progress.tick(0.2 + 0.8 * (batch * BATCH) as f64 / seen.len() as f64)?;
@@ -187,13 +187,13 @@ fn of_each<T: Copy + Default + Send>(
 
 #[cfg(test)]
 mod tests {
-    use maquette_value::random::Random;
+    use maquette_value::rng::Random;
     use maquette_value::{Attribute, Faces, Mesh, Points, RangeImage};
     use nalgebra::Point3;
 
     use super::*;
 
-    /// A sheet of points 1 mm apart, and three that fly around.
+    /// Returns a sheet of points 1 mm apart, and three stray points.
     fn cloud() -> Vec<Point3<f64>> {
         let sheet = (0..400).map(|k| Point3::new(f64::from(k % 20), f64::from(k / 20), 0.0));
         let mut cloud = Vec::from_iter(sheet);
@@ -204,21 +204,21 @@ mod tests {
 
     const FLYING: [usize; 3] = [100, 401, 402];
 
-    fn apart(scan: &Scan, by: Outliers) -> Vec<usize> {
-        let apart = outliers(scan, by, &Progress::none()).unwrap();
+    fn stray_points(scan: &Scan, by: Outliers) -> Vec<usize> {
+        let apart = outliers(scan, by, &Progress::silent()).unwrap();
         (0..apart.len()).filter(|&place| apart[place]).collect()
     }
 
     #[test]
-    fn what_flies_around_goes_and_the_rest_keeps_its_attributes() {
+    fn stray_points_are_removed_and_the_rest_keeps_its_attributes() {
         let numbers = Attribute::Index((0..403).collect());
         let points = Points::new(cloud()).and_then(|it| it.with_attribute("number", numbers));
         let scan = Scan::Points(points.unwrap());
         for by in [Outliers::default(), Outliers::Radius { radius: 1.5, neighbors: 2 }] {
-            assert_eq!(apart(&scan, by), FLYING, "{by:?}");
+            assert_eq!(stray_points(&scan, by), FLYING, "{by:?}");
         }
-        let kept = outliers(&scan, Outliers::default(), &Progress::none()).unwrap();
-        let kept = scan.only(&kept.iter().map(|apart| !apart).collect::<Vec<_>>());
+        let kept = outliers(&scan, Outliers::default(), &Progress::silent()).unwrap();
+        let kept = scan.select(&kept.iter().map(|apart| !apart).collect::<Vec<_>>());
         let Scan::Points(points) = kept else { panic!("points") };
         let Some(Attribute::Index(numbers)) = points.attributes().get("number") else { panic!() };
         assert_eq!((numbers.len(), numbers[100]), (400, 101));
@@ -226,15 +226,15 @@ mod tests {
 
     #[test]
     fn the_spread_is_the_mean_and_the_deviation_of_the_formula() {
-        // On a line, with the two nearest: means of 1.5, 1, 1, 1, 1.5 and 8.5.
+        // The points are on a line. With two neighbors, the mean distances are 1.5, 1, 1, 1, 1.5 and 8.5.
         let line = [0.0, 1.0, 2.0, 3.0, 4.0, 12.0].map(|x| Point3::new(x, 0.0, 0.0));
         let scan = Scan::Points(Points::new(line.to_vec()).unwrap());
-        // Their mean is 2.4167 and their deviation 2.9903, so that 8.5 is 2.0343 deviations above.
-        fn by(ratio: f64) -> Outliers {
+        // The mean of these distances is 2.4167 and their standard deviation 2.9903; so 8.5 is 2.0343 deviations above the mean.
+        fn spread(ratio: f64) -> Outliers {
             Outliers::Spread { neighbors: 2, ratio }
         }
-        assert_eq!(apart(&scan, by(2.034)), [5]);
-        assert!(apart(&scan, by(2.035)).is_empty());
+        assert_eq!(stray_points(&scan, spread(2.034)), [5]);
+        assert!(stray_points(&scan, spread(2.035)).is_empty());
     }
 
     #[test]
@@ -242,24 +242,26 @@ mod tests {
         let mut points = cloud();
         points.push(Point3::new(f64::NAN, 0.0, 0.0));
         let range = RangeImage::new(101, 4, points).unwrap();
-        assert_eq!(apart(&Scan::RangeImage(range), Outliers::default()), FLYING);
+        assert_eq!(stray_points(&Scan::RangeImage(range), Outliers::default()), FLYING);
         let faces = vec![[0, 1, 21], [100, 3, 4], [401, 402, 7]];
         let mesh = Scan::Mesh(Mesh::new(cloud(), Faces::triangles(faces)).unwrap());
-        assert_eq!(apart(&mesh, Outliers::default()), FLYING);
-        let kept = outliers(&mesh, Outliers::default(), &Progress::none()).unwrap();
-        assert_eq!(mesh.only(&kept.iter().map(|apart| !apart).collect::<Vec<_>>()).count(), 1);
+        assert_eq!(stray_points(&mesh, Outliers::default()), FLYING);
+        let kept = outliers(&mesh, Outliers::default(), &Progress::silent()).unwrap();
+        assert_eq!(mesh.select(&kept.iter().map(|apart| !apart).collect::<Vec<_>>()).count(), 1);
     }
 
     #[test]
-    fn little_and_equal_points_stay_and_wrong_numbers_are_told() {
-        fn of(points: Vec<Point3<f64>>) -> Scan {
+    fn few_and_equal_points_stay_and_invalid_numbers_are_errors() {
+        fn scan(points: Vec<Point3<f64>>) -> Scan {
             Scan::Points(Points::new(points).unwrap())
         }
         for count in [0, 1, 2, 50] {
-            assert!(apart(&of(vec![Point3::origin(); count]), Outliers::default()).is_empty());
+            assert!(
+                stray_points(&scan(vec![Point3::origin(); count]), Outliers::default()).is_empty()
+            );
         }
         fn run(by: Outliers) -> OutliersError {
-            outliers(&of(cloud()), by, &Progress::none()).unwrap_err()
+            outliers(&scan(cloud()), by, &Progress::silent()).unwrap_err()
         }
         assert_eq!(run(Outliers::Spread { neighbors: 0, ratio: 1.0 }), OutliersError::Neighbors(0));
         assert_eq!(run(Outliers::Spread { neighbors: 2, ratio: -1.0 }), OutliersError::Ratio(-1.0));
@@ -277,7 +279,7 @@ mod tests {
         let scan = Scan::Points(Points::new(Vec::from_iter(points)).unwrap());
         fn run(threads: usize, scan: &Scan) -> Vec<usize> {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| apart(scan, Outliers::default()))
+            pool.install(|| stray_points(scan, Outliers::default()))
         }
         let one = run(1, &scan);
         assert!(one.len() > 500 && [2, 3].iter().all(|&threads| run(threads, &scan) == one));

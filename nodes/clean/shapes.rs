@@ -5,17 +5,20 @@ use std::collections::BTreeMap;
 use maquette_value::{Faces, Mesh};
 use nalgebra::Point3;
 
-/// A cube of quads with the edge 10 around the origin.
+/// Returns a cube of quads with edges of 10 mm around the origin.
 pub(crate) fn cube() -> Mesh {
-    let at =
-        |k: u32| Point3::from([0, 1, 2].map(|axis| if k >> axis & 1 == 1 { 5.0 } else { -5.0 }));
+    let positions: Vec<_> = (0..8)
+        .map(|k: u32| {
+            Point3::from([0, 1, 2].map(|axis| if k >> axis & 1 == 1 { 5.0 } else { -5.0 }))
+        })
+        .collect();
     let quads =
         [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
     let corners = quads.concat();
-    Mesh::new((0..8).map(at).collect::<Vec<_>>(), Faces::uniform(4, corners).unwrap()).unwrap()
+    Mesh::new(positions, Faces::uniform(4, corners).unwrap()).unwrap()
 }
 
-/// A sheet of `n` by `n` quads over a square with the side 10, lifted by `height`.
+/// Returns a sheet of `n` by `n` quads over a square with sides of 10 mm; `height` gives the heights of its vertices.
 pub(crate) fn sheet(n: u32, height: impl Fn(f64, f64) -> f64) -> Mesh {
     let cells = (0..n * n).map(|k| k / n * (n + 1) + k % n);
     let faces = cells.flat_map(|a| [a, a + 1, a + n + 2, a + n + 1]);
@@ -28,7 +31,7 @@ pub(crate) fn sheet(n: u32, height: impl Fn(f64, f64) -> f64) -> Mesh {
     Mesh::new(places, Faces::uniform(4, Vec::from_iter(faces)).unwrap()).unwrap()
 }
 
-/// A ball with the radius 10 whose triangles crowd at its poles.
+/// Returns a sphere of radius 10 mm whose triangles are denser at its poles.
 pub(crate) fn ball(n: u32) -> Mesh {
     let mut places = vec![Point3::new(0.0, 0.0, 10.0), Point3::new(0.0, 0.0, -10.0)];
     places.extend((1..n).flat_map(|row: u32| {
@@ -59,12 +62,12 @@ pub(crate) fn ball(n: u32) -> Mesh {
     Mesh::new(places, Faces::triangles(faces)).unwrap()
 }
 
-/// In mm^2.
+/// Returns the area of a mesh in mm^2.
 pub(crate) fn area(mesh: &Mesh) -> f64 {
     mesh.faces().iter().map(|face| mesh.area_vector(face).norm()).sum()
 }
 
-/// In mm^3, of a closed mesh.
+/// Returns the volume of a closed mesh in mm^3.
 pub(crate) fn volume(mesh: &Mesh) -> f64 {
     fn place(vertex: u32, mesh: &Mesh) -> nalgebra::Vector3<f64> {
         mesh.positions()[vertex as usize].coords
@@ -78,7 +81,7 @@ pub(crate) fn volume(mesh: &Mesh) -> f64 {
     fans.sum()
 }
 
-/// A ball with the radius 10 whose triangles are even: an icosahedron, each of whose edges has been halved so often.
+/// Returns a sphere of radius 10 mm with uniform triangles: an icosahedron whose edges are halved repeatedly.
 pub(crate) fn even_ball(steps: u32) -> Mesh {
     let golden = (1.0 + 5.0_f64.sqrt()) / 2.0;
     let mut places = Vec::new();
@@ -131,7 +134,7 @@ pub(crate) fn even_ball(steps: u32) -> Mesh {
     Mesh::new(places, Faces::triangles(faces)).unwrap()
 }
 
-/// The cube with `n` by `n` quads on each side.
+/// Returns the cube with `n` by `n` quads on each side.
 pub(crate) fn fine_cube(n: u32) -> Mesh {
     let (mut names, mut places, mut corners) = (BTreeMap::new(), Vec::new(), Vec::new());
     let coarse = cube();

@@ -1,7 +1,7 @@
-//! Takes small detail out of a surface.
+//! Removes small detail from a surface.
 
 use filter::{Filter, FilterError};
-use maquette_node::{Carry, Context, Error, Estimate, Fate, In, Node, Progress, Promise};
+use maquette_node::{Carry, Context, Error, Estimate, In, Node, Progress, Promise, Transfer};
 use maquette_value::{Mesh, MeshError};
 use nalgebra::Point3;
 use schemars::JsonSchema;
@@ -10,37 +10,37 @@ use thiserror::Error;
 
 mod filter;
 
-/// Takes out of a surface what is smaller than a length, such as noise; it does not shrink.
+/// Removes detail smaller than a length, such as noise, without shrinking the surface.
 ///
-/// Waves twice as long as `length` keep nineteen twentieths of their height, such as long half of it, half as long a seventeenth. So a ball
-/// with a radius of `length` loses less than one percent of its volume. Edges that shall stay sharp must be creases: `Crease` finds
-/// them. They and borders are smoothed along themselves, which rounds the corners of a border, and stay where they end or meet. Attributes
-/// stay, normals are dropped.
+/// Waves of twice `length` keep 95 % of their height, waves of `length` half of it, and waves of half `length` a seventeenth. A sphere with
+/// the radius `length` loses less than one percent of its volume. Edges that must stay sharp have to be creases: `Crease` finds them.
+/// Creases and borders are smoothed along themselves, which rounds the corners of a border; their vertices stay where they end or meet.
+/// Attributes are kept, normals are dropped.
 ///
 /// In other programs: relax, Laplacian.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Smooth {
     /// The surface.
     pub mesh: In<Mesh>,
-    /// What is smaller goes; 0 takes six times the mean length of the edges.
+    /// Length in mm below which detail is removed; 0 takes six times the mean edge length.
     #[schemars(range(min = 0.0), extend("unit" = "mm"))]
     #[serde(default)]
     pub length: f64,
-    /// Leaves borders and creases as they are; otherwise they are smoothed along themselves.
+    /// If true, borders and creases do not change; otherwise they are smoothed along themselves.
     #[serde(default)]
     pub keep_borders: bool,
 }
 
-/// Why a surface was not smoothed.
+/// Reasons why a surface cannot be smoothed.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum SmoothError {
-    /// A length that is none.
+    /// The length is out of range.
     #[error("`length` is {0} mm, but must be a number from 0 on")]
     Length(f64),
-    /// Its filter has no solution.
+    /// The equations of the filter could not be solved.
     #[error(transparent)]
     Filter(#[from] FilterError),
-    /// Places out of all bounds.
+    /// The positions exceed the largest coordinate of a mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
 }
@@ -58,7 +58,7 @@ impl Node for Smooth {
         Promise::from("mesh", "NonEmpty", "mesh"),
     ];
 
-    const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept)];
+    const CARRIES: &'static [Carry] = &[Carry::uniform("mesh", "mesh", Transfer::Kept)];
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let mesh = cx.get(&self.mesh);
@@ -69,9 +69,9 @@ impl Node for Smooth {
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.get(&self.mesh);
         let size = mesh.bounds().map_or(0.0, |(low, high)| (high - low).norm());
-        if MOST_OF_SIZE * size < self.length {
+        if MAX_LENGTH_RATIO * size < self.length {
             cx.warn(format!(
-                "`length` is {} mm, and the mesh {size:.0} mm large: its shape goes, too",
+                "`length` is {} mm, and the mesh {size:.0} mm large: its shape is lost, too",
                 self.length
             ));
         }
@@ -79,25 +79,27 @@ impl Node for Smooth {
     }
 }
 
-/// Bytes for each corner of a face.
+/// Memory in bytes for each corner of a face during the computation.
 const BYTES: f64 = 150.0;
 
-/// With a length of more than this share of its diagonal a mesh loses its shape: a ball a hundredth of its volume.
-const MOST_OF_SIZE: f64 = 0.3;
+/// A length above this fraction of the diagonal of a mesh's bounding box changes the shape of the mesh: a sphere loses a hundredth of its
+/// volume.
+const MAX_LENGTH_RATIO: f64 = 0.3;
 
-/// Times the mean length of edges.
-const OF_EDGES: f64 = 6.0;
+/// Default length, as a multiple of the mean edge length.
+const DEFAULT_EDGE_LENGTHS: f64 = 6.0;
 
-/// `mesh` without what is smaller than `length` mm (six times the mean length of its edges if 0).
+/// Smooths `mesh`: removes detail smaller than `length` mm (six times the mean edge length if 0).
 ///
-/// Implicit fairing of the second order, Desbrun, Meyer, Schroeder and Barr, "Implicit fairing of irregular meshes using diffusion and curvature
-/// flow" (1999), section 2.4: `(1 + (length / 2 pi)^4 L^2) x = x_before` with the Laplacian `L` of cotangents over areas, equation 14 there. A
-/// wave of the length `w` keeps `1 / (1 + (length / w)^4)` of its height: the low-pass filter that Taubin, "A signal processing approach to fair surface
-/// design" (1995), approximates by steps, so that nothing must be done against shrinking. Borders and creases go first, each as a curve, then the
-/// surface between them. Cost grows with the number of faces times `length` over that of edges.
+/// Implicit fairing of the second order: Desbrun, Meyer, Schroeder and Barr, "Implicit fairing of irregular meshes using diffusion and
+/// curvature flow" (1999), section 2.4. It solves `(1 + (length / 2 pi)^4 L^2) x = x_before`, where the Laplacian `L` is that of cotangents
+/// divided by areas (equation 14 of that paper). A wave of the length `w` keeps `1 / (1 + (length / w)^4)` of its height. This is the
+/// low-pass filter that Taubin, "A signal processing approach to fair surface design" (1995), approximates by steps; because it is solved
+/// exactly, shrinking needs no correction. Borders and creases are smoothed first, each as a curve, then the surface between them. The cost
+/// grows with the number of faces times the ratio of `length` to the edge length.
 ///
 /// # Errors
-/// If the length is none, the mesh is so distorted that there is no solution, or the evaluation is told to stop.
+/// Returns an error if the length is invalid, the mesh is too distorted for a solution, or the evaluation is cancelled.
 pub fn smooth(
     mesh: &Mesh,
     length: f64,
@@ -108,11 +110,15 @@ pub fn smooth(
         return Err(SmoothError::Length(length));
     }
     let edges = mesh.edges();
-    let place = |vertex: u32| mesh.positions()[vertex as usize];
-    let span = |[a, b]: [u32; 2]| (place(b) - place(a)).norm();
+    let points = mesh.positions();
+    /// Returns the length of the edge between two vertices.
+    fn edge_length([a, b]: [u32; 2], points: &[Point3<f64>]) -> f64 {
+        (points[b as usize] - points[a as usize]).norm()
+    }
     let length = match length {
         0.0 => {
-            OF_EDGES * edges.vertices.iter().map(|&ends| span(ends)).sum::<f64>()
+            DEFAULT_EDGE_LENGTHS
+                * edges.vertices.iter().map(|&ends| edge_length(ends, points)).sum::<f64>()
                 / edges.vertices.len().max(1) as f64
         }
         given => given,
@@ -135,7 +141,7 @@ pub fn smooth(
     if !keep_borders {
         let mut along = Filter::new(places.len());
         for &ends in &curves {
-            let span = span(ends);
+            let span = edge_length(ends, points);
             if span > 0.0 {
                 along.add_edge(ends, 1.0 / span);
                 ends.iter().for_each(|&end| along.add_mass(end, span / 2.0));
@@ -147,7 +153,7 @@ pub fn smooth(
     let mut surface = Filter::new(places.len());
     for face in mesh.faces().iter() {
         for k in 1..face.len() - 1 {
-            add_triangle(&mut surface, [face[0], face[k], face[k + 1]], place);
+            add_triangle(&mut surface, [face[0], face[k], face[k + 1]], points);
         }
     }
     let is_free: Vec<_> = on_curves.iter().map(|&count| count == 0).collect();
@@ -155,18 +161,18 @@ pub fn smooth(
     Ok(mesh.with_positions(places)?)
 }
 
-/// Cotangents of angles beyond this are those of needles, which mean nothing.
-const MOST_COTANGENT: f64 = 1e3;
+/// Maximum cotangent of an angle; larger cotangents occur only in needles, where they are meaningless.
+const MAX_COTANGENT: f64 = 1e3;
 
-fn add_triangle(filter: &mut Filter, corners: [u32; 3], place: impl Fn(u32) -> Point3<f64>) {
-    let places = corners.map(place);
+fn add_triangle(filter: &mut Filter, corners: [u32; 3], points: &[Point3<f64>]) {
+    let places = corners.map(|vertex| points[vertex as usize]);
     let double_area = (places[1] - places[0]).cross(&(places[2] - places[0])).norm();
     for k in 0..3 {
         let [b, c] = [(k + 1) % 3, (k + 2) % 3];
         let (to_b, to_c) = (places[b] - places[k], places[c] - places[k]);
         let cotangent = to_b.dot(&to_c) / double_area;
         if !cotangent.is_nan() {
-            let cotangent = cotangent.clamp(-MOST_COTANGENT, MOST_COTANGENT);
+            let cotangent = cotangent.clamp(-MAX_COTANGENT, MAX_COTANGENT);
             filter.add_edge([corners[b], corners[c]], cotangent / 2.0);
         }
         filter.add_mass(corners[k], double_area / 6.0);

@@ -1,6 +1,6 @@
-//! A picture in which each place of a mesh has a place of its own: which texels show what.
+//! Texture atlases: pictures in which each point of a mesh has its own texel.
 
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use maquette_value::{Attribute, Image, Mesh, Rgb};
 use nalgebra::Vector2;
 use schemars::JsonSchema;
@@ -8,21 +8,22 @@ use serde::{Deserialize, Serialize};
 
 use super::layout::{Layout, LayoutError, lay_out, overlap};
 
-/// Which texture coordinates an atlas has.
+/// The source of an atlas's texture coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Coordinates {
-    /// The mesh's own, if each face has a part of the square from (0, 0) to (1, 1) for itself; otherwise new ones, as `Unwrap` makes them.
+    /// The mesh's own coordinates, if each face has its own part of the square from (0, 0) to (1, 1); otherwise new ones, as `Unwrap` makes
+    /// them.
     #[default]
     Own,
-    /// New ones, as `Unwrap` makes them.
+    /// New coordinates, as `Unwrap` makes them.
     New,
 }
 
-/// The mesh with `uv` at its corners, in which each face has a part of the square for itself. If its own ones are wanted and do not fit,
-/// `doubt` is told why.
+/// Returns the mesh with `uv` at its corners, in which each face has its own part of the square. If the mesh's own coordinates are wanted
+/// but unusable, `doubt` is called with the reason.
 ///
 /// # Errors
-/// Those of [`lay_out`].
+/// Returns the errors of [`lay_out`].
 pub(crate) fn with_atlas(
     mesh: &Mesh,
     coordinates: Coordinates,
@@ -33,8 +34,11 @@ pub(crate) fn with_atlas(
     layout.check()?;
     let own = (coordinates == Coordinates::Own).then(|| corner_uv(mesh)).flatten();
     let Some(uv) = own else { return Ok(lay_out(mesh, layout, progress)?.mesh) };
-    match misfit(mesh, &uv) {
-        None => Ok(mesh.clone().without("uv").with_corner("uv", Attribute::Pair(uv.into()))?),
+    match unusable_reason(mesh, &uv) {
+        None => Ok(mesh
+            .clone()
+            .without_attribute("uv")
+            .with_corner("uv", Attribute::Pair(uv.into()))?),
         Some(why) => {
             doubt(format!("the mesh gets new texture coordinates: in its own ones {why}"));
             Ok(lay_out(mesh, layout, progress)?.mesh)
@@ -42,7 +46,7 @@ pub(crate) fn with_atlas(
     }
 }
 
-/// The texture coordinates of each corner.
+/// Returns the texture coordinates of each corner.
 pub(crate) fn corner_uv(mesh: &Mesh) -> Option<Vec<[f64; 2]>> {
     match mesh.corner().pairs("uv") {
         Some(uv) => Some(uv.to_vec()),
@@ -53,7 +57,7 @@ pub(crate) fn corner_uv(mesh: &Mesh) -> Option<Vec<[f64; 2]>> {
     }
 }
 
-/// The corners of all triangles of a mesh, each with its face.
+/// Returns the corners of all triangles of a mesh, each triangle with its face.
 fn triangles_of_faces(mesh: &Mesh) -> Vec<(u32, [u32; 3])> {
     let faces = (0..mesh.faces().len()).flat_map(|face| {
         let first = mesh.faces().first_corner(face) as u32;
@@ -63,11 +67,11 @@ fn triangles_of_faces(mesh: &Mesh) -> Vec<(u32, [u32; 3])> {
     faces.collect()
 }
 
-/// So much smaller are triangles that are tested for overlaps: files round texture coordinates.
+/// Factor by which triangles shrink in the test for overlaps, because files round texture coordinates.
 const ROUNDED: f64 = 1e-3;
 
-/// Why texture coordinates are no atlas.
-fn misfit(mesh: &Mesh, uv: &[[f64; 2]]) -> Option<String> {
+/// Returns the reason why texture coordinates are not an atlas; `None` if they are one.
+fn unusable_reason(mesh: &Mesh, uv: &[[f64; 2]]) -> Option<String> {
     let slack = -1e-6..=1.0 + 1e-6;
     if let Some(out) = uv.iter().find(|uv| !uv.iter().all(|x| slack.contains(x))) {
         return Some(format!(
@@ -100,18 +104,18 @@ fn misfit(mesh: &Mesh, uv: &[[f64; 2]]) -> Option<String> {
 /// A texel that shows the surface.
 #[derive(Clone, Copy)]
 pub(crate) struct Texel {
-    /// Its place in the picture, row by row from the top.
+    /// The index of the pixel in the picture, row by row from the top.
     pub(crate) pixel: u32,
-    /// The triangle among [`Texels::triangles`].
+    /// The triangle, an index into [`Texels::triangles`].
     pub(crate) triangle: u32,
-    /// How far the second and the third corner of the triangle weigh.
+    /// The weights of the second and the third corner of the triangle.
     shares: [f32; 2],
-    /// Whether its center lies on the surface.
+    /// True if the center of the texel is on the surface.
     pub(crate) is_inside: bool,
 }
 
 impl Texel {
-    /// How far each corner of its triangle weighs.
+    /// Returns the weights of the three corners of the texel's triangle.
     pub(crate) fn shares(&self) -> [f64; 3] {
         let [b, c] = self.shares.map(f64::from);
         [1.0 - b - c, b, c]
@@ -122,28 +126,28 @@ impl Texel {
 pub(crate) struct Texels {
     /// Width and height of the picture.
     pub(crate) size: usize,
-    /// The corners of triangles, as places among those of all faces.
+    /// The corners of triangles, as indices of corners of faces.
     pub(crate) triangles: Vec<[u32; 3]>,
-    /// Row by row from the top. A texel whose center lies beside the surface, where interpolation needs it, shows the nearest place.
+    /// The texels, row by row from the top. A texel beside the surface that interpolation needs shows the nearest point of the surface.
     pub(crate) texels: Vec<Texel>,
 }
 
-/// So far from a triangle, in texels, are those that interpolation needs.
-const BESIDE: f64 = 1.5;
+/// Maximum distance from a triangle, in texels, of the texels that interpolation needs.
+const MAX_TEXEL_DISTANCE: f64 = 1.5;
 
-/// No triangle.
+/// Index of a triangle that does not exist.
 const NONE: u32 = u32::MAX;
 
 impl Texels {
-    /// The texels of a mesh with `uv` at its corners.
+    /// Finds the texels of a mesh with `uv` at its corners.
     ///
     /// # Errors
-    /// If the evaluation is told to stop.
+    /// Returns an error if the evaluation is cancelled.
     pub(crate) fn new(
         mesh: &Mesh,
         [width, height]: [usize; 2],
         progress: &Progress<'_>,
-    ) -> Result<Self, Cancelled> {
+    ) -> Result<Self, CancelledError> {
         let uv = mesh.corner().pairs("uv").expect("texture coordinates");
         let size = [width as f64, height as f64];
         let triangles = mesh.triangle_corners();
@@ -168,8 +172,8 @@ impl Texels {
                 b: Vector2<f64>,
                 c: Vector2<f64>,
             ) -> std::ops::Range<usize> {
-                let low = a[axis].min(b[axis]).min(c[axis]) - BESIDE - 0.5;
-                let high = a[axis].max(b[axis]).max(c[axis]) + BESIDE - 0.5;
+                let low = a[axis].min(b[axis]).min(c[axis]) - MAX_TEXEL_DISTANCE - 0.5;
+                let high = a[axis].max(b[axis]).max(c[axis]) + MAX_TEXEL_DISTANCE - 0.5;
                 low.ceil().clamp(0.0, most as f64) as usize
                     ..((high + 1.0).floor().clamp(0.0, most as f64) as usize)
             }
@@ -180,7 +184,7 @@ impl Texels {
                     let center = Vector2::new(column as f64 + 0.5, row as f64 + 0.5);
                     let distance = (foot(corners, center).0 - center).norm();
                     let pixel = &mut nearest[row * width + column];
-                    if distance <= BESIDE && (distance as f32) < pixel.1 {
+                    if distance <= MAX_TEXEL_DISTANCE && (distance as f32) < pixel.1 {
                         *pixel = (number, distance as f32);
                     }
                 }
@@ -205,16 +209,16 @@ impl Texels {
         Ok(Self { size: width, triangles, texels })
     }
 
-    /// The picture of these colors, one for each texel; between charts those of what is nearest go on, so that no smaller copy of the picture
-    /// mixes in others.
+    /// Makes a picture from the given colors, one for each texel. The space between charts gets the nearest colors, so that smaller
+    /// versions of the picture mix in no other colors.
     ///
     /// # Errors
-    /// If the evaluation is told to stop.
+    /// Returns an error if the evaluation is cancelled.
     pub(crate) fn picture(
         &self,
         colors: &[Rgb],
         progress: &Progress<'_>,
-    ) -> Result<Image, Cancelled> {
+    ) -> Result<Image, CancelledError> {
         let size = self.size;
         let mut pixels = vec![[0; 3]; size * size];
         let mut is_known = vec![false; size * size];
@@ -222,25 +226,26 @@ impl Texels {
             pixels[texel.pixel as usize] = *color;
             is_known[texel.pixel as usize] = true;
         }
-        let around = |pixel: usize| {
+        /// Returns the pixel itself and its up to eight neighbors in a square picture.
+        fn neighborhood(pixel: usize, size: usize) -> impl Iterator<Item = usize> {
             let (column, row) = (pixel % size, pixel / size);
             let columns = column.saturating_sub(1)..(column + 2).min(size);
             let rows = row.saturating_sub(1)..(row + 2).min(size);
             rows.flat_map(move |row| columns.clone().map(move |column| row * size + column))
-        };
+        }
         let mut is_listed = is_known.clone();
         let mut layer: Vec<_> = self.texels.iter().map(|texel| texel.pixel as usize).collect();
         while !layer.is_empty() {
             progress.check()?;
             let mut next = Vec::new();
-            for pixel in layer.into_iter().flat_map(around) {
+            for pixel in layer.into_iter().flat_map(|pixel| neighborhood(pixel, size)) {
                 if !std::mem::replace(&mut is_listed[pixel], true) {
                     next.push(pixel);
                 }
             }
             for &pixel in &next {
                 let (mut sum, mut count) = ([0u32; 3], 0);
-                for other in around(pixel).filter(|&other| is_known[other]) {
+                for other in neighborhood(pixel, size).filter(|&other| is_known[other]) {
                     (0..3).for_each(|k| sum[k] += u32::from(pixels[other][k]));
                     count += 1;
                 }
@@ -253,14 +258,14 @@ impl Texels {
     }
 }
 
-/// The nearest place of a triangle, and how far its second and third corner weigh there.
+/// Returns the nearest point of a triangle, and the weights of the triangle's second and third corner at that point.
 fn foot([a, b, c]: [Vector2<f64>; 3], at: Vector2<f64>) -> (Vector2<f64>, [f64; 2]) {
     let twice = (b - a).perp(&(c - a));
     let (s, t) = ((at - a).perp(&(c - a)) / twice, (b - a).perp(&(at - a)) / twice);
     if 0.0 <= s && 0.0 <= t && s + t <= 1.0 {
         return (at, [s, t]);
     }
-    // On a side, which is the nearest one.
+    // The nearest point is on the nearest side.
     let sides = [
         (a, b, [0.0, 0.0], [1.0, 0.0]),
         (b, c, [1.0, 0.0], [0.0, 1.0]),
@@ -287,7 +292,7 @@ mod tests {
 
     use super::*;
 
-    /// A square from (.25, .25) to (.75, .75) of the picture.
+    /// Returns a mesh of one square from (`low`, `low`) to (`high`, `high`) of the picture.
     fn square(low: f64, high: f64) -> Mesh {
         let corners = [[low, low], [high, low], [high, high], [low, high]];
         let places = corners.map(|[x, y]| Point3::new(x, y, 0.0)).to_vec();
@@ -297,9 +302,9 @@ mod tests {
 
     #[test]
     fn texels_show_their_places() {
-        let texels = Texels::new(&square(0.25, 0.75), [8, 8], &Progress::none()).unwrap();
+        let texels = Texels::new(&square(0.25, 0.75), [8, 8], &Progress::silent()).unwrap();
         assert_eq!(texels.texels.iter().filter(|it| it.is_inside).count(), 16);
-        // For interpolation two rows around them, without the outer corners.
+        // Interpolation needs two more rows of texels around the square, without the outer corners.
         assert_eq!(texels.texels.len(), 16 + 20 + 16);
         let mesh = square(0.25, 0.75);
         for texel in &texels.texels {
@@ -320,42 +325,46 @@ mod tests {
 
     #[test]
     fn colors_go_on_between_charts() {
-        let texels = Texels::new(&square(0.25, 0.75), [32, 32], &Progress::none()).unwrap();
+        let texels = Texels::new(&square(0.25, 0.75), [32, 32], &Progress::silent()).unwrap();
         let picture =
-            texels.picture(&vec![[9, 8, 7]; texels.texels.len()], &Progress::none()).unwrap();
+            texels.picture(&vec![[9, 8, 7]; texels.texels.len()], &Progress::silent()).unwrap();
         assert!(picture.pixels().iter().all(|pixel| *pixel == [9, 8, 7]));
     }
 
     #[test]
     fn own_coordinates_count_only_if_they_are_an_atlas() {
-        fn told(mesh: &Mesh) -> String {
+        fn error(mesh: &Mesh) -> String {
             let doubts = std::cell::RefCell::new(Vec::new());
-            let doubt = |text| doubts.borrow_mut().push(text);
-            let found =
-                with_atlas(mesh, Coordinates::Own, &Layout::default(), &doubt, &Progress::none())
-                    .unwrap();
+            let found = with_atlas(
+                mesh,
+                Coordinates::Own,
+                &Layout::default(),
+                &|text| doubts.borrow_mut().push(text),
+                &Progress::silent(),
+            )
+            .unwrap();
             assert_eq!(
                 doubts.borrow().is_empty(),
                 corner_uv(mesh).is_none_or(|own| Some(own) == corner_uv(&found))
             );
             doubts.borrow().join("; ")
         }
-        assert_eq!(told(&square(0.25, 0.75)), "");
-        assert_eq!(told(&square(0.25, 0.75).without("uv")), "");
+        assert_eq!(error(&square(0.25, 0.75)), "");
+        assert_eq!(error(&square(0.25, 0.75).without_attribute("uv")), "");
         let text = "the mesh gets new texture coordinates: in its own ones";
         assert_eq!(
-            told(&square(0.25, 1.5)),
+            error(&square(0.25, 1.5)),
             format!("{text} (1.5, 0.25) is not in the square from (0, 0) to (1, 1)")
         );
-        fn with(uv: [[f64; 2]; 4]) -> Mesh {
+        fn square_with(uv: [[f64; 2]; 4]) -> Mesh {
             square(0.0, 1.0).with_corner("uv", Attribute::Pair(uv.to_vec().into())).unwrap()
         }
-        assert_eq!(told(&with([[0.5; 2]; 4])), format!("{text} face 0 has no area"));
+        assert_eq!(error(&square_with([[0.5; 2]; 4])), format!("{text} face 0 has no area"));
         assert_eq!(
-            told(&with([[0., 0.], [1., 0.], [1., 1.], [0.9, 0.1]])),
+            error(&square_with([[0., 0.], [1., 0.], [1., 1.], [0.9, 0.1]])),
             format!("{text} the faces 0 and 0 overlap")
         );
-        // Mirrored is no fault.
-        assert_eq!(told(&with([[0., 0.], [0., 1.], [1., 1.], [1., 0.]])), "");
+        // Mirrored coordinates are valid.
+        assert_eq!(error(&square_with([[0., 0.], [0., 1.], [1., 1.], [1., 0.]])), "");
     }
 }

@@ -1,17 +1,17 @@
-//! Puts what several captures show on a mesh, as one picture.
+//! Bakes the colors of several captures into one texture of a mesh.
 
 pub use bake_error::BakeError;
 pub use baking::{Baking, Level};
-use level::Leveled;
+use level::Leveling;
 use maquette_base::topology::lists::Lists;
 use maquette_mesh::Poses;
 use maquette_node::{
-    Carry, Context, Error, Estimate, Fate, FieldError, In, Limit, Node, Progress, Promise,
+    Carry, Context, Error, Estimate, FieldError, In, Limit, Node, Progress, Promise, Transfer,
 };
 use maquette_value::{Image, Mask, Mesh, Rgb, Value};
 use membrane::Membrane;
 use nalgebra::Matrix4;
-use sample::{Mixed, Sample, mix};
+use sample::{MeanColor, Sample, weighted_mean};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use spot::Spot;
@@ -32,32 +32,32 @@ mod spot;
 mod tests;
 mod view;
 
-/// Puts what several captures show on a mesh, as one picture.
+/// Bakes the colors of several captures into one texture of a mesh.
 ///
-/// Each texel takes its color from all captures that see its place, mostly from those that see it from the front and from near. Captures
-/// that were exposed or lit differently are made equal, so that no seam shows where one ends. What no capture has seen gets the colors
-/// around it, and is told and marked. Vertex colors are taken off, because the picture stands for them.
+/// Each texel is the mean of all captures that see its point, weighted by a frontal view and a small distance. Captures with another
+/// exposure or light are equalized, so that no seam shows where one ends. Regions that no capture has seen get the colors around them, with
+/// a warning, and are marked. Vertex colors are removed, because the texture replaces them.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Bake {
-    /// The mesh that is colored: a skin of the captures, or a redesign that still lies where they do.
+    /// The mesh to color: a surface made of the captures, or a redesign in the same position.
     pub mesh: In<Mesh>,
-    /// Meshes of captures, each with its picture, as `Triangulate` and `Texture` make them: also aligned ones. They say where the camera was
-    /// and what it saw.
+    /// Meshes of captures, each with its picture, as `Triangulate` and `Texture` make them, aligned or not. They define the cameras and the
+    /// colors.
     #[schemars(extend("least" = 1))]
     pub captures: Vec<In<Mesh>>,
-    /// How the mesh is laid out, if it gets new texture coordinates; size of the picture.
+    /// Layout of new texture coordinates, if the mesh gets them; size of the texture.
     #[serde(flatten)]
     pub layout: Layout,
-    /// Which texture coordinates it has.
+    /// Source of the texture coordinates.
     #[serde(default)]
     pub coordinates: Coordinates,
-    /// How colors are taken from the captures.
+    /// Parameters of the transfer of colors.
     #[serde(flatten)]
     pub how: Baking,
 }
 
-/// Captures of one picture: pairs of them are compared.
-const CAPTURES: Limit = Limit { most: 200, of: "captures", help: "bake fewer at once" };
+/// Maximum number of captures that are baked into one texture; the limit exists because all pairs of captures are compared.
+const CAPTURES: Limit = Limit { max: 200, items: "captures", help: "bake fewer at once" };
 
 impl Node for Bake {
     type Outputs = (Mesh, Image, Mask);
@@ -66,8 +66,8 @@ impl Node for Bake {
     const PROMISES: &'static [Promise<Self>] = &Promise::faces_kept("mesh", "mesh");
 
     const CARRIES: &'static [Carry] = &[
-        Carry::all("mesh", "mesh", Fate::Kept).but(&["uv", "color"]),
-        Carry::all("captures", "mesh", Fate::Dropped),
+        Carry::uniform("mesh", "mesh", Transfer::Kept).excluding(&["uv", "color"]),
+        Carry::uniform("captures", "mesh", Transfer::Dropped),
     ];
 
     fn check(&self) -> Result<(), FieldError> {
@@ -75,9 +75,9 @@ impl Node for Bake {
     }
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
-        let pixels = (self.layout.size.min(SIZE.most) as f64) * self.layout.size as f64;
+        let pixels = (self.layout.size.min(SIZE.max) as f64) * self.layout.size as f64;
         let captures = self.captures.iter().map(|capture| cx.get(capture).size() as f64);
-        // Pixels while they are drawn, texels, and what each capture shows of them.
+        // Memory for pixels while they are drawn, for texels, and for the samples of each capture.
         let each = 100.0 + 36.0 * self.captures.len() as f64;
         let meshes = 4.0 * captures.sum::<f64>() + 20.0 * cx.get(&self.mesh).size() as f64;
         let bytes = pixels * each + meshes;
@@ -91,14 +91,11 @@ impl Node for Bake {
         let known = captures.iter().filter(|it| pose(it).is_some()).count();
         if how.poses == Poses::Auto && 0 < known && known < captures.len() {
             let all = captures.len();
-            cx.warn(format!(
-                "only {known} of {all} captures have a pose, so that all stay as they lie"
-            ));
+            cx.warn(format!("only {known} of {all} captures have a pose, so that none is moved"));
         }
-        let doubt = |text| cx.warn(text);
-        let mesh = cx
-            .progress()
-            .part(0.0..0.3, |progress| with_atlas(mesh, *coordinates, layout, &doubt, progress))?;
+        let mesh = cx.progress().part(0.0..0.3, |progress| {
+            with_atlas(mesh, *coordinates, layout, &|text| cx.warn(text), progress)
+        })?;
         let baked = cx
             .progress()
             .part(0.3..1.0, |progress| bake(&mesh, &captures, layout.size, how, progress))?;
@@ -112,40 +109,41 @@ impl Node for Bake {
     }
 }
 
-/// A mesh with what captures show on it.
+/// The result of baking.
 #[derive(Clone, Debug)]
-pub struct Baked {
-    /// The mesh with its picture.
+pub struct BakedMesh {
+    /// The mesh with its texture.
     pub mesh: Mesh,
-    /// The picture.
+    /// The texture.
     pub picture: Image,
     /// The texels that no capture sees.
     pub mask: Mask,
-    /// Their share of the surface.
+    /// The fraction of the surface that the unseen texels cover.
     pub unseen: f64,
-    /// How much captures differ where they overlap, as root mean square over channels, in levels of 0 to 255: as they came, and leveled.
+    /// The differences between captures where they overlap, as root mean square over channels, in levels of 0 to 255: before and after
+    /// equalization.
     pub steps: [f64; 2],
 }
 
-/// What captures show on a mesh with `uv` at its corners, in which each face has a part of the square for itself.
+/// Bakes the colors of captures into a texture of a mesh with `uv` at its corners, in which each face has its own part of the square.
 ///
-/// A capture sees a texel if the line from its camera meets its own mesh first near there. It counts by the cube of the cosine at which
-/// it looks, by the square of its pixels per mm, and less near the border of what it saw: Callieri, Cignoni, Corsini and Scopigno, "Masked
-/// photo blending: mapping dense photographic data set on high-resolution sampled 3D models" (2008). Colors are mixed as light. How
-/// captures are made equal is told in `level.rs`.
+/// A capture sees a texel if the ray from the capture's camera first hits the capture's own mesh near the texel's point. The weight of the
+/// capture is the cube of the cosine of the viewing angle, times the square of its pixels per mm, reduced near the border of the captured
+/// area: Callieri, Cignoni, Corsini and Scopigno, "Masked photo blending: mapping dense photographic data set on high-resolution sampled 3D
+/// models" (2008). Colors are mixed as linear light. `level.rs` explains the equalization of captures.
 ///
 /// # Errors
-/// If there are no captures, one has no picture or camera, or none sees anything.
+/// Returns an error if there are no captures, a capture has no picture or camera, or no capture sees the mesh.
 ///
 /// # Panics
-/// If the mesh has no `uv` at its corners.
+/// Panics if the mesh has no `uv` at its corners.
 pub fn bake(
     mesh: &Mesh,
     captures: &[&Mesh],
     size: usize,
     how: &Baking,
     progress: &Progress<'_>,
-) -> Result<Baked, BakeError> {
+) -> Result<BakedMesh, BakeError> {
     how.check()?;
     if captures.is_empty() {
         return Err(BakeError::NoCaptures);
@@ -173,7 +171,7 @@ pub fn bake(
     let of_texels = Lists::group(spots.len(), || samples.iter().map(|it| it.texel).zip(0..));
     progress.tick(0.6)?;
     let membrane = Membrane::new(mesh);
-    let plan = Leveled {
+    let plan = Leveling {
         texels: &texels,
         corners: mesh.faces().corners(),
         membrane: &membrane,
@@ -184,13 +182,13 @@ pub fn bake(
         .part(0.6..0.8, |progress| plan.level(&mut samples, captures.len(), how.level, progress))?;
     let steps = [before, plan.difference(&samples)];
     let mixed: Vec<_> = (0..spots.len())
-        .map(|texel| mix(of_texels.of(texel).iter().map(|&it| &samples[it as usize])))
+        .map(|texel| weighted_mean(of_texels.list(texel).iter().map(|&it| &samples[it as usize])))
         .collect();
     let filled = progress.part(0.8..0.95, |progress| plan.fill(&mixed, progress))?;
     let colors: Vec<_> = mixed
         .iter()
         .zip(&filled)
-        .map(|(seen, filled): (&Mixed, &[f64; 3])| -> Rgb {
+        .map(|(seen, filled): (&MeanColor, &[f64; 3])| -> Rgb {
             color_of([0, 1, 2].map(|k| seen.sure * seen.light[k] + (1.0 - seen.sure) * filled[k]))
         })
         .collect();
@@ -204,8 +202,8 @@ pub fn bake(
             unseen += spot.area;
         }
     }
-    Ok(Baked {
-        mesh: mesh.clone().without("color").with_texture(Some(picture.clone())),
+    Ok(BakedMesh {
+        mesh: mesh.clone().without_attribute("color").with_texture(Some(picture.clone())),
         picture,
         mask: Mask::new(size, size, mask).expect("a flag for each pixel"),
         unseen: unseen / all,
@@ -217,7 +215,8 @@ fn pose(mesh: &Mesh) -> Option<Matrix4<f64>> {
     mesh.frame()?.world_from_camera
 }
 
-/// How each capture moves to where the mesh lies. A mesh without a frame lies in the world, one with a frame where its camera says.
+/// Returns the motion of each capture into the coordinates of the mesh. These are the coordinates of the mesh's capture frame, or world
+/// coordinates if the mesh has no frame.
 fn motions(mesh: &Mesh, captures: &[&Mesh], poses: Poses) -> Result<Vec<Matrix4<f64>>, BakeError> {
     let stay = vec![Matrix4::identity(); captures.len()];
     let known: Vec<_> = captures.iter().map(|capture| pose(capture)).collect();

@@ -1,7 +1,8 @@
-//! Draws the colors of vertices as a picture.
+//! Bakes vertex colors into a texture.
 
 use maquette_node::{
-    Cancelled, Carry, Context, Error, Estimate, Fate, FieldError, In, Node, Progress, Promise,
+    CancelledError, Carry, Context, Error, Estimate, FieldError, In, Node, Progress, Promise,
+    Transfer,
 };
 use maquette_value::parallel::*;
 use maquette_value::{Image, Mesh, Rgb};
@@ -11,38 +12,38 @@ use serde::{Deserialize, Serialize};
 use super::atlas::{Coordinates, Texels, with_atlas};
 use super::layout::{Layout, SIZE};
 
-/// Draws the colors of a mesh's vertices as a picture on it, for programs that want a texture.
+/// Bakes the vertex colors of a mesh into a texture, for programs that need one.
 ///
-/// Between vertices colors are mixed in sRGB, as pictures are when they are looked up. The attribute `color` is taken off, because the
-/// picture stands for it.
+/// Between vertices colors are interpolated in sRGB, as pictures are sampled. The attribute `color` is removed, because the texture
+/// replaces it.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ColorsToTexture {
     /// The mesh, with the attribute `color` at its vertices, or at the corners of its faces.
     pub mesh: In<Mesh>,
-    /// How the mesh is laid out, if it gets new texture coordinates; size of the picture.
+    /// Layout of new texture coordinates, if the mesh gets them; size of the texture.
     #[serde(flatten)]
     pub layout: Layout,
-    /// Which texture coordinates it has.
+    /// Source of the texture coordinates.
     #[serde(default)]
     pub coordinates: Coordinates,
 }
 
-/// Why colors were not drawn.
+/// Reasons why colors cannot be baked.
 #[derive(Debug, thiserror::Error)]
 pub enum ColorsToTextureError {
-    /// A mesh without colors.
+    /// The mesh has no colors.
     #[error(
         "the mesh has no colors: neither its {vertices} vertices nor its {corners} corners have the attribute `color`"
     )]
     NoColors {
-        /// How many vertices it has.
+        /// The number of the mesh's vertices.
         vertices: usize,
-        /// How many corners.
+        /// The number of the mesh's corners.
         corners: usize,
     },
-    /// The evaluation was told to stop.
+    /// The evaluation was cancelled.
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }
 
 impl Node for ColorsToTexture {
@@ -52,25 +53,24 @@ impl Node for ColorsToTexture {
     const PROMISES: &'static [Promise<Self>] = &Promise::faces_kept("mesh", "mesh");
 
     const CARRIES: &'static [Carry] =
-        &[Carry::all("mesh", "mesh", Fate::Kept).but(&["uv", "color"])];
+        &[Carry::uniform("mesh", "mesh", Transfer::Kept).excluding(&["uv", "color"])];
 
     fn check(&self) -> Result<(), FieldError> {
         self.layout.check_fields()
     }
 
     fn estimate(&self, _: &Context<'_>) -> Option<Estimate> {
-        let pixels = self.layout.size.min(SIZE.most) as f64 * self.layout.size as f64;
+        let pixels = self.layout.size.min(SIZE.max) as f64 * self.layout.size as f64;
         Some(Estimate { bytes: 40.0 * pixels, help: SIZE.help })
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.get(&self.mesh);
         corner_colors(mesh)?;
-        let doubt = |text| cx.warn(text);
         let Self { layout, coordinates, .. } = self;
-        let atlas =
-            |progress: &Progress<'_>| with_atlas(mesh, *coordinates, layout, &doubt, progress);
-        let mesh = cx.progress().part(0.0..0.6, atlas)?;
+        let mesh = cx.progress().part(0.0..0.6, |progress| {
+            with_atlas(mesh, *coordinates, layout, &|text| cx.warn(text), progress)
+        })?;
         let mesh = cx
             .progress()
             .part(0.6..1.0, |progress| colors_to_texture(&mesh, layout.size, progress))?;
@@ -79,14 +79,14 @@ impl Node for ColorsToTexture {
     }
 }
 
-/// The mesh with its colors as a picture of `size` x `size` texels. It has `uv` at its corners, in which each face has a part of the square
-/// for itself.
+/// Bakes the colors of a mesh into a texture of `size` x `size` texels. The mesh has `uv` at its corners, in which each face has its own
+/// part of the square.
 ///
 /// # Errors
-/// If it has no colors, or the evaluation is told to stop.
+/// Returns an error if the mesh has no colors, or the evaluation is cancelled.
 ///
 /// # Panics
-/// If it has no `uv` at its corners.
+/// Panics if the mesh has no `uv` at its corners.
 pub fn colors_to_texture(
     mesh: &Mesh,
     size: usize,
@@ -107,10 +107,13 @@ pub fn colors_to_texture(
             })
         })
         .collect();
-    Ok(mesh.clone().without("color").with_texture(Some(texels.picture(&drawn, progress)?)))
+    Ok(mesh
+        .clone()
+        .without_attribute("color")
+        .with_texture(Some(texels.picture(&drawn, progress)?)))
 }
 
-/// The color of each corner.
+/// Returns the color of each corner.
 fn corner_colors(mesh: &Mesh) -> Result<Vec<Rgb>, ColorsToTextureError> {
     let corners = mesh.faces().corners();
     if let Some(colors) = mesh.corner().colors("color") {
@@ -145,12 +148,12 @@ mod tests {
         let mesh = square().with_vertex("color", ramp.clone()).unwrap();
         let of_corners = square().with_corner("color", ramp).unwrap();
         for mesh in [mesh, of_corners] {
-            let found = colors_to_texture(&mesh, 16, &Progress::none()).unwrap();
+            let found = colors_to_texture(&mesh, 16, &Progress::silent()).unwrap();
             let picture = found.texture().unwrap();
             for column in 0..16 {
                 for row in 0..16 {
                     let expected = [10 * column + 5, 5 * (15 - row) + 2, 7].map(|x| x as u8);
-                    let texel = picture.at([column, row]);
+                    let texel = picture.pixel([column, row]);
                     assert!((0..3).all(|k| texel[k].abs_diff(expected[k]) <= 1), "{texel:?}");
                 }
             }
@@ -159,8 +162,8 @@ mod tests {
     }
 
     #[test]
-    fn a_mesh_without_colors_is_told() {
-        let text = colors_to_texture(&square(), 16, &Progress::none()).unwrap_err().to_string();
+    fn a_mesh_without_colors_is_an_error() {
+        let text = colors_to_texture(&square(), 16, &Progress::silent()).unwrap_err().to_string();
         let expected = "the mesh has no colors: neither its 4 vertices nor its 4 corners have the attribute `color`";
         assert_eq!(text, expected);
     }

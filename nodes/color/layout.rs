@@ -1,11 +1,11 @@
-//! Texture coordinates for any mesh: charts, each flat without a fold, side by side in a square.
+//! Texture coordinates for any mesh: charts without folds, packed into a square.
 
 use chart::Chart;
 use maquette_base::topology::union_find::UnionFind;
-use maquette_node::{Cancelled, FieldError, Limit, Progress, TooMuch};
+use maquette_node::{CancelledError, FieldError, Limit, LimitError, Progress};
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, Mesh, MeshError};
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector3;
 use pack::{PackError, Piece, pack};
 use schemars::JsonSchema;
 use segment::{NONE, faces_of_corners, opposites, segment};
@@ -20,75 +20,75 @@ mod tests;
 
 pub(crate) use overlaps::overlap;
 
-/// How a surface is laid out in a square.
+/// Parameters of the layout of a surface in a square.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Layout {
-    /// Width and height of the atlas.
+    /// Width and height of the atlas in texels.
     #[schemars(range(min = 16, max = 8192), extend("unit" = "px"))]
-    #[serde(default = "thousand")]
+    #[serde(default = "default_size")]
     pub size: usize,
-    /// Least distance of two charts, so that neither interpolation nor smaller copies of the picture mix their colors; at the border of the
-    /// atlas it is half of that.
+    /// Minimum distance of two charts in texels; at the border of the atlas it is half of that. It prevents interpolation and smaller
+    /// versions of the texture from mixing the colors of two charts.
     #[schemars(range(max = 256), extend("unit" = "px"))]
-    #[serde(default = "four")]
+    #[serde(default = "default_padding")]
     pub padding: usize,
-    /// How far a chart bends: the angle by which its faces turn away from its mean normal. Large ones make few charts and stretch them
-    /// more.
+    /// Maximum bend of a chart: the angle in degrees between its faces and its mean normal. Large values give fewer charts with more
+    /// stretch.
     #[schemars(range(min = 1.0, max = 80.0), extend("unit" = "deg"))]
-    #[serde(default = "forty")]
+    #[serde(default = "default_bend")]
     pub bend: f64,
 }
 
-fn thousand() -> usize {
+fn default_size() -> usize {
     1024
 }
 
-fn four() -> usize {
+fn default_padding() -> usize {
     4
 }
 
-fn forty() -> f64 {
+fn default_bend() -> f64 {
     40.0
 }
 
 impl Default for Layout {
     fn default() -> Self {
-        Self { size: thousand(), padding: four(), bend: forty() }
+        Self { size: default_size(), padding: default_padding(), bend: default_bend() }
     }
 }
 
-/// Width of an atlas.
+/// Maximum width of an atlas.
 pub(crate) const SIZE: Limit =
-    Limit { most: 8192, of: "pixels along a side", help: "choose a smaller `size`" };
+    Limit { max: 8192, items: "pixels along a side", help: "choose a smaller `size`" };
 
-/// Why a mesh has no layout.
+/// Reasons why a mesh has no layout.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LayoutError {
-    /// A mesh without faces.
+    /// The mesh has no faces.
     #[error("the mesh has no faces, so that there is nothing to lay out")]
     Empty,
-    /// Faces that are lines or points.
-    #[error("all {faces} faces of the mesh are without an area: nothing can be laid out")]
+    /// All faces have zero area.
+    #[error("all {faces} faces of the mesh have zero area: nothing can be laid out")]
     NoArea {
-        /// How many there are.
+        /// The number of faces.
         faces: usize,
     },
-    /// Places out of the numbers.
+    /// The size of the mesh overflows.
     #[error(
         "the mesh is {extent:e} mm large, or too far from the origin, which cannot be measured"
     )]
     Far {
-        /// How large it is, in mm.
+        /// The size of the mesh in mm.
         extent: f64,
     },
-    /// A parameter out of its range.
+    /// A parameter is out of range.
     #[error("`{what}` is {value}, but must be {must}")]
     Parameter {
-        /// Its name.
+        /// The name of the parameter.
         what: &'static str,
-        /// Its value.
+        /// The value of the parameter.
         value: f64,
-        /// What it must be.
+        /// The allowed range.
         must: &'static str,
     },
     /// Too many charts.
@@ -97,29 +97,29 @@ pub enum LayoutError {
          smaller `padding`"
     )]
     Full {
-        /// How many charts.
+        /// The number of charts.
         charts: usize,
-        /// Texels between them.
+        /// The padding: texels between charts.
         padding: usize,
-        /// The atlas.
+        /// The width of the atlas.
         size: usize,
     },
-    /// An atlas that is too large.
+    /// The atlas is too large.
     #[error(transparent)]
-    TooMuch(#[from] TooMuch),
-    /// More corners than a mesh can hold.
+    TooMuch(#[from] LimitError),
+    /// The mesh would have too many corners.
     #[error(transparent)]
     Mesh(#[from] MeshError),
-    /// The evaluation was told to stop.
+    /// The evaluation was cancelled.
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }
 
 impl Layout {
-    /// Checks that there is room for a chart beside its padding.
+    /// Checks that a chart and its padding fit into the atlas.
     ///
     /// # Errors
-    /// If the atlas holds no chart of any mesh.
+    /// Returns an error if no chart of any mesh can fit.
     pub(crate) fn check_fields(&self) -> Result<(), FieldError> {
         let Self { size, padding, .. } = *self;
         if padding < size {
@@ -131,7 +131,7 @@ impl Layout {
     }
 
     /// # Errors
-    /// If a parameter is out of its range.
+    /// Returns an error if a parameter is out of range.
     pub(crate) fn check(&self) -> Result<(), LayoutError> {
         SIZE.check("the atlas", self.size as f64)?;
         fn wrong(what: &'static str, value: f64, must: &'static str) -> Result<(), LayoutError> {
@@ -153,23 +153,23 @@ impl Layout {
 /// A mesh with texture coordinates.
 #[derive(Clone, Debug)]
 pub struct LaidOut {
-    /// The mesh with `uv` at its corners, and without a picture, which would no longer fit.
+    /// The mesh with `uv` at its corners, and without a texture, which would no longer fit.
     pub mesh: Mesh,
-    /// How many charts there are.
+    /// The number of charts.
     pub charts: usize,
-    /// Texels for each mm.
+    /// Texels per mm.
     pub scale: f64,
 }
 
-/// The mesh with texture coordinates `uv` in which no two faces overlap and none is turned over; polygons count as fans around their first
-/// corners.
+/// Returns the mesh with texture coordinates `uv` in which no two faces overlap and none is inverted. Polygons are divided as fans around
+/// their first corners.
 ///
-/// Charts are as flat as `bend` says, and cut where faces are turned round or more than two of them meet. Each lies as rigidly as it can
-/// (see `chart.rs`), or, where that folds it, as it is seen along its mean normal; where that folds it, too, it is cut further. A
-/// polygon whose fan is folded by itself stays so. Cost grows with n log n.
+/// Charts are as flat as `bend` demands, and cut where the orientation changes or more than two faces meet. Each chart is flattened as
+/// rigidly as possible (see `chart.rs`). If that folds the chart, it is projected along its mean normal; if the projection folds it, too,
+/// it is cut further. A single polygon whose fan is folded stays folded. The cost is O(n log n).
 ///
 /// # Errors
-/// If there is nothing to lay out, a parameter is out of its range, or the charts do not fit.
+/// Returns an error if there are no faces, a parameter is out of range, or the charts do not fit.
 pub fn lay_out(
     mesh: &Mesh,
     layout: &Layout,
@@ -185,7 +185,7 @@ pub fn lay_out(
     let charts = segments
         .par_iter()
         .map(|faces| surface.settle(faces.clone(), progress))
-        .collect::<Result<Vec<_>, Cancelled>>()?;
+        .collect::<Result<Vec<_>, CancelledError>>()?;
     let charts: Vec<_> = charts.into_iter().flatten().collect();
     progress.tick(0.8)?;
     let pieces: Vec<_> = charts
@@ -209,7 +209,7 @@ pub fn lay_out(
     }
     let mesh = mesh
         .clone()
-        .without("uv")
+        .without_attribute("uv")
         .with_texture(None)
         .with_corner("uv", Attribute::Pair(uv.into()))?;
     Ok(LaidOut { mesh, charts: charts.len(), scale: packed.scale })
@@ -231,36 +231,43 @@ fn check(mesh: &Mesh) -> Result<(), LayoutError> {
     }
 }
 
-/// A mesh with its neighborhoods.
+/// A mesh with the adjacency of its faces.
 struct Surface<'a> {
     mesh: &'a Mesh,
     opposites: Vec<u32>,
     of_corner: Vec<u32>,
 }
 
-/// Where the mean of the normals is so near to all of them, there is no stretch.
+/// Flatness (the ratio of projected area to area) above which a chart counts as plane and has no stretch.
 const PLANE: f64 = 1e-9;
 
-/// The cosine of the angle from which on a face is seen as too narrow.
+/// Minimum cosine of the angle between a face and the mean normal; at larger angles the projected face is too narrow.
 const STEEP: f64 = 0.2;
 
-/// Faces around a fold that are cut out with it, counted from it outwards.
+/// Number of rings of faces around a fold that are cut out with it.
 const RINGS: usize = 3;
 
 impl Surface<'_> {
-    /// Charts of some faces that hang together, cut until each lies well.
-    fn settle(&self, faces: Vec<u32>, progress: &Progress<'_>) -> Result<Vec<Chart>, Cancelled> {
+    /// Makes charts of some connected faces, and cuts them until each is flattened without a fold.
+    fn settle(
+        &self,
+        faces: Vec<u32>,
+        progress: &Progress<'_>,
+    ) -> Result<Vec<Chart>, CancelledError> {
         let (mut open, mut done) = (vec![faces], Vec::new());
         while let Some(faces) = open.pop() {
             progress.check()?;
             let mut chart = Chart::new(self.mesh, &self.opposites, &self.of_corner, faces);
-            let lies_well = |flat: &Vec<Vector2<f64>>| overlaps::lie_well(&chart.triangles, flat);
-            let relaxed = (!self.is_plane(&chart.faces)).then(|| chart.relaxed()).flatten();
-            if let Some(flat) = relaxed.filter(&lies_well) {
+
+            let relaxed = (!self.is_plane(&chart.faces)).then(|| chart.relax()).flatten();
+            if let Some(flat) =
+                relaxed.filter(|flat| overlaps::are_free_of_overlaps(&chart.triangles, flat))
+            {
                 chart.flat = flat;
                 done.push(chart);
             } else if chart.faces.len() == 1
-                || lies_well(&chart.flat) && !self.look_away(&chart.faces).contains(&true)
+                || overlaps::are_free_of_overlaps(&chart.triangles, &chart.flat)
+                    && !self.look_away(&chart.faces).contains(&true)
             {
                 done.push(chart);
             } else {
@@ -281,14 +288,15 @@ impl Surface<'_> {
         (1.0 - PLANE) * areas.sum::<f64>() <= self.sum(faces).norm()
     }
 
-    /// Which of some faces look away from their mean normal, so that they would be stretched much where they are seen along it.
+    /// Returns, for each face, whether it is at such a large angle to the mean normal of `faces` that projection would stretch it much.
     fn look_away(&self, faces: &[u32]) -> Vec<bool> {
         let normal = self.sum(faces).try_normalize(0.0).unwrap_or_default();
         let vectors = faces.iter().map(|&face| self.sum(&[face]));
         vectors.map(|vector| vector.dot(&normal) < STEEP * vector.norm()).collect()
     }
 
-    /// The parts of a chart: what looks away from its mean normal, with what is around it, by itself; or, if nothing does, two halves.
+    /// Returns the parts of a chart. One part has the faces at a large angle to the chart's mean normal, with their surroundings; without
+    /// such faces, the chart is divided into two halves.
     fn cut(&self, chart: &Chart) -> Vec<Vec<u32>> {
         let mut is_away = self.look_away(&chart.faces);
         if is_away.contains(&true) && is_away.contains(&false) {
@@ -299,11 +307,11 @@ impl Surface<'_> {
                 }
                 is_away = wider;
             }
-            let part = |side: bool| {
+            let parts = [true, false].map(|side| {
                 let faces = chart.faces.iter().zip(&is_away).filter(|it| *it.1 == side);
                 self.pieces(faces.map(|it| *it.0).collect())
-            };
-            return [part(true), part(false)].concat();
+            });
+            return parts.concat();
         }
         let (low, high) = chart
             .flat
@@ -323,11 +331,10 @@ impl Surface<'_> {
             .collect();
         sorted.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let halves = sorted.split_at(sorted.len() / 2);
-        let half = |it: &[(f64, u32)]| self.pieces(it.iter().map(|it| it.1).collect::<Vec<_>>());
-        [half(halves.0), half(halves.1)].concat()
+        [halves.0, halves.1].map(|half| self.pieces(half.iter().map(|it| it.1).collect())).concat()
     }
 
-    /// Those of some faces that are marked or have a neighbor that is.
+    /// Returns, for each of the faces, whether it or one of its neighbors is marked.
     fn with_neighbors(&self, faces: &[u32], is_marked: &[bool]) -> Vec<bool> {
         faces
             .iter()
@@ -340,7 +347,7 @@ impl Surface<'_> {
             .collect()
     }
 
-    /// The faces beyond the sides of one.
+    /// Returns the faces that share an edge with a face.
     fn neighbors(&self, face: u32) -> impl Iterator<Item = u32> {
         let first = self.mesh.faces().first_corner(face as usize);
         let sides = first..first + self.mesh.faces().face(face as usize).len();
@@ -348,18 +355,18 @@ impl Surface<'_> {
         opposites.map(|it| self.of_corner[it as usize])
     }
 
-    /// What of some faces hangs together by sides; the faces of each piece ascending.
+    /// Returns the connected components of some faces; the faces of each component are in ascending order.
     fn pieces(&self, mut faces: Vec<u32>) -> Vec<Vec<u32>> {
         faces.sort_unstable();
         let mut sets = UnionFind::new(faces.len());
         for (own, &face) in (0u32..).zip(&faces) {
             for neighbor in self.neighbors(face) {
                 if let Ok(other) = faces.binary_search(&neighbor) {
-                    sets.join(own, other as u32);
+                    sets.union(own, other as u32);
                 }
             }
         }
-        let (numbers, firsts) = sets.numbered();
+        let (numbers, firsts) = sets.into_labels();
         let mut pieces = vec![Vec::new(); firsts.len()];
         numbers.iter().zip(faces).for_each(|(&piece, face)| pieces[piece as usize].push(face));
         pieces

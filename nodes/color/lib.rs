@@ -1,4 +1,4 @@
-//! Nodes that color surfaces: texture atlases, and what captures and vertices show in them.
+//! Nodes that color surfaces: texture atlases, baking of captures and of vertex colors.
 
 use maquette_node::{Pack, node};
 
@@ -13,13 +13,13 @@ mod texture_to_colors;
 mod unwrap;
 
 pub use atlas::Coordinates;
-pub use bake::{Bake, BakeError, Baked, Baking, Level, bake};
+pub use bake::{Bake, BakeError, BakedMesh, Baking, Level, bake};
 pub use colors_to_texture::{ColorsToTexture, ColorsToTextureError, colors_to_texture};
 pub use layout::{LaidOut, Layout, LayoutError, lay_out};
 pub use texture_to_colors::{Sampling, TextureToColors, TextureToColorsError, texture_to_colors};
 pub use unwrap::Unwrap;
 
-/// Nodes that color surfaces: texture atlases, and what captures and vertices show in them.
+/// Nodes that color surfaces: texture atlases, baking of captures and of vertex colors.
 pub static PACK: Pack = Pack {
     name: "color",
     version: env!("CARGO_PKG_VERSION"),

@@ -1,4 +1,4 @@
-//! What several nodes do together.
+//! Tests of several nodes in combination.
 
 use maquette_node::Progress;
 use maquette_value::{Attribute, Faces, Mesh};
@@ -8,7 +8,7 @@ use crate::{Layout, Sampling, colors_to_texture, lay_out, texture_to_colors};
 
 #[test]
 fn colors_go_into_a_picture_and_come_back() {
-    // A bowl with colors that change slowly and a hard edge.
+    // The mesh is a bowl with slowly changing colors and a sharp edge.
     let n = 24u32;
     let at = |k: u32| [k % (n + 1), k / (n + 1)].map(|x| f64::from(x) / f64::from(n) * 2.0 - 1.0);
     let places = (0..(n + 1) * (n + 1)).map(at).map(|[x, y]| Point3::new(x, y, x * x + y * y));
@@ -23,10 +23,10 @@ fn colors_go_into_a_picture_and_come_back() {
         .collect();
     let mesh = mesh.with_vertex("color", Attribute::Color(colors.clone().into())).unwrap();
     let layout = Layout { size: 512, ..Layout::default() };
-    let flat = lay_out(&mesh, &layout, &Progress::none()).unwrap().mesh;
-    let drawn = colors_to_texture(&flat, 512, &Progress::none()).unwrap();
+    let flat = lay_out(&mesh, &layout, &Progress::silent()).unwrap().mesh;
+    let drawn = colors_to_texture(&flat, 512, &Progress::silent()).unwrap();
     for (by, most, mean) in [(Sampling::Area, 6.0, 1.0), (Sampling::Point, 40.0, 5.0)] {
-        let back = texture_to_colors(&drawn, by, &Progress::none()).unwrap();
+        let back = texture_to_colors(&drawn, by, &Progress::silent()).unwrap();
         let back = back.vertex().colors("color").unwrap().to_vec();
         let pairs = colors.as_flattened().iter().zip(back.as_flattened());
         let off: Vec<_> = pairs.map(|(a, b)| f64::from(a.abs_diff(*b))).collect();

@@ -1,9 +1,9 @@
-//! Gives vertices the colors of a picture.
+//! Samples a texture to vertex colors.
 
 use maquette_base::linear::cholesky::{Cholesky, Dissection, Links, Symmetric};
 use maquette_base::topology::lists::Lists;
 use maquette_node::{
-    Cancelled, Carry, Context, Error, Estimate, Fate, In, Limit, Node, Progress, Promise,
+    CancelledError, Carry, Context, Error, Estimate, In, Limit, Node, Progress, Promise, Transfer,
 };
 use maquette_value::{Attribute, Image, Material, Mesh, MeshError};
 use schemars::JsonSchema;
@@ -11,57 +11,57 @@ use serde::{Deserialize, Serialize};
 
 use super::atlas::{Texels, corner_uv};
 
-/// Gives the vertices of a mesh the colors of the picture on it, for what knows no textures.
+/// Samples the texture of a mesh to vertex colors, for programs that read no textures.
 ///
-/// The picture is taken off; texture coordinates stay.
+/// The texture is removed; texture coordinates stay.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct TextureToColors {
-    /// The mesh, with a picture on it.
+    /// The mesh, with a texture.
     pub mesh: In<Mesh>,
-    /// How a vertex gets its color.
+    /// Rule for the color of a vertex.
     #[serde(default)]
     pub by: Sampling,
 }
 
-/// How a vertex gets a color of a picture.
+/// A rule for the color of a vertex.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Sampling {
-    /// So that what is mixed between vertices is as near as possible to the picture everywhere: no speck of the picture decides alone.
-    /// Of several pictures, colors are taken as by `Point`.
+    /// The best fit: colors interpolated between vertices are as close as possible to the texture everywhere, so that no single texel
+    /// decides. With several textures, colors are taken as by `Point`.
     #[default]
     Area,
-    /// That of the picture where the vertex lies, mixed of the four texels around; at a seam the mean of all its places.
+    /// The texture's color at the vertex, interpolated between four texels; at a seam the mean of all its positions.
     Point,
 }
 
-/// Why vertices got no colors.
+/// Reasons why a texture cannot be sampled.
 #[derive(Debug, thiserror::Error)]
 pub enum TextureToColorsError {
-    /// No picture.
-    #[error("the mesh has no picture: put one on it by `Texture`, `Bake` or `ColorsToTexture`")]
+    /// The mesh has no texture.
+    #[error("the mesh has no picture: add one with `Texture`, `Bake` or `ColorsToTexture`")]
     NoPicture,
-    /// No texture coordinates.
+    /// The mesh has no texture coordinates.
     #[error(
         "the mesh has no texture coordinates `uv`, by which its {vertices} vertices could find their colors in the picture"
     )]
     NoCoordinates {
-        /// How many vertices.
+        /// The number of vertices.
         vertices: usize,
     },
-    /// A picture that is too large.
+    /// The texture is too large.
     #[error(transparent)]
-    TooMuch(#[from] maquette_node::TooMuch),
-    /// Never for a sound mesh.
+    TooMuch(#[from] maquette_node::LimitError),
+    /// The equations have no solution; impossible for a valid mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
-    /// The evaluation was told to stop.
+    /// The evaluation was cancelled.
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }
 
-/// Pixels of a picture whose areas are looked at.
+/// Maximum number of pixels of a texture that is sampled by area.
 const PIXELS: Limit =
-    Limit { most: 1 << 27, of: "pixels", help: "choose `by: Point`, or a smaller picture" };
+    Limit { max: 1 << 27, items: "pixels", help: "choose `by: Point`, or a smaller picture" };
 
 impl Node for TextureToColors {
     type Outputs = (Mesh,);
@@ -69,14 +69,15 @@ impl Node for TextureToColors {
 
     const PROMISES: &'static [Promise<Self>] = &Promise::faces_kept("mesh", "mesh");
 
-    const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept).but(&["color"])];
+    const CARRIES: &'static [Carry] =
+        &[Carry::uniform("mesh", "mesh", Transfer::Kept).excluding(&["color"])];
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let mesh = cx.get(&self.mesh);
         let pixels = mesh.texture().map_or(0, |it| it.pixels().len()) as f64;
         let corners = mesh.faces().corners().len() as f64;
         let bytes = match self.by {
-            // The texels, and the equations of each triangle.
+            // Memory for the texels, and for the equations of each triangle.
             Sampling::Area => 30.0 * pixels + 150.0 * corners,
             Sampling::Point => 40.0 * corners,
         };
@@ -88,17 +89,18 @@ impl Node for TextureToColors {
     }
 }
 
-/// How strongly a vertex is held to the color of the picture at its own place, beside one texel that it decides alone.
-const OWN: f64 = 0.1;
+/// Weight of the spring that holds a vertex to the texture's color at its position, relative to the weight of one texel that only the
+/// vertex determines.
+const SPRING_WEIGHT: f64 = 0.1;
 
-/// The mesh with the colors of its picture at its vertices, without the picture. Colors are mixed in sRGB, as pictures are.
+/// Returns the mesh with the colors of its texture at its vertices, without the texture. Colors are mixed in sRGB, as in pictures.
 ///
-/// By area it is the best fit of Kavan, Bargteil and Sloan, "Least squares vertex baking" (2011), section 3: the least sum over texels of the
-/// squared difference between the picture and what is mixed of the vertices. Instead of their smoothing, each vertex is held a little to
-/// the color at its own place, which decides where a vertex has hardly a texel.
+/// [`Sampling::Area`] is the best fit of Kavan, Bargteil and Sloan, "Least squares vertex baking" (2011), section 3: the minimum, over
+/// texels, of the squared difference between the texture and the interpolated vertex colors. Instead of the smoothing in that paper, a weak
+/// spring pulls each vertex to the color at its position; it matters only for vertices that have hardly a texel.
 ///
 /// # Errors
-/// If there is no picture, or there are no texture coordinates.
+/// Returns an error if the mesh has no texture or no texture coordinates.
 pub fn texture_to_colors(
     mesh: &Mesh,
     by: Sampling,
@@ -112,16 +114,17 @@ pub fn texture_to_colors(
     if by == Sampling::Area && mesh.face_materials().is_none() {
         let size = [picture.width(), picture.height()];
         PIXELS.check("the picture", size[0] as f64 * size[1] as f64)?;
-        let laid = mesh.clone().without("uv").with_corner("uv", Attribute::Pair(uv.into()))?;
+        let laid =
+            mesh.clone().without_attribute("uv").with_corner("uv", Attribute::Pair(uv.into()))?;
         let texels = progress.part(0.0..0.5, |progress| Texels::new(&laid, size, progress))?;
-        colors = fitted(mesh, picture, &texels, colors, progress)?;
+        colors = fit_colors(mesh, picture, &texels, colors, progress)?;
     }
     let colors = colors.iter().map(|color| color.map(|x| x.clamp(0.0, 255.0).round() as u8));
     let colors = Attribute::Color(colors.collect());
-    Ok(mesh.clone().with_texture(None).without("color").with_vertex("color", colors)?)
+    Ok(mesh.clone().with_texture(None).without_attribute("color").with_vertex("color", colors)?)
 }
 
-/// The mean of the pictures' colors at all corners of each vertex; black for a vertex of no face.
+/// Returns the mean of the texture's colors at all corners of each vertex; black for a vertex without faces.
 fn at_vertices(mesh: &Mesh, uv: &[[f64; 2]]) -> Vec<[f64; 3]> {
     let mut sums = vec![([0.0; 3], 0.0_f64); mesh.positions().len()];
     let own = mesh.vertex().colors("color");
@@ -131,7 +134,7 @@ fn at_vertices(mesh: &Mesh, uv: &[[f64; 2]]) -> Vec<[f64; 3]> {
     for ((face, vertex), &uv) in corners.zip(uv) {
         let (sum, count) = &mut sums[vertex];
         let color = match (mesh.material_of(face), own) {
-            (Some(material), _) if material.shown().is_some() => material.sample(uv),
+            (Some(material), _) if material.non_empty_picture().is_some() => material.sample(uv),
             (_, Some(own)) => own[vertex].map(f64::from),
             (material, None) => material.map_or([255; 3], Material::color).map(f64::from),
         };
@@ -141,16 +144,16 @@ fn at_vertices(mesh: &Mesh, uv: &[[f64; 2]]) -> Vec<[f64; 3]> {
     sums.into_iter().map(|(sum, count)| sum.map(|x| x / count.max(1.0))).collect()
 }
 
-/// The colors of vertices that fit the picture best.
-fn fitted(
+/// Returns the vertex colors that fit the texture best.
+fn fit_colors(
     mesh: &Mesh,
     picture: &Image,
     texels: &Texels,
     own: Vec<[f64; 3]>,
     progress: &Progress<'_>,
-) -> Result<Vec<[f64; 3]>, Cancelled> {
+) -> Result<Vec<[f64; 3]>, CancelledError> {
     let corners = mesh.faces().corners();
-    // What each triangle adds to the equations: the sums of products of shares, and of shares times colors.
+    // For each triangle, its contribution to the equations: sums of products of weights, and sums of weights times colors.
     let mut sums = vec![([0.0; 6], [[0.0; 3]; 3]); texels.triangles.len()];
     for texel in texels.texels.iter().filter(|it| it.is_inside) {
         let (products, loads) = &mut sums[texel.triangle as usize];
@@ -172,8 +175,8 @@ fn fitted(
     ) -> u32 {
         corners[texels_triangles[triangle][k] as usize]
     }
-    let mut right: Vec<_> = own.iter().map(|color| color.map(|x| x * OWN)).collect();
-    let mut diagonal = vec![OWN; own.len()];
+    let mut right: Vec<_> = own.iter().map(|color| color.map(|x| x * SPRING_WEIGHT)).collect();
+    let mut diagonal = vec![SPRING_WEIGHT; own.len()];
     for (triangle, (products, loads)) in sums.iter().enumerate() {
         for k in 0..3 {
             let at = vertex(triangle, k, corners, &texels.triangles) as usize;
@@ -191,7 +194,7 @@ fn fitted(
     });
     let mut matrix = Symmetric { starts: vec![0], indices: Vec::new(), entries: Vec::new() };
     for (vertex, &entry) in diagonal.iter().enumerate() {
-        let mut row = lists.of(vertex).to_vec();
+        let mut row = lists.list(vertex).to_vec();
         row.sort_by_key(|it| it.0);
         matrix.indices.push(vertex as u32);
         matrix.entries.push(entry);
@@ -202,7 +205,7 @@ fn fitted(
         matrix.starts.push(matrix.indices.len() as u32);
     }
     let order = Dissection::new(Links { starts: &matrix.starts, neighbors: &matrix.indices }, 1);
-    Ok(match Cholesky::ordered(&matrix, &order, progress)? {
+    Ok(match Cholesky::with_ordering(&matrix, &order, progress)? {
         Some(factors) => {
             factors.solve(&mut right);
             right
@@ -211,7 +214,7 @@ fn fitted(
     })
 }
 
-/// Corners of a triangle with themselves, and with each other.
+/// Pairs of corners of a triangle: each corner with itself, then each two different corners.
 const PAIRS: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [0, 1], [1, 2], [2, 0]];
 
 #[cfg(test)]
@@ -221,7 +224,7 @@ mod tests {
 
     use super::*;
 
-    /// A net of `n` by `n` squares that fills the picture.
+    /// Returns a mesh of `n` by `n` squares that fills the texture.
     fn net(n: u32, picture: Image) -> Mesh {
         let uv: Vec<_> = (0..(n + 1) * (n + 1))
             .map(|k: u32| [k % (n + 1), k / (n + 1)].map(|x| f64::from(x) / f64::from(n)))
@@ -235,7 +238,7 @@ mod tests {
     }
 
     fn colors(mesh: &Mesh, by: Sampling) -> Vec<[u8; 3]> {
-        let found = texture_to_colors(mesh, by, &Progress::none()).unwrap();
+        let found = texture_to_colors(mesh, by, &Progress::silent()).unwrap();
         assert!(found.texture().is_none());
         found.vertex().colors("color").unwrap().to_vec()
     }
@@ -247,7 +250,7 @@ mod tests {
         for by in [Sampling::Area, Sampling::Point] {
             for (place, color) in mesh.positions().iter().zip(colors(&mesh, by)) {
                 let expected = [255.0 * place.x, 255.0 * (1.0 - place.y), 9.0];
-                // At the border half a texel is missing.
+                // At the border of the mesh, half a texel is missing.
                 assert!(
                     (0..3).all(|k| (f64::from(color[k]) - expected[k]).abs() <= 4.0),
                     "{by:?} {color:?} {expected:?}"
@@ -258,7 +261,7 @@ mod tests {
 
     #[test]
     fn a_speck_decides_only_a_point() {
-        // A texel in 256 is white, and lies at a vertex.
+        // One texel in 256 is white; it is at a vertex.
         let mut pixels = vec![[0; 3]; 64 * 64];
         for k in 0..16 {
             pixels[(k / 4 * 16 + 15) * 64 + k % 4 * 16 + 15] = [255; 3];
@@ -267,21 +270,21 @@ mod tests {
         let inner = 6;
         assert!(colors(&mesh, Sampling::Point)[inner][0] > 50);
         assert!(colors(&mesh, Sampling::Area)[inner][0] < 10);
-        // In the mean the same light is there.
+        // The mean brightness must not change.
         let mean =
             colors(&mesh, Sampling::Area).iter().map(|it| f64::from(it[0])).sum::<f64>() / 25.0;
         assert!((0.3..3.0).contains(&mean), "{mean}");
     }
 
     #[test]
-    fn what_has_no_picture_is_told() {
+    fn a_mesh_without_a_picture_is_an_error() {
         let picture = Image::new(1, 1, vec![[0; 3]]).unwrap();
         let mesh = net(1, picture);
-        fn told(mesh: Mesh) -> String {
-            texture_to_colors(&mesh, Sampling::Area, &Progress::none()).unwrap_err().to_string()
+        fn error(mesh: Mesh) -> String {
+            texture_to_colors(&mesh, Sampling::Area, &Progress::silent()).unwrap_err().to_string()
         }
-        assert!(told(mesh.clone().with_texture(None)).starts_with("the mesh has no picture: put"));
+        assert!(error(mesh.clone().with_texture(None)).starts_with("the mesh has no picture: add"));
         let text = "the mesh has no texture coordinates `uv`, by which its 4 vertices could find their colors in the picture";
-        assert_eq!(told(mesh.without("uv")), text);
+        assert_eq!(error(mesh.without_attribute("uv")), text);
     }
 }

@@ -1,25 +1,24 @@
-//! Lays a mesh out flat.
+//! Unwraps a mesh: makes texture coordinates.
 
-use maquette_node::{Carry, Context, Error, Fate, FieldError, In, Node, Promise};
+use maquette_node::{Carry, Context, Error, FieldError, In, Node, Promise, Transfer};
 use maquette_value::Mesh;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::layout::{Layout, lay_out};
 
-/// Lays a mesh out flat: gives it texture coordinates `uv` of charts that do not overlap.
+/// Unwraps a mesh: gives it texture coordinates `uv` in charts that do not overlap.
 ///
-/// The surface is cut into charts, which are flattened with little stretch and lie side by side in the square from (0, 0) to (1, 1), all at
-/// one scale. No face is turned over or lies on another one, so that each place of the surface has a place of its own in a picture.
-/// The coordinates stand at the corners of faces: at a seam a vertex has several. A picture on the mesh is taken off, since it no longer
-/// fits.
+/// The surface is cut into charts, which are flattened with little stretch and packed into the square from (0, 0) to (1, 1), all at one
+/// scale. No face is inverted or overlaps another one, so that each point of the surface has its own position in a texture. The coordinates
+/// are at the corners of faces: at a seam a vertex has several. An existing texture is removed, since it no longer fits.
 ///
 /// In other programs: UV flatten, parameterize.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Unwrap {
     /// The mesh.
     pub mesh: In<Mesh>,
-    /// How it is laid out.
+    /// Parameters of the layout.
     #[serde(flatten)]
     pub layout: Layout,
 }
@@ -30,7 +29,8 @@ impl Node for Unwrap {
 
     const PROMISES: &'static [Promise<Self>] = &Promise::faces_kept("mesh", "mesh");
 
-    const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept).but(&["uv"])];
+    const CARRIES: &'static [Carry] =
+        &[Carry::uniform("mesh", "mesh", Transfer::Kept).excluding(&["uv"])];
 
     fn check(&self) -> Result<(), FieldError> {
         self.layout.check_fields()

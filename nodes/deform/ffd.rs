@@ -1,7 +1,7 @@
 //! Free-form deformation by handles, with rational Gaussian functions.
 
 use maquette_mesh::Movable;
-use maquette_node::{Carry, Context, Error, Estimate, Fate, FieldError, In, Node, Promise};
+use maquette_node::{Carry, Context, Error, Estimate, FieldError, In, Node, Promise, Transfer};
 use maquette_value::{Handle, HandleSpace, Handles};
 use nalgebra::Point3;
 use schemars::JsonSchema;
@@ -10,57 +10,59 @@ use serde::{Deserialize, Serialize};
 use super::ffd_error::FfdError;
 use super::free_form::drag::{self, Drag};
 use super::free_form::object::{bounds, points};
-use super::free_form::pull::{Deforming, column, deform, prepared};
-use super::free_form::reach::{Boxes, Places};
+use super::free_form::pull::{DeformOptions, column, deform_prepared, prepare_handles};
+use super::free_form::reach::{Boxes, MemoPoints};
 use super::gaussian::layout::Bounds;
 use super::gaussian::system::System;
 use super::mode::Mode;
 
-/// Pulls an object by handles: each goes to its target, and takes along what is around it.
+/// Deforms an object by handles: each handle moves to its target, and moves the points around it.
 ///
-/// Every point is shared out among the handles by rational Gaussian functions: the nearer a handle, measured in its deviations,
-/// the greater its share. Any number of handles may stand anywhere, also outside of the object. Influence is relative: far from
-/// all of them the nearest one takes everything along, so that a single handle moves the whole object. To confine a pull,
-/// add handles that stay, or a `background`.
+/// Every point is influenced by all handles, weighted by rational Gaussian functions: the nearer a handle, measured in its deviations, the
+/// greater its weight. Handles may be at any positions, also outside of the object, and in any number. Weights are relative: far from all
+/// handles, a point follows the nearest one, so that a single handle moves the whole object. To limit the reach of a handle, add handles at
+/// rest, or a `background`.
 ///
-/// The result has the type of what came in. Normals turn along. Where space is turned inside out there is a warning, and the
-/// vertices of a mesh are marked by the attribute `folded`. Of a control net the fixed points and the base points stay, so that
-/// a blend takes the deformation back to the scan; of a B-spline the control points move, which is near to moving the curve.
-/// Cells and texture coordinates stay, as does the camera.
+/// The result has the type of the input. Normals are transformed. Where the deformation folds space over, there is a warning, and the
+/// attribute `folded` marks the vertices of a mesh. In a control net the fixed points and the base points stay, so that a blend takes the
+/// deformation back to the scan. In a B-spline the control points are moved, which is approximately the deformation of the curve. Cells,
+/// texture coordinates and the camera stay.
 ///
 /// In other programs: lattice, cage.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Ffd {
-    /// What is deformed: a mesh, a range image, points, a curve or a control net.
+    /// Object to deform: a mesh, a range image, points, a curve or a control net.
     pub mesh: In<Movable>,
-    /// Handles from elsewhere, before those that stand here.
+    /// Handles from another node; they precede `handles`.
     pub layout: Option<In<Handles>>,
-    /// What the box of the handles is around, if not what is deformed: so that several things are deformed alike.
+    /// Object whose bounding box is the box of the handles; if omitted, the deformed object. With one `frame`, several objects are deformed
+    /// in the same way.
     pub frame: Option<In<Movable>>,
-    /// Handles.
+    /// Handles, each with its position and its target.
     #[serde(default)]
     pub handles: Vec<Handle>,
-    /// Other targets for some handles. What all others do is remembered, so that changing these takes a fraction of the time.
+    /// New targets for some handles. The effect of all other handles is cached, so that changing these targets takes a fraction of the
+    /// time.
     #[serde(default)]
     pub targets: Vec<Target>,
-    /// What the handles share out.
+    /// Quantity of the handles that is blended.
     #[serde(default)]
     pub mode: Mode,
-    /// The space of `handles` and `targets`; those of `layout` have their own.
+    /// Coordinate space of `handles` and `targets`; `layout` has its own.
     #[serde(default)]
     pub space: HandleSpace,
-    /// How far the handles' pull goes, and how well they are met.
+    /// Reach of the handles and accuracy of the deformation.
     #[serde(flatten)]
-    pub how: Deforming,
+    pub options: DeformOptions,
 }
 
-/// Another target for a handle.
+/// A new target for a handle.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Target {
-    /// Which: counted from 0, those of `layout` before those of `handles`.
+    /// Number of the handle, counted from 0; the handles of `layout` precede those of `handles`.
     pub handle: u32,
-    /// Where it goes instead.
+    /// New target position.
     pub to: [f64; 3],
 }
 
@@ -71,14 +73,14 @@ impl Node for Ffd {
     const PROMISES: &'static [Promise<Self>] = &Promise::faces_kept("mesh", "mesh");
 
     const CARRIES: &'static [Carry] = &[
-        Carry::all("mesh", "mesh", Fate::Kept).and_cells(Fate::Kept),
-        Carry::all("frame", "mesh", Fate::Dropped).and_cells(Fate::Dropped),
+        Carry::uniform("mesh", "mesh", Transfer::Kept).and_cells(Transfer::Kept),
+        Carry::uniform("frame", "mesh", Transfer::Dropped).and_cells(Transfer::Dropped),
     ];
 
     fn check(&self) -> Result<(), FieldError> {
-        let background = self.how.background;
+        let background = self.options.background;
         if background > 0.0 && self.mode != Mode::Displacement {
-            let help = "leave `background` or `mode` out";
+            let help = "remove `background` or `mode`";
             return Err(FieldError::new("mode", FfdError::Background { background }, help));
         }
         let handles = self.handles.len();
@@ -90,58 +92,60 @@ impl Node for Ffd {
         {
             Some(&Target { handle, .. }) => {
                 let error = FfdError::NoHandle { handle: handle as usize, handles };
-                Err(FieldError::new("targets", error, "add the handle, or leave the target out"))
+                Err(FieldError::new("targets", error, "add the handle, or remove the target"))
             }
             None => Ok(()),
         }
     }
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
-        let from_layout = self.layout.as_ref().map_or(0, |layout| cx.get(layout).at().len());
+        let from_layout = self.layout.as_ref().map_or(0, |layout| cx.get(layout).positions().len());
         let handles = (from_layout + self.handles.len()) as f64;
         let points = points(&cx.get(&self.mesh)).len() as f64;
         let bytes = handles * handles * 16.0 + points * 150.0;
-        Some(Estimate { bytes, help: "take fewer handles" })
+        Some(Estimate { bytes, help: "use fewer handles" })
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let what = cx.get(&self.mesh);
-        let boxes = self.how.ends().then(|| cx.memo(&Places(column(&what)), Boxes::memo));
+        let object = cx.get(&self.mesh);
+        let boxes =
+            self.options.is_limited().then(|| cx.memo(&MemoPoints(column(&object)), Boxes::memo));
         let boxes = boxes.transpose()?;
         let frame = self.frame.as_ref().and_then(|frame| bounds(&cx.get(frame)));
         let Some(frame) =
-            frame.or_else(|| boxes.as_ref().map_or_else(|| bounds(&what), Boxes::around))
+            frame.or_else(|| boxes.as_ref().map_or_else(|| bounds(&object), Boxes::bounds))
         else {
-            return Ok((what,));
+            return Ok((object,));
         };
-        let how = Deforming { frame: Some(frame), ..self.how };
+        let options = DeformOptions { frame: Some(frame), ..self.options };
         let layout = self.layout.as_ref().map(|layout| cx.get(layout));
         let handles = self.all_handles(layout, frame)?;
         let targets = self.targets_in_world(frame)?;
-        let (deformed, report) = if targets.is_empty() || how.ends() {
-            let prepared = prepared(&handles, frame, self.mode, how)?.aimed(&targets, |_| true)?;
-            deform(
-                &what,
+        let (deformed, report) = if targets.is_empty() || options.is_limited() {
+            let prepared = prepare_handles(&handles, frame, self.mode, options)?
+                .with_targets(&targets, |_| true)?;
+            deform_prepared(
+                &object,
                 &prepared,
-                how,
+                options,
                 boxes.as_ref(),
                 |layout| cx.memo(layout, System::memo),
                 cx.progress(),
             )?
         } else {
             let dragged: Vec<_> = targets.iter().map(|(handle, _)| *handle).collect();
-            let drag = Drag::with(
-                &what,
+            let drag = Drag::with_memo(
+                &object,
                 &handles,
                 &dragged,
                 self.mode,
-                how,
+                options,
                 |layout| cx.memo(layout, System::memo),
                 |part| cx.memo(part, drag::memo),
             )?;
-            drag.to(&targets, cx.progress())?
+            drag.apply_targets(&targets, cx.progress())?
         };
-        report.warn(&what, frame, cx);
+        report.warn(&object, frame, cx);
         Ok((deformed,))
     }
 }
@@ -155,14 +159,14 @@ impl Ffd {
     }
 
     fn targets_in_world(&self, frame: Bounds) -> Result<Vec<(usize, Point3<f64>)>, FfdError> {
-        let places = self.targets.iter().map(|target| Handle {
+        let handles = self.targets.iter().map(|target| Handle {
             at: target.to,
             to: None,
             sigma: None,
             weight: 1.0,
         });
-        let places = Handles::new(self.space, &Vec::from_iter(places))?.in_world(frame)?;
+        let handles = Handles::new(self.space, &handles.collect::<Vec<_>>())?.in_world(frame)?;
         let numbers = self.targets.iter().map(|target| target.handle as usize);
-        Ok(numbers.zip(places.at().iter().copied()).collect())
+        Ok(numbers.zip(handles.positions().iter().copied()).collect())
     }
 }

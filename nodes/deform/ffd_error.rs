@@ -1,94 +1,96 @@
-//! Why an object cannot be deformed.
+//! Errors of free-form deformation.
 
-use maquette_node::Cancelled;
+use maquette_node::CancelledError;
 use maquette_value::{
     AttributeError, ControlNetError, CurveError, HandlesError, MeshError, PointsError, SizeError,
 };
 
-/// Why an object cannot be deformed.
+/// The reason why an object cannot be deformed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FfdError {
-    /// Numbers that are no handles.
+    /// Handles that are not valid.
     #[error(transparent)]
     Handles(#[from] HandlesError),
-    /// Two handles at one place with two targets.
-    #[error("handles {first} and {second} are at one place, but go to different targets")]
+    /// Two handles with the same position but different targets.
+    #[error("handles {first} and {second} have the same position but different targets")]
     Conflicting {
-        /// The earlier, counted from 0.
+        /// The earlier handle, counted from 0.
         first: usize,
-        /// The later.
+        /// The later handle.
         second: usize,
     },
-    /// Handles whose system has no solution that could be trusted.
+    /// Handles whose linear system is too ill-conditioned to be solved.
     #[error(
-        "the handles cannot all reach their targets: the condition is {condition:.1e}; smaller deviations, fewer handles or \
-         `regularize` help"
+        "the handles cannot all reach their targets: the condition number is {condition:.1e}; use smaller deviations, fewer \
+         handles or `regularize`"
     )]
     Singular {
-        /// The estimate of the condition.
+        /// The estimated condition number.
         condition: f64,
     },
     /// Too many handles.
-    #[error("{handles} handles are more than the {most} that can be solved for")]
+    #[error("expected at most {max} handles, found {handles}")]
     TooMany {
-        /// How many there are.
+        /// The number of handles.
         handles: usize,
-        /// How many there may be.
-        most: usize,
+        /// The maximum number of handles.
+        max: usize,
     },
-    /// A target for a handle that is not there.
-    #[error("there is a target for handle {handle}, but there are only {handles}, counted from 0")]
-    NoHandle {
-        /// The handle.
-        handle: usize,
-        /// How many there are.
-        handles: usize,
-    },
-    /// A background that is no number, or in a mode that has none.
+    /// A target for a handle that does not exist.
     #[error(
-        "the background is {background}; it must not be negative, and only displacements may have one"
+        "there is no handle {handle} for a target: there are {handles} handles, numbered from 0"
+    )]
+    NoHandle {
+        /// The number of the handle.
+        handle: usize,
+        /// The number of handles.
+        handles: usize,
+    },
+    /// A background that is not valid, or that is used in a mode without background.
+    #[error(
+        "`background` is {background}, but it must be 0 or more, and 0 unless `mode` is `Displacement`"
     )]
     Background {
         /// The background.
         background: f64,
     },
-    /// A regularization that is no number.
-    #[error("the regularization is {regularize}, but it must be 0 or more")]
+    /// A regularization that is not valid.
+    #[error("`regularize` is {regularize}, but it must be 0 or more")]
     Regularize {
         /// The regularization.
         regularize: f64,
     },
-    /// An accuracy that is no number.
-    #[error("the accuracy is {accuracy}, but it must be 0 or more, and less than 1")]
+    /// An accuracy that is not valid.
+    #[error("`accuracy` is {accuracy}, but it must be 0 or more and less than 1")]
     Accuracy {
         /// The accuracy.
         accuracy: f64,
     },
-    /// A cell whose point would be nowhere.
-    #[error("the point of cell {cell} would be at no finite place")]
+    /// A cell whose deformed point is not finite.
+    #[error("the deformed point of cell {cell} is not finite")]
     NotFinite {
         /// The cell.
         cell: usize,
     },
-    /// A mesh that has moved out of the numbers.
+    /// A deformed mesh with a position that is not finite.
     #[error(transparent)]
     Mesh(#[from] MeshError),
-    /// A range image that changed its size; never happens.
+    /// A range image of a different size; never happens, because the grid is kept.
     #[error(transparent)]
     RangeImage(#[from] SizeError),
-    /// Points that have moved out of the numbers.
+    /// Deformed points with a position that is not finite.
     #[error(transparent)]
     Points(#[from] PointsError),
-    /// A curve that has moved out of the numbers.
+    /// A deformed curve with a position that is not finite.
     #[error(transparent)]
     Curve(#[from] CurveError),
-    /// A net that has moved out of the numbers.
+    /// A deformed control net with a position that is not finite.
     #[error(transparent)]
     ControlNet(#[from] ControlNetError),
-    /// An attribute that does not fit; never happens.
+    /// An attribute of a different size; never happens, because the number of points is kept.
     #[error(transparent)]
     Attribute(#[from] AttributeError),
-    /// The evaluation was told to stop.
+    /// The evaluation was cancelled.
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }

@@ -1,7 +1,7 @@
 //! Rational Gaussian surfaces.
 
 use maquette_base::limits::VERTICES;
-use maquette_node::{Context, Error, Estimate, Node, Promise, TooMuch};
+use maquette_node::{Context, Error, Estimate, LimitError, Node, Promise};
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, Faces, Handle, HandleSpace, Handles, Mesh, MeshError};
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -9,34 +9,34 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::gaussian::deformation::{Base, Deformation};
-use super::gaussian::layout::{Bounds, chosen, prepare};
+use super::gaussian::layout::{Bounds, choose_deviations, prepare};
 use super::gaussian::system::System;
 use super::{FfdError, Mode};
 
-/// Makes a surface of control points with rational Gaussian functions.
+/// Creates a surface from control points with rational Gaussian functions.
 ///
-/// The points may stand anywhere on the square of the parameters u and v, each 0 to 1, in any number; no grid is needed. How
-/// far a point reaches is its deviation: small ones draw the surface to their points, in flat steps; large ones smooth it. The
-/// mesh has the surface's exact normals, and u and v as `uv`.
+/// The points may have any parameters u and v from 0 to 1, in any number; no grid is needed. The deviation of a point determines its reach:
+/// small deviations pull the surface to the points in flat steps, large ones smooth it. The mesh has exact normals, and u and v as
+/// attribute `uv`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct GaussianSurface {
-    /// The control points.
+    /// Control points.
     #[schemars(length(min = 1))]
     pub points: Vec<SurfacePoint>,
-    /// Meets the points instead of only drawing near to them.
+    /// Makes the surface pass through the points; otherwise it only approaches them.
     #[serde(default)]
     pub through: bool,
-    /// Quads along u.
+    /// Number of quads along u.
     #[schemars(range(min = 1, max = 8192))]
-    #[serde(default = "quads")]
+    #[serde(default = "default_quads")]
     pub u: usize,
-    /// Quads along v.
+    /// Number of quads along v.
     #[schemars(range(min = 1, max = 8192))]
-    #[serde(default = "quads")]
+    #[serde(default = "default_quads")]
     pub v: usize,
 }
 
-fn quads() -> usize {
+fn default_quads() -> usize {
     32
 }
 
@@ -44,43 +44,43 @@ fn quads() -> usize {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SurfacePoint {
-    /// Its parameters, u and v: 0 to 1 on the surface, and it may stand outside.
+    /// Parameters u and v: from 0 to 1 on the surface; values outside are allowed.
     pub at: [f64; 2],
-    /// Its place in space.
+    /// Position of the point.
     #[schemars(extend("unit" = "mm"))]
     pub to: [f64; 3],
-    /// Standard deviations along u and v; 0.75 of the mean distance to the three nearest points if left out.
+    /// Standard deviations along u and v. If omitted, 0.75 of the mean distance to the three nearest points.
     #[schemars(extend("items" = serde_json::json!({ "type": "number", "format": "double", "exclusiveMinimum": 0.0 })))]
     #[serde(default)]
     pub sigma: Option<[f64; 2]>,
-    /// How much it counts beside the others, greater than 0.
+    /// Weight relative to the other points, greater than 0.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
-    #[serde(default = "one")]
+    #[serde(default = "default_weight")]
     pub weight: f64,
 }
 
-fn one() -> f64 {
+fn default_weight() -> f64 {
     1.0
 }
 
-/// Why control points make no surface.
+/// The reason why control points define no surface.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum GaussianSurfaceError {
     /// No points.
-    #[error("a surface needs at least one point")]
-    Nothing,
+    #[error("a surface needs at least one control point")]
+    NoPoints,
     /// No quads.
-    #[error("{u} x {v} quads are none")]
+    #[error("expected at least 1 x 1 quads, found {u} x {v}")]
     NoQuads {
-        /// Quads along u.
+        /// The number of quads along u.
         u: usize,
-        /// Quads along v.
+        /// The number of quads along v.
         v: usize,
     },
     /// Too many quads.
     #[error(transparent)]
-    TooMuch(#[from] TooMuch),
-    /// Points that are none, or that cannot be met.
+    LimitExceeded(#[from] LimitError),
+    /// Points that are not valid, or that the surface cannot pass through.
     #[error(transparent)]
     Points(#[from] FfdError),
     /// A mesh that is not finite.
@@ -97,7 +97,7 @@ impl Node for GaussianSurface {
         Promise::always("mesh", "Oriented"),
         Promise::always("mesh", "Unpinched"),
         Promise::always("mesh", "NonEmpty"),
-        Promise::never("mesh", "Triangles"),
+        Promise::never_has("mesh", "Triangles"),
     ];
 
     fn estimate(&self, _: &Context<'_>) -> Option<Estimate> {
@@ -110,25 +110,25 @@ impl Node for GaussianSurface {
     }
 }
 
-/// The square of the parameters, as a box.
+/// The unit square of the parameters u and v, as a flat box.
 const SQUARE: Bounds = (Point3::new(0.0, 0.0, 0.0), Point3::new(1.0, 1.0, 1.0));
 
-/// The surface `P(u, v) = sum_i V_i g_i(u, v)` as a mesh of `u` x `v` quads: rows of vertices along u, places in mm.
+/// Returns the surface `P(u, v) = sum_i V_i g_i(u, v)` as a mesh of `u` x `v` quads: rows of vertices along u, positions in mm.
 ///
-/// The coefficients V are the points' places, or with `through` what makes `P` meet these. Goshtasby, "Geometric modelling
-/// using rational Gaussian curves and surfaces" (1995); Yoshida, Kanou and Kitajima, equations 1 to 3. Normals are those of the
-/// derivatives.
+/// The coefficients `V_i` are the points' positions, or, with `through`, the coefficients for which `P` passes through the points.
+/// Goshtasby, "Geometric modelling using rational Gaussian curves and surfaces" (1995); Yoshida, Kanou and Kitajima, equations 1 to 3.
+/// Normals are computed from the derivatives.
 ///
 /// # Errors
-/// If there is no point, a number is not finite or not greater than 0 where it must be, two points with `through` are at one
-/// place or too near to be solved for, or there are no quads or too many.
+/// Returns an error if there is no point, a number is not finite or not greater than 0 where it must be, two points with `through` have the
+/// same position or are so close that the equations cannot be solved, or the number of quads is 0 or too large.
 pub fn gaussian_surface(
     points: &[SurfacePoint],
     through: bool,
     [u, v]: [usize; 2],
 ) -> Result<Mesh, GaussianSurfaceError> {
     if points.is_empty() {
-        return Err(GaussianSurfaceError::Nothing);
+        return Err(GaussianSurfaceError::NoPoints);
     }
     if u == 0 || v == 0 {
         return Err(GaussianSurfaceError::NoQuads { u, v });
@@ -142,17 +142,17 @@ pub fn gaussian_surface(
             Point3::new(row as f64 / u as f64, column as f64 / v as f64, 0.0)
         })
         .collect();
-    let mut places = vec![Point3::origin(); count];
+    let mut positions = vec![Point3::origin(); count];
     let mut slopes = vec![Matrix3::zeros(); count];
-    let chunks = parameters.par_chunks(CHUNK).zip(places.par_chunks_mut(CHUNK));
-    chunks.zip(slopes.par_chunks_mut(CHUNK)).for_each(|((parameters, places), slopes)| {
-        surface.apply(&surface.terms, parameters, places, Some(slopes));
+    let chunks = parameters.par_chunks(CHUNK_SIZE).zip(positions.par_chunks_mut(CHUNK_SIZE));
+    chunks.zip(slopes.par_chunks_mut(CHUNK_SIZE)).for_each(|((parameters, positions), slopes)| {
+        surface.apply(&surface.terms, parameters, positions, Some(slopes));
     });
     fn corner(quad: usize, v: usize) -> u32 {
         (quad / v * (v + 1) + quad % v) as u32
     }
     let mesh = Mesh::new(
-        places,
+        positions,
         Faces::uniform(
             4,
             (0..u * v)
@@ -168,7 +168,7 @@ pub fn gaussian_surface(
         .iter()
         .zip(&faces)
         .map(|(slope, face): (&Matrix3<f64>, &Vector3<f64>)| {
-            // Where the surface is a point or an edge its faces must do.
+            // If the surface degenerates to a point or a line, the normal of the mesh is used.
             let normal: Vector3<f64> = slope.column(0).cross(&slope.column(1));
             normal.try_normalize(0.0).unwrap_or(*face).into()
         })
@@ -179,7 +179,7 @@ pub fn gaussian_surface(
         .with_vertex("uv", Attribute::Pair(uv))?)
 }
 
-/// How many vertices so many quads have.
+/// Returns the number of vertices of a grid of `u` x `v` quads.
 fn vertices([u, v]: [usize; 2]) -> f64 {
     (u as f64 + 1.0) * (v as f64 + 1.0)
 }
@@ -188,10 +188,10 @@ fn square(count: usize) -> f64 {
     count as f64 * count as f64
 }
 
-/// Vertices that one task computes.
-const CHUNK: usize = 4096;
+/// The number of vertices that one task computes.
+const CHUNK_SIZE: usize = 4096;
 
-/// The sum of Gaussians that is the surface.
+/// Returns the sum of Gaussians that defines the surface.
 fn coefficients(points: &[SurfacePoint], through: bool) -> Result<Deformation, FfdError> {
     let handles: Vec<_> = points
         .iter()
@@ -205,14 +205,14 @@ fn coefficients(points: &[SurfacePoint], through: bool) -> Result<Deformation, F
     let handles = Handles::new(HandleSpace::World, &handles)?;
     let base = Base::keep(0.0);
     if !through {
-        let (layout, to) = chosen(&handles, SQUARE, Mode::Displacement)?;
+        let (layout, to) = choose_deviations(&handles, SQUARE, Mode::Displacement)?;
         let values = to.iter().map(|to| (*to).into()).collect();
         return Ok(Deformation::new(layout.gaussians(), values, base));
     }
     let prepared = prepare(&handles, SQUARE, Mode::Displacement, 0.0, 0.0)?;
     let system = System::new(&prepared.layout)?;
     let [x, y, z] = [0, 1, 2]
-        .map(|axis: usize| system.solve(prepared.to.iter().map(|to| to[axis])).coefficients);
+        .map(|axis: usize| system.solve(prepared.targets.iter().map(|to| to[axis])).coefficients);
     let values = (0..x.len()).map(|index| [x[index], y[index], z[index]]).collect();
     Ok(Deformation::new(prepared.layout.gaussians(), values, base))
 }
@@ -225,7 +225,7 @@ mod tests {
         SurfacePoint { at, to: [at[0], at[1], height], sigma: Some([sigma; 2]), weight: 1.0 }
     }
 
-    /// The nine points of algorithms.md, 9.7: a bump in the middle, with a deviation of its own.
+    /// Returns the nine points of algorithms.md, 9.7: a bump in the middle with its own deviation.
     fn bump(middle: f64) -> Vec<SurfacePoint> {
         fn place(k: usize) -> [f64; 2] {
             [(k / 3) as f64 / 2.0, (k % 3) as f64 / 2.0]
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn the_surface_lies_in_the_hull_of_its_points() {
+    fn the_surface_is_in_the_hull_of_its_points() {
         let mesh = gaussian_surface(&bump(0.1), false, [20, 20]).unwrap();
         for k in 0..100 {
             let k = f64::from(k);
@@ -277,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn a_surface_through_its_points_meets_them() {
+    fn a_surface_through_its_points_contains_them() {
         let mesh = gaussian_surface(&bump(0.2), true, [2, 2]).unwrap();
         for (vertex, point) in mesh.positions().iter().zip(bump(0.2)) {
             assert!((vertex - Point3::from(point.to)).norm() <= 1e-12, "{vertex}");
@@ -297,8 +297,8 @@ mod tests {
     }
 
     #[test]
-    fn nonsense_is_refused() {
-        assert_eq!(gaussian_surface(&[], false, [1, 1]), Err(GaussianSurfaceError::Nothing));
+    fn invalid_parameters_are_rejected() {
+        assert_eq!(gaussian_surface(&[], false, [1, 1]), Err(GaussianSurfaceError::NoPoints));
         assert!(gaussian_surface(&bump(0.1), false, [0, 1]).is_err());
         assert!(gaussian_surface(&bump(0.1), false, [usize::MAX, 2]).is_err());
         assert!(gaussian_surface(&bump(-0.1), false, [1, 1]).is_err());

@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use maquette_mesh::Movable;
-use maquette_node::{Cancelled, Context, Error, In, Node, Progress};
+use maquette_node::{CancelledError, Context, Error, In, Node, Progress};
 use maquette_value as value;
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, Handle, HandleSpace, HandlesError};
@@ -12,105 +12,106 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::free_form::object::{bounds, points};
-use super::gaussian::layout::{Bounds, MOST_HANDLES};
+use super::gaussian::layout::{Bounds, MAX_HANDLES};
 
-/// Places handles on an object by a rule, all at rest. `Ffd` takes them as its `layout`, and drags some of them by its
-/// `targets`.
+/// Places handles on an object by a rule, all at rest. `Ffd` takes them as its `layout`, and moves some of them by its `targets`.
 ///
-/// The handles are in mm, wherever the object is.
+/// Handle positions are in mm, in the coordinates of the object.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Handles {
-    /// What they are placed on: a mesh, a range image, points, a curve or a control net.
+    /// Object on which handles are placed: a mesh, a range image, points, a curve or a control net.
     pub mesh: In<Movable>,
-    /// Where.
+    /// Rule that places the handles.
     #[serde(default)]
-    pub on: On,
-    /// The space of all lengths and places here: the object's box, a cube, or its own coordinates.
+    pub on: Placement,
+    /// Coordinate space of all lengths and positions here: the object's box, a cube, or the object's own coordinates.
     #[serde(default)]
     pub space: HandleSpace,
-    /// Standard deviations of all along x, y and z; chosen from their distances if left out.
+    /// Standard deviations of all handles along x, y and z. If omitted, they are chosen from the distances between handles.
     #[schemars(extend("items" = serde_json::json!({ "type": "number", "format": "double", "exclusiveMinimum": 0.0 })))]
     #[serde(default)]
     pub sigma: Option<[f64; 3]>,
 }
 
-/// Where handles are placed.
+/// Rule that places handles.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub enum On {
-    /// At the eight corners of the object's box: x first, then y, then z.
+#[serde(rename = "On")]
+pub enum Placement {
+    /// The eight corners of the object's bounding box: x varies first, then y, then z.
     #[default]
     Box,
-    /// At the points where the object touches its box: the lowest and the highest along x, y and z.
+    /// The points at which the object touches its bounding box: minimum and maximum along x, y and z.
     Bounds,
-    /// At this many of its points, each as far as possible from those before it.
+    /// The given number of the object's points, each as far as possible from the previous ones.
     Farthest(#[schemars(range(min = 1, max = 2000))] usize),
-    /// At points of a part of it, each as far as possible from those before it.
+    /// Points in a region of the object, each as far as possible from the previous ones.
     Region {
-        /// Which part.
-        within: Within,
-        /// How many.
+        /// Region of the object.
+        within: HandleRegion,
+        /// Number of handles.
         #[schemars(range(min = 1, max = 2000))]
-        #[serde(default = "eight")]
+        #[serde(default = "default_count")]
         count: usize,
     },
 }
 
-fn eight() -> usize {
+fn default_count() -> usize {
     8
 }
 
-/// A part of an object.
+/// A region of an object.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub enum Within {
+#[serde(rename = "Within")]
+pub enum HandleRegion {
     /// The points in a ball.
     Ball {
-        /// Its center.
+        /// Center of the ball.
         at: [f64; 3],
-        /// Its radius.
+        /// Radius of the ball.
         #[schemars(range(min = 0.0))]
         radius: f64,
     },
-    /// The points in a box, its sides included.
+    /// The points in a box, including its boundary.
     Box {
-        /// Its lowest corner.
+        /// Minimum corner of the box.
         #[schemars(extend("most" = "high"))]
         low: [f64; 3],
-        /// Its highest corner.
+        /// Maximum corner of the box.
         high: [f64; 3],
     },
     /// The vertices at which this attribute of a mesh or of points is greater than 0.
     Marked(String),
 }
 
-/// Why no handles can be placed.
+/// The reason why no handles can be placed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PlaceHandlesError {
     /// An object without points.
-    #[error("there is no point to place a handle on")]
-    Nothing,
+    #[error("the object has no points to place handles on")]
+    NoPoints,
     /// A region without points.
-    #[error("the region has no point of the object")]
+    #[error("the region contains no point of the object")]
     EmptyRegion,
-    /// No handles, or too many.
-    #[error("{count} handles cannot be placed; at least 1 and at most {most} can")]
+    /// The number of handles is 0, or too large.
+    #[error("expected 1 to {max} handles, found {count}")]
     Count {
-        /// The number asked for.
+        /// The requested number.
         count: usize,
-        /// The most.
-        most: usize,
+        /// The maximum number.
+        max: usize,
     },
-    /// No such attribute.
-    #[error("there is no attribute `{name}` of one number per vertex")]
+    /// An attribute that does not exist or is not a number per vertex.
+    #[error("the object has no attribute `{name}` of one number per vertex")]
     NoAttribute {
-        /// Its name.
+        /// The name of the attribute.
         name: String,
     },
-    /// Numbers that are no handles.
+    /// Handles that are not valid.
     #[error(transparent)]
     Handles(#[from] HandlesError),
-    /// The evaluation was told to stop.
+    /// The evaluation was cancelled.
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }
 
 impl Node for Handles {
@@ -118,15 +119,15 @@ impl Node for Handles {
     const OUTPUTS: [&'static str; 1] = ["handles"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let what = cx.get(&self.mesh);
-        let handles = place_handles(&what, &self.on, self.space, self.sigma, cx.progress())?;
+        let object = cx.get(&self.mesh);
+        let handles = place_handles(&object, &self.on, self.space, self.sigma, cx.progress())?;
         let wanted = match self.on {
-            On::Box | On::Bounds => 0,
-            On::Farthest(count) | On::Region { count, .. } => count,
+            Placement::Box | Placement::Bounds => 0,
+            Placement::Farthest(count) | Placement::Region { count, .. } => count,
         };
         if handles.len() < wanted {
             cx.warn(format!(
-                "there are only {} different points for {wanted} handles",
+                "the object has only {} distinct points for {wanted} handles",
                 handles.len()
             ));
         }
@@ -134,41 +135,46 @@ impl Node for Handles {
     }
 }
 
-/// Handles at rest on an object, in mm; fewer than asked for if the object has fewer different points.
+/// Returns handles at rest on an object, in mm; fewer than requested if the object has fewer distinct points.
 ///
-/// The numbers of `on` and `sigma` are in `space`. Places are taken as in Gonzalez, "Clustering to minimize the maximum
-/// intercluster distance" (1985); the first is the one farthest from the mean of all, and of equal ones always the first.
+/// The numbers of `on` and `sigma` are in `space`. Points are chosen as in Gonzalez, "Clustering to minimize the maximum intercluster
+/// distance" (1985), beginning with the point that is farthest from the mean of all points; if several are equally far, the first is taken.
 ///
 /// # Errors
-/// If there is no point to place a handle on, no such attribute, or a number is not finite or not greater than 0 where it must
-/// be.
+/// Returns an error if there is no point to place a handle on, the attribute does not exist, or a number is not finite or not greater than
+/// 0 where it must be.
 pub fn place_handles(
-    what: &Movable,
-    on: &On,
+    object: &Movable,
+    on: &Placement,
     space: HandleSpace,
     sigma: Option<[f64; 3]>,
     progress: &Progress<'_>,
 ) -> Result<value::Handles, PlaceHandlesError> {
-    let bounds = bounds(what).ok_or(PlaceHandlesError::Nothing)?;
+    let bounds = bounds(object).ok_or(PlaceHandlesError::NoPoints)?;
     let unit =
         Handle { at: [0.0; 3], to: None, sigma: Some(sigma.unwrap_or([1.0; 3])), weight: 1.0 };
     let scaled = value::Handles::new(space, &[unit])?.in_world(bounds)?.sigma()[0];
-    let there = points(what).iter().copied().filter(|point| !point.x.is_nan());
-    let places: Vec<Point3<f64>> = match on {
-        On::Box => corners(bounds),
-        On::Bounds => extremes(&Vec::from_iter(there)),
-        On::Farthest(count) => farthest(&Vec::from_iter(there), *count, progress)?,
-        On::Region { within, count } => {
-            let part = part(what, within, space, bounds)?;
+    let valid = points(object).iter().copied().filter(|point| !point.x.is_nan());
+    let positions: Vec<Point3<f64>> = match on {
+        Placement::Box => corners(bounds),
+        Placement::Bounds => extremes(&valid.collect::<Vec<_>>()),
+        Placement::Farthest(count) => farthest(&valid.collect::<Vec<_>>(), *count, progress)?,
+        Placement::Region { within, count } => {
+            let part = points_in_region(object, within, space, bounds)?;
             farthest(&part, *count, progress)?
         }
     };
     let sigma = sigma.map(|_| scaled);
     Ok(value::Handles::new(
         HandleSpace::World,
-        &places
+        &positions
             .into_iter()
-            .map(|place: Point3<f64>| Handle { at: place.into(), to: None, sigma, weight: 1.0 })
+            .map(|position: Point3<f64>| Handle {
+                at: position.into(),
+                to: None,
+                sigma,
+                weight: 1.0,
+            })
             .collect::<Vec<_>>(),
     )?)
 }
@@ -176,56 +182,57 @@ pub fn place_handles(
 fn corners((low, high): Bounds) -> Vec<Point3<f64>> {
     (0..8)
         .map(|k: usize| {
-            let axis = |axis: usize| if k >> axis & 1 == 1 { high[axis] } else { low[axis] };
-            Point3::new(axis(0), axis(1), axis(2))
+            Point3::from(
+                [0, 1, 2]
+                    .map(|axis: usize| if k >> axis & 1 == 1 { high[axis] } else { low[axis] }),
+            )
         })
         .collect()
 }
 
-/// The lowest and the highest point along each axis; one that is several of them once.
+/// Returns the points with the minimum and the maximum coordinate along each axis; no point is listed twice.
 fn extremes(points: &[Point3<f64>]) -> Vec<Point3<f64>> {
-    let mut places: Vec<Point3<f64>> = Vec::new();
+    let mut extremes: Vec<Point3<f64>> = Vec::new();
     for axis in 0..3 {
         for sign in [1.0, -1.0] {
-            fn beyond(a: &Point3<f64>, b: &Point3<f64>, sign: f64, axis: usize) -> bool {
-                sign * b[axis] < sign * a[axis]
-            }
             let lowest = points
                 .iter()
                 .copied()
-                .reduce(|a, b| if beyond(&a, &b, sign, axis) { b } else { a });
-            places.extend(lowest.filter(|place| !places.contains(place)));
+                .reduce(|a, b| if sign * b[axis] < sign * a[axis] { b } else { a });
+            extremes.extend(lowest.filter(|point| !extremes.contains(point)));
         }
     }
-    places
+    extremes
 }
 
-/// The points of an object that are in a region.
-fn part(
-    what: &Movable,
-    within: &Within,
+/// Returns the points of an object that are in a region.
+fn points_in_region(
+    object: &Movable,
+    within: &HandleRegion,
     space: HandleSpace,
     bounds: Bounds,
 ) -> Result<Vec<Point3<f64>>, PlaceHandlesError> {
     let unit = Handle { at: [0.0; 3], to: None, sigma: Some([1.0; 3]), weight: 1.0 };
     let unit = value::Handles::new(space, &[unit])?.in_world(bounds)?;
-    let (origin, scale) = (unit.at()[0], Vector3::from(unit.sigma()[0]));
+    let (origin, scale) = (unit.positions()[0], Vector3::from(unit.sigma()[0]));
     let inside: Box<dyn Fn(usize, Vector3<f64>) -> bool> = match within {
-        Within::Ball { at, radius } => {
+        HandleRegion::Ball { at, radius } => {
             let (at, radius) = (Vector3::from(*at), *radius);
-            Box::new(move |_, place| (place - at).norm() <= radius)
+            Box::new(move |_, position| (position - at).norm() <= radius)
         }
-        Within::Box { low, high } => {
+        HandleRegion::Box { low, high } => {
             let (low, high) = (*low, *high);
-            Box::new(move |_, place| (0..3).all(|k| low[k] <= place[k] && place[k] <= high[k]))
+            Box::new(move |_, position| {
+                (0..3).all(|k| low[k] <= position[k] && position[k] <= high[k])
+            })
         }
-        Within::Marked(name) => {
-            let marks = marks(what, name)
+        HandleRegion::Marked(name) => {
+            let marks = marks(object, name)
                 .ok_or_else(|| PlaceHandlesError::NoAttribute { name: name.clone() })?;
             Box::new(move |index, _| marks[index])
         }
     };
-    let all = points(what).iter().enumerate().filter(|(_, point)| !point.x.is_nan());
+    let all = points(object).iter().enumerate().filter(|(_, point)| !point.x.is_nan());
     let part: Vec<Point3<f64>> = all
         .filter(|(index, point)| inside(*index, (*point - origin).component_div(&scale)))
         .map(|(_, point)| *point)
@@ -233,8 +240,8 @@ fn part(
     if part.is_empty() { Err(PlaceHandlesError::EmptyRegion) } else { Ok(part) }
 }
 
-fn marks(what: &Movable, name: &str) -> Option<Vec<bool>> {
-    let attribute = match what {
+fn marks(object: &Movable, name: &str) -> Option<Vec<bool>> {
+    let attribute = match object {
         Movable::Mesh(mesh) => mesh.vertex().get(name),
         Movable::Points(points) => points.attributes().get(name),
         Movable::RangeImage(_) | Movable::Curve(_) | Movable::ControlNet(_) => None,
@@ -247,55 +254,56 @@ fn marks(what: &Movable, name: &str) -> Option<Vec<bool>> {
     }
 }
 
-/// Points that one task looks at.
-const CHUNK: usize = 4096;
+/// The number of points that one task processes.
+const CHUNK_SIZE: usize = 4096;
 
-/// Up to `count` of the points, each the farthest from those before it.
+/// Returns up to `count` of the points, each as far as possible from the previous ones.
 fn farthest(
     points: &[Point3<f64>],
     count: usize,
     progress: &Progress<'_>,
 ) -> Result<Vec<Point3<f64>>, PlaceHandlesError> {
-    if count == 0 || MOST_HANDLES < count {
-        return Err(PlaceHandlesError::Count { count, most: MOST_HANDLES });
+    if count == 0 || MAX_HANDLES < count {
+        return Err(PlaceHandlesError::Count { count, max: MAX_HANDLES });
     }
     let sum = points.iter().map(|point| point.coords).sum::<Vector3<f64>>();
     let mean = sum / points.len() as f64;
-    let mut place = Point3::from(mean);
+    let mut position = Point3::from(mean);
     let mut nearest = vec![f64::INFINITY; points.len()];
-    let mut places = Vec::new();
+    let mut positions = Vec::new();
     for step in 0..=count {
         progress.tick(step as f64 / count as f64)?;
-        // The distances to the mean only choose the first place.
+        // In the first step, the distances are those to the mean; they are replaced after the first point is chosen.
         let keep = step > 1;
         let is_cancelled = AtomicBool::new(false);
-        let best = nearest.par_chunks_mut(CHUNK).zip(points.par_chunks(CHUNK)).enumerate();
+        let best =
+            nearest.par_chunks_mut(CHUNK_SIZE).zip(points.par_chunks(CHUNK_SIZE)).enumerate();
         let best = best.map(|(chunk, (nearest, points))| {
             is_cancelled.fetch_or(progress.check().is_err(), Ordering::Relaxed);
             let mut best = (f64::NEG_INFINITY, 0);
             for (index, (nearest, point)) in nearest.iter_mut().zip(points).enumerate() {
-                let distance = (point - place).norm_squared();
+                let distance = (point - position).norm_squared();
                 *nearest = if keep { nearest.min(distance) } else { distance };
                 if *nearest > best.0 {
-                    best = (*nearest, chunk * CHUNK + index);
+                    best = (*nearest, chunk * CHUNK_SIZE + index);
                 }
             }
             best
         });
-        // In the order of the points, so that of equal ones the first is taken.
+        // The points are compared in their order, so the first of several equally far points is taken.
         let best =
             best.collect::<Vec<_>>().into_iter().reduce(|a, b| if b.0 > a.0 { b } else { a });
         if is_cancelled.into_inner() {
-            return Err(Cancelled.into());
+            return Err(CancelledError.into());
         }
         let Some((distance, index)) = best else { break };
         if step == count || (step > 0 && distance <= 0.0) {
             break;
         }
-        place = points[index];
-        places.push(place);
+        position = points[index];
+        positions.push(position);
     }
-    Ok(places)
+    Ok(positions)
 }
 
 #[cfg(test)]
@@ -315,10 +323,10 @@ mod tests {
         Movable::Points(points.with_attribute("mark", Attribute::Flag(marks)).unwrap())
     }
 
-    fn places(on: On, space: HandleSpace) -> Result<Vec<[f64; 3]>, PlaceHandlesError> {
-        let handles = place_handles(&grid(), &on, space, None, &Progress::none())?;
-        assert_eq!(handles.at(), handles.to());
-        Ok(handles.at().iter().map(|&at| at.into()).collect())
+    fn positions(on: Placement, space: HandleSpace) -> Result<Vec<[f64; 3]>, PlaceHandlesError> {
+        let handles = place_handles(&grid(), &on, space, None, &Progress::silent())?;
+        assert_eq!(handles.positions(), handles.targets());
+        Ok(handles.positions().iter().map(|&at| at.into()).collect())
     }
 
     #[test]
@@ -328,38 +336,40 @@ mod tests {
         }
         let expected =
             [corner(0., 0.), corner(1., 1.), corner(1., 0.), corner(0., 1.), corner(0.5, 0.5)];
-        assert_eq!(places(On::Farthest(5), HandleSpace::Box).unwrap(), expected);
-        assert_eq!(places(On::Farthest(99), HandleSpace::Box).unwrap().len(), 25);
+        assert_eq!(positions(Placement::Farthest(5), HandleSpace::Box).unwrap(), expected);
+        assert_eq!(positions(Placement::Farthest(99), HandleSpace::Box).unwrap().len(), 25);
     }
 
     #[test]
     fn boxes_have_corners_and_objects_touch_them() {
-        assert_eq!(places(On::Box, HandleSpace::Box).unwrap()[3], [4.0, 4.0, 0.0]);
-        let touching = places(On::Bounds, HandleSpace::Box).unwrap();
+        assert_eq!(positions(Placement::Box, HandleSpace::Box).unwrap()[3], [4.0, 4.0, 0.0]);
+        let touching = positions(Placement::Bounds, HandleSpace::Box).unwrap();
         assert_eq!(touching, [[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0]]);
     }
 
     #[test]
     fn regions_are_given_in_their_space() {
-        fn region(within: Within) -> On {
-            On::Region { within, count: 2 }
+        fn region(within: HandleRegion) -> Placement {
+            Placement::Region { within, count: 2 }
         }
-        let ball = region(Within::Ball { at: [0.25, 0.25, 0.0], radius: 0.2 });
-        assert_eq!(places(ball, HandleSpace::Box).unwrap(), [[1.0, 1.0, 0.0]]);
-        let part = region(Within::Box { low: [2.0, 0.0, 0.0], high: [3.0, 0.5, 1.0] });
-        assert_eq!(places(part, HandleSpace::World).unwrap(), [[2., 0., 0.], [3., 0., 0.]]);
-        let marked = region(Within::Marked("mark".into()));
-        assert_eq!(places(marked, HandleSpace::Box).unwrap(), [[2., 1., 0.], [3., 1., 0.]]);
-        let error = places(region(Within::Marked("uv".into())), HandleSpace::Box).unwrap_err();
+        let ball = region(HandleRegion::Ball { at: [0.25, 0.25, 0.0], radius: 0.2 });
+        assert_eq!(positions(ball, HandleSpace::Box).unwrap(), [[1.0, 1.0, 0.0]]);
+        let part = region(HandleRegion::Box { low: [2.0, 0.0, 0.0], high: [3.0, 0.5, 1.0] });
+        assert_eq!(positions(part, HandleSpace::World).unwrap(), [[2., 0., 0.], [3., 0., 0.]]);
+        let marked = region(HandleRegion::Marked("mark".into()));
+        assert_eq!(positions(marked, HandleSpace::Box).unwrap(), [[2., 1., 0.], [3., 1., 0.]]);
+        let error =
+            positions(region(HandleRegion::Marked("uv".into())), HandleSpace::Box).unwrap_err();
         assert_eq!(error, PlaceHandlesError::NoAttribute { name: "uv".into() });
-        let nowhere = region(Within::Ball { at: [9.0; 3], radius: 0.1 });
-        assert_eq!(places(nowhere, HandleSpace::Box), Err(PlaceHandlesError::EmptyRegion));
+        let nowhere = region(HandleRegion::Ball { at: [9.0; 3], radius: 0.1 });
+        assert_eq!(positions(nowhere, HandleSpace::Box), Err(PlaceHandlesError::EmptyRegion));
     }
 
     #[test]
     fn deviations_are_given_in_the_space_and_kept_in_mm() {
         fn place(sigma: Option<[f64; 3]>) -> maquette_value::Handles {
-            place_handles(&grid(), &On::Box, HandleSpace::Box, sigma, &Progress::none()).unwrap()
+            place_handles(&grid(), &Placement::Box, HandleSpace::Box, sigma, &Progress::silent())
+                .unwrap()
         }
         assert_eq!(place(Some([0.5, 0.25, 1.0])).sigma()[0], [2.0, 1.0, 4.0]);
         assert_eq!(place(None).sigma()[0], [0.0; 3]);

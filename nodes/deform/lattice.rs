@@ -1,8 +1,8 @@
-//! The lines of an object's box, to see how space is deformed.
+//! The lines of an object's bounding box, which show how space is deformed.
 
 use maquette_base::limits::POINTS;
 use maquette_mesh::Movable;
-use maquette_node::{Context, Error, In, Node, TooMuch};
+use maquette_node::{Context, Error, In, LimitError, Node};
 use maquette_value::{Curve, CurveError};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
@@ -11,44 +11,42 @@ use serde::{Deserialize, Serialize};
 use super::free_form::object::bounds;
 use super::gaussian::layout::Bounds;
 
-/// Draws the lines of a lattice in an object's box as one polyline, to be deformed beside the object and seen: `Ffd` with
-/// the object as its `frame`, then `Tube`.
+/// Creates the lines of a lattice in an object's bounding box as one polyline. Deform it together with the object, by `Ffd` with the object
+/// as `frame`, and make it visible with `Tube`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Lattice {
-    /// The object.
+    /// Object whose bounding box the lattice fills.
     pub mesh: In<Movable>,
-    /// Cells along x, y and z.
+    /// Number of cells along x, y and z.
     #[schemars(inner(range(min = 1, max = 64)))]
-    #[serde(default = "four")]
+    #[serde(default = "default_cells")]
     pub cells: [usize; 3],
-    /// Points on each side of a cell.
+    /// Number of points on each side of a cell.
     #[schemars(range(min = 1, max = 64))]
-    #[serde(default = "eight")]
+    #[serde(default = "default_samples")]
     pub samples: usize,
 }
 
-fn four() -> [usize; 3] {
+fn default_cells() -> [usize; 3] {
     [4; 3]
 }
 
-fn eight() -> usize {
+fn default_samples() -> usize {
     8
 }
 
-/// Why there is no lattice.
+/// The reason why there is no lattice.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LatticeError {
     /// An object without points.
-    #[error("an object without points has no box")]
-    Nothing,
-    /// No cells, or too many.
-    #[error(
-        "a lattice has from 1 to 64 cells along each axis, and as many points on the side of a cell"
-    )]
+    #[error("the object has no points and therefore no box")]
+    NoPoints,
+    /// No cells or points, or too many.
+    #[error("expected 1 to 64 cells along each axis, and 1 to 64 points per cell side")]
     Size,
     /// Too many points.
     #[error(transparent)]
-    TooMuch(#[from] TooMuch),
+    LimitExceeded(#[from] LimitError),
     /// A box that is too large.
     #[error(transparent)]
     Curve(#[from] CurveError),
@@ -59,39 +57,41 @@ impl Node for Lattice {
     const OUTPUTS: [&'static str; 1] = ["curve"];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        let bounds = bounds(&cx.get(&self.mesh)).ok_or(LatticeError::Nothing)?;
+        let bounds = bounds(&cx.get(&self.mesh)).ok_or(LatticeError::NoPoints)?;
         Ok((lattice(bounds, self.cells, self.samples)?,))
     }
 }
 
-/// All lines of a box's lattice, one after the other: back and forth along x, then y, then z, along lines of the lattice alone.
-/// Each side of a cell has `samples` points; places in mm.
+/// Returns all lines of a box's lattice as one polyline: back and forth along x, then y, then z, along lattice lines only. Each side of a
+/// cell has `samples` points. Positions are in mm.
 ///
 /// # Errors
-/// If a number is not from 1 to 64, there would be too many points, or the box is not finite.
+/// Returns an error if a number is not from 1 to 64, there would be too many points, or the box is not finite.
 pub fn lattice(bounds: Bounds, cells: [usize; 3], samples: usize) -> Result<Curve, LatticeError> {
     if cells.iter().chain([&samples]).any(|count| !(1..=64).contains(count)) {
         return Err(LatticeError::Size);
     }
-    fn lines(along: usize, cells: [usize; 3]) -> usize {
-        (cells[(along + 1) % 3] + 1) * (cells[(along + 2) % 3] + 1)
-    }
-    let need: usize = (0..3).map(|along| lines(along, cells) * cells[along] * samples).sum();
+    let need: usize = (0..3)
+        .map(|along| {
+            let lines = (cells[(along + 1) % 3] + 1) * (cells[(along + 2) % 3] + 1);
+            lines * cells[along] * samples
+        })
+        .sum();
     POINTS.check("the lattice", need as f64)?;
-    let mut pen = Pen { at: [0; 3], cells, samples, line: vec![[0.0; 3]] };
+    let mut pen = Pen { position: [0; 3], cells, samples, line: vec![[0.0; 3]] };
     for along in 0..3 {
         let (inner, outer) = ((along + 1) % 3, (along + 2) % 3);
-        let outwards = pen.forward(outer);
+        let is_outer_forward = pen.is_at_low_side(outer);
         for row in 0..=cells[outer] {
-            let inwards = pen.forward(inner);
+            let is_inner_forward = pen.is_at_low_side(inner);
             for column in 0..=cells[inner] {
-                pen.cross(along);
+                pen.draw_line(along);
                 if column < cells[inner] {
-                    pen.step(inner, inwards);
+                    pen.step(inner, is_inner_forward);
                 }
             }
             if row < cells[outer] {
-                pen.step(outer, outwards);
+                pen.step(outer, is_outer_forward);
             }
         }
     }
@@ -107,37 +107,38 @@ pub fn lattice(bounds: Bounds, cells: [usize; 3], samples: usize) -> Result<Curv
     Ok(Curve::polyline(points, false)?)
 }
 
-/// What draws along the lattice, and where it is.
+/// A pen that draws a polyline along the lattice.
 struct Pen {
-    at: [usize; 3],
+    position: [usize; 3],
     cells: [usize; 3],
     samples: usize,
-    /// In cells.
+    /// The drawn points, in units of cells.
     line: Vec<[f64; 3]>,
 }
 
 impl Pen {
-    /// Whether the far side along an axis is the highest.
-    fn forward(&self, axis: usize) -> bool {
-        self.at[axis] == 0
+    /// Returns true if the pen is at the lower side of the box along an axis. From there, lines are drawn upwards.
+    fn is_at_low_side(&self, axis: usize) -> bool {
+        self.position[axis] == 0
     }
 
-    /// Draws to the other end.
-    fn cross(&mut self, axis: usize) {
-        let forward = self.forward(axis);
+    /// Draws a line along an axis to the opposite side of the box.
+    fn draw_line(&mut self, axis: usize) {
+        let forward = self.is_at_low_side(axis);
         (0..self.cells[axis]).for_each(|_| self.step(axis, forward));
     }
 
     /// Draws one side of a cell.
     fn step(&mut self, axis: usize, forward: bool) {
-        let start = self.at.map(|count| count as f64);
+        let start = self.position.map(|count| count as f64);
         for sample in 1..=self.samples {
-            let mut place = start;
-            let share = sample as f64 / self.samples as f64;
-            place[axis] += if forward { share } else { -share };
-            self.line.push(place);
+            let mut point = start;
+            let fraction = sample as f64 / self.samples as f64;
+            point[axis] += if forward { fraction } else { -fraction };
+            self.line.push(point);
         }
-        self.at[axis] = if forward { self.at[axis] + 1 } else { self.at[axis] - 1 };
+        self.position[axis] =
+            if forward { self.position[axis] + 1 } else { self.position[axis] - 1 };
     }
 }
 
@@ -166,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lattice_without_cells_is_refused() {
+    fn a_lattice_without_cells_is_rejected() {
         let bounds = (Point3::origin(), Point3::new(1.0, 1.0, 1.0));
         assert_eq!(lattice(bounds, [0, 1, 1], 1), Err(LatticeError::Size));
         assert_eq!(lattice(bounds, [1; 3], 65), Err(LatticeError::Size));

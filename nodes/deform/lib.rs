@@ -1,4 +1,4 @@
-//! Nodes that deform by handles.
+//! Nodes that deform objects by handles.
 
 use maquette_node::{Pack, node};
 
@@ -19,17 +19,17 @@ mod tests;
 pub use ffd::{Ffd, Target};
 pub use ffd_error::FfdError;
 pub use free_form::drag::Drag;
-pub use free_form::pull::{Deforming, ffd};
+pub use free_form::pull::{DeformOptions, ffd};
 pub use free_form::report::Report;
 pub use gaussian::layout::Bounds;
 pub use gaussian_surface::{GaussianSurface, GaussianSurfaceError, SurfacePoint, gaussian_surface};
-pub use handles::{Handles, On, PlaceHandlesError, Within, place_handles};
+pub use handles::{HandleRegion, Handles, PlaceHandlesError, Placement, place_handles};
 pub use lattice::{Lattice, LatticeError, lattice};
 pub use mode::Mode;
 pub use read_handles::{ReadHandles, ReadHandlesError, read_handles};
 pub use tube::{Tube, TubeError, tube};
 
-/// Nodes that deform by handles.
+/// The pack of nodes that deform objects by handles.
 pub static PACK: Pack = Pack {
     name: "deform",
     version: env!("CARGO_PKG_VERSION"),

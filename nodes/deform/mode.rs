@@ -1,17 +1,17 @@
-//! What handles share out.
+//! The quantity of the handles that is blended.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What handles share out.
+/// Quantity of the handles that is blended with Gaussian weights.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Mode {
-    /// How far they move: handles that stay leave everything as it is.
+    /// Displacements of the handles. Handles at rest change nothing.
     #[default]
     Displacement,
-    /// Where they are, as published: even handles that stay squeeze the object, the more the smaller their deviations are.
+    /// Positions of the handles, as published. Even handles at rest contract the object, the more the smaller their deviations are.
     Absolute,
-    /// How far they move beside the affine motion that fits best: handles that are moved, turned, scaled or sheared as one do
-    /// so with the whole object.
+    /// Displacements relative to the best-fitting affine motion. Handles that are translated, rotated, scaled or sheared together transform
+    /// the whole object in the same way.
     Affine,
 }

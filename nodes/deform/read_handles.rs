@@ -6,31 +6,31 @@ use maquette_value::{HandleSpace, Handles};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Reads handles from a small text: RON, JSON or CSV.
+/// Reads handles from a text file: RON, JSON or CSV.
 ///
-/// RON: `[(at: (0, 0, 0), to: (0, 0, 1), sigma: (1, 1, 1), weight: 1)]`, where everything but `at` may be left out; or, with
-/// the space of the numbers, `Handles(space: World, handles: [..])`. JSON: the same with `{"at": [0, 0, 0]}`. CSV: a handle a
-/// line, the first of which names the columns `x,y,z,to_x,to_y,to_z,sigma_x,sigma_y,sigma_z,weight`.
+/// RON: `[(at: (0, 0, 0), to: (0, 0, 1), sigma: (1, 1, 1), weight: 1)]`, where everything except `at` may be omitted; or, with the space of
+/// the numbers, `Handles(space: World, handles: [..])`. JSON: the same structure with `{"at": [0, 0, 0]}`. CSV: one handle per line; the
+/// first line has the column names `x,y,z,to_x,to_y,to_z,sigma_x,sigma_y,sigma_z,weight`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadHandles {
-    /// The file: `ron`, `json` or `csv`.
+    /// File to read: `ron`, `json` or `csv`.
     #[schemars(extend("reads" = "Handles"))]
     pub path: FilePath,
-    /// The space of the numbers, where the file does not say it.
+    /// Coordinate space of the numbers, if the file does not specify it.
     #[serde(default)]
     pub space: HandleSpace,
 }
 
-/// Why there are no handles.
+/// The reason why no handles can be read.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ReadHandlesError {
     /// A file of another format.
-    #[error("no handles can be read from `.{ending}`; known are ron, json, csv")]
-    Ending {
-        /// The ending of the file's name, without the dot.
-        ending: String,
+    #[error("unknown extension `.{extension}` of a file of handles; expected ron, json or csv")]
+    Extension {
+        /// The extension of the file name, without the dot.
+        extension: String,
     },
-    /// A file that holds no handles.
+    /// A file without valid handles.
     #[error(transparent)]
     File(#[from] HandlesFileError),
 }
@@ -41,28 +41,27 @@ impl Node for ReadHandles {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let file = cx.file(&self.path)?;
-        match read_handles(file.bytes(), &file.ending(), self.space) {
-            Err(ReadHandlesError::Ending { .. }) => Ok((cx.read(&self.path)?,)),
+        match read_handles(file.bytes(), &file.extension(), self.space) {
+            Err(ReadHandlesError::Extension { .. }) => Ok((cx.read(&self.path)?,)),
             handles => Ok((handles?,)),
         }
     }
 }
 
-/// The handles in a file whose name ends in `ending`: `ron`, `json` or `csv`. They are in `space` where the file does not say
-/// it.
+/// Returns the handles in a file with the given extension: `ron`, `json` or `csv`. They are in `space` unless the file specifies a space.
 ///
 /// # Errors
-/// If the ending is another one, or the bytes are no such file.
+/// Returns an error if the extension is unknown or the bytes are not valid.
 pub fn read_handles(
     bytes: &[u8],
-    ending: &str,
+    extension: &str,
     space: HandleSpace,
 ) -> Result<Handles, ReadHandlesError> {
-    Ok(match ending {
+    Ok(match extension {
         "ron" => read_ron(bytes, space)?,
         "json" => read_json(bytes, space)?,
         "csv" => read_csv(bytes, space)?,
-        _ => return Err(ReadHandlesError::Ending { ending: ending.to_owned() }),
+        _ => return Err(ReadHandlesError::Extension { extension: extension.to_owned() }),
     })
 }
 
@@ -71,7 +70,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_ending_says_what_is_read() {
+    fn the_extension_selects_the_format() {
         let space = HandleSpace::World;
         let ron = read_handles(b"[(at: (1, 2, 3), to: (4, 5, 6))]", "ron", space).unwrap();
         let csv = read_handles(b"x,y,z,to_x,to_y,to_z\n1,2,3,4,5,6\n", "csv", space).unwrap();
@@ -81,7 +80,7 @@ mod tests {
         let error = read_handles(b"", "xyz", space).unwrap_err();
         assert_eq!(
             error.to_string(),
-            "no handles can be read from `.xyz`; known are ron, json, csv"
+            "unknown extension `.xyz` of a file of handles; expected ron, json or csv"
         );
     }
 }

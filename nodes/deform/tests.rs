@@ -1,8 +1,8 @@
-//! What must hold of deformations, with exact answers; the identifiers are those of algorithms.md, section 13.
+//! Tests of deformations with exact results; identifiers such as D1 are those of algorithms.md, section 13.
 
 use maquette_mesh::Movable;
 use maquette_node::Progress;
-use maquette_value::random::Random;
+use maquette_value::rng::Random;
 use maquette_value::{Handle, HandleSpace, Handles, Points};
 use nalgebra::{DMatrix, Matrix3, Point3, Vector3};
 
@@ -10,14 +10,14 @@ use super::free_form::pull;
 use super::gaussian::gaussians::Gaussians;
 use super::gaussian::layout::{Layout, prepare};
 use super::gaussian::system::System;
-use super::{Deforming, FfdError, Mode, Report, ffd};
+use super::{DeformOptions, FfdError, Mode, Report, ffd};
 
 mod forms;
 mod objects;
 mod tables;
 
-/// Places in the unit cube.
-pub(super) trait Places {
+/// Random points in the unit cube.
+pub(super) trait RandomPoints {
     fn point(&mut self) -> Point3<f64>;
 
     fn points(&mut self, count: usize) -> Vec<Point3<f64>> {
@@ -25,10 +25,9 @@ pub(super) trait Places {
     }
 }
 
-impl Places for Random {
+impl RandomPoints for Random {
     fn point(&mut self) -> Point3<f64> {
-        let mut next = || self.even();
-        Point3::new(next(), next(), next())
+        Point3::from([0, 1, 2].map(|_| self.even()))
     }
 }
 
@@ -39,7 +38,7 @@ pub(super) fn handle(at: Point3<f64>, to: Point3<f64>, sigma: [f64; 3]) -> Handl
     Handle { at: at.into(), to: Some(to.into()), sigma: Some(sigma), weight: 1.0 }
 }
 
-/// The corners of the unit cube, at rest.
+/// Returns handles at the corners of the unit cube, at rest.
 pub(super) fn corners(sigma: [f64; 3]) -> Vec<Handle> {
     fn bit(k: usize, axis: usize) -> f64 {
         (k >> axis & 1) as f64
@@ -54,44 +53,44 @@ pub(super) fn in_world(handles: &[Handle]) -> Handles {
     Handles::new(HandleSpace::World, handles).unwrap()
 }
 
-/// In the unit cube.
-pub(super) fn how(mode: Mode) -> (Mode, Deforming) {
+/// Returns the options of a deformation in the unit cube.
+pub(super) fn options_in_unit(mode: Mode) -> (Mode, DeformOptions) {
     (mode, in_unit())
 }
 
-pub(super) fn in_unit() -> Deforming {
-    Deforming { frame: Some(UNIT), ..Deforming::default() }
+pub(super) fn in_unit() -> DeformOptions {
+    DeformOptions { frame: Some(UNIT), ..DeformOptions::default() }
 }
 
 pub(super) fn try_move(
     points: &[Point3<f64>],
     handles: &[Handle],
-    (mode, how): (Mode, Deforming),
+    (mode, options): (Mode, DeformOptions),
 ) -> Result<(Vec<Point3<f64>>, Report), FfdError> {
-    let what = Movable::Points(Points::new(points.to_vec()).unwrap());
-    let (moved, report) = ffd(&what, &in_world(handles), mode, how, &Progress::none())?;
+    let object = Movable::Points(Points::new(points.to_vec()).unwrap());
+    let (moved, report) = ffd(&object, &in_world(handles), mode, options, &Progress::silent())?;
     let Movable::Points(moved) = moved else { panic!("points stay points") };
     Ok((moved.positions().to_vec(), report))
 }
 
-pub(super) fn moved(
+pub(super) fn move_points(
     points: &[Point3<f64>],
     handles: &[Handle],
-    how: (Mode, Deforming),
+    options: (Mode, DeformOptions),
 ) -> Vec<Point3<f64>> {
-    try_move(points, handles, how).unwrap().0
+    try_move(points, handles, options).unwrap().0
 }
 
 pub(super) fn layout(handles: &[Handle], mode: Mode) -> Layout {
     prepare(&in_world(handles), UNIT, mode, 0.0, 0.0).unwrap().layout
 }
 
-/// The condition in the 2-norm of the matrix of shares, by its singular values.
+/// Returns the condition number, in the 2-norm, of the matrix of weights, from its singular values.
 pub(super) fn condition(handles: &[Handle]) -> f64 {
     let layout = layout(handles, Mode::Displacement);
     let gaussians: Gaussians = layout.gaussians();
-    let rows = layout.at.iter().flat_map(|&at| gaussians.shares(at));
-    let n = layout.at.len();
+    let rows = layout.positions.iter().flat_map(|&at| gaussians.weights(at));
+    let n = layout.positions.len();
     let values = DMatrix::from_row_iterator(n, n, rows).singular_values();
     values.max() / values.min()
 }
@@ -101,25 +100,17 @@ pub(super) fn farthest(a: &[Point3<f64>], b: &[Point3<f64>]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)
 }
 
-/// Handles in a jittered grid, with anisotropic deviations, weights and targets of their own.
-pub(super) fn scattered(random: &mut Random, sides: usize, reach: f64) -> Vec<Handle> {
-    fn cell(k: usize, sides: usize) -> f64 {
-        (k as f64 + 0.5) / sides as f64
+/// Returns handles on a jittered grid, with anisotropic deviations, various weights and targets.
+pub(super) fn scattered_handles(random: &mut Random, sides: usize, reach: f64) -> Vec<Handle> {
+    fn shift(step: f64, random: &mut Random) -> Vector3<f64> {
+        (random.point() - Point3::new(0.5, 0.5, 0.5)) * step
     }
     let step = 0.3 / sides as f64;
-    let place = |k: usize| {
-        Point3::new(
-            cell(k % sides, sides),
-            cell(k / sides % sides, sides),
-            cell(k / sides / sides, sides),
-        )
-    };
     let mut handles = Vec::new();
     for k in 0..sides * sides * sides {
-        fn shift(step: f64, random: &mut Random) -> Vector3<f64> {
-            (random.point() - Point3::new(0.5, 0.5, 0.5)) * step
-        }
-        let at = place(k) + shift(step, random);
+        let cell = [k % sides, k / sides % sides, k / sides / sides];
+        let center = Point3::from(cell.map(|index| (index as f64 + 0.5) / sides as f64));
+        let at = center + shift(step, random);
         let to = at + shift(step, random);
         let sigma = [0, 1, 2].map(|_| reach * (0.8 + 0.4 * random.even()) / sides as f64);
         handles.push(Handle { weight: 0.5 + random.even(), ..handle(at, to, sigma) });
@@ -131,29 +122,30 @@ fn solve(handles: &[Handle], mode: Mode) -> System {
     System::new(&layout(handles, mode)).unwrap()
 }
 
-/// Where one point goes, and the derivatives there.
-fn deformed(handles: &[Handle], mode: Mode, point: Point3<f64>) -> (Point3<f64>, Matrix3<f64>) {
+/// Returns the deformed position of a point, and the derivatives at the point.
+fn deform_point(handles: &[Handle], mode: Mode, point: Point3<f64>) -> (Point3<f64>, Matrix3<f64>) {
     let prepared = prepare(&in_world(handles), UNIT, mode, 0.0, 0.0).unwrap();
     let deformation = pull::deformation(&prepared, &solve(handles, mode));
-    let (mut there, mut jacobian) = ([point], [Matrix3::zeros()]);
-    deformation.apply(&deformation.terms, &[point], &mut there, Some(&mut jacobian));
-    (there[0], jacobian[0])
+    let (mut result, mut jacobian) = ([point], [Matrix3::zeros()]);
+    deformation.apply(&deformation.terms, &[point], &mut result, Some(&mut jacobian));
+    (result[0], jacobian[0])
 }
 
-/// What holds for every form.
+/// All modes.
 const MODES: [Mode; 3] = [Mode::Displacement, Mode::Absolute, Mode::Affine];
 
 #[test]
 fn derivatives_are_those_of_differences() {
     let mut random = Random(3);
-    let handles = scattered(&mut random, 3, 0.7);
+    let handles = scattered_handles(&mut random, 3, 0.7);
     for mode in MODES {
         for point in random.points(20).into_iter().chain([Point3::new(3.0, -2.0, 0.5)]) {
-            let (_, jacobian) = deformed(&handles, mode, point);
+            let (_, jacobian) = deform_point(&handles, mode, point);
             for axis in 0..3 {
                 let step = Vector3::ith(axis, 1e-5);
-                let there = |sign: f64| deformed(&handles, mode, point + step * sign).0;
-                let difference = (there(1.0) - there(-1.0)) / 2e-5;
+                let [above, below] =
+                    [1.0, -1.0].map(|sign| deform_point(&handles, mode, point + step * sign).0);
+                let difference = (above - below) / 2e-5;
                 let off = (jacobian.column(axis) - difference).norm();
                 assert!(off <= 1e-6 * jacobian.norm().max(1.0), "{mode:?} at {point}: {off}");
             }

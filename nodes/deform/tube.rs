@@ -1,53 +1,55 @@
-//! Curves as tubes, to be seen and printed.
+//! Tubes around curves, for display and printing.
 
 use maquette_base::limits::VERTICES;
-use maquette_node::{Context, Error, Estimate, In, Node, Promise, TooMuch};
+use maquette_node::{Context, Error, Estimate, In, LimitError, Node, Promise};
 use maquette_value::{Curve, Faces, Mesh, MeshError};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Makes a tube of a curve: a mesh to be seen and printed. An open curve's tube is closed at both ends.
+/// Creates a tube around a curve: a mesh that can be displayed and printed. The tube of an open curve is closed at both ends.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Tube {
-    /// The curve.
+    /// Curve at the center of the tube.
     pub curve: In<Curve>,
-    /// The tube's radius.
+    /// Radius of the tube.
     #[schemars(range(min = 1e-6), extend("unit" = "mm"))]
-    #[serde(default = "one")]
+    #[serde(default = "default_radius")]
     pub radius: f64,
-    /// Corners around it.
+    /// Number of sides of its cross-section.
     #[schemars(range(min = 3, max = 256))]
-    #[serde(default = "eight")]
+    #[serde(default = "default_sides")]
     pub sides: usize,
 }
 
-fn one() -> f64 {
+fn default_radius() -> f64 {
     1.0
 }
 
-fn eight() -> usize {
+fn default_sides() -> usize {
     8
 }
 
-/// Why there is no tube.
+/// The reason why there is no tube.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TubeError {
-    /// A radius or a number of sides that makes no tube.
-    #[error("a tube of radius {radius} mm with {sides} sides is none")]
+    /// A radius or a number of sides that is out of range.
+    #[error(
+        "expected a radius greater than 0 and 3 to 256 sides, found {radius} mm and {sides} sides"
+    )]
     Size {
-        /// The radius.
+        /// The radius in mm.
         radius: f64,
         /// The number of sides.
         sides: usize,
     },
-    /// A curve whose points are all one.
+    /// A curve whose points all coincide.
     #[error("the curve has no length")]
     NoLength,
-    /// Too many points for so many sides.
+    /// Too many vertices.
     #[error(transparent)]
-    TooMuch(#[from] TooMuch),
-    /// No mesh.
+    LimitExceeded(#[from] LimitError),
+    /// An error of the mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
 }
@@ -69,21 +71,22 @@ impl Node for Tube {
     }
 }
 
-/// A ring of `sides` vertices around each point of a polyline, or around as many points of a B-spline as its shape needs,
-/// `radius` mm away, and quads between rings.
+/// Returns a tube. It has a ring of `sides` vertices, `radius` mm from the curve, around each point of a polyline, or around as many points
+/// of a B-spline as its shape needs, and quads between rings.
 ///
-/// Rings are square to the mean of the directions before and behind their point, and turn no more than the curve bends:
-/// Bishop, "There is more than one way to frame a curve" (1975).
+/// A ring is perpendicular to the mean of the directions before and after its point, and rotates no more than the curve bends: Bishop,
+/// "There is more than one way to frame a curve" (1975).
 ///
 /// # Errors
-/// If the radius is not greater than 0 and finite, there are fewer than 3 sides or more than 256, or the curve has no length.
+/// Returns an error if the radius is not greater than 0 and finite, there are fewer than 3 or more than 256 sides, or the curve has no
+/// length.
 pub fn tube(curve: &Curve, radius: f64, sides: usize) -> Result<Mesh, TubeError> {
     if !(radius > 0.0 && radius.is_finite() && (3..=256).contains(&sides)) {
         return Err(TubeError::Size { radius, sides });
     }
     let is_closed = curve.is_closed();
     let mut points = curve.sample(0);
-    // A place that repeats the one before it has no direction.
+    // A point that equals the previous one gives no direction and is removed.
     points.dedup();
     if is_closed && points.first() == points.last() {
         points.pop();
@@ -94,7 +97,7 @@ pub fn tube(curve: &Curve, radius: f64, sides: usize) -> Result<Mesh, TubeError>
     let mut positions = Vec::with_capacity(points.len() * sides);
     let mut before = directions[0];
     for (point, &direction) in points.iter().zip(&directions) {
-        side = carried(side, before, direction);
+        side = transport(side, before, direction);
         before = direction;
         let other = direction.cross(&side);
         positions.extend((0..sides).map(|corner| {
@@ -103,86 +106,80 @@ pub fn tube(curve: &Curve, radius: f64, sides: usize) -> Result<Mesh, TubeError>
             point + (side * cosine + other * sine) * radius
         }));
     }
-    let turn = is_closed.then(|| {
-        // What the rings have turned on the way round is undone by whole corners.
-        let side = carried(side, before, directions[0]);
-        fn along(
-            corner: &usize,
-            positions: &[Point3<f64>],
-            points: &[Point3<f64>],
-            side: Vector3<f64>,
-        ) -> f64 {
-            (positions[*corner] - points[0]).dot(&side)
-        }
-        (0..sides)
-            .max_by(|a, b| {
-                along(a, &positions, &points, side).total_cmp(&along(b, &positions, &points, side))
-            })
-            .unwrap_or(0)
+    let corner_shift = is_closed.then(|| {
+        // Along a closed curve, the rings rotate in total; the last ring is connected with a shift by whole corners that compensates the
+        // rotation.
+        let side = transport(side, before, directions[0]);
+        let heights: Vec<f64> =
+            positions[..sides].iter().map(|position| (position - points[0]).dot(&side)).collect();
+        (0..sides).max_by(|&a, &b| heights[a].total_cmp(&heights[b])).unwrap_or(0)
     });
-    let faces = faces(points.len(), sides, turn)?;
+    let faces = faces(points.len(), sides, corner_shift)?;
     Ok(Mesh::new(positions, faces)?)
 }
 
-/// A unit vector square to one direction after the least rotation to another one; where that one is opposite, about the vector itself.
-fn carried(side: Vector3<f64>, from: Vector3<f64>, to: Vector3<f64>) -> Vector3<f64> {
+/// Rotates `side`, a unit vector perpendicular to `from`, by the smallest rotation from `from` to `to`. If `from` and `to` are opposite,
+/// the rotation is about `side` itself.
+fn transport(side: Vector3<f64>, from: Vector3<f64>, to: Vector3<f64>) -> Vector3<f64> {
     let both = from + to;
     let length = both.norm_squared();
-    let turned = if length > 1e-6 { side - both * (2.0 * side.dot(&to) / length) } else { side };
-    let square = turned - to * turned.dot(&to);
+    let rotated = if length > 1e-6 { side - both * (2.0 * side.dot(&to) / length) } else { side };
+    let square = rotated - to * rotated.dot(&to);
     square.try_normalize(0.0).unwrap_or_else(|| any_normal(to))
 }
 
-/// The direction of the curve at each point; none if it has nowhere one.
+/// Returns the direction of the curve at each point; `None` if all points coincide.
 fn directions(points: &[Point3<f64>], is_closed: bool) -> Option<Vec<Vector3<f64>>> {
     let count = points.len();
-    fn step(from: usize, to: usize, points: &[Point3<f64>]) -> Option<Vector3<f64>> {
-        (points[to] - points[from]).try_normalize(0.0)
-    }
     if count < 2 {
         return None;
     }
+    // The direction from each point to the next; `None` at the end of an open curve.
+    let steps: Vec<Option<Vector3<f64>>> = (0..count)
+        .map(|index| match is_closed || index + 1 < count {
+            true => (points[(index + 1) % count] - points[index]).try_normalize(0.0),
+            false => None,
+        })
+        .collect();
     (0..count)
         .map(|index: usize| {
-            let before =
-                (is_closed || index > 0).then(|| step((index + count - 1) % count, index, points));
-            let behind =
-                (is_closed || index + 1 < count).then(|| step(index, (index + 1) % count, points));
-            let before = before.flatten();
-            let both = before.unwrap_or_default() + behind.flatten().unwrap_or_default();
-            // Where the curve turns back there is only the direction that it came from.
+            let (before, after) = (steps[(index + count - 1) % count], steps[index]);
+            let both = before.unwrap_or_default() + after.unwrap_or_default();
+            // At a point where the curve reverses, the mean of both directions vanishes, and the incoming direction is used.
             both.try_normalize(1e-9).or(before)
         })
         .collect()
 }
 
-/// Across a direction: along x as far as that goes, or along y where the direction is nearly x. The axis that is farthest from
-/// the direction would be another one after rounding wherever two are equally far, which they are on every grid.
+/// Returns a unit vector perpendicular to a direction: the perpendicular component of the x axis, or of the y axis if the direction is
+/// nearly x. The axis farthest from the direction is not used, because rounding could change the choice wherever two axes are equally far,
+/// as on every grid.
 fn any_normal(direction: Vector3<f64>) -> Vector3<f64> {
     let axis = usize::from(direction[0].abs() > 0.9);
     let rest = Vector3::ith(axis, 1.0) - direction * direction[axis];
     rest.normalize()
 }
 
-/// The quads between neighboring rings, and the ends; where the last ring meets the first, by how many corners they are turned.
-fn faces(rings: usize, sides: usize, turn: Option<usize>) -> Result<Faces, MeshError> {
+/// Returns the quads between adjacent rings, and the end caps of an open tube. For a closed tube, `corner_shift` is the number of corners
+/// by which the last ring is rotated relative to the first.
+fn faces(rings: usize, sides: usize, corner_shift: Option<usize>) -> Result<Faces, MeshError> {
     let mut corners = Vec::new();
     fn vertex(ring: usize, corner: usize, sides: usize) -> u32 {
         (ring * sides + corner % sides) as u32
     }
-    fn quads(from: usize, to: usize, turn: usize, corners: &mut Vec<u32>, sides: usize) {
+    fn quads(from: usize, to: usize, corner_shift: usize, corners: &mut Vec<u32>, sides: usize) {
         for corner in 0..sides {
             corners.extend([
                 vertex(from, corner, sides),
                 vertex(from, corner + 1, sides),
-                vertex(to, corner + 1 + turn, sides),
-                vertex(to, corner + turn, sides),
+                vertex(to, corner + 1 + corner_shift, sides),
+                vertex(to, corner + corner_shift, sides),
             ]);
         }
     }
     (1..rings).for_each(|ring| quads(ring - 1, ring, 0, &mut corners, sides));
-    if let Some(turn) = turn {
-        quads(rings - 1, 0, turn, &mut corners, sides);
+    if let Some(corner_shift) = corner_shift {
+        quads(rings - 1, 0, corner_shift, &mut corners, sides);
         return Faces::uniform(4, corners);
     }
     let mut counts = vec![4; (rings - 1) * sides];
@@ -199,13 +196,15 @@ mod tests {
     use super::*;
 
     fn volume(mesh: &Mesh) -> f64 {
-        let cone =
-            |face: &[u32]| mesh.area_vector(face).dot(&mesh.positions()[face[0] as usize].coords);
-        mesh.faces().iter().map(cone).sum::<f64>() / 3.0
+        mesh.faces()
+            .iter()
+            .map(|face| mesh.area_vector(face).dot(&mesh.positions()[face[0] as usize].coords))
+            .sum::<f64>()
+            / 3.0
     }
 
     #[test]
-    fn a_straight_tube_is_a_closed_prism_turned_outside() {
+    fn a_straight_tube_is_a_closed_prism_facing_outwards() {
         let ends = vec![Point3::new(1.0, 2.0, 3.0), Point3::new(1.0, 2.0, 8.0)];
         let mesh = tube(&Curve::polyline(ends, false).unwrap(), 2.0, 4).unwrap();
         assert!((volume(&mesh) - 5.0 * 8.0).abs() < 1e-12, "{}", volume(&mesh));
@@ -242,7 +241,7 @@ mod tests {
         )
         .unwrap();
         let mesh = tube(&ring, 0.2, 12).unwrap();
-        // Every quad lies on one side of the tube: its corners are about as far above the plane of the ring.
+        // Every quad belongs to one side of the tube: its corners have about the same height above the plane of the ring.
         for face in mesh.faces().iter() {
             let heights = face.iter().map(|vertex| mesh.positions()[*vertex as usize].z);
             let (low, high) =
@@ -252,29 +251,29 @@ mod tests {
     }
 
     #[test]
-    fn rings_turn_no_more_than_the_curve_bends() {
+    fn rings_rotate_no_more_than_the_curve_bends() {
         let corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1, 1], [0, 1, 1], [0, 1, 2]];
         fn corner(c: [i32; 3]) -> Point3<f64> {
             Point3::from(c.map(f64::from))
         }
-        // The same way many times: what rounding adds must not grow on it.
+        // The curve repeats one path many times: rounding errors must not accumulate.
         let points =
             (0..20).flat_map(|k| corners.map(|[x, y, z]| corner([x + 2 * k, y + k, z + 2 * k])));
-        let points = Vec::from_iter(points);
+        let points: Vec<_> = points.collect();
         let mesh = tube(&Curve::polyline(points.clone(), false).unwrap(), 0.1, 4).unwrap();
         let directions = directions(&points, false).unwrap();
         let mut side = any_normal(directions[0]);
         for (ring, pair) in directions.windows(2).enumerate() {
-            let least = Rotation3::rotation_between(&pair[0], &pair[1]).expect("not opposite");
-            side = least * side;
-            let places = mesh.positions();
-            let made = (places[4 * (ring + 1)] - places[4 * (ring + 1) + 2]) / 0.2;
+            let rotation = Rotation3::rotation_between(&pair[0], &pair[1]).expect("not opposite");
+            side = rotation * side;
+            let positions = mesh.positions();
+            let made = (positions[4 * (ring + 1)] - positions[4 * (ring + 1) + 2]) / 0.2;
             assert!((made - side).norm() < 1e-12, "ring {ring}: {made} in place of {side}");
         }
     }
 
     #[test]
-    fn a_tube_that_memory_does_not_hold_is_refused_with_numbers() {
+    fn a_tube_with_too_many_vertices_is_rejected_with_numbers() {
         let line = Curve::polyline(
             (0..100_000).map(|k: u32| Point3::new(f64::from(k), 0.0, 0.0)).collect::<Vec<_>>(),
             false,
@@ -285,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn nonsense_is_refused() {
+    fn invalid_parameters_are_rejected() {
         let point = Point3::new(1.0, 1.0, 1.0);
         let curve = Curve::polyline(vec![point; 3], false).unwrap();
         assert_eq!(tube(&curve, 1.0, 8), Err(TubeError::NoLength));

@@ -1,7 +1,7 @@
-//! The border of a mesh: its rims (boundary loops), which of them are holes, and the data around these.
+//! The border of a mesh: finds its rims (boundary loops) and the holes among them, and collects the data around holes.
 
-pub(super) mod clashes;
 pub(super) mod holes;
+pub(super) mod manifold_check;
 pub(super) mod regions;
 pub(super) mod rim;
 pub(super) mod rims;

@@ -1,4 +1,4 @@
-//! Creases of the data, which are extended across a hole.
+//! Extends creases of the data across a hole.
 
 pub(super) mod chart;
 pub(super) mod charts;

@@ -1,58 +1,58 @@
-//! Why holes cannot be filled.
+//! Errors of filling holes.
 
-use maquette_node::{Cancelled, TooMuch};
+use maquette_node::{CancelledError, LimitError};
 use maquette_value::{MeshError, TraceError};
 
-use super::border::regions::NoMarks;
+use super::border::regions::MissingMarks;
 
-/// Why holes were not filled.
+/// The reason why holes were not filled.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FillError {
-    /// The mesh is no surface.
+    /// The input mesh is not manifold.
     #[error(
-        "the mesh is no surface at {}: edges have at most two faces, which agree about their side, and faces around a vertex hang together",
-        places(edges, vertices)
+        "the mesh is not manifold at {}: an edge may have at most two faces, of equal orientation, and the faces around a vertex must be connected",
+        format_positions(edges, vertices)
     )]
     NonManifold {
-        /// Edges with more than two faces, or two that disagree about their side; the first ones, by vertices.
+        /// The first edges with more than two faces or with two faces of opposite orientation, as pairs of vertices.
         edges: Vec<[u32; 2]>,
-        /// Vertices where parts of the mesh touch; the first ones.
+        /// The first vertices at which separate fans of faces touch.
         vertices: Vec<u32>,
     },
-    /// The filled mesh would be no surface.
-    #[error("filled, the mesh would be no surface at {}", places(edges, vertices))]
+    /// The filled mesh would not be manifold, although the mesh is.
+    #[error("the filled mesh would not be manifold at {}", format_positions(edges, vertices))]
     Clash {
-        /// Edges that would have more than two faces; the first ones, by vertices.
+        /// The first edges that would have more than two faces, as pairs of vertices.
         edges: Vec<[u32; 2]>,
-        /// Vertices where parts of the mesh would touch; the first ones.
+        /// The first vertices at which separate fans of faces would touch.
         vertices: Vec<u32>,
     },
-    /// A rim that does not exist.
-    #[error("there is no rim {number}: the mesh has {count}, numbered from 0")]
+    /// A rim number that does not exist.
+    #[error("the mesh has no rim {number}: it has {count} rims, numbered from 0")]
     NoRim {
-        /// Its number.
+        /// The number of the rim.
         number: usize,
-        /// How many there are.
+        /// The number of rims of the mesh.
         count: usize,
     },
-    /// An attribute that marks nothing.
+    /// An attribute that does not exist or is not a flag or number.
     #[error(transparent)]
-    NoMarks(#[from] NoMarks),
-    /// A hole that would take too many triangles.
+    NoMarks(#[from] MissingMarks),
+    /// A hole whose fill would have too many triangles.
     #[error(transparent)]
-    TooMuch(#[from] TooMuch),
+    LimitExceeded(#[from] LimitError),
     /// Too many vertices or faces.
     #[error(transparent)]
     Mesh(#[from] MeshError),
-    /// Distances of iterations that make no trace.
+    /// A trace that is not valid.
     #[error(transparent)]
     Trace(#[from] TraceError),
-    /// The evaluation was told to stop.
+    /// The evaluation was cancelled.
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }
 
-fn places(edges: &[[u32; 2]], vertices: &[u32]) -> String {
+fn format_positions(edges: &[[u32; 2]], vertices: &[u32]) -> String {
     let edges = edges.iter().map(|[a, b]| format!("edge {a}-{b}"));
     let vertices = vertices.iter().map(|vertex| format!("vertex {vertex}"));
     edges.chain(vertices).collect::<Vec<_>>().join(", ")

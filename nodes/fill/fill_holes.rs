@@ -3,21 +3,21 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use maquette_node::{
-    Cancelled, Carry, Context, Error, Estimate, Fate, In, Node, Progress, Promise, Want,
+    CancelledError, Carry, Context, Error, Estimate, In, Node, Progress, Promise, Transfer, Want,
 };
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, Faces, Mesh, MeshError, Trace};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::attributes::carry::Carry as Mixed;
+use super::attributes::carry::AttributeCarrier;
 use super::attributes::colors::colors;
-use super::border::clashes::check_rims;
 use super::border::holes::{Components, HoleChoice, choose, without_isolated_components};
-use super::border::regions::{cut, marks, within};
+use super::border::manifold_check::check_rims;
+use super::border::regions::{cut, marked_vertices, vertices_in_region};
 use super::border::rim::{OneRings, Rim};
 use super::border::rims::{NotManifold, rims};
-use super::exemplar::{Copies, Given, Update, complete, complete_as_published};
+use super::exemplar::{CompletionInput, Copies, Update, complete, complete_as_published};
 use super::fill_error::FillError;
 use super::intersections::damping::damp_displacements;
 use super::intersections::detect::Intersections;
@@ -27,51 +27,53 @@ use super::plain::hole_fill::{Fallback, HoleFill};
 use super::plain::options::PlainOptions;
 use super::plain::plain_fill::fill_hole;
 use super::plain::remesh::Remesh;
-use super::triangles::density::{Stop, TRIANGLES};
+use super::triangles::density::{RefineError, TRIANGLES};
 use super::triangles::filling::Filling;
 
 /// Fills the holes of a mesh: with shapes found elsewhere on it, smoothly, or flat.
 ///
-/// The mesh keeps its vertices and faces, in place and in order; the filled ones, triangles about as large as those around the hole,
-/// follow behind them. Only what a region cuts out goes, isolated components in the gap included, and then the vertices behind
-/// it move up. The filled vertices are marked by the attribute `filled`. Of each vertex the attribute `exemplar` names the one in the data
-/// whose surroundings it copies: itself for data, the nearest one at the rim in a plain fill.
+/// The mesh keeps its vertices and faces with their indices; the filled ones, triangles about as large as those around the hole, are
+/// appended. Only `holes: Region` removes data: the vertices in the region and components isolated in the gap are cut out, and later
+/// vertices are renumbered. The vertex attribute `filled` marks the filled vertices. The vertex attribute `exemplar` has the index of the
+/// data vertex whose surroundings a filled vertex copies; for data vertices it is their own index, in a plain fill the index of the nearest
+/// vertex at the rim.
 ///
-/// Colors, numbers, vectors and texture coordinates of filled vertices are mixed from those at the rim, so that a picture goes on across
-/// the hole; flags and whole numbers are those of the vertex named by `exemplar`. A seam of texture coordinates that runs into the hole
-/// ends there. What is filled with shapes found elsewhere has their colors, numbers and vectors; and if texture coordinates are given for
-/// corners, as those of an atlas are, each face shows what the picture has there, unless `texture` says otherwise.
+/// Colors, numbers, vectors and texture coordinates of filled vertices are interpolated from those at the rim, so that a picture continues
+/// across the hole; flags and integers are copied from the vertex that `exemplar` names. A seam of texture coordinates that runs into the
+/// hole ends there. An exemplar fill copies the colors, numbers and vectors of its exemplars; if texture coordinates are stored per corner,
+/// as in an atlas, each filled face also shows the exemplar's part of the picture, unless `texture` says otherwise.
 ///
-/// The outer border of an open scan is no hole: of each connected part whose faces mostly look to one side, and of each that comes from a
-/// capture, the border around it stays, and a warning says so. A mesh without holes stays as it is.
+/// The outer border of an open scan is not a hole: the border of each connected component whose faces mostly look to one side, or that
+/// comes from a capture, stays open, and a warning names it. A mesh without holes is returned unchanged except for the two attributes.
 ///
 /// In other programs: cap, patch, inpaint.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct FillHoles {
-    /// The mesh; its faces may be any polygons.
+    /// Mesh whose holes are filled. Its faces may be any polygons.
     pub mesh: In<Mesh>,
-    /// Which holes.
+    /// Selects the holes to fill.
     #[serde(default)]
     pub holes: HoleChoice,
-    /// What they are filled with.
+    /// Surface that fills the holes.
     #[serde(default)]
     pub method: FillMethod,
 }
 
-/// About how many triangles fill a round rim of so many edges, all as long: the area in its circle by that of a triangle.
-fn triangles_within(edges: usize) -> f64 {
+/// Estimates the number of triangles that fill a round rim of `edges` equal edges: the area of the circle divided by that of an equilateral
+/// triangle.
+fn estimate_triangles(edges: usize) -> f64 {
     const PER_SQUARE: f64 = 0.184;
-    (PER_SQUARE * edges as f64 * edges as f64).min(TRIANGLES.most as f64)
+    (PER_SQUARE * edges as f64 * edges as f64).min(TRIANGLES.max as f64)
 }
 
 /// A mesh with filled holes.
 #[derive(Clone, Debug)]
-pub struct Filled {
-    /// The mesh.
+pub struct FilledMesh {
+    /// The filled mesh.
     pub mesh: Mesh,
-    /// How an exemplar fill went: see [`FillMethod`]. Empty for others.
+    /// The progress of an exemplar fill; see [`FillMethod`]. Empty for other methods.
     pub trace: Trace,
-    /// What the user should know of the result, in sentences.
+    /// Warnings for the user, as sentences.
     pub warnings: Vec<String>,
 }
 
@@ -80,23 +82,24 @@ impl Node for FillHoles {
     const OUTPUTS: [&'static str; 2] = ["mesh", "trace"];
 
     const WANTS: &'static [Want<Self>] = &[
-        Want::new("mesh", "Manifold").when("unless a region is cut out", |it| !it.cuts()),
-        Want::new("mesh", "Oriented").when("unless a region is cut out", |it| !it.cuts()),
+        Want::new("mesh", "Manifold").only_if("unless a region is cut out", |it| !it.cuts()),
+        Want::new("mesh", "Oriented").only_if("unless a region is cut out", |it| !it.cuts()),
     ];
 
     const PROMISES: &'static [Promise<Self>] = &[
         Promise::always("mesh", "Manifold"),
         Promise::always("mesh", "Oriented"),
-        Promise::from("mesh", "Closed", "mesh").when("unless a region is cut out", |it| !it.cuts()),
+        Promise::from("mesh", "Closed", "mesh")
+            .only_if("unless a region is cut out", |it| !it.cuts()),
         Promise::from("mesh", "Triangles", "mesh"),
         Promise::from("mesh", "NonEmpty", "mesh")
-            .when("unless a region is cut out", |it| !it.cuts()),
+            .only_if("unless a region is cut out", |it| !it.cuts()),
     ];
 
-    const CARRIES: &'static [Carry] = &[Carry::each(
+    const CARRIES: &'static [Carry] = &[Carry::per_domain(
         "mesh",
         "mesh",
-        [Fate::Interpolated, Fate::Interpolated, Fate::Kept, Fate::Kept],
+        [Transfer::Interpolated, Transfer::Interpolated, Transfer::Kept, Transfer::Kept],
     )];
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
@@ -108,14 +111,14 @@ impl Node for FillHoles {
                 edges = chosen.iter().filter_map(|&rim| edges.get(rim).copied()).collect();
             }
             HoleChoice::Edges { max } => edges.retain(|edges| edges <= max),
-            // The longest is the outer border, or fills as much as any hole if there is none.
+            // Without a better criterion, the longest rim counts as the outer border, which is not filled.
             _ if edges.len() > 1 => {
                 edges.sort_unstable();
                 edges.pop();
             }
             _ => {}
         }
-        let filled: f64 = edges.into_iter().map(triangles_within).sum();
+        let filled: f64 = edges.into_iter().map(estimate_triangles).sum();
         let of_data = if matches!(self.method, FillMethod::Exemplar(_)) { 450.0 } else { 110.0 };
         Some(Estimate { bytes: corners * of_data + filled * 600.0, help: TRIANGLES.help })
     }
@@ -133,28 +136,28 @@ impl FillHoles {
     }
 }
 
-/// `mesh` with its `holes` filled as `method` says; see [`FillHoles`] for what is kept and what attributes become.
+/// Returns `mesh` with its `holes` filled by `method`. See [`FillHoles`] for what is kept and how attributes are filled.
 ///
-/// Positions are in mm. The data's vertices keep their bits and, unless a region is cut out, their indices. The result is a surface if
-/// `mesh` is one. [`Filled::warnings`] tells of filled triangles that intersect others.
+/// Positions are in mm. The data's vertices keep their bits and, unless a region is cut out, their indices. The result is manifold if
+/// `mesh` is. [`FilledMesh::warnings`] lists filled triangles that intersect others.
 ///
 /// Triangles over the rim: Liepa, "Filling holes in meshes" (2003). Density: Botsch and Kobbelt, "A remeshing approach to multiresolution
 /// modeling" (2004). Plain shapes: Kobbelt, Campagna, Vorsatz and Seidel, "Interactive multi-resolution modeling on arbitrary meshes"
 /// (1998). Exemplars: Kawai, Sato and Yokoya, "Surface completion by minimizing energy based on similarity of shape" (2008).
 ///
 /// # Errors
-/// If the mesh is no surface, or would be none when it is filled; if a chosen rim or an attribute does not exist; if a hole would take too
-/// many triangles; if the evaluation is told to stop.
+/// Returns an error if the mesh is not manifold or would not be when filled, if a chosen rim or an attribute does not exist, if a hole
+/// would take too many triangles, or if the evaluation is cancelled.
 pub fn fill_holes(
     mesh: &Mesh,
     holes: &HoleChoice,
     method: &FillMethod,
     progress: &Progress<'_>,
-) -> Result<Filled, FillError> {
+) -> Result<FilledMesh, FillError> {
     progress.check()?;
     let (mesh, is_cut) = match holes {
         HoleChoice::Region(region) => {
-            let (left, is_cut) = cut(mesh, &within(mesh, region)?)?;
+            let (left, is_cut) = cut(mesh, &vertices_in_region(mesh, region)?)?;
             without_isolated_components(left, is_cut)?
         }
         _ => (mesh.clone(), Vec::new()),
@@ -168,13 +171,13 @@ pub fn fill_holes(
     let mut warnings = Vec::new();
     warnings.extend(describe_outer(&rims, &chosen.outer, components.count()));
     if chosen.holes.is_empty() && chosen.outer.is_empty() {
-        warnings.push("there is no such hole".to_owned());
+        warnings.push("the mesh has no hole to fill".to_owned());
     }
     let holes: Vec<Vec<u32>> = chosen.holes.iter().map(|&hole| rims[hole].clone()).collect();
     let one_rings = OneRings::new(&filling, &holes);
-    let plain_options = PlainOptions::of(method);
+    let plain_options = PlainOptions::from_method(method);
     let is_start = matches!(method, FillMethod::Exemplar(_));
-    let plain_share = if is_start { PLAIN_START } else { PLAIN };
+    let plain_share = if is_start { START_PROGRESS } else { PLAIN_PROGRESS };
     let mut fills = progress.part(0.0..plain_share, |progress| {
         fill_all(&filling, &one_rings, (&holes, &chosen.holes), plain_options, progress)
     })?;
@@ -197,18 +200,19 @@ pub fn fill_holes(
     if let FillMethod::Exemplar(options) = method {
         let allowed = match &options.exemplars[..] {
             "" => None,
-            name => Some(marks(&mesh, name)?),
+            name => Some(marked_vertices(&mesh, name)?),
         };
-        // Without an iteration nothing is looked for, because nothing would move.
-        if options.most_iterations() > 0 {
-            let mut start = filling.points[filling.data..].to_vec();
+        // With 0 iterations no exemplars are searched, because no vertex would move.
+        if options.max_iterations() > 0 {
+            let mut start = filling.points[filling.n_data_vertices..].to_vec();
             let colors = options.counts_colors().then(|| colors(&mesh, &filling, options.texture));
             let sharp = holes.iter().zip(&fills).flat_map(|(hole, fill)| {
                 let count = fill.triangulation.compact().1.len() - hole.len();
                 std::iter::repeat_n(fill.is_sharp, count)
             });
-            let given = Given { allowed, colors: colors.flatten(), sharp: sharp.collect() };
-            let own = plain_share..PLAIN;
+            let given =
+                CompletionInput { allowed, colors: colors.flatten(), sharp: sharp.collect() };
+            let own = plain_share..PLAIN_PROGRESS;
             let completed = match options.update {
                 Update::Exact => progress
                     .part(own, |progress| complete(&mut filling, options, &given, progress))?,
@@ -219,21 +223,25 @@ pub fn fill_holes(
                         fills: &mut fills,
                         edge: plain_options.edge,
                     };
-                    let mut density =
-                        |filling: &mut Filling, least: f64, progress: &Progress<'_>| {
-                            remesh.refine(filling, least, progress)
-                        };
                     let completed = progress.part(own, |progress| {
-                        complete_as_published(&mut filling, &mut density, options, &given, progress)
+                        complete_as_published(
+                            &mut filling,
+                            &mut |filling, min_length, progress| {
+                                remesh.refine(filling, min_length, progress)
+                            },
+                            options,
+                            &given,
+                            progress,
+                        )
                     });
-                    let completed = completed.map_err(stopped)?;
+                    let completed = completed.map_err(fill_error)?;
                     start = remesh.membranes(&mut filling, progress)?;
                     intersections = Intersections::new(&filling, progress)?;
                     completed
                 }
             };
             if completed.no_exemplar && !holes.is_empty() {
-                warnings.push("no part of the data is like what surrounds the holes: they keep the shape of the start".into());
+                warnings.push("no part of the data is similar to the surroundings of the holes: the initial shape is kept".into());
             }
             (steps, copies) = (completed.trace, Some(completed.copies));
             intersections.update(&filling, |_| true, progress)?;
@@ -241,7 +249,7 @@ pub fn fill_holes(
                 let before = intersections.faces(&filling).len();
                 damp_displacements(&mut filling, &start, &mut intersections, progress)?;
                 if intersections.faces(&filling).len() < before {
-                    warnings.push("where shapes found elsewhere would have run through the mesh or each other, it is filled as at the start".into());
+                    warnings.push("where copied shapes would intersect the mesh or each other, the initial shape is used".into());
                 }
             }
         }
@@ -255,14 +263,14 @@ pub fn fill_holes(
     };
     warnings.extend(describe_intersections(&chosen.holes, &hole_fills, &components));
     let trace = Trace::new(steps)?;
-    Ok(Filled { mesh: filled_mesh(&mesh, &filling, copies.as_ref())?, trace, warnings })
+    Ok(FilledMesh { mesh: filled_mesh(&mesh, &filling, copies.as_ref())?, trace, warnings })
 }
 
-/// About which share of the time plain fills take, and which as the start of an exemplar fill.
-const PLAIN: f64 = 0.9;
-const PLAIN_START: f64 = 0.2;
+/// The fraction of the total progress at which the plain fills are complete: for a plain method, and as the start of an exemplar fill.
+const PLAIN_PROGRESS: f64 = 0.9;
+const START_PROGRESS: f64 = 0.2;
 
-/// Fills each hole by itself, without exemplars. `holes` are their rims, `numbers` those of the rims.
+/// Fills each hole separately without exemplars. `holes` are the rims to fill, `numbers` their rim numbers.
 fn fill_all(
     filling: &Filling,
     one_rings: &OneRings,
@@ -274,34 +282,32 @@ fn fill_all(
     let done = AtomicUsize::new(0);
     let fill_one = |(hole, number): (&Vec<u32>, &usize)| {
         let rim = Rim::new(filling, one_rings, hole);
-        fn share(edges: usize, all: usize) -> f64 {
-            edges as f64 / all.max(1) as f64
-        }
-        // One hole tells how far it is; of several, how many edges of their rims are done.
-        let before = share(done.load(Ordering::Relaxed), all);
+        // A single hole reports its own progress; several holes report the fraction of rim edges done.
+        let before = done.load(Ordering::Relaxed) as f64 / all.max(1) as f64;
         let own = if holes.len() == 1 { 0.0..1.0 } else { before..before };
         let filled = progress.part(own, |progress| fill_hole(filling, &rim, options, progress));
         let fill = filled.map_err(|stop| match stop {
-            Stop::Cancelled => FillError::Cancelled(Cancelled),
-            Stop::TooMany(need) => {
-                TRIANGLES.refused(format_args!("what fills rim {number}"), need).into()
+            RefineError::Cancelled => FillError::Cancelled(CancelledError),
+            RefineError::TooMany(need) => {
+                TRIANGLES.error(format_args!("the fill of rim {number}"), need).into()
             }
         })?;
-        progress.tick(share(done.fetch_add(hole.len(), Ordering::Relaxed) + hole.len(), all))?;
+        let after = done.fetch_add(hole.len(), Ordering::Relaxed) + hole.len();
+        progress.tick(after as f64 / all.max(1) as f64)?;
         Ok(fill)
     };
     holes.par_iter().zip(numbers).map(fill_one).collect()
 }
 
-fn stopped(stop: Stop) -> FillError {
+fn fill_error(stop: RefineError) -> FillError {
     match stop {
-        Stop::Cancelled => FillError::Cancelled(Cancelled),
-        Stop::TooMany(need) => TRIANGLES.refused("what fills the holes", need).into(),
+        RefineError::Cancelled => FillError::Cancelled(CancelledError),
+        RefineError::TooMany(need) => TRIANGLES.error("the fill of the holes", need).into(),
     }
 }
 
 fn filled_mesh(mesh: &Mesh, filling: &Filling, copies: Option<&Copies>) -> Result<Mesh, MeshError> {
-    let filled = &filling.faces[filling.kept..];
+    let filled = &filling.faces[filling.n_data_faces..];
     let count = filling.points.len();
     if filled.is_empty() {
         let marked = mesh.clone().with_vertex("filled", Attribute::Flag(vec![0; count].into()))?;
@@ -315,16 +321,19 @@ fn filled_mesh(mesh: &Mesh, filling: &Filling, copies: Option<&Copies>) -> Resul
         let corners = mesh.faces().corners().iter().chain(filled.as_flattened());
         Faces::polygons(&sides, corners.copied().collect())?
     };
-    let (onto, carry) =
-        rayon::join(|| Mesh::new(filling.points.clone(), faces), || Mixed::new(filling, copies));
+    let (onto, carry) = rayon::join(
+        || Mesh::new(filling.points.clone(), faces),
+        || AttributeCarrier::new(filling, copies),
+    );
     let onto = onto?
         .with_creases(mesh.creases())?
         .with_materials(mesh.materials().clone())
         .with_frame(mesh.frame().copied());
-    let flags: Vec<u8> = (0..count).map(|vertex| u8::from(filling.data <= vertex)).collect();
-    let mut onto = carry.onto(mesh, onto)?;
+    let flags: Vec<u8> =
+        (0..count).map(|vertex| u8::from(filling.n_data_vertices <= vertex)).collect();
+    let mut onto = carry.transfer(mesh, onto)?;
     if let Some(Attribute::Flag(before)) = mesh.vertex().get("filled") {
-        // What was filled before stays marked.
+        // Vertices that an earlier node filled stay marked.
         let flags = flags.iter().enumerate();
         let flags =
             flags.map(|(vertex, &flag)| before.get(vertex).copied().unwrap_or(flag)).collect();
@@ -332,7 +341,7 @@ fn filled_mesh(mesh: &Mesh, filling: &Filling, copies: Option<&Copies>) -> Resul
     } else {
         onto = onto.with_vertex("filled", Attribute::Flag(flags.into()))?;
     }
-    onto.with_vertex("exemplar", Attribute::Index(carry.examples().into()))
+    onto.with_vertex("exemplar", Attribute::Index(carry.example_vertices().into()))
 }
 
 fn describe_outer(rims: &[Vec<u32>], outer: &[usize], components: usize) -> Option<String> {
@@ -340,41 +349,39 @@ fn describe_outer(rims: &[Vec<u32>], outer: &[usize], components: usize) -> Opti
     let edges = rims[longest].len();
     Some(match outer.len() {
         1 if components > 1 => format!(
-            "the border of {edges} edges around a loose part of the mesh is no hole and stays; `holes: Loops([{longest}])` fills it"
+            "the border of {edges} edges around a disconnected part of the mesh is not a hole and stays open; use `holes: Loops([{longest}])` to fill it"
         ),
         1 => format!(
-            "the border of {edges} edges around the mesh is no hole and stays; `holes: Loops([{longest}])` fills it"
+            "the border of {edges} edges around the mesh is not a hole and stays open; use `holes: Loops([{longest}])` to fill it"
         ),
         count => format!(
-            "{count} borders around parts of the mesh are no holes and stay, the longest of {edges} edges; `holes: Loops([{longest}])` fills that one"
+            "{count} borders around parts of the mesh are not holes and stay open; use `holes: Loops([{longest}])` to fill the longest, of {edges} edges"
         ),
     })
 }
 
 fn describe_fallbacks(holes: &[usize], fills: &[HoleFill]) -> Vec<String> {
-    fn with(fallback: Fallback, fills: &[HoleFill], holes: &[usize]) -> Vec<String> {
-        let holes = holes.iter().zip(fills).filter(|(_, fill)| fill.fallback == Some(fallback));
-        holes.map(|(hole, _)| hole.to_string()).collect()
-    }
+    let [rough, smooth, intersecting] =
+        [Fallback::RoughRim, Fallback::NoCreases, Fallback::Intersection].map(|fallback| {
+            let rims = holes.iter().zip(fills).filter(|(_, fill)| fill.fallback == Some(fallback));
+            rims.map(|(rim, _)| rim.to_string()).collect::<Vec<_>>()
+        });
     let mut warnings = Vec::new();
-    let (rough, smooth) =
-        (with(Fallback::RoughRim, fills, holes), with(Fallback::NoCreases, fills, holes));
-    let intersecting = with(Fallback::Intersection, fills, holes);
     if !intersecting.is_empty() {
         warnings.push(format!(
-            "what fills rim {} is another surface than asked for, since that would have run through the mesh or itself",
+            "rim {} is filled with another surface than requested, because the requested one would intersect the mesh or itself",
             intersecting.join(", ")
         ));
     }
     if !rough.is_empty() {
         warnings.push(format!(
-            "the rim is too rough for a thin plate, a membrane fills rim {}",
+            "rim {} is too rough for a thin plate and is filled with a membrane",
             rough.join(", ")
         ));
     }
     if !smooth.is_empty() {
         warnings.push(format!(
-            "no creases end at rim {} that could be extended: a thin plate fills it",
+            "no creases that can be extended end at rim {}: it is filled with a thin plate",
             smooth.join(", ")
         ));
     }
@@ -392,14 +399,14 @@ fn describe_intersections(
     let [a, b, c] = first.map(|vertex| filling.points[vertex as usize].coords);
     let middle = (a + b + c) / 3.0;
     let mut text = format!(
-        "{} filled triangles run through others, the first at ({:.3}, {:.3}, {:.3})",
+        "{} filled triangles intersect others, the first at ({:.3}, {:.3}, {:.3})",
         faces.len(),
         middle.x,
         middle.y,
         middle.z
     );
     let why =
-        ["a loose part of the mesh is in the way of rim", "the data run through themselves at rim"];
+        ["a disconnected part of the mesh blocks rim", "the data intersect themselves at rim"];
     for (why, at) in why.into_iter().zip(hole_fills.reasons(components)) {
         if !at.is_empty() {
             let at: Vec<String> = at.into_iter().map(|hole| holes[hole].to_string()).collect();

@@ -1,4 +1,4 @@
-//! Intersections of filled triangles with others and each other: how they are found, and how they are removed.
+//! Finds and removes intersections of filled triangles with the data and with each other.
 
 pub(super) mod boxes;
 pub(super) mod damping;

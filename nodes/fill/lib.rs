@@ -1,4 +1,4 @@
-//! Nodes that close the holes of surfaces.
+//! Nodes that fill the holes of surfaces.
 
 use maquette_node::{Pack, node};
 
@@ -18,13 +18,13 @@ mod tests;
 mod triangles;
 
 pub use border::holes::HoleChoice;
-pub use border::regions::{HoleRegion, NoMarks};
-pub use exemplar::{ExemplarOptions, Falloff, Shown, Start, Update};
+pub use border::regions::{HoleRegion, MissingMarks};
+pub use exemplar::{ExemplarOptions, Falloff, Start, TextureSource, Update};
 pub use fill_error::FillError;
-pub use fill_holes::{FillHoles, Filled, fill_holes};
+pub use fill_holes::{FillHoles, FilledMesh, fill_holes};
 pub use method::FillMethod;
 
-/// Nodes that close the holes of surfaces.
+/// The pack of nodes that fill the holes of surfaces.
 pub static PACK: Pack = Pack {
     name: "fill",
     version: env!("CARGO_PKG_VERSION"),

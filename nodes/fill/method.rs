@@ -1,22 +1,23 @@
-//! What a hole is filled with.
+//! The methods of filling a hole.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::exemplar::ExemplarOptions;
 
-/// What a hole is filled with.
+/// Surface that fills a hole.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub enum FillMethod {
-    /// The shapes of other parts of the mesh, from coarse to fine.
+    /// Copies the shapes of other parts of the mesh, from coarse to fine levels.
     Exemplar(ExemplarOptions),
-    /// The surface that bends least and goes on as the data ends.
+    /// Thin plate: the surface with the least bending that continues the data smoothly.
     ThinPlate,
-    /// The smallest surface: it meets the data at an angle.
+    /// Membrane: the surface with the smallest area. It meets the data at an angle.
     Membrane,
-    /// Flat triangles from rim to rim.
+    /// Flat triangles between rim vertices.
     Flat,
-    /// As `ThinPlate`, but the smooth parts of the data that meet in creases at the rim go on until they meet: the creases stay sharp.
+    /// Like `ThinPlate`, but smooth segments of the data that meet in creases at the rim are extended until they meet, so that the creases
+    /// stay sharp.
     CreaseAware,
 }
 

@@ -1,4 +1,4 @@
-//! Plain fills, which need no exemplars: flat triangles, membranes and thin plates.
+//! Plain fills, which use no exemplars: flat triangles, membranes and thin plates.
 
 pub(super) mod fairing;
 pub(super) mod hole_fill;

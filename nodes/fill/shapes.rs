@@ -7,18 +7,18 @@ use nalgebra::{Point3, Vector3};
 
 pub(super) mod nut;
 
-/// A mesh of triangles.
-pub(super) fn of(points: Vec<Point3<f64>>, faces: Vec<[u32; 3]>) -> Mesh {
+/// Returns a mesh of triangles.
+pub(super) fn triangle_mesh(points: Vec<Point3<f64>>, faces: Vec<[u32; 3]>) -> Mesh {
     Mesh::new(points, Faces::triangles(faces)).unwrap()
 }
 
-/// The mesh without the vertices that `is_lost` takes and their faces; the others keep their order.
-pub(super) fn without(mesh: &Mesh, is_lost: impl Fn(&Point3<f64>) -> bool) -> Mesh {
+/// Returns the mesh without the vertices for which `is_lost` is true and without their faces; the others keep their order.
+pub(super) fn remove_vertices(mesh: &Mesh, is_lost: impl Fn(&Point3<f64>) -> bool) -> Mesh {
     let lost: Vec<bool> = mesh.positions().iter().map(is_lost).collect();
     super::border::regions::cut(mesh, &lost).unwrap().0
 }
 
-/// The unit sphere: an octahedron, each face of which is cut into four, so many times.
+/// Returns the unit sphere: an octahedron whose faces are divided into four `times` times.
 pub(super) fn sphere(times: u32) -> Mesh {
     let mut points: Vec<Vector3<f64>> = [Vector3::x(), Vector3::y(), Vector3::z()]
         .into_iter()
@@ -53,10 +53,10 @@ pub(super) fn sphere(times: u32) -> Mesh {
             })
             .collect();
     }
-    of(points.into_iter().map(Point3::from).collect(), faces)
+    triangle_mesh(points.into_iter().map(Point3::from).collect(), faces)
 }
 
-/// A grid of squares of side 1 in two triangles each, at heights that a function of the column and the row gives.
+/// Returns a grid of unit squares, each divided into two triangles, with heights given by column and row.
 pub(super) fn grid(columns: u32, rows: u32, height: impl Fn(f64, f64) -> f64) -> Mesh {
     let points = (0..columns * rows)
         .map(|k: u32| (f64::from(k % columns), f64::from(k / columns)))
@@ -67,10 +67,10 @@ pub(super) fn grid(columns: u32, rows: u32, height: impl Fn(f64, f64) -> f64) ->
             [[a, a + 1, a + columns + 1], [a, a + columns + 1, a + columns]]
         })
     });
-    of(points.collect(), faces.collect())
+    triangle_mesh(points.collect(), faces.collect())
 }
 
-/// A number between 0 and 1 that looks random.
+/// Returns a pseudorandom number from 0 to 1.
 pub(super) fn random(seed: u64) -> f64 {
     let mut x = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15);
     x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);

@@ -1,4 +1,4 @@
-//! Triangulations of holes: how they are chosen, changed and kept beside the data.
+//! Triangulations of holes: choosing, changing and storing them.
 
 pub(super) mod density;
 pub(super) mod filling;

@@ -13,30 +13,30 @@ pub struct CombineMasks {
     pub a: In<Mask>,
     /// The second mask, of the same size.
     pub b: In<Mask>,
-    /// Which pixels are kept.
+    /// Combination of the masks.
     #[serde(default)]
     pub mode: CombineMode,
 }
 
-/// Which pixels two masks make together.
+/// Combination of two masks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum CombineMode {
-    /// Those inside both.
+    /// Pixels inside both masks.
     #[default]
     And,
-    /// Those inside at least one.
+    /// Pixels inside at least one mask.
     Or,
-    /// Those inside the first and not the second.
+    /// Pixels inside the first mask and not the second.
     Minus,
-    /// Those inside one and not the other.
+    /// Pixels inside exactly one mask.
     Xor,
 }
 
-/// Why masks cannot be combined.
+/// Error of combining masks.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CombineMasksError {
-    /// They are for different pictures.
-    #[error("mask `a` has {a:?} pixels, mask `b` {b:?}")]
+    /// The masks differ in size.
+    #[error("the masks must have the same size: `a` has {a:?} pixels, `b` has {b:?}")]
     Size {
         /// The first mask's size.
         a: [usize; 2],
@@ -54,10 +54,10 @@ impl Node for CombineMasks {
     }
 }
 
-/// The pixels that `a` and `b` make together.
+/// Combines the masks `a` and `b` by `mode`.
 ///
 /// # Errors
-/// If the masks have different sizes.
+/// Returns an error if the masks have different sizes.
 pub fn combine_masks(a: &Mask, b: &Mask, mode: CombineMode) -> Result<Mask, CombineMasksError> {
     let [size_a, size_b] = [a, b].map(|mask| [mask.width(), mask.height()]);
     if size_a != size_b {
@@ -81,20 +81,23 @@ mod tests {
 
     #[test]
     fn each_mode_keeps_its_pixels() {
-        let (a, b) = (Mask::drawn(&["##.."]), Mask::drawn(&["#.#."]));
-        fn combined(mode: CombineMode, a: &Mask, b: &Mask) -> String {
+        let (a, b) = (Mask::from_rows(&["##.."]), Mask::from_rows(&["#.#."]));
+        fn combine(mode: CombineMode, a: &Mask, b: &Mask) -> String {
             combine_masks(a, b, mode).unwrap().draw()
         }
-        assert_eq!(combined(CombineMode::And, &a, &b), "#...\n");
-        assert_eq!(combined(CombineMode::Or, &a, &b), "###.\n");
-        assert_eq!(combined(CombineMode::Minus, &a, &b), ".#..\n");
-        assert_eq!(combined(CombineMode::Xor, &a, &b), ".##.\n");
+        assert_eq!(combine(CombineMode::And, &a, &b), "#...\n");
+        assert_eq!(combine(CombineMode::Or, &a, &b), "###.\n");
+        assert_eq!(combine(CombineMode::Minus, &a, &b), ".#..\n");
+        assert_eq!(combine(CombineMode::Xor, &a, &b), ".##.\n");
     }
 
     #[test]
     fn masks_of_different_sizes_are_an_error() {
-        let error =
-            combine_masks(&Mask::drawn(&["##"]), &Mask::drawn(&["#", "#"]), CombineMode::Or);
+        let error = combine_masks(
+            &Mask::from_rows(&["##"]),
+            &Mask::from_rows(&["#", "#"]),
+            CombineMode::Or,
+        );
         assert_eq!(error, Err(CombineMasksError::Size { a: [2, 1], b: [1, 2] }));
     }
 }

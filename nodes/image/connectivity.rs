@@ -1,14 +1,14 @@
-//! Which neighboring pixels of a mask are connected.
+//! The neighborhood that connects pixels of a mask.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Which neighboring pixels of a mask are connected.
+/// Neighborhood that connects pixels of a mask.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Connectivity {
-    /// Those that share a side or a corner.
+    /// Pixels that share a side or a corner are connected.
     #[default]
     Eight,
-    /// Those that share a side.
+    /// Pixels that share a side are connected.
     Four,
 }

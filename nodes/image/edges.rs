@@ -1,4 +1,4 @@
-//! Marks the edges of a picture: where its levels change steeply.
+//! Marks the edges of a picture, where the gradient of its levels is large.
 
 use maquette_node::{Context, Error, In, Node};
 use maquette_value::memory::huge_vec;
@@ -14,42 +14,42 @@ use super::filter::percentile::percentile;
 use super::operator::Operator;
 use super::picture::Picture;
 
-/// Marks the edges of a picture or a mask: where its levels change steeply.
+/// Marks the edges of a picture or a mask, where the gradient of its levels is large.
 ///
-/// Of a picture, the levels are its brightness, 0.299 red + 0.587 green + 0.114 blue, from 0 to 255; of a mask, 0 outside and 1
-/// inside. Edges are wider than one pixel; `Thin` makes lines of them.
+/// The levels of a picture are its brightness, 0.299 red + 0.587 green + 0.114 blue, from 0 to 255; those of a mask are 0 outside and 1
+/// inside. Edges are wider than one pixel; `Thin` reduces them to lines.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Edges {
-    /// The picture, or a mask whose outline is wanted.
+    /// Picture, or mask whose outline is wanted.
     pub image: In<Picture>,
-    /// Where to search; everywhere if left out.
+    /// Limits the search to these pixels. If omitted, the whole picture is searched.
     pub within: Option<In<Mask>>,
-    /// How the gradient is taken.
+    /// Method to compute the gradient.
     #[serde(default)]
     pub operator: Operator,
-    /// Deviation of a Gaussian that smooths the levels first, against noise; 0 does not.
+    /// Standard deviation of a Gaussian blur that reduces noise first; 0 disables it.
     #[schemars(range(min = 0.0, max = 20.0), extend("unit" = "px"))]
     #[serde(default)]
     pub blur: f64,
-    /// How steep an edge must be at its steepest.
+    /// Minimum gradient at the steepest pixel of an edge.
     #[serde(default)]
     pub high: High,
-    /// How steep it must be everywhere else: a share of what `high` asks for.
+    /// Minimum gradient at all other pixels of an edge, as a fraction of `high`.
     #[schemars(range(min = 0.0, max = 1.0))]
-    #[serde(default = "two_fifths")]
+    #[serde(default = "default_low")]
     pub low: f64,
 }
 
-fn two_fifths() -> f64 {
+fn default_low() -> f64 {
     0.4
 }
 
-/// How steep an edge must be at its steepest. A pixel where nothing changes is never on an edge.
+/// Minimum gradient at the steepest pixel of an edge. A pixel with gradient 0 is never on an edge.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub enum High {
-    /// Steeper than this percentage of the pixels searched.
+    /// At least as steep as this percentage of the searched pixels are.
     Percentile(#[schemars(range(min = 0.0, max = 100.0), extend("unit" = "%"))] f64),
-    /// As many levels per pixel. The straight edge of a mask has 0.5.
+    /// Gradient in levels per pixel. The straight edge of a mask has 0.5.
     Level(#[schemars(range(min = 0.0))] f64),
 }
 
@@ -59,11 +59,11 @@ impl Default for High {
     }
 }
 
-/// Why edges cannot be found.
+/// Error of finding edges.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum EdgesError {
-    /// The mask is for another picture.
-    #[error("the mask `within` has {mask:?} pixels, the picture {picture:?}")]
+    /// The mask has another size than the picture.
+    #[error("the mask `within` has {mask:?} pixels, but the picture has {picture:?}")]
     Size {
         /// The mask's size.
         mask: [usize; 2],
@@ -82,23 +82,22 @@ impl Node for Edges {
         let (mask, magnitude) =
             edges(&picture, within, self.operator, self.blur, self.high, self.low)?;
         if mask.is_empty() {
-            let most = magnitude.range().map_or(0.0, |(_, most)| most);
-            cx.warn(format!("there is no edge: the steepest change is {most:.3} levels per pixel"));
+            let max = magnitude.range().map_or(0.0, |(_, max)| max);
+            cx.warn(format!("no edge found: the maximum gradient is {max:.3} levels per pixel"));
         }
         Ok((mask, magnitude))
     }
 }
 
-/// The edges of `picture` inside `within` (everywhere if left out), and the length of the gradient at every pixel, in levels
-/// per pixel.
+/// Finds the edges of `picture` inside `within` (everywhere if `None`). Returns them with the length of the gradient at every pixel, in
+/// levels per pixel.
 ///
-/// A pixel is on an edge if its gradient is at least `low` x `high`, and a path over such pixels, along sides and corners,
-/// leads to one where it is at least `high`: hysteresis, Canny, "A computational approach to edge detection", IEEE
-/// Transactions on Pattern Analysis and Machine Intelligence 8 (1986), section VII. `blur` is in pixels; `low` is taken as 0
-/// or 1 if it lies outside of them. A percentile is one of the gradients inside `within`, the nearest rank.
+/// A pixel is on an edge if its gradient is at least `low` x `high`, and it is connected with a pixel whose gradient is at least `high` by
+/// a path over such pixels, along sides and corners. This is hysteresis: Canny, "A computational approach to edge detection", IEEE
+/// Transactions on Pattern Analysis and Machine Intelligence 8 (1986), section VII. `blur` is in pixels; `low` is clamped to 0 to 1. A
+/// percentile is one of the gradients inside `within`, by nearest rank.
 ///
-/// # Errors
-/// If `within` has another size.
+/// Returns an error if `within` has another size than the picture.
 pub fn edges(
     picture: &Picture,
     within: Option<&Mask>,
@@ -123,31 +122,31 @@ pub fn edges(
     let write = |first, lengths: &mut [f32]| write_gradient(levels, operator, first, lengths);
     let [weak, strong] = match high {
         High::Level(level) => {
-            steep(&mut magnitude, within, width, limits(level as f32, low), write)
+            threshold_bits(&mut magnitude, within, width, limits(level as f32, low), write)
         }
         High::Percentile(percent) => {
             let strips = magnitude.par_chunks_mut(STRIP_ROWS * width.max(1)).enumerate();
             strips.for_each(|(strip, lengths)| write(strip * STRIP_ROWS, lengths));
             let high = percentile(&magnitude, within, percent).unwrap_or(0.0);
-            steep(&mut magnitude, within, width, limits(high, low), |_, _| {})
+            threshold_bits(&mut magnitude, within, width, limits(high, low), |_, _| {})
         }
     };
-    let mask = draw(&reconstruct(&weak, strong), width, height);
+    let mask = unpack_mask(&reconstruct(&weak, strong), width, height);
     let magnitude = Field::new(width, height, magnitude).expect("one gradient per pixel");
     Ok((mask, magnitude))
 }
 
-/// The least gradients of weak and of strong pixels. Where nothing changes there is neither.
+/// Returns the minimum gradients of weak and of strong pixels; both are greater than 0.
 fn limits(high: f32, low: f64) -> [f32; 2] {
-    [high * low.clamp(0.0, 1.0) as f32, high].map(|least| least.max(f32::MIN_POSITIVE))
+    [high * low.clamp(0.0, 1.0) as f32, high].map(|limit| limit.max(f32::MIN_POSITIVE))
 }
 
-/// Rows that one thread works on at a time: what it writes of them stays in its cache.
+/// The number of rows per task: few enough to stay in the cache.
 const STRIP_ROWS: usize = 16;
 
-/// Which pixels inside `within` have at least the first, which at least the second of two gradients. `write` may fill some rows of
-/// `magnitude`, from a given one on, before they are looked at.
-fn steep(
+/// Returns the pixels inside `within` whose gradient is at least the first limit, and the pixels whose gradient is at least the second.
+/// `write` may fill rows of `magnitude`, from a given row on, before they are read.
+fn threshold_bits(
     magnitude: &mut [f32],
     within: Option<&[u8]>,
     width: usize,
@@ -173,7 +172,7 @@ fn steep(
     [weak, strong]
 }
 
-/// Sets the bits of the pixels of a row that reach two limits; to be compiled for wide instructions.
+/// A kernel that sets the bits of the pixels in a row that reach two limits; dispatched to SIMD code.
 struct PackRow<'a> {
     lengths: &'a [f32],
     within: Option<&'a [u8]>,
@@ -186,9 +185,9 @@ impl pulp::NullaryFnOnce for PackRow<'_> {
 
     #[inline(always)]
     fn call(self) {
-        for (bits, least) in [self.bits.0, self.bits.1].into_iter().zip(self.limits) {
+        for (bits, limit) in [self.bits.0, self.bits.1].into_iter().zip(self.limits) {
             bits.fill(u64::MAX);
-            retain(bits, self.lengths, |length| least <= length);
+            retain(bits, self.lengths, |length| limit <= length);
             if let Some(within) = self.within {
                 retain(bits, within, |inside| inside == 1);
             }
@@ -196,7 +195,7 @@ impl pulp::NullaryFnOnce for PackRow<'_> {
     }
 }
 
-fn draw(bits: &Bits, width: usize, height: usize) -> Mask {
+fn unpack_mask(bits: &Bits, width: usize, height: usize) -> Mask {
     let mut pixels = huge_vec(width * height);
     let rows = pixels.par_chunks_mut(width.max(1)).with_min_len(STRIP_ROWS);
     rows.zip(bits.rows.par_chunks(bits.words.max(1))).for_each(|(pixels, words)| {
@@ -211,7 +210,7 @@ fn draw(bits: &Bits, width: usize, height: usize) -> Mask {
     Mask::from_bools(width, height, pixels).expect("one mark per pixel")
 }
 
-/// Marks the pixels of the bits that are set; none is marked before.
+/// Marks the pixels whose bits are set. All pixels must be unmarked before.
 fn unpack(word: u64, pixels: &mut [bool; WORD]) {
     if word != 0 {
         let (eights, _) = pixels.as_chunks_mut();
@@ -220,7 +219,7 @@ fn unpack(word: u64, pixels: &mut [bool; WORD]) {
     }
 }
 
-/// The bits of every byte, the lowest first.
+/// For every byte, its bits as booleans, lowest first.
 const UNPACKED: [[bool; 8]; 256] = {
     let mut table = [[false; 8]; 256];
     let mut index = 0;
@@ -238,11 +237,11 @@ mod tests {
 
     use super::*;
 
-    /// A gray picture, one digit a pixel, ten levels a digit.
+    /// Returns a gray picture from a drawing with one digit per pixel; the level is ten times the digit.
     fn gray(rows: &[&str]) -> Picture {
         let pixels =
             rows.iter().flat_map(|row| row.bytes()).map(|digit: u8| [(digit - b'0') * 10; 3]);
-        Picture::Image(Image::new(rows[0].len(), rows.len(), Vec::from_iter(pixels)).unwrap())
+        Picture::Image(Image::new(rows[0].len(), rows.len(), pixels.collect::<Vec<_>>()).unwrap())
     }
 
     fn check(picture: &Picture, high: High, low: f64, expected: Expect) {
@@ -253,7 +252,7 @@ mod tests {
     #[test]
     fn a_gray_plane_has_the_same_gradient_everywhere() {
         let pixels = (0..30 * 25).map(|index| [(3 * (index / 30) + 4 * (index % 30)) as u8; 3]);
-        let picture = Picture::Image(Image::new(30, 25, Vec::from_iter(pixels)).unwrap());
+        let picture = Picture::Image(Image::new(30, 25, pixels.collect::<Vec<_>>()).unwrap());
         for operator in [Operator::Central, Operator::Forward, Operator::Sobel] {
             let (mask, magnitude) =
                 edges(&picture, None, operator, 0.0, High::Level(5.0), 1.0).unwrap();
@@ -264,7 +263,7 @@ mod tests {
 
     #[test]
     fn the_edge_of_a_mask_is_a_band_of_two_pixels() {
-        let mask = Mask::drawn(&[".....", ".###.", ".###.", ".###.", "....."]);
+        let mask = Mask::from_rows(&[".....", ".###.", ".###.", ".###.", "....."]);
         let (band, magnitude) =
             edges(&Picture::Mask(mask), None, Operator::Central, 0.0, High::Level(0.25), 0.4)
                 .unwrap();
@@ -276,12 +275,12 @@ mod tests {
             .###.
         "#]]
         .assert_eq(&band.draw());
-        // One-sided at the picture's border, over two pixels inside.
+        // At the border of the picture the gradient is one-sided, over two pixels inside.
         assert_eq!((magnitude.pixels()[2], magnitude.pixels()[7]), (1.0, 0.5));
     }
 
     #[test]
-    fn weak_pixels_stay_where_they_touch_a_strong_one() {
+    fn weak_pixels_are_kept_if_connected_with_a_strong_one() {
         let picture = gray(&["000000000", "000000000", "003300099", "003300099", "000000000"]);
         check(
             &picture,
@@ -298,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn a_flat_picture_has_no_edge_whatever_is_asked_for() {
+    fn a_flat_picture_has_no_edge_for_any_limit() {
         let picture = gray(&["333", "333"]);
         for high in [High::Level(0.0), High::Percentile(0.0), High::Percentile(90.0)] {
             for blur in [0.0, 1.3] {
@@ -311,7 +310,7 @@ mod tests {
     #[test]
     fn the_percentile_counts_the_pixels_within() {
         let picture = gray(&["0123456789", "0000000000", "0000000000"]);
-        let within = Mask::drawn(&["..........", "..........", "##########"]);
+        let within = Mask::from_rows(&["..........", "..........", "##########"]);
         let all = edges(&picture, None, Operator::Forward, 0.0, High::Percentile(50.0), 1.0);
         assert_eq!(all.unwrap().0.count(), 10);
         let none =
@@ -321,7 +320,7 @@ mod tests {
 
     #[test]
     fn a_mask_of_another_size_is_an_error() {
-        let within = Mask::drawn(&["##"]);
+        let within = Mask::from_rows(&["##"]);
         let error =
             edges(&gray(&["000"]), Some(&within), Operator::Central, 0.0, High::default(), 0.4);
         assert_eq!(error, Err(EdgesError::Size { mask: [2, 1], picture: [3, 1] }));
@@ -331,12 +330,14 @@ mod tests {
     fn edges_are_the_same_for_any_number_of_threads() {
         let pixels =
             (0..150u32 * 200).map(|k| [(k * k % 251) as u8, (k % 199) as u8, (k / 150) as u8]);
-        let picture = Picture::Image(Image::new(150, 200, Vec::from_iter(pixels)).unwrap());
-        let find = || edges(&picture, None, Operator::Sobel, 1.0, High::default(), 0.4).unwrap();
-        let expected = find();
+        let picture = Picture::Image(Image::new(150, 200, pixels.collect::<Vec<_>>()).unwrap());
+        fn find(picture: &Picture) -> (Mask, Field) {
+            edges(picture, None, Operator::Sobel, 1.0, High::default(), 0.4).unwrap()
+        }
+        let expected = find(&picture);
         for threads in [1, 8] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            assert_eq!(pool.install(find), expected, "{threads}");
+            assert_eq!(pool.install(|| find(&picture)), expected, "{threads}");
         }
     }
 }

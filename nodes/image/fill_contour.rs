@@ -10,22 +10,22 @@ use super::connectivity::Connectivity;
 use super::filter::morphology::close;
 use super::segment::components::label;
 
-/// Fills the contours of a mask: adds all that they enclose, which is what cannot be reached from the picture's border by
-/// steps up, down, left and right.
+/// Fills the contours of a mask: adds all enclosed pixels, which are those that cannot be reached from the border of the picture by steps
+/// up, down, left and right.
 ///
-/// If nothing is enclosed, gaps are closed first, see `close`. If still nothing is, the mask stays as it is, with a warning. An
-/// open contour beside a closed one stays open.
+/// If nothing is enclosed, gaps are closed first, see `close`. If still nothing is enclosed, the mask is unchanged, with a warning. An open
+/// contour beside a closed one stays open.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct FillContour {
-    /// The contours; their pixels may be connected by corners alone.
+    /// Contours. Their pixels may be connected by corners only.
     pub mask: In<Mask>,
-    /// Radius of the square that closes gaps where nothing is enclosed; 0 closes none.
+    /// Radius of the square that closes gaps if nothing is enclosed; 0 disables it.
     #[schemars(range(max = 50), extend("unit" = "px"))]
-    #[serde(default = "one")]
+    #[serde(default = "default_radius")]
     pub close: u32,
 }
 
-fn one() -> u32 {
+fn default_radius() -> u32 {
     1
 }
 
@@ -46,13 +46,13 @@ impl Node for FillContour {
     }
 }
 
-/// `mask` with all that it encloses: the complement of the background that is connected to the picture's border by sides. If it
-/// encloses nothing, of `mask` closed with a square of this radius; if that encloses nothing either, `mask` itself.
+/// Fills `mask`: returns everything except the background that is connected by sides to the border of the picture. If `mask` encloses
+/// nothing, its gaps are first closed with a square of the radius `radius`; if it then still encloses nothing, `mask` is returned.
 pub fn fill_contour(mask: &Mask, radius: usize) -> Mask {
     fill(mask).or_else(|| fill(&close(mask, radius))).unwrap_or_else(|| mask.clone())
 }
 
-/// The mask with what it encloses, if it encloses anything.
+/// Returns the filled mask; `None` if it encloses nothing.
 fn fill(mask: &Mask) -> Option<Mask> {
     let (width, height) = (mask.width(), mask.height());
     fn make(pixels: Vec<bool>, width: usize, height: usize) -> Mask {
@@ -77,11 +77,11 @@ mod tests {
     use super::*;
 
     fn check(rows: &[&str], radius: usize, expected: Expect) {
-        expected.assert_eq(&fill_contour(&Mask::drawn(rows), radius).draw());
+        expected.assert_eq(&fill_contour(&Mask::from_rows(rows), radius).draw());
     }
 
     #[test]
-    fn a_contour_that_hangs_together_by_corners_is_closed() {
+    fn a_contour_connected_by_corners_is_closed() {
         check(
             &["..#..", ".#.#.", "#...#", ".#.#.", "..#.."],
             0,
@@ -126,17 +126,18 @@ mod tests {
 
     #[test]
     fn an_open_line_stays_as_it_is() {
-        let line = Mask::drawn(&["#......", ".##....", "...####"]);
+        let line = Mask::from_rows(&["#......", ".##....", "...####"]);
         assert_eq!(fill_contour(&line, 1), line);
     }
 
-    // The filled contour of a disk is the disk.
+    // Filling the outline of a disk gives the disk.
     #[test]
     fn the_outline_of_a_disk_fills_to_the_disk() {
         for radius in 1..25 {
-            let is_inside =
-                |x: i32, y: i32| (x - 30) * (x - 30) + (y - 27) * (y - 27) <= radius * radius;
-            let pixels = (0..56).flat_map(|y| (0..60).map(move |x| is_inside(x, y)));
+            let pixels = (0..56).flat_map(|y: i32| {
+                (0..60)
+                    .map(move |x: i32| (x - 30) * (x - 30) + (y - 27) * (y - 27) <= radius * radius)
+            });
             let disk = Mask::from_bools(60, 56, pixels.collect()).unwrap();
             assert_eq!(fill_contour(&outline(&disk), 0), disk, "{radius}");
         }

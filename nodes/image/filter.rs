@@ -1,4 +1,4 @@
-//! Filters: what is computed for each pixel from its neighborhood.
+//! Filters, which compute a value for each pixel from its neighborhood.
 
 pub(super) mod gaussian;
 pub(super) mod gradient;

@@ -1,4 +1,4 @@
-//! Grows a region of like color from seeds.
+//! Grows a region of similar color from seeds.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -10,33 +10,33 @@ use serde::{Deserialize, Serialize};
 
 use super::picture_error::{PictureError, check_inside, check_size};
 
-/// Grows a region from some pixels over neighbors whose color is near to the mean color of what it has already.
+/// Grows a region from seed pixels over neighbors whose color is close to the mean color of the region.
 ///
-/// It grows up, down, left and right, over the nearest color first. Unlike a threshold it stays in one piece with its seeds, and
+/// The region grows up, down, left and right, to the closest color first. Unlike a threshold, the result is connected with its seeds, and
 /// follows a color that changes slowly.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct GrowRegion {
-    /// The picture.
+    /// Picture.
     pub image: In<Image>,
-    /// Where it may grow; everywhere if left out. Seeds outside of it do not count.
+    /// Limits the region to these pixels; seeds outside are ignored. If omitted, the region may grow everywhere.
     pub within: Option<In<Mask>>,
-    /// Pixels that belong to the region in any case: column, row.
+    /// Seed pixels (column, row), which always belong to the region.
     pub seeds: Vec<(u32, u32)>,
-    /// Largest distance from the region's mean color that still belongs to it, in CIE L*a*b* (CIE76); 2.3 is just noticeable.
+    /// Maximum distance from the mean color of the region, in CIE L*a*b* (CIE76); 2.3 is just noticeable.
     #[schemars(range(min = 0.0, max = 400.0))]
-    #[serde(default = "twelve")]
+    #[serde(default = "default_distance")]
     pub distance: f64,
-    /// How much differences of lightness count: 1 as all others, 0 not at all, which ignores shading.
+    /// Weight of lightness differences: 1 weights lightness like color, 0 ignores it and so shading.
     #[schemars(range(min = 0.0, max = 10.0))]
-    #[serde(default = "one")]
+    #[serde(default = "default_lightness")]
     pub lightness: f64,
 }
 
-fn twelve() -> f64 {
+fn default_distance() -> f64 {
     12.0
 }
 
-fn one() -> f64 {
+fn default_lightness() -> f64 {
     1.0
 }
 
@@ -49,22 +49,20 @@ impl Node for GrowRegion {
         let image = cx.get(&self.image);
         let mask = grow_region(image, within, &self.seeds, self.distance, self.lightness)?;
         if mask.is_empty() {
-            cx.warn("the region is empty: there is no seed, or none inside of `within`");
+            cx.warn("the region is empty: add seeds inside `within`");
         }
         Ok((mask,))
     }
 }
 
-/// The pixels inside `within` (everywhere if left out) over which a region grows from `seeds` (column, row). A pixel beside the
-/// region joins it if its distance from the mean color of the region at that time, in Lab with differences of lightness weighed
-/// by `lightness`, is at most `distance`.
+/// Grows a region from `seeds` (column, row) inside `within` (everywhere if `None`). A pixel beside the region joins it if the pixel's
+/// distance from the current mean color of the region is at most `distance`, in Lab with lightness differences weighted by `lightness`.
 ///
-/// Adams and Bischof, "Seeded region growing", IEEE Transactions on Pattern Analysis and Machine Intelligence 16 (1994), for one
-/// region: candidates wait in the order of the distance that they had when the region reached them, equal ones from the top row
-/// by row. A candidate that is too far when its turn comes gets another when the region reaches it from another side.
+/// Adams and Bischof, "Seeded region growing", IEEE Transactions on Pattern Analysis and Machine Intelligence 16 (1994), for one region:
+/// candidates are ordered by the distance that they had when the region reached them; equally distant ones row by row from the top. A
+/// candidate that was rejected is tried again when the region reaches it from another side.
 ///
-/// # Errors
-/// If a seed is outside of the picture, or `within` has another size.
+/// Returns an error if a seed is outside the picture, or `within` has another size.
 pub fn grow_region(
     image: &Image,
     within: Option<&Mask>,
@@ -101,10 +99,11 @@ struct Region<'a> {
     image: &'a Image,
     lightness: f64,
     inside: Vec<bool>,
-    /// Of the colors inside: L, a, b.
+    /// The sum of the colors of the region: L, a, b.
     sum: [f64; 3],
     count: f64,
-    /// The nearest first: the bits of the squared distance, whose order is that of the distances, and the pixel.
+    /// The candidates, closest first. An entry contains the bits of the squared distance, which have the same order as the distances, and
+    /// the index of the pixel.
     waiting: BinaryHeap<Reverse<(u64, usize)>>,
 }
 
@@ -122,7 +121,7 @@ impl Region<'_> {
         }
     }
 
-    /// The squared distance from the mean color.
+    /// Returns the squared distance of a pixel from the mean color.
     fn distance_sq(&self, index: usize) -> f64 {
         let color = self.color(index);
         let [l, a, b] = [0, 1, 2].map(|k| color[k] - self.sum[k] / self.count);
@@ -150,39 +149,39 @@ impl Region<'_> {
 mod tests {
     use super::*;
 
-    /// A gray picture, one digit a pixel, ten levels a digit.
+    /// Returns a gray picture from a drawing with one digit per pixel; the level is ten times the digit.
     fn gray(rows: &[&str]) -> Image {
         let pixels =
             rows.iter().flat_map(|row| row.bytes()).map(|digit| [(digit - b'0') * 10 + 50; 3]);
-        Image::new(rows[0].len(), rows.len(), Vec::from_iter(pixels)).unwrap()
+        Image::new(rows[0].len(), rows.len(), pixels.collect::<Vec<_>>()).unwrap()
     }
 
-    fn grown(rows: &[&str], seeds: &[(u32, u32)], distance: f64, lightness: f64) -> String {
+    fn grow(rows: &[&str], seeds: &[(u32, u32)], distance: f64, lightness: f64) -> String {
         grow_region(&gray(rows), None, seeds, distance, lightness).unwrap().draw()
     }
 
     #[test]
     fn it_stops_at_another_color_and_does_not_jump() {
-        assert_eq!(grown(&["11911", "11911"], &[(0, 0)], 5.0, 1.0), "##...\n##...\n");
-        assert_eq!(grown(&["11911", "11911"], &[(0, 0), (4, 1)], 5.0, 1.0), "##.##\n##.##\n");
-        assert_eq!(grown(&["19", "91"], &[(0, 0)], 5.0, 1.0), "#.\n..\n");
+        assert_eq!(grow(&["11911", "11911"], &[(0, 0)], 5.0, 1.0), "##...\n##...\n");
+        assert_eq!(grow(&["11911", "11911"], &[(0, 0), (4, 1)], 5.0, 1.0), "##.##\n##.##\n");
+        assert_eq!(grow(&["19", "91"], &[(0, 0)], 5.0, 1.0), "#.\n..\n");
     }
 
     #[test]
     fn it_follows_a_color_that_changes_slowly() {
-        // A step is about 4 in lightness; the mean lags behind by half of what has been gone.
-        assert_eq!(grown(&["0123456789"], &[(0, 0)], 9.0, 1.0), "####......\n");
-        assert_eq!(grown(&["0123456789"], &[(0, 0)], 3.0, 1.0), "#.........\n");
+        // Each step is about 4 in lightness, and the mean is in the middle of the range covered.
+        assert_eq!(grow(&["0123456789"], &[(0, 0)], 9.0, 1.0), "####......\n");
+        assert_eq!(grow(&["0123456789"], &[(0, 0)], 3.0, 1.0), "#.........\n");
     }
 
     #[test]
     fn without_lightness_all_grays_are_alike() {
-        assert_eq!(grown(&["0199", "9190"], &[(2, 1)], 1.0, 0.0), "####\n####\n");
+        assert_eq!(grow(&["0199", "9190"], &[(2, 1)], 1.0, 0.0), "####\n####\n");
     }
 
     #[test]
     fn it_stays_within_the_mask() {
-        let within = Mask::drawn(&["##.#"]);
+        let within = Mask::from_rows(&["##.#"]);
         let mask = grow_region(&gray(&["1111"]), Some(&within), &[(0, 0), (2, 0)], 5.0, 1.0);
         assert_eq!(mask.unwrap().draw(), "##..\n");
     }
@@ -193,11 +192,11 @@ mod tests {
     }
 
     #[test]
-    fn seeds_and_masks_that_do_not_fit_are_errors() {
+    fn seeds_outside_and_masks_of_another_size_are_errors() {
         let image = gray(&["11"]);
         let outside = grow_region(&image, None, &[(0, 0), (0, 1)], 5.0, 1.0);
         assert_eq!(outside, Err(PictureError::Outside { column: 0, row: 1, width: 2, height: 1 }));
-        let within = Mask::drawn(&["#"]);
+        let within = Mask::from_rows(&["#"]);
         let error = grow_region(&image, Some(&within), &[], 5.0, 1.0);
         assert_eq!(error, Err(PictureError::Size { mask: [1, 1], image: [2, 1] }));
     }

@@ -8,12 +8,12 @@ use serde::{Deserialize, Serialize};
 use super::connectivity::Connectivity;
 use super::segment::components::label;
 
-/// Numbers the connected parts of a mask: 1, 2, ... in the order in which their first pixels are met, row by row from the top.
+/// Numbers the connected parts of a mask: 1, 2, ... in the order of their first pixels, row by row from the top.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Label {
-    /// The mask that is divided.
+    /// Mask to divide.
     pub mask: In<Mask>,
-    /// Which pixels are connected.
+    /// Neighborhood that connects pixels.
     #[serde(default)]
     pub connectivity: Connectivity,
 }

@@ -1,4 +1,4 @@
-//! A mask of a simple shape.
+//! Draws masks of simple shapes.
 
 use maquette_node::{Context, Error, In, Node};
 use maquette_value::Mask;
@@ -8,17 +8,17 @@ use serde::{Deserialize, Serialize};
 
 use super::picture::Picture;
 
-/// Draws a mask: a rectangle, an ellipse or a polygon, as large as a picture.
+/// Draws a mask of the size of a picture: a rectangle, an ellipse or a polygon.
 ///
-/// Places are in pixels from the picture's upper left corner, so that the middle of the first pixel is (0.5, 0.5). A pixel belongs to the
-/// shape if its middle does. What lies outside of the picture is cut off.
+/// Positions are in pixels from the upper left corner of the picture, so the center of the first pixel is (0.5, 0.5). A pixel belongs to
+/// the shape if its center does. Parts outside the picture are cut off.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct MaskShape {
-    /// The picture or mask that says how large the mask is.
+    /// Picture or mask that defines the size of the result.
     pub image: In<Picture>,
-    /// The shape.
+    /// Shape to draw.
     pub shape: Shape,
-    /// Marks all the other pixels instead.
+    /// Inverts the mask.
     #[serde(default)]
     pub invert: bool,
 }
@@ -26,32 +26,32 @@ pub struct MaskShape {
 /// A shape in a picture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub enum Shape {
-    /// A rectangle with its sides along those of the picture.
+    /// Rectangle with sides parallel to those of the picture.
     Rectangle {
-        /// Its upper left corner.
+        /// Upper left corner.
         #[schemars(extend("unit" = "px"))]
         at: [f64; 2],
-        /// Its width and height.
+        /// Width and height.
         #[schemars(extend("unit" = "px", "items" = json_schema!({ "type": "number", "format": "double", "minimum": 0.0 })))]
         size: [f64; 2],
     },
-    /// An ellipse.
+    /// Ellipse.
     Ellipse {
-        /// Its middle.
+        /// Center.
         #[schemars(extend("unit" = "px"))]
         center: [f64; 2],
-        /// Half of its width and of its height, before it is turned.
+        /// Half the width and half the height, before rotation.
         #[schemars(extend("unit" = "px", "items" = json_schema!({ "type": "number", "format": "double", "minimum": 0.0 })))]
         radii: [f64; 2],
-        /// By how much it is turned, clockwise.
+        /// Rotation, clockwise.
         #[schemars(extend("unit" = "deg"))]
         #[serde(default)]
         angle: f64,
     },
-    /// What some corners enclose, one after the other; the last one is joined to the first. What is enclosed twice is outside.
+    /// Polygon with the given corners, closed automatically. Areas that the outline encloses twice are outside.
     Polygon(
         #[schemars(length(min = 3), extend("unit" = "px"))]
-        /// The corners.
+        /// Corners.
         Vec<[f64; 2]>,
     ),
 }
@@ -64,13 +64,15 @@ impl Node for MaskShape {
         let [width, height] = cx.get(&self.image).size();
         let mask = mask_shape(width, height, &self.shape, self.invert);
         if mask.is_empty() {
-            cx.warn(format!("the shape has no pixel in the picture, which has {width} x {height}"));
+            cx.warn(format!(
+                "the shape contains no pixel of the picture, which has {width} x {height} pixels"
+            ));
         }
         Ok((mask,))
     }
 }
 
-/// The pixels of a picture of this size whose middles are in a shape; with `invert` the others.
+/// Returns the pixels whose centers are in a shape, or with `invert` all other pixels.
 pub fn mask_shape(width: usize, height: usize, shape: &Shape, invert: bool) -> Mask {
     let mut pixels = vec![0; width * height];
     pixels.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, pixels)| {
@@ -78,33 +80,35 @@ pub fn mask_shape(width: usize, height: usize, shape: &Shape, invert: bool) -> M
         let spans = spans(shape, y);
         for (column, pixel) in pixels.iter_mut().enumerate() {
             let x = column as f64 + 0.5;
-            let is_in = spans.iter().filter(|start| **start <= x).count() % 2 == 1;
-            *pixel = u8::from(is_in != invert);
+            let is_inside = spans.iter().filter(|start| **start <= x).count() % 2 == 1;
+            *pixel = u8::from(is_inside != invert);
         }
     });
     Mask::new(width, height, pixels).expect("one entry per pixel")
 }
 
-/// Where the shape begins and ends by turns on a line of the picture.
+/// Returns the x coordinates at which the shape begins and ends, alternately, on a row of the picture.
 fn spans(shape: &Shape, y: f64) -> Vec<f64> {
     match shape {
         Shape::Rectangle { at: [left, top], size: [width, height] } => {
-            let is_there = *width > 0.0 && (*top..top + height).contains(&y);
-            if is_there { vec![*left, left + width] } else { Vec::new() }
+            let crosses_row = *width > 0.0 && (*top..top + height).contains(&y);
+            if crosses_row { vec![*left, left + width] } else { Vec::new() }
         }
         Shape::Ellipse { center, radii: [a, b], angle } => {
-            // (cos x + sin y)^2 / a^2 + (cos y - sin x)^2 / b^2 = 1, solved for x.
+            // The equation (cos x + sin y)^2 / a^2 + (cos y - sin x)^2 / b^2 = 1 of the rotated ellipse, solved for x.
             let (sin, cos) = libm::sincos(angle.to_radians());
             let y = y - center[1];
-            fn squared(x: f64) -> f64 {
+            fn square(x: f64) -> f64 {
                 x * x
             }
-            let square = squared(cos / a) + squared(sin / b);
+            let quadratic = square(cos / a) + square(sin / b);
             let half = sin * cos * y * (1.0 / (a * a) - 1.0 / (b * b));
-            let rest = squared(sin * y / a) + squared(cos * y / b) - 1.0;
-            let root = half * half - square * rest;
+            let rest = square(sin * y / a) + square(cos * y / b) - 1.0;
+            let root = half * half - quadratic * rest;
             match *a > 0.0 && *b > 0.0 && root >= 0.0 {
-                true => [-1.0, 1.0].map(|s| center[0] + (s * root.sqrt() - half) / square).to_vec(),
+                true => {
+                    [-1.0, 1.0].map(|s| center[0] + (s * root.sqrt() - half) / quadratic).to_vec()
+                }
                 false => Vec::new(),
             }
         }
@@ -133,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pixel_belongs_to_a_shape_if_its_middle_does() {
+    fn a_pixel_belongs_to_a_shape_if_its_center_does() {
         check(
             &Shape::Rectangle { at: [1.4, 1.0], size: [3.0, 2.6] },
             expect![[r#"
@@ -167,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn an_ellipse_turns_clockwise() {
+    fn an_ellipse_is_rotated_clockwise() {
         let turned = Shape::Ellipse { center: [4.5, 2.5], radii: [5.0, 0.8], angle: 30.0 };
         check(
             &turned,
@@ -186,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_enclosed_twice_is_outside_and_what_is_not_there_is_nothing() {
+    fn areas_enclosed_twice_are_outside_and_flat_shapes_are_empty() {
         let twice = Shape::Polygon(vec![
             [0.0, 0.0],
             [9.0, 0.0],

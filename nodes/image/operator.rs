@@ -1,16 +1,16 @@
-//! How the gradient of a picture is measured.
+//! The methods to compute the gradient of a picture.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// How the levels' change is taken, along columns and rows. At the picture's border it is one-sided.
+/// Difference along columns and rows that gives the gradient. At the border of the picture it is one-sided.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Operator {
     /// Half the difference of the two neighbors.
     #[default]
     Central,
-    /// The difference of the next pixel and this one: finer, but half a pixel off.
+    /// Difference between the next pixel and the current one: finer, but shifted by half a pixel.
     Forward,
-    /// As `Central`, averaged over three rows or columns with weights 1, 2, 1: less sensitive to noise.
+    /// Like `Central`, averaged over three rows or columns with weights 1, 2, 1: less sensitive to noise.
     Sobel,
 }

@@ -5,13 +5,13 @@ use maquette_value::Mask;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Keeps the pixels of a mask that have a neighbor outside of it, above, below, left or right.
+/// Keeps the pixels of a mask that have a neighbor outside the mask, above, below, left or right.
 ///
-/// Beyond the picture is outside, so that the outline of what touches the picture's border is closed. It is a line that hangs
-/// together by corners, at most two pixels thick; `FillContour` makes the mask of it again, without its holes.
+/// Pixels beyond the picture are outside, so the outline of a part at the border of the picture is closed. The outline is connected by
+/// corners and at most two pixels thick; `FillContour` restores the mask from it, without its holes.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Outline {
-    /// The mask.
+    /// Mask.
     pub mask: In<Mask>,
 }
 
@@ -24,7 +24,7 @@ impl Node for Outline {
     }
 }
 
-/// The pixels of `mask` that share a side with a pixel outside of it, or with the picture's border.
+/// Returns the pixels of `mask` that share a side with a pixel outside, or with the border of the picture.
 pub fn outline(mask: &Mask) -> Mask {
     let (width, height) = (mask.width(), mask.height());
     let mut border = Vec::with_capacity(width * height);
@@ -49,8 +49,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn inner_pixels_go_and_the_border_of_the_picture_closes_the_line() {
-        let mask = Mask::drawn(&["####..", "####..", "#####.", "####.."]);
+    fn inner_pixels_are_removed_and_the_border_of_the_picture_closes_the_line() {
+        let mask = Mask::from_rows(&["####..", "####..", "#####.", "####.."]);
         expect![[r#"
             ####..
             #..#..
@@ -62,7 +62,7 @@ mod tests {
 
     #[test]
     fn a_hole_has_an_outline() {
-        let mask = Mask::drawn(&["#####", "#####", "##.##", "#####", "#####"]);
+        let mask = Mask::from_rows(&["#####", "#####", "##.##", "#####", "#####"]);
         expect![[r#"
             #####
             #.#.#

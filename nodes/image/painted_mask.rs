@@ -1,4 +1,4 @@
-//! A mask that was painted with another program.
+//! Reads masks painted with another program.
 
 use maquette_format::picture_file;
 use maquette_node::{Context, Error, FilePath, In, Node};
@@ -10,42 +10,42 @@ use super::picture::Picture;
 use super::segment::mark_pixels::threshold;
 use super::segment::select::{Channel, Select, level};
 
-/// Reads a mask that was painted: a picture of any size, which is stretched over the one that it is for.
+/// Reads a painted mask: a picture of any size, which is stretched to the size of another picture.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct PaintedMask {
-    /// The painted picture: a PNG, JPEG, TIFF, WebP, BMP, EXR or HDR file.
+    /// Painted picture: a PNG, JPEG, TIFF, WebP, BMP, EXR or HDR file.
     #[schemars(extend("reads" = "Image"))]
     pub path: FilePath,
-    /// The picture or mask that it is for, which says how large the mask becomes.
+    /// Picture or mask that defines the size of the result.
     pub image: In<Picture>,
-    /// What was painted.
+    /// Paint that marks pixels.
     #[serde(default)]
     pub paint: Paint,
-    /// Marks all the other pixels instead.
+    /// Inverts the mask.
     #[serde(default)]
     pub invert: bool,
 }
 
-/// What was painted.
+/// Paint that marks pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub enum Paint {
-    /// What is bright: white on black.
+    /// Bright pixels: white on black.
     #[default]
     Bright,
-    /// What is dark: black on white.
+    /// Dark pixels: black on white.
     Dark,
-    /// What has a color, such as red on a photograph.
+    /// Pixels of a color, such as red on a photograph.
     Color {
-        /// The color.
+        /// Color of the paint.
         color: Color,
-        /// Largest distance from it, in CIE L*a*b* (CIE76); 2.3 is just noticeable.
+        /// Maximum distance from the color, in CIE L*a*b* (CIE76); 2.3 is just noticeable.
         #[schemars(range(min = 0.0, max = 100.0))]
-        #[serde(default = "twenty")]
+        #[serde(default = "default_distance")]
         distance: f64,
     },
 }
 
-fn twenty() -> f64 {
+fn default_distance() -> f64 {
     20.0
 }
 
@@ -65,20 +65,19 @@ impl Node for PaintedMask {
         }
         let mask = painted_mask(&painted, size, &self.paint, self.invert);
         if mask.is_empty() {
-            cx.warn("nothing of the picture is painted so");
+            cx.warn("no pixel of the picture has this paint");
         }
         Ok((mask,))
     }
 }
 
-/// Whether one picture has other proportions than another one, by more than a pixel.
+/// Returns true if the proportions of two pictures differ by more than a pixel.
 fn is_stretched([w, h]: [usize; 2], [width, height]: [usize; 2]) -> bool {
-    let most = w.max(h).max(width).max(height);
-    (w * height).abs_diff(h * width) > most
+    let max = w.max(h).max(width).max(height);
+    (w * height).abs_diff(h * width) > max
 }
 
-/// The painted pixels of a picture, as a mask of another size: each pixel is what the nearest one of the picture is. With `invert` it is
-/// the others.
+/// Returns the painted pixels of a picture as a mask of another size, by nearest neighbor; with `invert` all other pixels.
 pub fn painted_mask(
     painted: &Image,
     [width, height]: [usize; 2],
@@ -101,8 +100,8 @@ pub fn painted_mask(
             Mask::from_bools(w, h, pixels).expect("one entry per pixel")
         }
     };
-    fn nearest(at: usize, of: usize, from: usize) -> usize {
-        (2 * at + 1) * from / (2 * of)
+    fn nearest(index: usize, count: usize, source_count: usize) -> usize {
+        (2 * index + 1) * source_count / (2 * count)
     }
     let pixels = (0..width * height).map(|pixel| {
         let [column, row] = [nearest(pixel % width, width, w), nearest(pixel / width, height, h)];
@@ -117,23 +116,23 @@ mod tests {
 
     use super::*;
 
-    fn painted() -> Image {
+    fn example() -> Image {
         let [black, white, red] = [[0, 0, 0], [255, 255, 255], [200, 20, 20]];
         Image::new(3, 2, vec![white, black, red, black, black, white]).unwrap()
     }
 
     #[test]
-    fn a_smaller_picture_is_stretched_over_a_larger_one_and_the_other_way_round() {
-        let large = painted_mask(&painted(), [6, 4], &Paint::Bright, false);
+    fn pictures_are_stretched_and_shrunk() {
+        let large = painted_mask(&example(), [6, 4], &Paint::Bright, false);
         expect![["##....\n##....\n....##\n....##\n"]].assert_eq(&large.draw());
-        assert_eq!(painted_mask(&painted(), [1, 1], &Paint::Bright, true).draw(), "#\n");
-        assert_eq!(painted_mask(&painted(), [0, 3], &Paint::Bright, false).count(), 0);
+        assert_eq!(painted_mask(&example(), [1, 1], &Paint::Bright, true).draw(), "#\n");
+        assert_eq!(painted_mask(&example(), [0, 3], &Paint::Bright, false).count(), 0);
     }
 
     #[test]
-    fn dark_and_colored_paint_is_told_from_the_rest() {
+    fn dark_and_colored_paint_is_recognized() {
         fn draw(paint: Paint, invert: bool) -> String {
-            painted_mask(&painted(), [3, 2], &paint, invert).draw()
+            painted_mask(&example(), [3, 2], &paint, invert).draw()
         }
         assert_eq!(draw(Paint::Dark, false), ".##\n##.\n");
         assert_eq!(draw(Paint::Dark, true), "#..\n..#\n");
@@ -143,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn other_proportions_are_told() {
+    fn other_proportions_are_recognized() {
         assert!(!is_stretched([640, 480], [320, 240]));
         assert!(!is_stretched([641, 480], [320, 240]));
         assert!(is_stretched([640, 480], [320, 320]));

@@ -1,4 +1,4 @@
-//! What has pixels.
+//! Inputs with pixels.
 
 use maquette_value::{Image, Mask};
 
@@ -8,7 +8,7 @@ maquette_node::union! {
 }
 
 impl Picture {
-    /// Its width and height.
+    /// Width and height.
     pub fn size(&self) -> [usize; 2] {
         match self {
             Self::Image(image) => [image.width(), image.height()],

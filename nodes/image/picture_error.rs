@@ -1,26 +1,24 @@
-//! What nodes on a picture refuse: pixels outside of it, and masks of another size.
+//! Errors of nodes that take a picture: pixels outside the picture, and masks of another size.
 
 use maquette_value::{Image, Mask};
 
-/// Why something does not fit a picture.
+/// Error of an input that does not match a picture.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PictureError {
-    /// A pixel that is not in the picture.
-    #[error(
-        "pixel ({column}, {row}) is outside of the picture, which has {width} x {height} pixels"
-    )]
+    /// A pixel is outside the picture.
+    #[error("pixel ({column}, {row}) is outside the picture, which has {width} x {height} pixels")]
     Outside {
-        /// Its column.
+        /// The column of the pixel.
         column: u32,
-        /// Its row.
+        /// The row of the pixel.
         row: u32,
         /// The picture's width.
         width: usize,
         /// The picture's height.
         height: usize,
     },
-    /// The mask is for another picture.
-    #[error("the mask `within` has {mask:?} pixels, the picture {image:?}")]
+    /// The mask has another size than the picture.
+    #[error("the mask `within` has {mask:?} pixels, but the picture has {image:?}")]
     Size {
         /// The mask's size.
         mask: [usize; 2],
@@ -29,7 +27,7 @@ pub enum PictureError {
     },
 }
 
-/// Whether a mask, if there is one, is as large as the picture.
+/// Checks that a mask, if given, has the size of the picture.
 pub(super) fn check_size(image: &Image, within: Option<&Mask>) -> Result<(), PictureError> {
     let image = [image.width(), image.height()];
     match within.map(|mask| [mask.width(), mask.height()]) {
@@ -38,7 +36,7 @@ pub(super) fn check_size(image: &Image, within: Option<&Mask>) -> Result<(), Pic
     }
 }
 
-/// Whether a pixel (column, row) is in the picture.
+/// Checks that a pixel (column, row) is in the picture.
 pub(super) fn check_inside(image: &Image, (column, row): (u32, u32)) -> Result<(), PictureError> {
     let (width, height) = (image.width(), image.height());
     match (column as usize) < width && (row as usize) < height {

@@ -6,15 +6,14 @@ use maquette_value::Image;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Reads a picture: a PNG, JPEG, TIFF, WebP, BMP, EXR or HDR file. The content says which, not the ending. 8 bits are taken as sRGB, of
-/// 16 the upper 8; floats, as in EXR and HDR files, are light from 0 to 1, beyond which they are cut, and put on the curve of sRGB.
-/// Alpha is left out.
+/// Reads a picture: a PNG, JPEG, TIFF, WebP, BMP, EXR or HDR file. The format is detected from the content, not from the extension. 8-bit
+/// channels are sRGB, and the upper 8 of 16 bits are used; floats, as in EXR and HDR files, are linear light, clamped to 0 to 1 and
+/// converted to sRGB. Alpha is left out.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadImage {
-    /// The file.
+    /// File to read.
     pub path: FilePath,
-    /// If true, pixels are kept as they are stored. If false, a photograph that says how it was held (Exif orientation) is turned
-    /// upright.
+    /// If true, pixels are kept as stored. If false, a photograph with an Exif orientation is rotated upright.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     #[schemars(extend("default" = false))]
     pub as_stored: bool,
@@ -26,7 +25,7 @@ impl Node for ReadImage {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let bytes = cx.file(&self.path)?.bytes();
-        match picture_file::Kind::of(bytes) {
+        match picture_file::Kind::detect(bytes) {
             Some(_) if self.as_stored => Ok((picture_file::read(bytes)?,)),
             Some(_) => Ok((picture_file::read_upright(bytes)?,)),
             None => Ok((cx.read(&self.path)?,)),

@@ -1,4 +1,4 @@
-//! Segmentation: which pixels belong to what is searched for, and the connected components of these.
+//! Segmentation: selection of pixels, and their connected components.
 
 pub(super) mod components;
 pub(super) mod mark_pixels;

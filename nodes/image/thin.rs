@@ -1,44 +1,44 @@
 //! Thins a mask to lines of one pixel.
 //!
-//! Pixels of the mask are connected by sides and corners, all others by sides alone. The neighbors of a pixel are numbered clockwise
-//! from the one above: bit k of a neighborhood is set if neighbor k is inside.
+//! Pixels of the mask are connected by sides and corners, pixels outside by sides only. The neighbors of a pixel are numbered clockwise,
+//! beginning above it: bit k of a neighborhood is set if neighbor k is inside the mask.
 
 use maquette_node::{Context, Error, In, Node};
 use maquette_value::{Field, Mask};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Thins a mask to lines of one pixel: takes away pixels from its border as long as no part falls apart or vanishes, no hole
-/// opens or closes, and no line gets shorter.
+/// Thins a mask to lines of one pixel: removes pixels from its border as long as no part is split or vanishes, no hole opens or closes, and
+/// no line gets shorter.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Thin {
-    /// The mask: edges, for example.
+    /// Mask to thin, such as edges.
     pub mask: In<Mask>,
-    /// How much each pixel should be kept, such as the gradient behind the edges: of the pixels on the border, those with the
-    /// least number go first. If left out, those nearest to the outside do. `Ordered` alone heeds it.
+    /// Weight of each pixel, such as the gradient of edges: border pixels of least weight are removed first. If omitted, those closest to
+    /// the outside are removed first. Only `Ordered` uses it.
     pub keep: Option<In<Field>>,
-    /// How pixels are chosen.
+    /// Thinning method.
     #[serde(default)]
     pub method: ThinMethod,
 }
 
-/// How thinning chooses pixels.
+/// Method to choose the pixels that are removed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum ThinMethod {
-    /// One after the other, layer by layer: nothing falls apart or vanishes, and no pixel is left that could go.
+    /// Pixels one after the other, layer by layer: no part is split or vanishes, and no removable pixel is left.
     #[default]
     Ordered,
-    /// Guo and Hall's, all at once in two alternating passes: for comparison; it may change what is connected.
+    /// Guo and Hall's method, all pixels at once in two alternating passes. For comparison; it may change the connectivity.
     GuoHall,
-    /// Zhang and Suen's, all at once in two alternating passes: for comparison; it loses squares of two by two pixels.
+    /// Zhang and Suen's method, all pixels at once in two alternating passes. For comparison; it loses squares of two by two pixels.
     ZhangSuen,
 }
 
-/// Why a mask cannot be thinned.
+/// Error of thinning a mask.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ThinError {
-    /// The field is for another picture.
-    #[error("the field `keep` has {keep:?} pixels, the mask {mask:?}")]
+    /// The field has another size than the mask.
+    #[error("the field `keep` has {keep:?} pixels, but the mask has {mask:?}")]
     Size {
         /// The field's size.
         keep: [usize; 2],
@@ -57,19 +57,19 @@ impl Node for Thin {
     }
 }
 
-/// `mask` thinned to lines of one pixel. Beyond the picture is outside.
+/// Thins `mask` to lines of one pixel. Pixels beyond the picture are outside.
 ///
-/// [`ThinMethod::Ordered`] takes the pixels of the border, layer by layer, in the order of `keep` (the least first, NaN before
-/// all numbers; without it by their distance from the outside), equal ones from the top row by row, and deletes each that is
-/// simple at that time and no end of a line. A pixel is simple if Yokoi's number is 1: Yokoi, Toriwaki and Fukumura, "An analysis
-/// of topological properties of digitized binary pictures using local features" (1975). It keeps the number of parts and of
-/// holes; thinning its result changes nothing.
+/// [`ThinMethod::Ordered`] visits the pixels of the border layer by layer, in the order of `keep` (least first, NaN before all numbers;
+/// without `keep`, by their distance from the outside; equal ones row by row from the top). It removes each pixel that is simple when it is
+/// visited and is not the end of a line. A pixel is simple if Yokoi's number is 1: Yokoi, Toriwaki and Fukumura, "An analysis of
+/// topological properties of digitized binary pictures using local features" (1975). The number of parts and of holes is kept, and thinning
+/// the result again changes nothing.
 ///
 /// [`ThinMethod::GuoHall`]: Guo and Hall, "Parallel thinning with two-subiteration algorithms" (1989), algorithm A1.
 /// [`ThinMethod::ZhangSuen`]: Zhang and Suen, "A fast parallel algorithm for thinning digital patterns" (1984).
 ///
 /// # Errors
-/// If `keep` has another size.
+/// Returns an error if `keep` has another size.
 pub fn thin(mask: &Mask, keep: Option<&Field>, method: ThinMethod) -> Result<Mask, ThinError> {
     let size = [mask.width(), mask.height()];
     if let Some(keep) = keep.map(|field| [field.width(), field.height()]).filter(|k| *k != size) {
@@ -108,12 +108,12 @@ impl Canvas {
 
     fn mask(&self) -> Mask {
         let [width, height] = self.size;
-        let row = |row: usize| &self.pixels[(row + 1) * self.stride + 1..][..width];
-        let pixels = (0..height).flat_map(|k| row(k).iter().map(|&pixel| pixel == 1));
+        let rows = (0..height).map(|row| &self.pixels[(row + 1) * self.stride + 1..][..width]);
+        let pixels = rows.flatten().map(|&pixel| pixel == 1);
         Mask::from_bools(width, height, pixels.collect()).expect("as many pixels as before")
     }
 
-    fn inside(&self) -> impl Iterator<Item = usize> {
+    fn inside_pixels(&self) -> impl Iterator<Item = usize> {
         (0..self.pixels.len()).filter(|&index| self.pixels[index] == 1)
     }
 
@@ -133,7 +133,7 @@ impl Canvas {
 
     fn thin_in_order(&mut self, keys: &[u32]) {
         let mut listed = vec![false; self.pixels.len()];
-        let border = self.inside().filter(|&index| self.is_on_border(index));
+        let border = self.inside_pixels().filter(|&index| self.is_on_border(index));
         let mut border: Vec<(u32, usize)> = border.map(|index| (keys[index], index)).collect();
         while !border.is_empty() {
             border.sort_unstable();
@@ -145,7 +145,7 @@ impl Canvas {
                 }
             }
             border.clear();
-            // The others have been tried, and nothing has changed around them.
+            // All other pixels have been tried, and their neighborhoods have not changed since.
             for &index in &touched {
                 if self.pixels[index] == 1 && !listed[index] && self.is_on_border(index) {
                     listed[index] = true;
@@ -156,35 +156,36 @@ impl Canvas {
         }
     }
 
-    /// Deletes all pixels at once whose neighborhoods the pass lets go, pass 0 and pass 1 by turns, until none goes.
+    /// Removes, all at once, the pixels whose neighborhoods `can_go` accepts, with pass 0 and pass 1 alternating, until no pixel is
+    /// removed.
     fn thin_at_once(&mut self, can_go: fn(u8, usize) -> bool) {
         let tables = [0, 1].map(|pass| -> [bool; 256] {
             std::array::from_fn(|neighborhood| can_go(neighborhood as u8, pass))
         });
-        let mut inside: Vec<usize> = self.inside().collect();
+        let mut inside: Vec<usize> = self.inside_pixels().collect();
         let mut before = usize::MAX;
         while inside.len() < before {
             before = inside.len();
             for table in &tables {
-                let (gone, kept): (Vec<_>, _) = inside
+                let (removed, kept): (Vec<_>, _) = inside
                     .into_iter()
                     .partition(|index| table[usize::from(self.neighborhood(*index))]);
-                gone.into_iter().for_each(|index| self.pixels[index] = 0);
+                removed.into_iter().for_each(|index| self.pixels[index] = 0);
                 inside = kept;
             }
         }
     }
 
-    /// Three times the distance from the outside, about: the 3-4 chamfer distance, Borgefors, "Distance transformations in digital
-    /// images" (1986).
+    /// Returns, for each pixel, about three times its distance from the outside: the 3-4 chamfer distance, Borgefors, "Distance
+    /// transformations in digital images" (1986).
     fn distances(&self) -> Vec<u32> {
         let mut distances: Vec<u32> =
             self.pixels.iter().map(|&pixel| if pixel == 1 { u32::MAX / 2 } else { 0 }).collect();
-        // Once against neighbors before the pixel, left and above, once against those after it.
+        // One pass compares each pixel with the neighbors before it, left and above; the other pass with those after it.
         for (backwards, earlier) in [(false, [6, 7, 0, 1]), (true, [2, 3, 4, 5])] {
             let count = distances.len();
-            for place in 0..count {
-                let index = if backwards { count - 1 - place } else { place };
+            for step_index in 0..count {
+                let index = if backwards { count - 1 - step_index } else { step_index };
                 if self.pixels[index] == 1 {
                     let neighbors = self.neighbors(index);
                     for k in earlier {
@@ -197,7 +198,7 @@ impl Canvas {
         distances
     }
 
-    /// Whole numbers in the order of the field's; 0 for NaN.
+    /// Returns, for each pixel, an integer that orders pixels like the numbers of the field; 0 for NaN.
     fn ranks(&self, field: &Field) -> Vec<u32> {
         let mut ranks = vec![0; self.pixels.len()];
         let rows = ranks.chunks_mut(self.stride).skip(1);
@@ -209,7 +210,7 @@ impl Canvas {
 }
 
 fn rank(number: f32) -> u32 {
-    // Zero has one sign here, so that both zeros are alike.
+    // Adding 0 turns -0 into 0.
     let bits = (number + 0.0).to_bits();
     match number {
         _ if number.is_nan() => 0,
@@ -218,10 +219,10 @@ fn rank(number: f32) -> u32 {
     }
 }
 
-/// The neighbors that share a side.
+/// The bits of the neighbors that share a side with the pixel.
 const SIDES: u8 = 0b0101_0101;
 
-/// Whether a pixel with these neighbors is simple and no end of a line.
+/// True for the neighborhoods of removable pixels: simple ones that are not the end of a line.
 const CAN_GO: [bool; 256] = {
     let mut table = [false; 256];
     let mut neighborhood = 0;
@@ -237,7 +238,7 @@ const fn can_go(neighborhood: u8) -> bool {
     let mut yokoi = 0;
     let mut k = 0;
     while k < 8 {
-        // Neighbors k, k + 1 and k + 2 as the lowest three bits.
+        // The lowest three bits are the neighbors k, k + 1 and k + 2.
         let three = outside.rotate_right(k) & 0b111;
         if three & 1 == 1 && three != 0b111 {
             yokoi += 1;
@@ -247,7 +248,7 @@ const fn can_go(neighborhood: u8) -> bool {
     yokoi == 1 && neighborhood.count_ones() > 1
 }
 
-/// The conditions (a) to (d) of Zhang and Suen; their P2 to P9 are bits 0 to 7.
+/// Checks the conditions (a) to (d) of Zhang and Suen, whose neighbors P2 to P9 are bits 0 to 7.
 fn zhang_suen(neighborhood: u8, pass: usize) -> bool {
     let starts = neighborhood & !neighborhood.rotate_left(1);
     fn has_all(bits: u8, neighborhood: u8) -> bool {
@@ -267,7 +268,8 @@ fn zhang_suen(neighborhood: u8, pass: usize) -> bool {
     (2..=6).contains(&neighborhood.count_ones()) && starts.count_ones() == 1 && !stays
 }
 
-/// The conditions of Guo and Hall's A1; their P1 to P8 are the bits from the upper left clockwise, here 7, 0, 1, ... 6.
+/// Checks the conditions of Guo and Hall's algorithm A1, whose neighbors P1 to P8 are counted clockwise from the upper left: here bits 7,
+/// 0, 1, ... 6.
 fn guo_hall(neighborhood: u8, pass: usize) -> bool {
     let [n, ne, e, se, s, sw, w, nw] = std::array::from_fn(|k| neighborhood >> k & 1 == 1);
     fn count(conditions: [bool; 4]) -> usize {
@@ -290,7 +292,7 @@ mod tests {
 
     const ALL: [ThinMethod; 3] = [ThinMethod::Ordered, ThinMethod::GuoHall, ThinMethod::ZhangSuen];
 
-    /// Marsaglia's xorshift.
+    /// Returns a pseudorandom number: Marsaglia's xorshift.
     fn random(state: &mut u64) -> u64 {
         *state ^= *state << 13;
         *state ^= *state >> 7;
@@ -298,7 +300,7 @@ mod tests {
         *state >> 11
     }
 
-    /// Noise, or blobs where it is smoothed: every seed another size and density.
+    /// Returns random noise, smoothed to blobs for some seeds; size and density depend on the seed.
     fn blobs(seed: u64) -> Mask {
         let mut state = (seed + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
         let [width, height] = [28 - (seed % 5) as usize, 28 - (seed % 3) as usize];
@@ -311,11 +313,12 @@ mod tests {
             (0..width * height)
                 .map(|index: usize| {
                     let (column, row) = (index % width, index / width);
-                    fn near(x: usize, center: usize, seed: u64) -> bool {
+                    fn is_near(x: usize, center: usize, seed: u64) -> bool {
                         x.abs_diff(center) <= (seed % 3) as usize
                     }
-                    let window = (0..width * height)
-                        .filter(|k| near(k % width, column, seed) && near(k / width, row, seed));
+                    let window = (0..width * height).filter(|k| {
+                        is_near(k % width, column, seed) && is_near(k / width, row, seed)
+                    });
                     let (count, inside) =
                         window.fold((0, 0), |sum, k| (sum.0 + 1, sum.1 + u32::from(noise[k])));
                     count < 2 * inside
@@ -325,7 +328,8 @@ mod tests {
         .unwrap()
     }
 
-    /// Parts inside, by sides and corners, and parts outside, by sides, with all beyond the picture as one.
+    /// Returns two numbers: of the parts inside, connected by sides and corners, and of the parts outside, connected by sides. Everything
+    /// beyond the picture belongs to one part outside.
     fn parts(mask: &Mask) -> [usize; 2] {
         let inside = label(mask, Connectivity::Eight).statistics().len();
         let canvas = Canvas::new(mask);
@@ -337,30 +341,31 @@ mod tests {
     fn field(mask: &Mask, seed: u64) -> Field {
         let mut state = seed + 7;
         let numbers = mask.pixels().iter().map(|_| (random(&mut state) % 9) as f32 - 4.0);
-        Field::new(mask.width(), mask.height(), Vec::from_iter(numbers)).unwrap()
+        Field::new(mask.width(), mask.height(), numbers.collect::<Vec<_>>()).unwrap()
     }
 
     #[test]
-    fn thinning_in_order_keeps_parts_and_holes_and_leaves_nothing_that_could_go() {
+    fn ordered_thinning_keeps_parts_and_holes_and_leaves_no_removable_pixel() {
         for seed in 0..1000 {
             let mask = blobs(seed);
             let keep = (seed % 2 == 0).then(|| field(&mask, seed));
             let thinned = thin(&mask, keep.as_ref(), ThinMethod::Ordered).unwrap();
             assert_eq!(parts(&thinned), parts(&mask), "seed {seed}");
             let canvas = Canvas::new(&thinned);
-            let left = canvas.inside().find(|&index| can_go(canvas.neighborhood(index)));
-            assert_eq!(left, None, "seed {seed}");
+            let removable =
+                canvas.inside_pixels().find(|&index| can_go(canvas.neighborhood(index)));
+            assert_eq!(removable, None, "seed {seed}");
             assert_eq!(thin(&thinned, keep.as_ref(), ThinMethod::Ordered).unwrap(), thinned);
         }
     }
 
     #[test]
-    fn what_is_left_was_there_before() {
+    fn thinning_adds_no_pixel() {
         for (seed, method) in (0..60).flat_map(|seed| ALL.map(|method| (seed, method))) {
             let mask = blobs(seed);
             let thinned = thin(&mask, None, method).unwrap();
-            let is_new = |(after, before): (&u8, &u8)| after > before;
-            assert!(!thinned.pixels().iter().zip(mask.pixels()).any(is_new), "{seed} {method:?}");
+            let mut pairs = thinned.pixels().iter().zip(mask.pixels());
+            assert!(pairs.all(|(after, before)| after <= before), "{seed} {method:?}");
         }
     }
 
@@ -373,17 +378,17 @@ mod tests {
             &["##"],
             &["..#..", ".#.#.", "#...#", ".#.#.", "..#.."],
         ] {
-            let mask = Mask::drawn(line);
+            let mask = Mask::from_rows(line);
             assert_eq!(thin(&mask, None, ThinMethod::Ordered).unwrap(), mask);
         }
     }
 
     #[test]
-    fn of_a_band_the_steeper_side_stays() {
-        let mask = Mask::drawn(&["########", "########"]);
+    fn the_side_of_a_band_with_greater_weight_is_kept() {
+        let mask = Mask::from_rows(&["########", "########"]);
         for strong in [0, 1] {
             let numbers = (0..16).map(|index| f32::from(u8::from(index / 8 == strong)));
-            let keep = Field::new(8, 2, Vec::from_iter(numbers)).unwrap();
+            let keep = Field::new(8, 2, numbers.collect::<Vec<_>>()).unwrap();
             let thinned = thin(&mask, Some(&keep), ThinMethod::Ordered).unwrap();
             let inner = (1..7).map(|column| thinned.contains([column, strong]));
             assert!(inner.into_iter().all(|inside| inside), "{}", thinned.draw());
@@ -393,7 +398,8 @@ mod tests {
 
     #[test]
     fn every_method_makes_a_line_of_a_bar() {
-        let bar = Mask::drawn(&[".........", ".#######.", ".#######.", ".#######.", "........."]);
+        let bar =
+            Mask::from_rows(&[".........", ".#######.", ".#######.", ".#######.", "........."]);
         for method in ALL {
             let thinned = thin(&bar, None, method).unwrap();
             let middle = (3..6).map(|column| [1, 2, 3].map(|row| thinned.contains([column, row])));
@@ -407,7 +413,7 @@ mod tests {
 
     #[test]
     fn zhang_and_suen_lose_a_square_and_thinning_in_order_does_not() {
-        let square = Mask::drawn(&["....", ".##.", ".##.", "...."]);
+        let square = Mask::from_rows(&["....", ".##.", ".##.", "...."]);
         assert!(thin(&square, None, ThinMethod::ZhangSuen).unwrap().is_empty());
         assert!(!thin(&square, None, ThinMethod::Ordered).unwrap().is_empty());
     }
@@ -423,7 +429,7 @@ mod tests {
     #[test]
     fn a_field_of_another_size_is_an_error() {
         let keep = Field::new(1, 1, vec![0.0]).unwrap();
-        let error = thin(&Mask::drawn(&["##"]), Some(&keep), ThinMethod::Ordered);
+        let error = thin(&Mask::from_rows(&["##"]), Some(&keep), ThinMethod::Ordered);
         assert_eq!(error, Err(ThinError::Size { keep: [1, 1], mask: [2, 1] }));
     }
 }

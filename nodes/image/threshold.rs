@@ -1,4 +1,4 @@
-//! Marks the pixels of a picture that belong to a color, a box of colors, or the brighter of two classes.
+//! Marks the pixels of a picture by color, by a box of colors, or by Otsu's method.
 
 use maquette_node::{Context, Error, In, Node};
 use maquette_value::{Color, Image, Mask};
@@ -10,19 +10,19 @@ use super::picture_error::PictureError;
 use super::segment::mark_pixels::threshold;
 use super::segment::select::{Measure, Select, measure};
 
-/// Marks the pixels that belong together by their color.
+/// Selects pixels by color or brightness, and returns them as a mask.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Threshold {
-    /// The picture to search.
+    /// Picture to search.
     pub image: In<Image>,
-    /// Where to search; everywhere if left out.
+    /// Limits the search to these pixels. If omitted, the whole picture is searched.
     pub within: Option<In<Mask>>,
-    /// Which pixels.
+    /// Selection rule.
     pub select: Select,
-    /// Marks all the others instead.
+    /// Inverts the mask.
     #[serde(default)]
     pub invert: bool,
-    /// Radius of a square that removes specks (opening) and then closes gaps (closing); 0 does neither.
+    /// Radius of the square that removes specks (opening) and then closes gaps (closing); 0 disables both.
     #[schemars(range(max = 10), extend("unit" = "px"))]
     #[serde(default)]
     pub clean: u32,
@@ -44,29 +44,27 @@ impl Node for Threshold {
     }
 }
 
-/// Why nothing was marked: the pixel that came nearest, and how near.
+/// Explains an empty selection: names the pixel that came closest to being selected, and its distance.
 fn explain_empty(
     image: &Image,
     within: Option<&Mask>,
     select: &Select,
 ) -> Result<String, PictureError> {
     let (measure, limit) = measure(image, within, select)?;
-    fn searched(index: usize, within: &Option<&Mask>) -> bool {
-        within.is_none_or(|mask| mask.pixels()[index] == 1)
-    }
     let distances = image.pixels().iter().map(|&pixel| measure.distance(pixel)).enumerate();
-    let nearest =
-        distances.filter(|(index, _)| searched(*index, &within)).min_by(|a, b| a.1.total_cmp(&b.1));
-    Ok(match (nearest, &measure) {
-        (None, _) => "nothing is selected: there is no pixel to search".into(),
+    let searched =
+        distances.filter(|(index, _)| within.is_none_or(|mask| mask.pixels()[*index] == 1));
+    let closest = searched.min_by(|a, b| a.1.total_cmp(&b.1));
+    Ok(match (closest, &measure) {
+        (None, _) => "nothing is selected: there are no pixels to search".into(),
         (Some(_), Measure::Level { .. }) => {
             "nothing is selected: all pixels have the same level".into()
         }
         (Some((index, distance)), _) => {
             let at = [index % image.width(), index / image.width()];
             format!(
-                "nothing is selected: the nearest pixel is {} at ({}, {}), {:.1} away where {limit:.1} is allowed",
-                Color(image.at(at)),
+                "nothing is selected: the closest pixel is {} at ({}, {}), at distance {:.1} where {limit:.1} is allowed",
+                Color(image.pixel(at)),
                 at[0],
                 at[1],
                 distance
@@ -82,7 +80,7 @@ mod tests {
     use super::*;
     use crate::segment::select::{Channel, Space};
 
-    /// A picture drawn with letters: r, g, b, w (white), k (black), p (pink).
+    /// Returns a picture drawn with letters: r, g, b, w (white), k (black), p (pink).
     fn picture(rows: &[&str]) -> Image {
         let pixels = rows.iter().flat_map(|row| row.chars()).map(|letter| match letter {
             'r' => [255, 0, 0],
@@ -109,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn without_lightness_black_is_as_near_to_white_as_white() {
+    fn without_lightness_black_matches_white() {
         fn white(lightness: f64) -> Select {
             Select::Near { color: Color([255; 3]), distance: 1.0, lightness }
         }
@@ -118,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sampled_pixel_selects_its_like() {
+    fn a_sampled_pixel_selects_similar_pixels() {
         let select = Select::Sample { at: (1, 0), distance: 5.0, lightness: 1.0 };
         check(select, &["rgb", "gbr"], expect![[".#.\n#..\n"]]);
     }
@@ -127,7 +125,7 @@ mod tests {
     fn a_sampled_pixel_outside_is_an_error() {
         let select = Select::Sample { at: (3, 0), distance: 5.0, lightness: 1.0 };
         let error = threshold(&picture(&["rgb"]), None, &select, false).unwrap_err();
-        expect!["pixel (3, 0) is outside of the picture, which has 3 x 1 pixels"]
+        expect!["pixel (3, 0) is outside the picture, which has 3 x 1 pixels"]
             .assert_eq(&error.to_string());
     }
 
@@ -143,7 +141,7 @@ mod tests {
     #[test]
     fn a_box_holds_the_whole_numbers_between_its_sides() {
         let levels = (0..=255u8).map(|level| [level; 3]);
-        let image = Image::new(256, 1, Vec::from_iter(levels)).unwrap();
+        let image = Image::new(256, 1, levels.collect::<Vec<_>>()).unwrap();
         for (low, high) in [
             (-5.0, 3.5),
             (3.5, 3.9),
@@ -189,7 +187,7 @@ mod tests {
 
     #[test]
     fn inverting_stays_within_the_mask() {
-        let within = Mask::drawn(&["##."]);
+        let within = Mask::from_rows(&["##."]);
         let mask = threshold(&picture(&["rgg"]), Some(&within), &red(0.0, 1.0), true).unwrap();
         assert_eq!(mask.draw(), ".#.\n");
     }
@@ -197,13 +195,13 @@ mod tests {
     #[test]
     fn an_empty_selection_names_the_nearest_pixel() {
         let message = explain_empty(&picture(&["gp"]), None, &red(5.0, 1.0)).unwrap();
-        expect!["nothing is selected: the nearest pixel is #ff80a0 at (1, 0), 69.6 away where 5.0 is allowed"]
+        expect!["nothing is selected: the closest pixel is #ff80a0 at (1, 0), at distance 69.6 where 5.0 is allowed"]
             .assert_eq(&message);
     }
 
     #[test]
     fn a_mask_of_another_size_is_an_error() {
-        let within = Mask::drawn(&["##"]);
+        let within = Mask::from_rows(&["##"]);
         let error = threshold(&picture(&["rgb"]), Some(&within), &red(5.0, 1.0), false);
         assert!(matches!(error, Err(PictureError::Size { .. })));
     }

@@ -1,8 +1,8 @@
-//! The frame that several captures have in common.
+//! The common frame of several captures.
 
 use maquette_value::CaptureFrame;
 
-/// The frame of captures that were taken together: what is equal in all of them. None if one has no frame.
+/// Returns the common frame of captures that were taken together: the data that all frames share. Returns `None` if a capture has no frame.
 pub(super) fn common_frame(frames: &[Option<CaptureFrame>]) -> Option<CaptureFrame> {
     let first = (*frames.first()?)?;
     if frames.iter().all(|frame| *frame == Some(first)) {

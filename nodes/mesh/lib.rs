@@ -24,7 +24,7 @@ pub use merge::{Merge, merge};
 pub use merge_error::MergeError;
 pub use motion::{Motion, TransformError};
 pub use movable::Movable;
-pub use orient::{OneSided, Orient, OrientError, Oriented, Outside, orient};
+pub use orient::{OneSided, Orient, OrientError, OrientedMesh, Outside, orient};
 pub use poses::Poses;
 pub use primitive::{Primitive, PrimitiveError, Shape, primitive};
 pub use read_curve::{ReadCurve, ReadCurveError, curve_in_millimeters, read_curve};

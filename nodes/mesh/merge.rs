@@ -1,8 +1,10 @@
-//! Makes one mesh of several.
+//! Merges several meshes into one.
 
 use std::collections::BTreeSet;
 
-use maquette_node::{Carry, Context, Error, Estimate, Fate, In, Limit, Node, Previous, Promise};
+use maquette_node::{
+    Carry, Context, Error, Estimate, In, Limit, Node, Previous, Promise, Transfer,
+};
 use maquette_value::Value;
 use maquette_value::{Attribute, Attributes, CaptureFrame, Faces, Mesh, MeshError};
 use nalgebra::{Matrix4, Vector3};
@@ -10,7 +12,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::common_frame::common_frame;
-use super::followed::{Part, followed};
+use super::followed::{Part, move_vertices};
 use super::merge_error::MergeError;
 use super::motion::Motion;
 use super::moved_mesh::moved_mesh;
@@ -18,21 +20,21 @@ use super::poses::Poses;
 
 mod several;
 
-/// Makes one mesh of several: their vertices and faces stand one after the other, and nothing is joined.
+/// Merges several meshes into one: their vertices and faces are concatenated, and nothing is joined.
 ///
-/// Meshes of captures are brought together by the poses of their cameras, if these are known: the result then has the axes of
-/// the world, with y up. Attributes that all meshes have are kept; a flag, such as `filled`, that some do not have counts as not
-/// set there, and other attributes that some do not have, or have as another type, are left out. A picture is kept if it is
-/// the same on all meshes; otherwise it becomes the color of the vertices, and texture coordinates are left out; these colors are
-/// kept if all meshes have a picture or colors. Where a mesh has materials of a file, all meshes keep their materials and pictures. No meshes, as a `ForEach` over data without elements gives, make an empty mesh, with
-/// a warning.
+/// Meshes of captures are moved to world coordinates by the poses of their cameras, if these are known: the result then has y up.
+/// Attributes that all meshes have are kept; a flag, such as `filled`, that some lack is not set there, and other attributes that some
+/// lack, or have with another type, are dropped. A texture is kept if all meshes have the same one; otherwise it becomes vertex colors, and
+/// texture coordinates are dropped; these colors are kept if all meshes have a texture or colors. If a mesh has materials of a file, all
+/// meshes keep their materials and textures. An empty list, as a `ForEach` over data without elements gives, makes an empty mesh, with a
+/// warning.
 ///
 /// In other programs: join, append.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Merge {
-    /// The meshes, in the order in which their vertices follow.
+    /// The meshes, in the order of their vertices in the result.
     pub meshes: Vec<In<Mesh>>,
-    /// Whether each mesh is moved from its camera's place to the world's.
+    /// Motion of the meshes from camera to world coordinates.
     #[serde(default)]
     pub poses: Poses,
 }
@@ -43,7 +45,7 @@ impl Node for Merge {
 
     const PROMISES: &'static [Promise<Self>] = &Promise::faces_kept("mesh", "meshes");
 
-    const CARRIES: &'static [Carry] = &[Carry::all("meshes", "mesh", Fate::Kept)];
+    const CARRIES: &'static [Carry] = &[Carry::uniform("meshes", "mesh", Transfer::Kept)];
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let sizes = self.meshes.iter().map(|mesh| cx.get(mesh).size() as f64);
@@ -56,7 +58,7 @@ impl Node for Merge {
         Ok((merge(&meshes, self.poses)?,))
     }
 
-    /// Where only vertices of some meshes have moved, moves these.
+    /// If only vertices of some meshes have moved, moves them in the last result.
     fn update(
         &self,
         cx: &Context<'_>,
@@ -74,7 +76,7 @@ impl Node for Merge {
 }
 
 impl Merge {
-    /// Tells what of the meshes does not fit together.
+    /// Warns about differences between the meshes.
     fn warn(&self, meshes: &[&Mesh], cx: &Context<'_>) {
         if meshes.is_empty() {
             cx.warn("the mesh is empty: there are no meshes to merge");
@@ -83,7 +85,7 @@ impl Merge {
         let stay = self.poses == Poses::Ignore || known < meshes.len();
         if self.poses == Poses::Auto && 0 < known && known < meshes.len() {
             cx.warn(format!(
-                "only {known} of {} meshes have a pose, so that all stay as they lie",
+                "only {known} of {} meshes have a pose, so that none is moved",
                 meshes.len()
             ));
         }
@@ -91,38 +93,38 @@ impl Merge {
         if stay && 0 < in_capture && in_capture < meshes.len() {
             cx.warn("some meshes have y down, as captures do, and others y up");
         }
-        if Looks::of(meshes) == Looks::Painted {
+        if Looks::choose(meshes) == Looks::Painted {
             cx.warn(match meshes.iter().all(|mesh| is_colored(mesh)) {
-                true => "not all meshes have the same picture, so that pictures become colors of the vertices, as fine as these lie",
+                true => "the meshes have different textures, so that textures become vertex colors, with the resolution of the vertices",
                 false => "some meshes have a picture and others neither picture nor colors, so that no mesh keeps its own",
             });
         }
     }
 }
 
-/// Whether something gives its vertices colors, if it has any.
+/// Returns true if the mesh has vertex colors or a texture, or no vertices.
 fn is_colored(mesh: &Mesh) -> bool {
     let is_empty = mesh.positions().is_empty();
     is_empty || mesh.texture().is_some() || mesh.vertex().colors("color").is_some()
 }
 
-/// Bytes of a merged mesh; while it is made there may be three times as many.
+/// Maximum size of a merged mesh in bytes; the computation may need three times as much.
 const BYTES: Limit =
-    Limit { most: 4_000_000_000, of: "bytes", help: "merge fewer or coarser meshes" };
+    Limit { max: 4_000_000_000, items: "bytes", help: "merge fewer or coarser meshes" };
 
 fn pose<'a>(mesh: &&'a Mesh) -> Option<&'a Matrix4<f64>> {
     mesh.frame()?.world_from_camera.as_ref()
 }
 
-/// One mesh with the vertices and faces of `meshes`, one after the other; see [`Merge`] for their attributes and pictures.
+/// Merges the vertices and faces of `meshes`, in order; see [`Merge`] for attributes and textures.
 ///
-/// Positions are in mm: with poses in the world's frame (y up), otherwise as they come. The result has no capture frame if the
-/// poses were applied or some mesh has none. If the meshes stay as they lie, it has their frame if all have the same; if they are
-/// those of different captures, it has that of the first mesh without camera and pose, which says no more than that y points
-/// down. Of no meshes the result is empty.
+/// Positions are in mm: in world coordinates (y up) if poses are applied, otherwise unchanged. The result has no capture frame if the poses
+/// were applied or a mesh has no frame. Without poses it has the common frame of the meshes, if all frames are equal. If the meshes come
+/// from different captures, it has the frame of the first mesh without camera and pose, which only means that y points down. Without meshes
+/// the result is empty.
 ///
 /// # Errors
-/// If a pose is missing with [`Poses::Apply`], or the result is too large for a mesh.
+/// Returns an error if a pose is missing with [`Poses::Apply`], or the result is too large for a mesh.
 pub fn merge(meshes: &[&Mesh], poses: Poses) -> Result<Mesh, MergeError> {
     let Some(&first) = meshes.first() else {
         return Ok(Mesh::new(Vec::new(), Faces::triangles(Vec::new()))?);
@@ -131,19 +133,19 @@ pub fn merge(meshes: &[&Mesh], poses: Poses) -> Result<Mesh, MergeError> {
     if let (Some(place), Poses::Apply) = (nowhere, poses) {
         return Err(MergeError::NoPose { mesh: place + 1 });
     }
-    fn bare(mesh: &Mesh) -> usize {
+    fn bare_size(mesh: &Mesh) -> usize {
         mesh.clone().with_materials([]).size()
     }
-    BYTES.check("the merged mesh", meshes.iter().map(|mesh| bare(mesh) as f64).sum())?;
-    let (motions, looks) = (motions(meshes, poses), Looks::of(meshes));
+    BYTES.check("the merged mesh", meshes.iter().map(|mesh| bare_size(mesh) as f64).sum())?;
+    let (motions, looks) = (motions(meshes, poses), Looks::choose(meshes));
     let parts = meshes
         .iter()
         .zip(&motions)
         .map(|(&mesh, motion): (&&Mesh, &Option<Motion>)| {
             let part = match looks {
                 Looks::Same => mesh.clone(),
-                Looks::Several => several::prepared(mesh)?,
-                Looks::Painted => painted(mesh)?,
+                Looks::Several => several::prepare(mesh)?,
+                Looks::Painted => with_vertex_colors(mesh)?,
             };
             match motion {
                 Some(motion) => moved_mesh(&part, motion),
@@ -162,58 +164,48 @@ pub fn merge(meshes: &[&Mesh], poses: Poses) -> Result<Mesh, MergeError> {
     })
 }
 
-/// What [`merge`] makes of meshes, made of what it made of them before; none if more than places and normals of vertices, a common picture
-/// and frames has changed.
+/// Updates the last result of [`merge`]. Returns `None` if anything has changed except positions and normals of vertices, a common texture,
+/// and frames.
 fn follow(meshes: &[&Mesh], before: &[&Mesh], made: &Mesh, poses: Poses) -> Option<Mesh> {
     let (first, motions) = (meshes.first()?, motions(meshes, poses));
-    fn bits(
-        mesh: &&Mesh,
-    ) -> Option<
-        nalgebra::Matrix<
-            u64,
-            nalgebra::Const<4>,
-            nalgebra::Const<4>,
-            nalgebra::ArrayStorage<u64, 4, 4>,
-        >,
-    > {
-        pose(mesh).map(|pose| pose.map(f64::to_bits))
-    }
-    let same_poses = meshes.iter().map(bits).eq(before.iter().map(bits));
-    if !same_poses || [meshes, before].map(Looks::of) != [Looks::Same; 2] {
+    let [now, earlier] = [meshes, before]
+        .map(|meshes| meshes.iter().map(|mesh| pose(mesh).map(|pose| pose.map(f64::to_bits))));
+    let same_poses = now.eq(earlier);
+    if !same_poses || [meshes, before].map(Looks::choose) != [Looks::Same; 2] {
         return None;
     }
     let parts = before.iter().zip(meshes).zip(&motions);
     let parts = parts.map(|((&before, &now), &motion)| Part { before, now, motion });
-    let followed = followed(made, &Vec::from_iter(parts), 1.0)?;
+    let followed = move_vertices(made, &Vec::from_iter(parts), 1.0)?;
     Some(followed.with_materials(first.materials().clone()).with_frame(frame(meshes, &motions)))
 }
 
-/// How each mesh is moved, if all are.
+/// Returns the motion of each mesh into world coordinates. All are `None` unless poses are applied and each mesh has one.
 fn motions(meshes: &[&Mesh], poses: Poses) -> Vec<Option<Motion>> {
     let all: Vec<_> = meshes.iter().map(|mesh| pose(mesh).map(motion)).collect();
     let applied = poses != Poses::Ignore && all.iter().all(Option::is_some);
     if applied { all } else { vec![None; meshes.len()] }
 }
 
-/// The frame of the merged mesh.
+/// Returns the frame of the merged mesh.
 fn frame(meshes: &[&Mesh], motions: &[Option<Motion>]) -> Option<CaptureFrame> {
     let frames: Vec<_> = meshes.iter().map(|mesh| mesh.frame().copied()).collect();
     common_frame(&frames).filter(|_| motions.contains(&None))
 }
 
-/// How the merged mesh comes to look like its parts.
+/// The way in which the parts' materials are combined.
 #[derive(Clone, Copy, PartialEq)]
 enum Looks {
-    /// All have the same materials, or none has one.
+    /// All parts have the same materials, or no part has materials.
     Same,
     /// Each part keeps its own materials.
     Several,
-    /// The picture of each part becomes the color of its vertices.
+    /// The texture of each part becomes vertex colors.
     Painted,
 }
 
 impl Looks {
-    fn of(meshes: &[&Mesh]) -> Self {
+    fn choose(meshes: &[&Mesh]) -> Self {
         if meshes.windows(2).all(|pair| pair[0].materials() == pair[1].materials()) {
             Self::Same
         } else if meshes.iter().all(|mesh| match &mesh.materials()[..] {
@@ -235,10 +227,10 @@ fn motion(pose: &Matrix4<f64>) -> Motion {
     }
 }
 
-/// The mesh with its picture as the color of its vertices, and without texture coordinates.
-fn painted(mesh: &Mesh) -> Result<Mesh, MeshError> {
+/// Returns the mesh with its texture as vertex colors, and without texture coordinates.
+fn with_vertex_colors(mesh: &Mesh) -> Result<Mesh, MeshError> {
     let colors = mesh.texture_colors();
-    let plain = mesh.clone().with_texture(None).without("uv");
+    let plain = mesh.clone().with_texture(None).without_attribute("uv");
     match colors {
         Some(colors) => plain.with_vertex("color", Attribute::Color(colors)),
         None => Ok(plain),
@@ -247,7 +239,7 @@ fn painted(mesh: &Mesh) -> Result<Mesh, MeshError> {
 
 fn positions(parts: &[Mesh]) -> Result<Vec<nalgebra::Point3<f64>>, MeshError> {
     let count = parts.iter().map(|part| part.positions().len()).sum();
-    // The corners below are counted in 32 bits.
+    // The corners are counted in 32 bits below.
     if u32::try_from(count).is_err() {
         return Err(MeshError::TooLarge { what: "vertices", count });
     }
@@ -256,7 +248,7 @@ fn positions(parts: &[Mesh]) -> Result<Vec<nalgebra::Point3<f64>>, MeshError> {
     Ok(positions)
 }
 
-/// How many vertices come before each part.
+/// Returns the index of each part's first vertex.
 fn offsets(parts: &[Mesh]) -> impl Iterator<Item = u32> {
     parts.iter().scan(0, |end, part| {
         let begin = *end;
@@ -271,7 +263,7 @@ fn faces(parts: &[Mesh]) -> Result<Faces, MeshError> {
     for (part, offset) in parts.iter().zip(offsets(parts)) {
         all.extend(part.faces().corners().iter().map(|&vertex| vertex + offset));
     }
-    // A mesh without faces has no number of sides that could differ.
+    // Meshes without faces are skipped: they have no number of sides that could differ.
     let mut sides = parts.iter().filter(|part| !part.faces().is_empty()).map(|p| p.faces().sides());
     let first = sides.next().unwrap_or(Some(3));
     match first.filter(|_| sides.all(|sides| sides == first)) {
@@ -295,25 +287,32 @@ fn creases(parts: &[Mesh]) -> Vec<([u32; 2], f64)> {
         .collect()
 }
 
-/// Adds the attributes of all parts to the mesh that was made of them.
+/// Adds the attributes of all parts to the mesh that was made of the parts.
 fn with_attributes(mut merged: Mesh, parts: &[Mesh]) -> Result<Mesh, MergeError> {
-    let of = |part: fn(&Mesh) -> (&Attributes, usize)| {
-        joined(&parts.iter().map(part).collect::<Vec<_>>())
-    };
-    for (name, attribute) in of(|part| (part.vertex(), part.positions().len())) {
+    /// Returns the concatenated attributes of one kind of element; `part` returns those of one mesh and the number of its elements.
+    fn concatenate_each(
+        parts: &[Mesh],
+        part: fn(&Mesh) -> (&Attributes, usize),
+    ) -> Vec<(&str, Attribute)> {
+        concatenate(&parts.iter().map(part).collect::<Vec<_>>())
+    }
+    for (name, attribute) in concatenate_each(parts, |part| (part.vertex(), part.positions().len()))
+    {
         merged = merged.with_vertex(name, attribute)?;
     }
-    for (name, attribute) in of(|part| (part.corner(), part.faces().corners().len())) {
+    for (name, attribute) in
+        concatenate_each(parts, |part| (part.corner(), part.faces().corners().len()))
+    {
         merged = merged.with_corner(name, attribute)?;
     }
-    for (name, attribute) in of(|part| (part.face(), part.faces().len())) {
+    for (name, attribute) in concatenate_each(parts, |part| (part.face(), part.faces().len())) {
         merged = merged.with_face(name, attribute)?;
     }
     Ok(merged)
 }
 
-/// The attributes of elements that stand one after the other, each part with the number of its elements.
-fn joined<'a>(parts: &[(&'a Attributes, usize)]) -> Vec<(&'a str, Attribute)> {
+/// Returns the concatenated attributes of the parts, each of which is given with the number of its elements.
+fn concatenate<'a>(parts: &[(&'a Attributes, usize)]) -> Vec<(&'a str, Attribute)> {
     let names: BTreeSet<&str> =
         parts.iter().flat_map(|(attributes, _)| attributes.iter().map(|(name, _)| name)).collect();
     names
@@ -326,7 +325,7 @@ fn joined<'a>(parts: &[(&'a Attributes, usize)]) -> Vec<(&'a str, Attribute)> {
         .collect()
 }
 
-/// Columns one after the other, if all are of one type; a column of flags may be absent.
+/// Concatenates columns of one type. Returns `None` if the types differ, or if a column is missing that does not contain flags.
 fn join(columns: &[(Option<&Attribute>, usize)]) -> Option<Attribute> {
     macro_rules! join {
         ($kind:ident, $absent:expr) => {{
@@ -368,12 +367,13 @@ mod tests {
         assert!(is_colored(&Mesh::new(Vec::new(), Faces::triangles(Vec::new())).unwrap()));
     }
 
-    /// A square of one quad (or two triangles) in the plane z = 0, its lower left corner at x.
+    /// Returns a square of one quad (or two triangles) in the plane z = 0, with its lower left corner at x.
     fn square(x: f64, triangles: bool) -> Mesh {
-        fn at(dx: f64, y: f64, x: f64) -> Point3<f64> {
+        fn point(dx: f64, y: f64, x: f64) -> Point3<f64> {
             Point3::new(x + dx, y, 0.0)
         }
-        let positions = vec![at(0., 0., x), at(1., 0., x), at(1., 1., x), at(0., 1., x)];
+        let positions =
+            vec![point(0., 0., x), point(1., 0., x), point(1., 1., x), point(0., 1., x)];
         let faces = match triangles {
             true => Faces::triangles(vec![[0, 1, 2], [0, 2, 3]]),
             false => Faces::uniform(4, vec![0, 1, 2, 3]).unwrap(),
@@ -390,7 +390,7 @@ mod tests {
         }))
     }
 
-    /// Half a turn about x, then a shift: what makes y point up.
+    /// Returns a rotation by 180 degrees about x, which makes y point up, followed by a translation.
     fn upright(shift: f64) -> Matrix4<f64> {
         Matrix4::new(
             1., 0., 0., shift, //
@@ -418,7 +418,7 @@ mod tests {
     }
 
     #[test]
-    fn more_than_memory_holds_is_refused_before_it_is_tried() {
+    fn a_merge_beyond_the_memory_is_refused_in_advance() {
         let points =
             (0..100_000).map(|k: u32| Point3::new(f64::from(k), 0.0, 0.0)).collect::<Vec<_>>();
         let mesh = Mesh::new(points, Faces::triangles(Vec::new())).unwrap();
@@ -447,7 +447,7 @@ mod tests {
     }
 
     #[test]
-    fn without_all_poses_meshes_stay_and_asking_for_them_is_an_error() {
+    fn meshes_stay_without_all_poses_and_requiring_poses_is_an_error() {
         let (first, second) =
             (with_pose(square(0.0, true), Some(upright(9.0))), with_pose(square(2.0, true), None));
         let merged = merge(&[&first, &second], Poses::Auto).unwrap();
@@ -488,7 +488,7 @@ mod tests {
     }
 
     #[test]
-    fn no_meshes_make_an_empty_one() {
+    fn merging_no_meshes_gives_an_empty_mesh() {
         for poses in [Poses::Auto, Poses::Apply, Poses::Ignore] {
             let empty = merge(&[], poses).unwrap();
             assert_eq!((empty.positions().len(), empty.faces().len()), (0, 0));
@@ -526,14 +526,14 @@ mod tests {
         fn picture(red: u8) -> Image {
             Image::new(1, 1, vec![[red, 0, 0]]).unwrap()
         }
-        fn textured(red: u8) -> Mesh {
+        fn with_color(red: u8) -> Mesh {
             let uv = Attribute::Pair(vec![[0.5; 2]; 4].into());
             square(0.0, true).with_vertex("uv", uv).unwrap().with_texture(Some(picture(red)))
         }
-        let same = merge(&[&textured(9), &textured(9)], Poses::Auto).unwrap();
+        let same = merge(&[&with_color(9), &with_color(9)], Poses::Auto).unwrap();
         assert_eq!(same.texture(), Some(&picture(9)));
         assert_eq!(same.vertex().pairs("uv").unwrap().len(), 8);
-        let different = merge(&[&textured(9), &textured(7)], Poses::Auto).unwrap();
+        let different = merge(&[&with_color(9), &with_color(7)], Poses::Auto).unwrap();
         assert_eq!((different.texture(), different.vertex().pairs("uv")), (None, None));
         let colors = different.vertex().colors("color").unwrap();
         assert_eq!((colors[0], colors[7]), ([9, 0, 0], [7, 0, 0]));

@@ -1,23 +1,23 @@
-//! Why meshes do not make one.
+//! Errors of merging.
 
-use maquette_node::TooMuch;
+use maquette_node::LimitError;
 use maquette_value::MeshError;
 
-/// Why meshes do not make one.
+/// Reasons why meshes cannot be merged.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MergeError {
-    /// A mesh without a pose.
+    /// A mesh has no pose.
     #[error(
         "mesh {mesh} has no pose: only captures whose camera file has `world_from_camera_mm` have one, and only until they are moved"
     )]
     NoPose {
-        /// Its place among the meshes, from 1.
+        /// The number of the mesh in the list, from 1.
         mesh: usize,
     },
-    /// More than memory should hold.
+    /// The result would not fit into memory.
     #[error(transparent)]
-    TooMuch(#[from] TooMuch),
-    /// Too many vertices, or places out of the numbers.
+    TooMuch(#[from] LimitError),
+    /// The merged mesh has too many vertices, or positions that exceed the largest coordinate.
     #[error(transparent)]
     Mesh(#[from] MeshError),
 }

@@ -1,51 +1,51 @@
-//! A move, a turn and a scaling in one.
+//! Affine motions: translation, rotation and scaling.
 
 use maquette_value::parallel::*;
 use maquette_value::{ControlNetError, CurveError, MeshError, PointsError, SizeError};
 use nalgebra::{Matrix3, Point3, Vector3};
 
-/// Why something cannot be moved.
+/// Reasons why a value cannot be moved.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TransformError {
-    /// A scale that makes everything flat.
+    /// A scale is 0 or not a number; 0 would flatten the value.
     #[error("the scale along {axis} is {scale}, but it must be a number other than 0")]
     Flat {
         /// The axis: x, y or z.
         axis: char,
-        /// Its scale.
+        /// The scale along the axis.
         scale: f64,
     },
-    /// A mesh that has moved out of the numbers.
+    /// The moved mesh exceeds the largest coordinate.
     #[error(transparent)]
     Mesh(#[from] MeshError),
-    /// A range image that changed its size; never happens.
+    /// The range image has another size; never happens, because the grid is kept.
     #[error(transparent)]
     RangeImage(#[from] SizeError),
-    /// Points that have moved out of the numbers.
+    /// The moved points exceed the largest coordinate.
     #[error(transparent)]
     Points(#[from] PointsError),
-    /// A curve that has moved out of the numbers.
+    /// The moved curve exceeds the largest coordinate.
     #[error(transparent)]
     Curve(#[from] CurveError),
-    /// A net that has moved out of the numbers.
+    /// The moved control net exceeds the largest coordinate.
     #[error(transparent)]
     ControlNet(#[from] ControlNetError),
 }
 
-/// A linear map and a shift: `moved = linear * point + shift`.
+/// A linear map and a translation: `moved = linear * point + shift`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
-    /// Turns and scales.
+    /// Rotation and scale.
     pub linear: Matrix3<f64>,
-    /// Moves, in mm.
+    /// Translation, in mm.
     pub shift: Vector3<f64>,
 }
 
 impl Motion {
-    /// Scales, then turns about x, y and z by degrees, then moves. Multiples of 90 degrees are exact.
+    /// Scales, then rotates about x, y and z by degrees, then translates. Multiples of 90 degrees are exact.
     ///
     /// # Errors
-    /// If a scale is 0 or not finite.
+    /// Returns an error if a scale is 0 or not finite.
     pub fn new(
         translate: [f64; 3],
         rotate: [f64; 3],
@@ -64,7 +64,7 @@ impl Motion {
         Ok(Self { linear, shift: translate.into() })
     }
 
-    /// Where a point goes.
+    /// Returns the image of a point.
     pub fn apply(&self, point: Point3<f64>) -> Point3<f64> {
         Point3::from(self.linear * point.coords + self.shift)
     }
@@ -73,8 +73,8 @@ impl Motion {
         points.par_iter().with_min_len(4096).map(|&point| self.apply(point)).collect()
     }
 
-    /// What turns unit normals along. They stand on the surface, not along it: they move by the inverse transpose. None if a
-    /// scale is too small to be inverted.
+    /// Returns the map for unit normals: the inverse transpose, since normals are perpendicular to the surface. Returns `None` if a scale
+    /// is too small to be inverted.
     pub(super) fn normals(&self) -> Option<impl Fn(&[f64; 3]) -> [f64; 3]> {
         let inverse = self.linear.try_inverse()?;
         Some(move |normal: &[f64; 3]| {
@@ -83,7 +83,7 @@ impl Motion {
         })
     }
 
-    /// Whether a left hand becomes a right one.
+    /// Returns true if the motion is a reflection.
     pub(super) fn is_mirror(&self) -> bool {
         self.linear.determinant() < 0.0
     }

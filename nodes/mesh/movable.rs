@@ -3,7 +3,7 @@
 use maquette_value::{ControlNet, Curve, Mesh, Points, RangeImage};
 
 maquette_node::union! {
-    /// What can be moved.
+    /// A movable value.
     pub enum Movable {
         Mesh(Mesh),
         RangeImage(RangeImage),

@@ -1,11 +1,11 @@
-//! A mesh that is moved, with its normals.
+//! Moves a mesh and its normals.
 
 use maquette_value::{Attribute, CaptureFrame, Mesh, MeshError};
 
 use super::motion::Motion;
 use super::turned_faces::turned_faces;
 
-/// What is left of a mesh's frame when it has moved.
+/// Returns the frame of a moved mesh: that of `mesh` without camera and pose.
 pub(super) fn moved_frame(mesh: &Mesh) -> Option<CaptureFrame> {
     Some(CaptureFrame { camera: None, world_from_camera: None, ..*mesh.frame()? })
 }

@@ -1,6 +1,6 @@
-//! Turns faces so that their outside is outside.
+//! Orients faces outward.
 
-use maquette_node::{Carry, Context, Error, Fate, In, Node, Promise};
+use maquette_node::{Carry, Context, Error, In, Node, Promise, Transfer};
 use maquette_value::{Attribute, Mesh, MeshError};
 use nalgebra::Vector3;
 use schemars::JsonSchema;
@@ -15,45 +15,47 @@ use super::turned_faces::turned_faces;
 mod sheets;
 mod side;
 
-/// Turns faces so that neighbors look to the same side, and that side is the outside.
+/// Orients faces consistently and outward.
 ///
-/// First the faces of each part, what hangs together by edges of two faces, are made to agree, by as few turns as possible. Then whole parts
-/// are turned, as `outside` says. An edge of three and more faces joins no parts. Nothing moves, and normals turn with their faces.
+/// First the faces of each part, connected by edges of two faces, are made consistent, by flipping as few as possible. Then whole parts are
+/// flipped, as `outside` says. An edge of three or more faces does not connect parts. Positions do not change, and normals are flipped with
+/// their faces.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Orient {
-    /// What is turned.
+    /// The mesh.
     pub mesh: In<Mesh>,
-    /// What is the outside.
+    /// Rule for the outside.
     #[serde(default)]
     pub outside: Outside,
 }
 
-/// What is the outside.
+/// A rule for the outside.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Outside {
-    /// That of each part. A closed part encloses a volume, and its outside is around it; within another closed part it is a cavity, whose
-    /// faces look into it. An open part has its outside where it bulges: the mean of the winding number on it (Jacobson, Kavan and
-    /// Sorkine-Hornung, "Robust inside-outside segmentation using generalized winding numbers", 2013) is positive. A flat part stays.
+    /// The outside of each part. A closed part encloses a volume, and its outside is around it; within another closed part it is a cavity,
+    /// whose faces look into it. An open part looks to the side where it bulges: the mean winding number on it (Jacobson, Kavan and
+    /// Sorkine-Hornung, "Robust inside-outside segmentation using generalized winding numbers", 2013) is positive. A flat part does not
+    /// change.
     #[default]
     Outward,
-    /// The side that the sensor of a capture sees, of each part as much of it as possible; a closed part is turned outward.
+    /// The side that the sensor of a capture sees, as much as possible of each part; a closed part is oriented outward.
     Sensor,
-    /// The side of the largest part, which stays: all others look outward if it does, inward if it does not.
+    /// The side of the largest part, which does not change: all others are oriented outward if it is, inward if it is not.
     LargestPart,
-    /// The other side of each face, whatever its neighbors do.
+    /// The opposite side of each face, regardless of its neighbors.
     Flip,
 }
 
-/// Why faces have no outside.
+/// Reasons why faces cannot be oriented.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum OrientError {
-    /// A part like a Moebius strip.
+    /// A part is not orientable, such as a Moebius strip.
     #[error(transparent)]
     OneSided(#[from] OneSided),
-    /// No sensor is known.
-    #[error("no capture gave this mesh, so that no sensor is known: choose `outside: Outward`")]
+    /// The position of the sensor is unknown.
+    #[error("the mesh is not from a capture, so its sensor is unknown: use `outside: Outward`")]
     NoSensor,
-    /// Never happens.
+    /// The mesh is invalid, which cannot happen.
     #[error(transparent)]
     Mesh(#[from] MeshError),
 }
@@ -64,14 +66,14 @@ impl Node for Orient {
 
     const PROMISES: &'static [Promise<Self>] = &Promise::faces_kept("mesh", "mesh");
 
-    const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept)];
+    const CARRIES: &'static [Carry] = &[Carry::uniform("mesh", "mesh", Transfer::Kept)];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.get(&self.mesh);
         if mesh.faces().is_empty() {
-            cx.warn("there are no faces that could be turned");
+            cx.warn("there are no faces that could be oriented");
         }
-        let Oriented { mesh, undecided, crowded } = orient(mesh, self.outside)?;
+        let OrientedMesh { mesh, undecided, crowded } = orient(mesh, self.outside)?;
         if undecided > 0 {
             let parts = match undecided {
                 1 => "part is flat or bulges to neither side, and stays as it is",
@@ -82,38 +84,38 @@ impl Node for Orient {
         if let Some((count, [a, b])) = crowded {
             let edges = if count == 1 { "edge has" } else { "edges have" };
             cx.warn(format!(
-                "{count} {edges} more than two faces, such as the one at vertices {a} to {b}: no face can agree with all others there"
+                "{count} {edges} more than two faces, such as the one at vertices {a} to {b}: no face can be consistent with all others there"
             ));
         }
         Ok((mesh,))
     }
 }
 
-/// What became of a mesh.
-pub struct Oriented {
-    /// The mesh with its faces turned.
+/// The result of orienting a mesh.
+pub struct OrientedMesh {
+    /// The mesh with its faces oriented.
     pub mesh: Mesh,
-    /// How many parts have no outside.
+    /// The number of parts for which no outside could be determined.
     pub undecided: usize,
-    /// How many edges have more than two faces, and the first of them.
+    /// The number of edges with more than two faces, and the first of them.
     pub crowded: Option<(usize, [u32; 2])>,
 }
 
-/// The mesh with its faces turned as `outside` says. Cost grows with the number of faces, and with that of parts that lie within the boxes
-/// of others.
+/// Orients the faces of a mesh as `outside` says. The cost grows with the number of faces, and with the number of parts inside the bounding
+/// boxes of other parts.
 ///
 /// # Errors
-/// If a part has only one side, or the sensor is not known.
-pub fn orient(mesh: &Mesh, outside: Outside) -> Result<Oriented, OrientError> {
+/// Returns an error if a part has only one side, or the sensor is unknown.
+pub fn orient(mesh: &Mesh, outside: Outside) -> Result<OrientedMesh, OrientError> {
     if outside == Outside::Flip {
-        let mesh = turned(mesh, &vec![true; mesh.faces().len()])?;
-        return Ok(Oriented { mesh, undecided: 0, crowded: None });
+        let mesh = flip_faces(mesh, &vec![true; mesh.faces().len()])?;
+        return Ok(OrientedMesh { mesh, undecided: 0, crowded: None });
     }
     if outside == Outside::Sensor && mesh.frame().is_none() {
         return Err(OrientError::NoSensor);
     }
     let sheets = Sheets::new(mesh)?;
-    let agreeing = turned(mesh, &sheets.is_turned)?;
+    let agreeing = flip_faces(mesh, &sheets.is_turned)?;
     let mut sides = outward_sides(&agreeing, &sheets);
     match outside {
         Outside::Sensor => {
@@ -126,10 +128,14 @@ pub fn orient(mesh: &Mesh, outside: Outside) -> Result<Oriented, OrientError> {
     }
     let is_turned: Vec<_> = sheets.of_face.iter().map(|&part| sides[part as usize] < 0.0).collect();
     let undecided = sides.iter().filter(|side| **side == 0.0).count();
-    Ok(Oriented { mesh: turned(&agreeing, &is_turned)?, undecided, crowded: sheets.crowded })
+    Ok(OrientedMesh {
+        mesh: flip_faces(&agreeing, &is_turned)?,
+        undecided,
+        crowded: sheets.crowded,
+    })
 }
 
-/// Of each part, how much of it the origin sees from outside, less what it sees from inside.
+/// Returns, for each part, the solid angle in which its outside is seen from the origin, minus the one in which its inside is seen.
 fn seen_sides(mesh: &Mesh, sheets: &Sheets) -> Vec<f64> {
     let mut sides = vec![0.0; sheets.is_closed.len()];
     for (face, &part) in mesh.faces().iter().zip(&sheets.of_face) {
@@ -140,7 +146,8 @@ fn seen_sides(mesh: &Mesh, sheets: &Sheets) -> Vec<f64> {
     sides
 }
 
-/// Makes all parts look as the largest one does, which stays; a flat part looks as near as possible to where that one looks.
+/// Orients all parts like the largest one, which does not change. A flat part is oriented such that its normal is as close as possible to
+/// that of the largest part.
 fn like_the_largest(mesh: &Mesh, sheets: &Sheets, sides: &mut [f64]) {
     let (mut areas, mut looks) = (vec![0.0; sides.len()], vec![Vector3::zeros(); sides.len()]);
     for (face, &part) in mesh.faces().iter().zip(&sheets.of_face) {
@@ -157,8 +164,9 @@ fn like_the_largest(mesh: &Mesh, sheets: &Sheets, sides: &mut [f64]) {
     sides[largest] = 1.0;
 }
 
-/// The mesh with some faces turned, and their normals with them: where only some faces of a vertex are, it gets the mean of all.
-fn turned(mesh: &Mesh, is_turned: &[bool]) -> Result<Mesh, MeshError> {
+/// Flips the faces marked in `is_turned`, and their normals. If only some faces of a vertex are flipped, the vertex gets the mean normal of
+/// all its faces.
+fn flip_faces(mesh: &Mesh, is_turned: &[bool]) -> Result<Mesh, MeshError> {
     if !is_turned.contains(&true) {
         return Ok(mesh.clone());
     }
@@ -175,7 +183,7 @@ fn turned(mesh: &Mesh, is_turned: &[bool]) -> Result<Mesh, MeshError> {
         turned = turned.with_corner("normal", normals)?;
     }
     if let Some(normals) = turned.vertex().vectors("normal") {
-        // Whether a vertex has faces that stay, and faces that are turned.
+        // For each vertex: true if one of its faces stays, and true if one of its faces is flipped.
         let mut has = vec![[false; 2]; mesh.positions().len()];
         for (face, &is_turned) in mesh.faces().iter().zip(is_turned) {
             face.iter().for_each(|&vertex| has[vertex as usize][usize::from(is_turned)] = true);

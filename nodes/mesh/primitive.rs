@@ -1,4 +1,4 @@
-//! Simple solids, made from nothing.
+//! Makes simple solids.
 
 use std::collections::HashMap;
 use std::f64::consts::{FRAC_PI_2, TAU};
@@ -10,17 +10,17 @@ use schemars::{JsonSchema, json_schema};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// Makes a simple solid: a box, a cylinder or a sphere, such as one that `Boolean` cuts or unites a scan with.
+/// Makes a simple solid: a box, a cylinder or a sphere, for example one that `Boolean` subtracts from a scan or unites with it.
 ///
-/// It is closed and looks outward. `Transform` turns it and moves it.
+/// It is closed and oriented outward. `Transform` rotates and moves it.
 ///
 /// In other programs: cube, tube.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Primitive {
-    /// What it is.
+    /// The shape and its size.
     #[serde(default)]
     pub shape: Shape,
-    /// Where its middle is.
+    /// Center of the solid in mm.
     #[schemars(extend("unit" = "mm"))]
     #[serde(default)]
     pub center: [f64; 3],
@@ -31,36 +31,36 @@ pub struct Primitive {
 pub enum Shape {
     /// A box with its sides along the axes: six quads.
     Box {
-        /// How long its sides are along x, y and z.
+        /// Lengths along x, y and z in mm.
         #[schemars(extend("unit" = "mm", "items" = json_schema!({ "type": "number", "exclusiveMinimum": 0.0 })))]
         size: [f64; 3],
     },
     /// A cylinder along y: quads around, and two polygons.
     Cylinder {
-        /// How far its corners are from its axis.
+        /// Distance of the cylinder's vertices from its axis in mm.
         #[schemars(range(min = 0.0), extend("unit" = "mm", "exclusiveMinimum" = 0.0))]
         radius: f64,
-        /// How high it is.
+        /// Height in mm.
         #[schemars(range(min = 0.0), extend("unit" = "mm", "exclusiveMinimum" = 0.0))]
         height: f64,
-        /// How many quads there are around it.
+        /// Number of quads around the cylinder.
         #[schemars(range(min = 3, max = 4096))]
-        #[serde(default = "sixty_four")]
+        #[serde(default = "default_sides")]
         sides: u32,
     },
-    /// A sphere of quads that are nearly squares: a cube, blown up.
+    /// A sphere of nearly square quads: a cube projected onto the sphere.
     Sphere {
-        /// How far its corners are from its middle.
+        /// Distance of the sphere's vertices from its center in mm.
         #[schemars(range(min = 0.0), extend("unit" = "mm", "exclusiveMinimum" = 0.0))]
         radius: f64,
-        /// How many quads there are around it: a multiple of 4.
+        /// Number of quads around the sphere: a multiple of 4.
         #[schemars(range(min = 4, max = 4096), extend("multipleOf" = 4))]
-        #[serde(default = "sixty_four")]
+        #[serde(default = "default_sides")]
         sides: u32,
     },
 }
 
-fn sixty_four() -> u32 {
+fn default_sides() -> u32 {
     64
 }
 
@@ -70,29 +70,29 @@ impl Default for Shape {
     }
 }
 
-/// More quads around a solid are no good to anyone.
-const MOST_SIDES: u32 = 4096;
+/// Maximum number of quads around a solid.
+const MAX_SIDES: u32 = 4096;
 
-/// Why there is no such solid.
+/// Reasons why a solid cannot be made.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum PrimitiveError {
-    /// A length that is none.
+    /// A length is not a positive number.
     #[error("`{name}` is {length} mm, but must be a number above 0")]
     Length {
-        /// Its name.
+        /// The name of the parameter.
         name: &'static str,
-        /// The length, in mm.
+        /// The value of the parameter in mm.
         length: f64,
     },
-    /// Too few or too many quads around it.
+    /// The number of sides is out of range.
     #[error("`sides` is {sides}, but must be {must}")]
     Sides {
-        /// How many.
+        /// The number.
         sides: u32,
-        /// What must be.
+        /// The allowed range.
         must: &'static str,
     },
-    /// Places out of all bounds.
+    /// The positions exceed the largest coordinate of a mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
 }
@@ -114,10 +114,10 @@ impl Node for Primitive {
     }
 }
 
-/// A simple solid around a place, in mm.
+/// Makes a simple solid around a point, in mm.
 ///
 /// # Errors
-/// If a length is not above 0, `sides` is out of range, or places are out of all bounds.
+/// Returns an error if a length is not positive, `sides` is out of range, or positions are too large.
 pub fn primitive(shape: Shape, center: Point3<f64>) -> Result<Mesh, PrimitiveError> {
     fn length(name: &'static str, length: f64) -> Result<(), PrimitiveError> {
         match length > 0.0 && length.is_finite() {
@@ -129,7 +129,7 @@ pub fn primitive(shape: Shape, center: Point3<f64>) -> Result<Mesh, PrimitiveErr
         Shape::Box { size } => {
             size.iter().try_for_each(|&side| length("size", side))?;
             let size = Vector3::from(size);
-            // A cube of one quad along each edge, its corners as far as the box goes.
+            // The box is a cube with one quad per side, scaled.
             let (corners, faces) = cube(1);
             (
                 corners
@@ -144,20 +144,20 @@ pub fn primitive(shape: Shape, center: Point3<f64>) -> Result<Mesh, PrimitiveErr
         Shape::Cylinder { radius, height, sides } => {
             length("radius", radius)?;
             length("height", height)?;
-            if !(3..=MOST_SIDES).contains(&sides) {
+            if !(3..=MAX_SIDES).contains(&sides) {
                 return Err(PrimitiveError::Sides { sides, must: "from 3 to 4096" });
             }
             cylinder(radius, height, sides)?
         }
         Shape::Sphere { radius, sides } => {
             length("radius", radius)?;
-            if !(4..=MOST_SIDES).contains(&sides) || !sides.is_multiple_of(4) {
+            if !(4..=MAX_SIDES).contains(&sides) || !sides.is_multiple_of(4) {
                 let must = "a multiple of 4 from 4 to 4096";
                 return Err(PrimitiveError::Sides { sides, must });
             }
             let steps = sides / 4;
             let (corners, faces) = cube(steps);
-            // Equal angles along the edges of the cube's sides.
+            // The vertices are at equal angles along the edges of the cube's sides.
             fn angle(k: u32, steps: u32) -> f64 {
                 (f64::from(k) / f64::from(steps) - 0.5) * FRAC_PI_2
             }
@@ -177,7 +177,7 @@ pub fn primitive(shape: Shape, center: Point3<f64>) -> Result<Mesh, PrimitiveErr
     Ok(Mesh::new(places, faces)?)
 }
 
-/// The surface of a cube with so many quads along each edge: its corners on the grid, from 0 on, and its faces.
+/// Returns the surface of a cube with `steps` quads along each edge: its vertices on an integer grid that begins at 0, and its faces.
 fn cube(steps: u32) -> (Vec<[u32; 3]>, Faces) {
     let (mut corners, mut numbers) = (Vec::new(), HashMap::new());
     let mut faces = Vec::with_capacity(24 * (steps * steps) as usize);
@@ -203,7 +203,7 @@ fn cube(steps: u32) -> (Vec<[u32; 3]>, Faces) {
     (corners, Faces::uniform(4, faces).expect("quads"))
 }
 
-/// A cylinder along y around the origin.
+/// Returns a cylinder along y around the origin.
 fn cylinder(radius: f64, height: f64, sides: u32) -> Result<(Vec<Vector3<f64>>, Faces), MeshError> {
     let quads = (0..sides).flat_map(|k| {
         let next = (k + 1) % sides;
@@ -234,12 +234,15 @@ mod tests {
         mesh.faces()
             .iter()
             .map(|face| {
-                fn at(vertex: u32, mesh: &Mesh) -> Vector3<f64> {
+                fn position(vertex: u32, mesh: &Mesh) -> Vector3<f64> {
                     mesh.positions()[vertex as usize].coords
                 }
                 let fan = face[1..].windows(2);
-                fan.map(|pair| at(face[0], mesh).dot(&at(pair[0], mesh).cross(&at(pair[1], mesh))))
-                    .sum::<f64>()
+                fan.map(|pair| {
+                    position(face[0], mesh)
+                        .dot(&position(pair[0], mesh).cross(&position(pair[1], mesh)))
+                })
+                .sum::<f64>()
             })
             .sum::<f64>()
             / 6.0
@@ -279,16 +282,16 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_solid_is_refused() {
-        fn told(shape: Shape) -> String {
+    fn invalid_sizes_are_refused() {
+        fn error(shape: Shape) -> String {
             primitive(shape, Point3::origin()).unwrap_err().to_string()
         }
         let flat = Shape::Box { size: [1.0, 0.0, 1.0] };
-        assert_eq!(told(flat), "`size` is 0 mm, but must be a number above 0");
+        assert_eq!(error(flat), "`size` is 0 mm, but must be a number above 0");
         let thin = Shape::Cylinder { radius: f64::NAN, height: 1.0, sides: 8 };
-        assert_eq!(told(thin), "`radius` is NaN mm, but must be a number above 0");
+        assert_eq!(error(thin), "`radius` is NaN mm, but must be a number above 0");
         let odd = Shape::Sphere { radius: 1.0, sides: 10 };
-        assert_eq!(told(odd), "`sides` is 10, but must be a multiple of 4 from 4 to 4096");
+        assert_eq!(error(odd), "`sides` is 10, but must be a multiple of 4 from 4 to 4096");
         let far = primitive(Shape::default(), Point3::new(f64::INFINITY, 0.0, 0.0));
         assert!(matches!(far, Err(PrimitiveError::Mesh(_))));
     }

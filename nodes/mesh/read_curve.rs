@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 /// Reads a curve: an OBJ file with lines `l`, or with one free-form curve `curv` of type `bspline`.
 ///
-/// A line that returns to its first vertex is closed. The axes are the file's own.
+/// A line that returns to its first vertex is closed. The axes of the file are kept.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadCurve {
     /// The file: `obj`.
@@ -21,13 +21,13 @@ pub struct ReadCurve {
     pub unit: Unit,
 }
 
-/// Why there is no curve.
+/// Reasons why a curve cannot be read.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ReadCurveError {
-    /// A file of another format.
-    #[error("no curve can be read from `.{ending}`; known is obj")]
+    /// The file format is not supported.
+    #[error("cannot read a curve from a `.{ending}` file: the supported format is obj")]
     Ending {
-        /// The ending of the file's name, without the dot.
+        /// The extension of the file's name, without the dot.
         ending: String,
     },
 }
@@ -41,10 +41,10 @@ impl Node for ReadCurve {
     }
 }
 
-/// A curve whose coordinates are in this unit.
+/// Converts a curve from `unit` to mm.
 ///
 /// # Errors
-/// If a coordinate is too large for mm.
+/// Returns an error if a coordinate is too large for mm.
 pub fn curve_in_millimeters(curve: Curve, unit: Unit) -> Result<Curve, CurveError> {
     if unit.is_millimeters() {
         return Ok(curve);
@@ -58,10 +58,10 @@ pub fn curve_in_millimeters(curve: Curve, unit: Unit) -> Result<Curve, CurveErro
     )
 }
 
-/// The curve in a file whose name ends in `ending`: `obj`.
+/// Reads the curve of a file with the extension `ending`: `obj`.
 ///
 /// # Errors
-/// If the ending is another one, or the bytes are no such file.
+/// Returns an error if the extension is not `obj`, or the bytes are not an OBJ file.
 pub fn read_curve(bytes: &[u8], ending: &str) -> Result<Curve, Error> {
     match ending {
         "obj" => Ok(obj::read_curve(bytes)?),
@@ -79,7 +79,10 @@ mod tests {
         let text = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2 3 1\n";
         assert!(read_curve(text, "obj").unwrap().is_closed());
         let error = read_curve(text, "svg").unwrap_err();
-        assert_eq!(error.to_string(), "no curve can be read from `.svg`; known is obj");
+        assert_eq!(
+            error.to_string(),
+            "cannot read a curve from a `.svg` file: the supported format is obj"
+        );
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Reads a mesh from a file.
 
 use maquette_base::unit::Unit;
-use maquette_node::{ColorRange, Context, Error, FilePath, NoReader, Node, Reading};
+use maquette_node::{ColorRange, Context, Error, FilePath, InputFile, NoReader, Node};
 use maquette_value::parallel::*;
 use maquette_value::{Mesh, MeshError};
 use schemars::JsonSchema;
@@ -9,22 +9,22 @@ use serde::{Deserialize, Serialize};
 
 /// Reads a mesh: an OBJ, PLY, STL, GLB, glTF or 3MF file.
 ///
-/// Coordinates are taken as they are, y up, and become mm. A GLB or glTF file has meters, and its nodes' motions are applied. A 3MF file says its
-/// unit; all items on its plate are read where they stand, turned so that y is up. Corners of STL, GLB and glTF that are at the same place become
-/// one vertex.
+/// Coordinates are read unchanged, with y up, and converted to mm. GLB and glTF files are in meters, and the transforms of their nodes are
+/// applied. A 3MF file states its unit; all items on its plate are read at their positions, rotated so that y is up. Coincident corners of
+/// STL, GLB and glTF become one vertex.
 ///
-/// Materials of GLB, glTF and OBJ files are kept with all their pictures; where there are several, the attribute `material` of faces says
-/// which is whose. Of a 3MF file and of a PLY file the mesh has one picture. What is missing is warned of.
+/// Materials of GLB, glTF and OBJ files are kept with all their textures; of several, the attribute `material` of faces has the index. Of a
+/// 3MF or PLY file the mesh has one texture. Missing files are warned of.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadMesh {
-    /// The file; its ending says of which format it is.
+    /// The file; its extension determines the format.
     #[schemars(extend("reads" = "Mesh"))]
     pub path: FilePath,
-    /// The unit of the file's coordinates; they are converted to mm. GLB, glTF and 3MF files, which say their unit themselves, are taken at their word.
+    /// The unit of the file's coordinates; they are converted to mm. GLB, glTF and 3MF files state their unit, which has precedence.
     #[serde(default, skip_serializing_if = "Unit::is_millimeters")]
     #[schemars(extend("default" = "Mm"))]
     pub unit: Unit,
-    /// The range of colors in PLY and OBJ files, which many do not say. If left out, it is decided by all colors of the file.
+    /// The range of colors in PLY and OBJ files, which many do not state. If omitted, it is determined from all colors of the file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub colors: Option<ColorRange>,
 }
@@ -35,15 +35,15 @@ impl Node for ReadMesh {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = cx.read_with_colors(&self.path, self.colors)?;
-        let says_its_unit = ["glb", "gltf", "3mf"].contains(&&cx.file(&self.path)?.ending()[..]);
+        let says_its_unit = ["glb", "gltf", "3mf"].contains(&&cx.file(&self.path)?.extension()[..]);
         Ok((if says_its_unit { mesh } else { mesh_in_millimeters(mesh, self.unit)? },))
     }
 }
 
-/// A mesh whose coordinates are in this unit.
+/// Converts a mesh from `unit` to mm.
 ///
 /// # Errors
-/// If a coordinate is too large for mm.
+/// Returns an error if a coordinate is too large for mm.
 pub fn mesh_in_millimeters(mesh: Mesh, unit: Unit) -> Result<Mesh, MeshError> {
     if unit.is_millimeters() {
         return Ok(mesh);
@@ -51,7 +51,7 @@ pub fn mesh_in_millimeters(mesh: Mesh, unit: Unit) -> Result<Mesh, MeshError> {
     let positions = mesh.positions().par_iter().with_min_len(4096);
     let positions = positions.map(|point| point.map(|length| unit.in_millimeters(length)));
     let mut scaled = mesh.with_positions(positions.collect())?;
-    // A unit changes no direction.
+    // Normals are unit vectors, which do not depend on the unit.
     if let Some(normals) = mesh.vertex().get("normal") {
         scaled = scaled.with_vertex("normal", normals.clone())?;
     }
@@ -61,17 +61,19 @@ pub fn mesh_in_millimeters(mesh: Mesh, unit: Unit) -> Result<Mesh, MeshError> {
     Ok(scaled)
 }
 
-/// The mesh in a file whose name ends in `ending`, of those that the engine reads; without what stands in other files.
+/// Reads the mesh in a file with the extension `ending`, in any format that maquette reads itself, without data from other files.
 ///
 /// # Errors
-/// If the ending is another one, or the bytes are no such file.
+/// Returns an error if the extension is unknown, or the bytes are not a file of this format.
 pub fn read_mesh(bytes: &[u8], ending: &str) -> Result<Mesh, Error> {
     let name = format!("mesh.{ending}");
-    maquette_format::read(&Reading::alone(&name, bytes)).map_err(|error| match error.downcast() {
-        Some(NoReader { ending, known, .. }) => {
-            NoReader { what: "mesh", ending: ending.clone(), known: known.clone() }.into()
+    maquette_format::read(&InputFile::standalone(&name, bytes)).map_err(|error| {
+        match error.downcast() {
+            Some(NoReader { extension: ending, known, .. }) => {
+                NoReader { what: "mesh", extension: ending.clone(), known: known.clone() }.into()
+            }
+            None => error,
         }
-        None => error,
     })
 }
 
@@ -121,11 +123,11 @@ mod tests {
     }
 
     #[test]
-    fn another_ending_is_an_error_that_lists_the_known_ones() {
+    fn an_unknown_extension_is_an_error_that_lists_the_known_ones() {
         let error = read_mesh(b"", "fbx").unwrap_err();
         assert_eq!(
             error.to_string(),
-            "no mesh can be read from `.fbx`; known are obj, ply, stl, glb, gltf, 3mf"
+            "no mesh can be read from `.fbx`; supported extensions: obj, ply, stl, glb, gltf, 3mf"
         );
         assert!(matches!(error.downcast(), Some(NoReader { .. })));
     }

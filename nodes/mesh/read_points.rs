@@ -6,22 +6,22 @@ use maquette_value::Points;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Reads points that nothing connects: the vertices of a PLY file, a PCD file, an XYZ text of a point a line, the points of a survey (LAS), or all scans
-/// of a laser scanner (E57, PTX), each moved by its pose.
+/// Reads unconnected points: the vertices of a PLY file, a PCD file, an XYZ text with a point per line, the points of a survey (LAS), or
+/// all scans of a laser scanner (E57, PTX), each moved by its pose.
 ///
-/// What stands behind the coordinates becomes attributes: colors, normals, numbers by name; of LAS, E57 and PTX files `color`, `intensity`, and
-/// `class`, the number of a classification. The axes are the file's own: in surveys z is up. LAS, E57 and PTX files are in meters (`unit: M`), LAS
-/// files rarely in feet. Places far from the origin, as 500 km in the grid of a country, keep all digits in all nodes, but not in written
-/// files for viewers, whose numbers have 7 digits: `Transform` moves them near the origin before.
+/// Further columns become attributes: colors, normals, numbers by name; of LAS, E57 and PTX files `color`, `intensity`, and `class`, the
+/// classification code. The axes of the file are kept: in surveys z is up. LAS, E57 and PTX files are in meters (`unit: M`), LAS files
+/// rarely in feet. Points far from the origin, such as 500 km in a national grid, keep all digits in all nodes, but not in files written
+/// for viewers, whose numbers have 7 digits: move them near the origin with `Transform` first.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadPoints {
-    /// The file; its ending says of which format it is: `ply`, `pcd`, `xyz`, `las`, `e57` or `ptx`.
+    /// The file; its extension determines the format: `ply`, `pcd`, `xyz`, `las`, `e57` or `ptx`.
     #[schemars(extend("reads" = "Points"))]
     pub path: FilePath,
     /// The unit of the file's coordinates; they are converted to mm.
     #[serde(default)]
     pub unit: Unit,
-    /// The range of colors in PLY, PCD and XYZ files, which many do not say. If left out, it is decided by all colors of the file.
+    /// The range of colors in PLY, PCD and XYZ files, which many do not state. If omitted, it is determined from all colors of the file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub colors: Option<ColorRange>,
 }
@@ -35,10 +35,10 @@ impl Node for ReadPoints {
     }
 }
 
-/// Points whose coordinates are in this unit.
+/// Converts points from `unit` to mm.
 ///
 /// # Errors
-/// If a coordinate is too large for mm.
+/// Returns an error if a coordinate is too large for mm.
 pub fn in_millimeters(points: Points, unit: Unit) -> Result<Points, Error> {
     if unit == Unit::Mm {
         return Ok(points);
@@ -48,7 +48,7 @@ pub fn in_millimeters(points: Points, unit: Unit) -> Result<Points, Error> {
     let scaled = scaled.map(|point| point.map(|length| unit.in_millimeters(length))).collect();
     let points = points.with_positions(scaled)?;
     Ok(match normals {
-        // A unit changes no direction.
+        // Normals are unit vectors, which do not depend on the unit.
         Some(normals) => points.with_attribute("normal", normals)?,
         None => points,
     })

@@ -5,7 +5,8 @@ use cloud::Cloud;
 use contour::{Skin, contour};
 use maquette_base::scattered::Scattered;
 use maquette_node::{
-    Cancelled, Carry, Context, Error, Estimate, Fate, In, Limit, Node, Progress, Promise, TooMuch,
+    CancelledError, Carry, Context, Error, Estimate, In, Limit, LimitError, Node, Progress,
+    Promise, Transfer,
 };
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, CaptureFrame, Faces, Mesh, MeshError, Rgb};
@@ -29,107 +30,107 @@ mod surfels;
 #[cfg(test)]
 mod tests;
 
-/// Makes one skin of points: of a cloud, of captures taken from several sides, of the vertices of meshes, or of all together.
+/// Reconstructs one surface from points: of a cloud, of captures taken from several sides, of the vertices of meshes, or of all together.
 ///
-/// Noise is averaged away, gaps are bridged, and sources that overlap become one skin. Where normals are given, they say what is
-/// outside; range images know their sensor's side; elsewhere normals are estimated and turned outwards. The skin is manifold, its faces
-/// are evenly large. Points and vertices with an attribute `confidence` count as much as it says, those without 1. Vertices far from all
-/// points are flagged `filled`; colors are kept if all sources have some.
+/// Noise is averaged, gaps are bridged, and overlapping sources become one surface. Given normals determine the outside; range images know
+/// the side of their sensor; otherwise normals are estimated and oriented outward. The surface is manifold with faces of uniform size.
+/// Points and vertices with an attribute `confidence` are weighted by it, others by 1. Vertices far from all points are flagged `filled`;
+/// colors are kept if all sources have some.
 ///
 /// In other programs: Poisson, voxel, wrap, shrinkwrap.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Reconstruct {
-    /// Points, range images, or meshes, of which the vertices and normals are taken.
+    /// Points, range images, or meshes. Of meshes, the vertices and normals are used.
     #[schemars(extend("least" = 1))]
     pub points: Vec<In<Scattered>>,
-    /// Whether captures are moved from their cameras' places to the world's.
+    /// Motion of captures from camera to world coordinates.
     #[serde(default)]
     pub poses: Poses,
-    /// How the skin is made.
+    /// Parameters of the reconstruction.
     #[serde(flatten)]
     pub how: Options,
 }
 
-/// Which normals tell the outside of points.
+/// The source of the normals that determine the outside.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Normals {
-    /// Those of the sources where they have some, else estimated ones.
+    /// The normals of the sources, estimated where they have none.
     #[default]
     Given,
-    /// Estimated ones.
+    /// Normals that are estimated from the points.
     Estimated,
 }
 
-/// Whether a skin has borders.
+/// The border of the result.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum SkinKind {
-    /// It has none: what no point shows is filled.
+    /// The result is closed; areas without points are filled.
     #[default]
     Closed,
-    /// It ends at `reach`.
+    /// The result ends at the distance `reach` from the points.
     Open,
 }
 
-/// What a skin is made of.
+/// The faces of the result.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum FaceKind {
     /// Triangles.
     #[default]
     Triangles,
-    /// Quads, which need not be flat.
+    /// Quads, which need not be planar.
     Quads,
 }
 
-/// Why points have no skin.
+/// Reasons why a surface cannot be reconstructed.
 #[derive(Debug, thiserror::Error)]
 pub enum ReconstructError {
-    /// No source at all.
-    #[error("the list `points` is empty, and nothing has no skin")]
+    /// The list of sources is empty.
+    #[error("the list `points` is empty, so there is nothing to reconstruct")]
     NoSource,
     /// Too few points.
-    #[error("there are only {count} different points, but a skin needs at least {FEWEST}")]
+    #[error("there are only {count} different points, but a surface needs at least {MIN_POINTS}")]
     TooFew {
-        /// Different places.
+        /// The number of distinct points.
         count: usize,
     },
-    /// Points without a surface.
-    #[error("all points lie on a line: they have no surface")]
+    /// The points are on a line, so they have no surface.
+    #[error("all points are on a line: they have no surface")]
     Line,
-    /// Points without an inside.
-    #[error("all points lie in a plane, which has no inside: choose `skin: Open`")]
+    /// The points are in a plane, so they enclose no volume.
+    #[error("all points are in a plane, which has no inside: choose `skin: Open`")]
     Plane,
-    /// Places or a parameter out of the numbers.
+    /// Coordinates or a parameter are out of range.
     #[error("`{what}` is {value}, but must be {must}")]
     Parameter {
-        /// Its name.
+        /// The name of the parameter.
         what: &'static str,
-        /// Its value.
+        /// The value that is out of range.
         value: f64,
-        /// What it must be.
+        /// The allowed range.
         must: &'static str,
     },
-    /// Coordinates too far apart.
+    /// The coordinates are too far apart.
     #[error(
         "the points are too far from the origin, or too near to or far from each other, to be measured"
     )]
     Far,
-    /// No skin at all.
+    /// The result is empty.
     #[error(
-        "no skin is left near the points: their normals point to all sides, or `reach` or `spacing` does not fit them"
+        "no surface is left near the points: their normals are inconsistent, or `reach` or `spacing` is unsuitable for them"
     )]
     Nothing,
-    /// Sources that do not fit.
+    /// The sources have different frames.
     #[error(transparent)]
     Sources(#[from] MergeError),
-    /// More than memory should hold.
+    /// The result would not fit into memory.
     #[error(transparent)]
-    TooMuch(#[from] TooMuch),
+    TooMuch(#[from] LimitError),
     /// Too many vertices.
     #[error(transparent)]
     Mesh(#[from] MeshError),
-    /// The evaluation was told to stop.
+    /// The evaluation was cancelled.
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }
 
 impl From<SolveError> for ReconstructError {
@@ -141,21 +142,21 @@ impl From<SolveError> for ReconstructError {
     }
 }
 
-/// A tetrahedron has so many corners; fewer points have no inside.
-const FEWEST: usize = 4;
+/// Minimum number of points; fewer points enclose no volume.
+const MIN_POINTS: usize = 4;
 
-/// Cells along each side of the cube around the points.
+/// Maximum number of cells along each side of the cube that contains the points.
 const SIDE: Limit = Limit {
-    most: 1 << MOST_DEPTH,
-    of: "cells along a side",
-    help: "choose a larger `spacing`, or leave out points that lie far away",
+    max: 1 << MAX_DEPTH,
+    items: "cells along a side",
+    help: "choose a larger `spacing`, or remove points that are far away",
 };
 
-/// More halvings than this do not fit the numbers of cells.
-const MOST_DEPTH: u32 = 12;
+/// Maximum depth of the grid, the number of times its cube is halved. With a larger depth, the numbers of cells would overflow.
+const MAX_DEPTH: u32 = 12;
 
-/// Points of all sources; each has some 200 bytes while they are sorted.
-const POINTS: Limit = Limit { most: 20_000_000, of: "points", help: "leave out some" };
+/// Maximum number of points of all sources; each needs about 200 bytes while they are sorted.
+const POINTS: Limit = Limit { max: 20_000_000, items: "points", help: "leave out some" };
 
 impl Node for Reconstruct {
     type Outputs = (Mesh,);
@@ -167,20 +168,21 @@ impl Node for Reconstruct {
         Promise::always("mesh", "Unpinched"),
         Promise::always("mesh", "NonEmpty"),
         Promise::always("mesh", "Closed")
-            .when("with `skin: Closed`", |it| it.how.skin == SkinKind::Closed),
+            .only_if("with `skin: Closed`", |it| it.how.skin == SkinKind::Closed),
         Promise::always("mesh", "Triangles")
-            .when("with `faces: Triangles`", |it| it.how.faces == FaceKind::Triangles),
-        Promise::never("mesh", "Triangles")
-            .when("with `faces: Quads`", |it| it.how.faces == FaceKind::Quads),
+            .only_if("with `faces: Triangles`", |it| it.how.faces == FaceKind::Triangles),
+        Promise::never_has("mesh", "Triangles")
+            .only_if("with `faces: Quads`", |it| it.how.faces == FaceKind::Quads),
     ];
 
-    const CARRIES: &'static [Carry] = &[Carry::all("points", "mesh", Fate::Dropped)
-        .and_cells(Fate::Interpolated)
-        .but(&["filled"])];
+    const CARRIES: &'static [Carry] = &[Carry::uniform("points", "mesh", Transfer::Dropped)
+        .and_cells(Transfer::Interpolated)
+        .excluding(&["filled"])];
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let points = self.points.iter().map(|points| valid(&cx.get(points))).sum::<usize>() as f64;
-        // The grids of the first depths are whole; the finer ones follow the points, and what is not seen between them.
+        // The grids of the first depths fill the whole cube. Finer grids cover only the points and the regions between them that were not
+        // scanned.
         Some(Estimate { bytes: 1e7 + points * 3000.0, help: poisson::NODES.help })
     }
 
@@ -189,46 +191,44 @@ impl Node for Reconstruct {
         let known = sources.iter().filter(|source| pose(source).is_some()).count();
         if self.poses == Poses::Auto && 0 < known && known < sources.len() {
             let all = sources.len();
-            cx.warn(format!(
-                "only {known} of {all} sources have a pose, so that all stay as they lie"
-            ));
+            cx.warn(format!("only {known} of {all} sources have a pose, so that none is moved"));
         }
         Ok((reconstruct(&sources, self.poses, &self.how, cx.progress())?,))
     }
 }
 
-/// How a skin is made; see [`Reconstruct`].
+/// Parameters of the reconstruction; see [`Reconstruct`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Options {
-    /// Length of the skin's edges; 0 is as fine as the points and their noise allow. Large ones make a first control mesh.
+    /// Edge length of the result in mm; 0 is as fine as the points and their noise allow. Large values make a first control mesh.
     #[schemars(range(min = 0.0), extend("unit" = "mm"))]
     #[serde(default)]
     pub spacing: f64,
-    /// How strongly the skin is held to the points: less is smoother.
+    /// Weight of the points: smaller values give a smoother surface.
     #[schemars(range(min = 0.0, max = 100.0))]
-    #[serde(default = "four")]
+    #[serde(default = "default_screening")]
     pub screening: f64,
-    /// Which normals tell the outside.
+    /// Source of the normals that determine the outside.
     #[serde(default)]
     pub normals: Normals,
-    /// Whether the skin is closed, or ends where the points do.
+    /// Closes the result, or ends it where the points end.
     #[serde(default)]
     pub skin: SkinKind,
-    /// How far from the nearest point the skin still belongs to the points, in multiples of the points' distance from each other
-    /// (or of the skin's edges, if these are longer).
+    /// Maximum distance between the surface and the nearest point, in multiples of the spacing of the points (or of the edge length, if
+    /// that is larger).
     #[schemars(range(min = 0.5, max = 1000.0))]
-    #[serde(default = "two")]
+    #[serde(default = "default_reach")]
     pub reach: f64,
-    /// What the skin is made of.
+    /// The faces of the result.
     #[serde(default)]
     pub faces: FaceKind,
 }
 
-fn four() -> f64 {
+fn default_screening() -> f64 {
     4.0
 }
 
-fn two() -> f64 {
+fn default_reach() -> f64 {
     2.0
 }
 
@@ -236,25 +236,26 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             spacing: 0.0,
-            screening: four(),
+            screening: default_screening(),
             normals: Normals::default(),
             skin: SkinKind::default(),
-            reach: two(),
+            reach: default_reach(),
             faces: FaceKind::default(),
         }
     }
 }
 
-/// One skin of the points of all sources, in mm; see [`Reconstruct`].
+/// Reconstructs one surface from the points of all sources, in mm; see [`Reconstruct`].
 ///
-/// Vertices are those of a grid's cells in rows, moved along the surface until they are evenly spread: Gibson, "Constrained elastic
-/// surface nets" (1998), of a screened Poisson function (Kazhdan and Hoppe, 2013) of points with normals, which are estimated and
-/// oriented after Hoppe et al. (1992). The finest grid has the edge `spacing`; chosen, it is 1.25 times the distance of points, or
-/// 1.5 times the deviation of the points from their surface, if that is more.
+/// The mesh is a surface net (Gibson, "Constrained elastic surface nets", 1998): a mesh with a vertex in each grid cell that the surface
+/// intersects, whose vertices are moved along the surface until they are evenly distributed. The surface is a level set of a screened
+/// Poisson function (Kazhdan and Hoppe, 2013) of points with normals, which are estimated and oriented after Hoppe et al. (1992). The
+/// finest grid has the edge length `spacing`. Its automatic value is 1.25 times the spacing of the points, or 1.5 times the deviation of
+/// the points from their surface, if that is larger.
 ///
 /// # Errors
-/// If there is no source, there are too few points, all lie on a line or, for a closed skin, in a plane, a pose is missing with [`Poses::Apply`], a
-/// parameter is out of its range, or the result would be too large.
+/// Returns an error if there is no source, there are too few points, all points are on a line or, for a closed surface, in a plane, a pose
+/// is missing with [`Poses::Apply`], a parameter is out of range, or the result would be too large.
 pub fn reconstruct(
     sources: &[Scattered],
     poses: Poses,
@@ -265,7 +266,7 @@ pub fn reconstruct(
     if sources.is_empty() {
         return Err(ReconstructError::NoSource);
     }
-    let (poses, frame) = placed(sources, poses)?;
+    let (poses, frame) = place_sources(sources, poses)?;
     let count: usize = sources.iter().map(count).sum();
     POINTS.check("the skin", count as f64)?;
     let cloud = Cloud::new(sources, &poses, options.normals == Normals::Given);
@@ -277,15 +278,15 @@ pub fn reconstruct(
     progress.part(0.85..0.95, |progress| relax::relax(&mut skin, &field, progress))?;
     drop(field);
     let Pieces { pyramid, surfels, noise } = &pieces;
-    let mut supported = relax::supported(&skin, pyramid, surfels, options.reach, *noise);
+    let mut supported = relax::find_supported(&skin, pyramid, surfels, options.reach, *noise);
     relax::drop_chance(&mut skin, &mut supported);
     if options.skin == SkinKind::Open {
-        relax::open(&mut skin, &mut supported);
+        relax::remove_unsupported(&mut skin, &mut supported);
     }
     if skin.quads.is_empty() {
         return Err(ReconstructError::Nothing);
     }
-    let colors = cloud.colors.as_ref().map(|colors| painted(&skin, &pieces, colors));
+    let colors = cloud.colors.as_ref().map(|colors| vertex_colors(&skin, &pieces, colors));
     let mesh = Mesh::new(skin.positions.clone(), faces(&skin, options.faces)?)?.with_frame(frame);
     let mesh = match colors {
         Some(colors) => mesh.with_vertex("color", Attribute::Color(colors.into()))?,
@@ -300,7 +301,7 @@ pub fn reconstruct(
 
 impl Options {
     fn check(&self) -> Result<(), ReconstructError> {
-        fn outside(
+        fn check_range(
             what: &'static str,
             value: f64,
             is_right: bool,
@@ -312,15 +313,15 @@ impl Options {
             }
         }
         let is_spacing = (0.0..1e50).contains(&self.spacing);
-        outside("spacing", self.spacing, is_spacing, "a length, or 0")?;
+        check_range("spacing", self.spacing, is_spacing, "a length, or 0")?;
         let is_screening = (0.0..=100.0).contains(&self.screening);
-        outside("screening", self.screening, is_screening, "from 0 to 100")?;
+        check_range("screening", self.screening, is_screening, "from 0 to 100")?;
         let is_reach = (0.5..=1000.0).contains(&self.reach);
-        outside("reach", self.reach, is_reach, "from 0.5 to 1000")
+        check_range("reach", self.reach, is_reach, "from 0.5 to 1000")
     }
 }
 
-/// From a source's frame to the world's, if it is known.
+/// The transform from a source's frame to world coordinates, if it is known.
 type Pose = Option<Matrix4<f64>>;
 
 fn pose(source: &Scattered) -> Pose {
@@ -339,7 +340,7 @@ fn count(source: &Scattered) -> usize {
     }
 }
 
-/// How many of a source's points are there.
+/// Returns the number of valid points of a source.
 fn valid(source: &Scattered) -> usize {
     match source {
         Scattered::RangeImage(range) => range.points().iter().filter(|at| at.x.is_finite()).count(),
@@ -347,8 +348,8 @@ fn valid(source: &Scattered) -> usize {
     }
 }
 
-/// The pose of each source that is moved, and the frame of the skin.
-fn placed(
+/// Returns the pose of each source that is moved, and the frame of the result.
+fn place_sources(
     sources: &[Scattered],
     poses: Poses,
 ) -> Result<(Vec<Pose>, Option<CaptureFrame>), ReconstructError> {
@@ -371,18 +372,20 @@ fn placed(
     Ok((vec![None; sources.len()], common_frame(&frames)))
 }
 
-/// The points as pieces of a surface.
+/// The points, combined to surface elements.
 struct Pieces {
     pyramid: Pyramid,
     surfels: Vec<Surfel>,
-    /// Deviation of the points from their surface, in mm.
+    /// Standard deviation of the points from their surface, in mm.
     noise: f64,
 }
 
-/// Edges of the grid, in distances of points: with shorter ones holes appear between the points, longer ones lose detail.
+/// Minimum automatic edge length of the grid, in multiples of the points' spacing. Shorter edges leave holes between the points, longer
+/// ones lose detail.
 const PER_DISTANCE: f64 = 1.25;
 
-/// Edges of the grid, in deviations of the points: then some hundred points are averaged where noise is larger than their distance.
+/// Minimum automatic edge length of the grid, in deviations of the points from their surface. Where the noise is larger than the spacing of
+/// the points, about a hundred points are then averaged.
 const PER_NOISE: f64 = 1.5;
 
 impl Pieces {
@@ -410,7 +413,7 @@ impl Pieces {
     }
 }
 
-/// The mean distance of points, after a check that they lie on a surface at all.
+/// Checks that the points are on a surface, and returns their mean spacing.
 fn check(positions: &[Point3<f64>], skin: SkinKind) -> Result<f64, ReconstructError> {
     let (low, high) = bounds(positions).ok_or(ReconstructError::TooFew { count: 0 })?;
     let size = (high - low).max();
@@ -426,7 +429,7 @@ fn check(positions: &[Point3<f64>], skin: SkinKind) -> Result<f64, ReconstructEr
     different.par_sort_unstable();
     different.dedup();
     let count = different.len();
-    if count < FEWEST {
+    if count < MIN_POINTS {
         return Err(ReconstructError::TooFew { count });
     }
     let middle = nalgebra::center(&low, &high);
@@ -439,7 +442,7 @@ fn check(positions: &[Point3<f64>], skin: SkinKind) -> Result<f64, ReconstructEr
     let eigen = covariance.try_symmetric_eigen(f64::EPSILON, 1000);
     let mut spread: [f64; 3] = eigen.ok_or(ReconstructError::Far)?.eigenvalues.into();
     spread.sort_by(f64::total_cmp);
-    // Squares: a millionth of the length.
+    // The spreads are squared lengths: 1e-12 is the square of a millionth.
     fn is_none(spread: f64, most: f64) -> bool {
         spread.is_nan() || spread <= 1e-12 * most
     }
@@ -452,29 +455,30 @@ fn check(positions: &[Point3<f64>], skin: SkinKind) -> Result<f64, ReconstructEr
     Ok(distance(positions, count, low, size))
 }
 
-/// The mean distance of points on a surface: from the cells that they lie in, if these are so large that each has four of them.
+/// Returns the mean spacing of points on a surface. It is derived from the cells that contain points, at the cell size at which such a cell
+/// contains four points on average.
 fn distance(positions: &[Point3<f64>], count: usize, low: Point3<f64>, size: f64) -> f64 {
     let mut last = (size, count as f64);
-    for depth in 1..=MOST_DEPTH {
+    for depth in 1..=MAX_DEPTH {
         let cube = Cube { corner: low, edge: size / f64::from(1_u32 << depth), depth };
         let keys = surfels::by_cell(positions, &cube);
         let occupied = keys.chunk_by(|a, b| a.0 == b.0).count() as f64;
         let each = count as f64 / occupied;
-        if each < PER_CELL {
-            // Between both depths by what each of them has, on a logarithmic scale.
-            let share = libm::log(PER_CELL / each) / libm::log(last.1 / each).max(1e-9);
+        if each < POINTS_PER_CELL {
+            // The cell size is interpolated between this depth and the previous one, on a logarithmic scale.
+            let share = libm::log(POINTS_PER_CELL / each) / libm::log(last.1 / each).max(1e-9);
             let edge = cube.edge * libm::exp2(share.clamp(0.0, 1.0));
-            return edge / (PER_CELL * CROSSED).sqrt();
+            return edge / (POINTS_PER_CELL * CROSSED).sqrt();
         }
         last = (cube.edge, each);
     }
     last.0 / (last.1 * CROSSED).sqrt()
 }
 
-/// Points in a cell whose size tells their distance.
-const PER_CELL: f64 = 4.0;
+/// Number of points per cell at the cell size from which the spacing is computed.
+const POINTS_PER_CELL: f64 = 4.0;
 
-/// Cells that a surface runs through are so many times as many as its area in squared cells, on average over all directions.
+/// The number of cells that a surface intersects, divided by its area in squared cells, averaged over all directions.
 const CROSSED: f64 = 1.5;
 
 fn bounds(positions: &[Point3<f64>]) -> Option<(Point3<f64>, Point3<f64>)> {
@@ -486,40 +490,41 @@ fn bounds(positions: &[Point3<f64>]) -> Option<(Point3<f64>, Point3<f64>)> {
     )
 }
 
-/// A cube around all points, with a quarter of their size as margin, in cells of this edge.
+/// Returns a cube around all points, with a quarter of their extent as margin, in cells of the given edge length.
 fn cube(positions: &[Point3<f64>], edge: f64) -> Result<Cube, ReconstructError> {
     let (low, high) = bounds(positions).ok_or(ReconstructError::TooFew { count: 0 })?;
     let size = (high - low).max();
     let cells = (1.25 * size / edge).max(1.0) + 8.0;
     SIDE.check("the grid", cells)?;
-    let depth = (1..=MOST_DEPTH).find(|&depth| f64::from(1_u32 << depth) >= cells);
-    let depth = depth.unwrap_or(MOST_DEPTH);
+    let depth = (1..=MAX_DEPTH).find(|&depth| f64::from(1_u32 << depth) >= cells);
+    let depth = depth.unwrap_or(MAX_DEPTH);
     let half = Vector3::repeat(0.5 * edge * f64::from(1_u32 << depth));
     Ok(Cube { corner: nalgebra::center(&low, &high) - half, edge, depth })
 }
 
-/// Quads, or two triangles of each, along its shorter diagonal.
+/// Returns the faces as quads, or as two triangles for each quad, split along the shorter diagonal.
 fn faces(skin: &Skin, kind: FaceKind) -> Result<Faces, MeshError> {
     if kind == FaceKind::Quads {
         return Faces::uniform(4, skin.quads.concat());
     }
-    fn at(vertex: u32, skin_positions: &[Point3<f64>]) -> Point3<f64> {
+    fn position(vertex: u32, skin_positions: &[Point3<f64>]) -> Point3<f64> {
         skin_positions[vertex as usize]
     }
     Ok(Faces::triangles(
         skin.quads
             .par_iter()
             .flat_map_iter(|&[a, b, c, d]| {
-                let is_first = (at(a, &skin.positions) - at(c, &skin.positions)).norm_squared()
-                    <= (at(b, &skin.positions) - at(d, &skin.positions)).norm_squared();
+                let is_first = (position(a, &skin.positions) - position(c, &skin.positions))
+                    .norm_squared()
+                    <= (position(b, &skin.positions) - position(d, &skin.positions)).norm_squared();
                 if is_first { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] }
             })
             .collect(),
     ))
 }
 
-/// The mean color of the points around each vertex.
-fn painted(skin: &Skin, pieces: &Pieces, colors: &[Rgb]) -> Vec<Rgb> {
+/// Returns the mean color of the points around each vertex.
+fn vertex_colors(skin: &Skin, pieces: &Pieces, colors: &[Rgb]) -> Vec<Rgb> {
     let of_cells = pieces.pyramid.colors(colors);
     skin.positions.par_iter().map(|at| pieces.pyramid.color_at(at, &of_cells)).collect()
 }

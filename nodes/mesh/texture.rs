@@ -1,39 +1,39 @@
-//! Puts a picture on a mesh.
+//! Puts a texture on a mesh.
 //!
-//! There is no `update`: `Bound` computes nothing, and the window of `Planar` depends on the bounds of all vertices.
+//! `Texture` does not implement `update`: `Bound` computes nothing, and the window of `Planar` depends on the bounds of all vertices.
 
-use maquette_node::{Carry, Context, Error, Fate, In, Node, Promise};
+use maquette_node::{Carry, Context, Error, In, Node, Promise, Transfer};
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, CaptureFrame, Image, Mesh, MeshError, RangeError, RangeImage};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Puts a picture on a mesh.
+/// Puts a texture on a mesh.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Texture {
     /// The mesh.
     pub mesh: In<Mesh>,
     /// The picture.
     pub image: In<Image>,
-    /// The capture before any change, from which `Planar` takes extents and camera; if left out, those of the mesh.
+    /// The unmodified capture, from which `Planar` takes extents and camera; if omitted, those of the mesh.
     pub range: Option<In<RangeImage>>,
-    /// Where on the picture each vertex lies.
+    /// Mapping from vertices to texture coordinates.
     #[serde(default)]
     pub mapping: Mapping,
 }
 
-/// Where on a picture the vertices of a mesh lie.
+/// A mapping from vertices to texture coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub enum Mapping {
-    /// Where the mesh's own texture coordinates say. A mesh out of a capture brings them along from before any change, so that
-    /// the picture sticks to what it shows.
+    /// The mesh's own texture coordinates. A mesh made of a capture has those of the unmodified capture, so that the picture sticks to what
+    /// it shows.
     #[default]
     Bound,
     /// Projected along z, without perspective.
     Planar {
-        /// Half the picture's width and height, measured in half extents of the object: 1 if the object fills the picture.
-        /// 0 takes it from the camera; without a camera it is 1.
+        /// Half the picture's width and height, in half extents of the object: 1 if the object fills the picture. 0 takes it from the
+        /// camera; without a camera it is 1.
         #[schemars(extend("prefixItems" = [
             { "type": "number", "format": "double", "minimum": 0.0 },
             { "type": "number", "format": "double", "minimum": 0.0 },
@@ -43,27 +43,27 @@ pub enum Mapping {
     },
 }
 
-/// Why a picture cannot be put on a mesh.
+/// Reasons why a mesh cannot be textured.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TextureError {
-    /// A mesh without texture coordinates.
+    /// The mesh has no texture coordinates.
     #[error(
         "the mesh has no texture coordinates `uv` to be bound by: triangulate a capture first, or use `Planar`"
     )]
     Unbound,
-    /// A picture of no size.
+    /// The picture has no pixels.
     #[error("the picture has no pixels")]
     Empty,
-    /// An object that has no width or no height.
+    /// The object has no width or no height.
     #[error("the object has no extent along {axis}, by which the picture could be scaled")]
     Flat {
         /// The axis: x or y.
         axis: char,
     },
-    /// A range image without points.
+    /// The range image has no points.
     #[error(transparent)]
     Range(#[from] RangeError),
-    /// A projection that leaves the numbers.
+    /// Coordinates of the projection overflow.
     #[error(transparent)]
     Mesh(#[from] MeshError),
 }
@@ -75,8 +75,8 @@ impl Node for Texture {
     const PROMISES: &'static [Promise<Self>] = &Promise::faces_kept("mesh", "mesh");
 
     const CARRIES: &'static [Carry] = &[
-        Carry::all("mesh", "mesh", Fate::Kept).but(&["uv"]),
-        Carry::cells("range", "mesh", Fate::Dropped),
+        Carry::uniform("mesh", "mesh", Transfer::Kept).excluding(&["uv"]),
+        Carry::cells("range", "mesh", Transfer::Dropped),
     ];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
@@ -95,10 +95,10 @@ impl Node for Texture {
     }
 }
 
-/// The same mesh with `image` on it, and with texture coordinates by `mapping`.
+/// Returns the mesh with the texture `image`, and with texture coordinates by `mapping`.
 ///
 /// # Errors
-/// If the picture is empty, `Bound` finds no texture coordinates, or `Planar` no extents.
+/// Returns an error if the picture is empty, `Bound` finds no texture coordinates, or `Planar` finds no extents.
 pub fn texture(
     mesh: &Mesh,
     image: &Image,
@@ -120,38 +120,39 @@ pub fn texture(
             let window = Window::new(mesh, range, scale.into())?;
             let uv = mesh.positions().par_iter().with_min_len(4096).map(|&p| window.uv(p));
             let uv: Vec<[f64; 2]> = uv.collect();
-            mesh.clone().without("uv").with_vertex("uv", Attribute::Pair(uv.into()))?
+            mesh.clone().without_attribute("uv").with_vertex("uv", Attribute::Pair(uv.into()))?
         }
     };
     Ok(mapped.with_texture(Some(image.clone())))
 }
 
-/// What a picture covers of the object's x-y plane.
+/// The part of the object's x-y plane that a picture covers.
 ///
-/// The planar mapping of the range-data redesign method: `s = (x + alpha a) / (2 alpha a)` and
-/// `t = (y + beta b) / (2 beta b)`, with x and y measured from the axis of projection, y up, and `a`, `b` half the extents of
-/// the object; `alpha a` and `beta b` are half the picture's width and height in the object's unit.
+/// The planar mapping of the range-data redesign method: `s = (x + alpha a) / (2 alpha a)` and `t = (y + beta b) / (2 beta b)`. Here x and
+/// y are measured from the axis of projection, with y up; `a` and `b` are half the extents of the object; `alpha a` and `beta b` are half
+/// the picture's width and height in the object's unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Window {
-    /// Where the axis of projection is, in the object's x and y.
+    /// The axis of projection, in the object's x and y.
     pub axis: [f64; 2],
-    /// The texture coordinate there.
+    /// The texture coordinate of the axis.
     pub center: [f64; 2],
     /// Half the picture's width and height (`alpha a`, `beta b`), in mm; not 0.
     pub half: [f64; 2],
-    /// Whether y points down in the picture, as it does in captures.
+    /// True if y points down in the picture, as in captures.
     pub y_down: bool,
 }
 
 impl Window {
-    /// The window of the capture that `mesh` comes from, or of `range` if given.
+    /// Returns the window of the capture from which `mesh` was made, or of `range` if given.
     ///
-    /// With a camera the axis is the camera's, at its principal point, and the size is what the camera sees at the median
-    /// depth: `alpha a = (W / 2) z / fx`. Without one the axis goes through the middle of the object, and the object fills
-    /// the picture. A `scale` (alpha, beta) other than 0 sets the size by the object's half extents.
+    /// With a camera, the axis is the camera's axis, at its principal point, and the size is the camera's field of view at the median depth
+    /// `z`: `alpha a = (W / 2) z / fx`, with the picture's width `W` and the focal length `fx` in pixels. Without a camera the axis passes
+    /// through the center of the object, and the object fills the picture. A `scale` (alpha, beta) other than 0 sets the size as a multiple
+    /// of the object's half extents.
     ///
     /// # Errors
-    /// If the object has no points, or no extent by which to scale.
+    /// Returns an error if the object has no points, or no extent to scale by.
     pub fn new(
         mesh: &Mesh,
         range: Option<&RangeImage>,
@@ -168,7 +169,7 @@ impl Window {
         .unwrap_or_default();
         let middle = [0, 1].map(|k| low[k] / 2.0 + high[k] / 2.0);
         let extent = [0, 1].map(|k| high[k] / 2.0 - low[k] / 2.0);
-        let seen = frame.as_ref().and_then(seen);
+        let seen = frame.as_ref().and_then(field_of_view);
         let mut half = extent;
         for k in 0..2 {
             half[k] = match (scale[k], &seen) {
@@ -187,15 +188,15 @@ impl Window {
         })
     }
 
-    /// The texture coordinate of a point; outside of 0 to 1 where the point is outside of the window.
+    /// Returns the texture coordinate of a point; it is not from 0 to 1 if the point is outside of the window.
     pub fn uv(&self, point: Point3<f64>) -> [f64; 2] {
         let [x, y] = [0, 1].map(|k| (point[k] - self.axis[k]) / (2.0 * self.half[k]));
         [self.center[0] + x, self.center[1] + if self.y_down { -y } else { y }]
     }
 }
 
-/// What the camera of a capture sees at its median depth, if the camera is known.
-fn seen(frame: &CaptureFrame) -> Option<Window> {
+/// Returns the field of view of a capture's camera at its median depth, if the camera is known.
+fn field_of_view(frame: &CaptureFrame) -> Option<Window> {
     let camera = frame.camera?;
     let size = frame.picture.map(|size| size as f64);
     let half = [0, 1].map(|k| size[k] / 2.0 * frame.depth / camera.focal[k]);
@@ -231,7 +232,7 @@ mod tests {
 
     #[test]
     fn a_planar_picture_spans_alpha_times_the_object() {
-        // Half extents 3 and 2 around (10, 20).
+        // The box has the half extents 3 and 2 around (10, 20).
         let box_corners = [[7., 18., 0.], [13., 22., 5.]];
         assert_eq!(planar(&mesh(&box_corners), None, (0., 0.)), [[0., 0.], [1., 1.]]);
         let probes =
@@ -241,7 +242,7 @@ mod tests {
         assert_eq!(uv, [[0.25, 0.375], [0.75, 0.625], [0., 0.], [1., 1.], [0.5, 0.5]]);
     }
 
-    /// A capture of a slanted plane, 40 x 40 cells and 80 x 80 pixels, with its camera off the middle.
+    /// Returns a capture of a slanted plane, 40 x 40 cells and 80 x 80 pixels, with an off-center camera.
     fn capture(camera: Option<Pinhole>) -> RangeImage {
         let sees = Pinhole { focal: [140.; 2], center: [17., 22.] };
         let points = (0..1600).map(|i| {
@@ -255,9 +256,9 @@ mod tests {
             .with_registration(map)
     }
 
-    // Upright, and within some pixels of the registration.
+    // The picture must be upright, and agree with the registration within a few pixels.
     #[test]
-    fn a_planar_picture_lies_where_the_camera_saw_it() {
+    fn a_planar_picture_is_where_the_camera_saw_it() {
         let camera = Pinhole { focal: [140.; 2], center: [17., 22.] };
         let range = capture(Some(camera));
         let frame = range.capture_frame().unwrap();

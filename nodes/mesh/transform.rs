@@ -1,46 +1,46 @@
-//! Moves, turns and scales.
+//! Moves, rotates and scales.
 
-use maquette_node::{Carry, Context, Error, Fate, In, Node, Previous, Promise};
+use maquette_node::{Carry, Context, Error, In, Node, Previous, Promise, Transfer};
 use maquette_value::{Attribute, ControlNet, ControlNetError, Mesh, Points, PointsError};
 use schemars::{JsonSchema, json_schema};
 use serde::{Deserialize, Serialize};
 
-use super::followed::{Part, followed};
+use super::followed::{Part, move_vertices};
 use super::motion::{Motion, TransformError};
 use super::movable::Movable;
 use super::moved_mesh::{moved_frame, moved_mesh};
 
-/// Moves, turns and scales a mesh, a range image, points, a curve or a control net.
+/// Moves, rotates and scales a mesh, a range image, points, a curve or a control net.
 ///
-/// It is scaled first, about the origin, then turned about the x, the y and the z axis in this order, then moved. The result
-/// has the type of what came in. A mirrored mesh (one or three negative scales) has its faces turned round, so that its
-/// outside stays outside. Normals turn along; other attributes stay as they are.
+/// The value is first scaled about the origin, then rotated about the x, the y and the z axis in this order, then translated. The result
+/// has the type of the input. A mirrored mesh (one or three negative scales) has its faces reversed, so that they still face outward.
+/// Normals are rotated, too; other attributes do not change.
 ///
-/// What has moved is no longer where its camera saw it: the camera and its pose are forgotten, unless nothing moved. Texture coordinates
-/// and the registration of a range image stay.
+/// A moved value no longer has the position that its camera saw: camera and pose are dropped, unless nothing moves. Texture coordinates and
+/// the registration of a range image stay.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Transform {
-    /// What is moved: a mesh, a range image, points, a curve or a control net.
+    /// The value: a mesh, a range image, points, a curve or a control net.
     pub mesh: In<Movable>,
-    /// How far, along x, y and z.
+    /// Translation along x, y and z in mm.
     #[schemars(extend("unit" = "mm"))]
     #[serde(default)]
     pub translate: [f64; 3],
-    /// Angles about x, y and z; seen against an axis, a positive angle turns counter-clockwise.
+    /// Rotation angles about x, y and z in degrees; positive angles are counter-clockwise seen against the axis.
     #[schemars(extend("unit" = "deg"))]
     #[serde(default)]
     pub rotate: [f64; 3],
     /// Factors along x, y and z; not 0, and negative ones mirror.
     #[schemars(extend("items" = json_schema!({ "type": "number", "format": "double", "nonzero": true })))]
-    #[serde(default = "ones")]
+    #[serde(default = "default_scale")]
     pub scale: [f64; 3],
-    /// Forgets that a mesh or net was captured, so that its files have its coordinates as they are, y down and z away from the sensor.
-    /// Otherwise what a capture gave is turned upright in files for viewers.
+    /// Drops the capture frame of a mesh or net, so that its files have its coordinates unchanged, y down and z away from the sensor.
+    /// Otherwise captured values are rotated upright in files for viewers.
     #[serde(default)]
     pub sensor_axes: bool,
 }
 
-fn ones() -> [f64; 3] {
+fn default_scale() -> [f64; 3] {
     [1.0; 3]
 }
 
@@ -51,14 +51,14 @@ impl Node for Transform {
     const PROMISES: &'static [Promise<Self>] = &Promise::faces_kept("mesh", "mesh");
 
     const CARRIES: &'static [Carry] =
-        &[Carry::all("mesh", "mesh", Fate::Kept).and_cells(Fate::Kept)];
+        &[Carry::uniform("mesh", "mesh", Transfer::Kept).and_cells(Transfer::Kept)];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let moved = transform(&cx.get(&self.mesh), &self.motion()?)?;
         Ok((if self.sensor_axes { without_frame(moved) } else { moved },))
     }
 
-    /// Where only vertices of a mesh have moved, moves these.
+    /// If only some vertices of a mesh have moved, moves only these in the last result.
     fn update(
         &self,
         cx: &Context<'_>,
@@ -80,25 +80,25 @@ impl Transform {
     }
 }
 
-/// The share of vertices up to which it is faster to move those that have moved than all. On five million the two are as fast at a fifth;
-/// a mirrored mesh would have new faces, too.
-const GAINFUL: f64 = 0.2;
+/// Maximum fraction of moved vertices for which the last result is updated. With more, a new mesh is faster: for five million vertices both
+/// are equally fast at a fifth. The limit does not apply to a mirrored mesh, whose faces would also have to be made anew.
+const MAX_MOVED_FRACTION: f64 = 0.2;
 
-/// What [`transform`] makes of a mesh, made of what it made of it before; none if more than places and normals of vertices has changed.
+/// Updates the last result of [`transform`]; returns `None` if more than positions and normals of vertices has changed.
 fn follow(mesh: &Mesh, before: &Mesh, made: &Mesh, motion: &Motion) -> Option<Mesh> {
     if motion.is_identity() {
         return None;
     }
     let part = Part { before, now: mesh, motion: Some(*motion) };
-    let most = if motion.is_mirror() { 1.0 } else { GAINFUL };
-    let followed = followed(made, &[part], most)?;
+    let most = if motion.is_mirror() { 1.0 } else { MAX_MOVED_FRACTION };
+    let followed = move_vertices(made, &[part], most)?;
     Some(followed.with_materials(mesh.materials().clone()).with_frame(moved_frame(mesh)))
 }
 
-/// Moves the points of anything; see [`Transform`] for what goes along.
+/// Applies a motion to the points of any movable value; see [`Transform`] for the other data.
 ///
 /// # Errors
-/// If a place becomes infinite.
+/// Returns an error if a coordinate becomes infinite.
 pub fn transform(what: &Movable, motion: &Motion) -> Result<Movable, TransformError> {
     if motion.is_identity() {
         return Ok(what.clone());
@@ -119,7 +119,7 @@ pub fn transform(what: &Movable, motion: &Motion) -> Result<Movable, TransformEr
     })
 }
 
-/// What has no frame is written to files as it is.
+/// Returns the value without its capture frame: it is then written to files unchanged.
 fn without_frame(what: Movable) -> Movable {
     match what {
         Movable::Mesh(mesh) => Movable::Mesh(mesh.with_frame(None)),
@@ -143,7 +143,7 @@ fn moved_net(net: &ControlNet, motion: &Motion) -> Result<ControlNet, ControlNet
     let moved = ControlNet::new(net.rows(), net.columns(), motion.apply_all(net.base()))?
         .with_points(motion.apply_all(net.points()))?
         .with_weights(net.weights().to_vec())?
-        .with_fixed(net.fixed().to_vec())?;
+        .with_fixed(net.fixed_points().to_vec())?;
     Ok(match net.chart() {
         Some(chart) => moved.with_chart(chart.clone()),
         None => moved,
@@ -158,12 +158,13 @@ mod tests {
 
     use super::*;
 
-    /// The tetrahedron at the origin, its faces seen from outside.
+    /// Returns a tetrahedron at the origin, with faces that look outward.
     fn tetrahedron() -> Mesh {
-        fn at(x: f64, y: f64, z: f64) -> Point3<f64> {
+        fn point(x: f64, y: f64, z: f64) -> Point3<f64> {
             Point3::new(x, y, z)
         }
-        let positions = vec![at(0., 0., 0.), at(1., 0., 0.), at(0., 1., 0.), at(0., 0., 1.)];
+        let positions =
+            vec![point(0., 0., 0.), point(1., 0., 0.), point(0., 1., 0.), point(0., 0., 1.)];
         let faces = Faces::triangles(vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]);
         let mesh = Mesh::new(positions, faces).unwrap();
         let normals = mesh.vertex_normals().into_iter().map(Into::into).collect();
@@ -173,7 +174,7 @@ mod tests {
             .unwrap()
     }
 
-    fn moved(mesh: &Mesh, translate: [f64; 3], rotate: [f64; 3], scale: [f64; 3]) -> Mesh {
+    fn transform_mesh(mesh: &Mesh, translate: [f64; 3], rotate: [f64; 3], scale: [f64; 3]) -> Mesh {
         let motion = Motion::new(translate, rotate, scale).unwrap();
         match transform(&Movable::Mesh(mesh.clone()), &motion) {
             Ok(Movable::Mesh(mesh)) => mesh,
@@ -181,14 +182,18 @@ mod tests {
         }
     }
 
-    /// Six times the signed volume.
+    /// Returns six times the signed volume of a mesh.
     fn volume(mesh: &Mesh) -> f64 {
-        fn at(vertex: u32, mesh: &Mesh) -> Vector3<f64> {
+        fn position(vertex: u32, mesh: &Mesh) -> Vector3<f64> {
             mesh.positions()[vertex as usize].coords
         }
         mesh.faces()
             .iter()
-            .map(|face| at(face[0], mesh).cross(&at(face[1], mesh)).dot(&at(face[2], mesh)))
+            .map(|face| {
+                position(face[0], mesh)
+                    .cross(&position(face[1], mesh))
+                    .dot(&position(face[2], mesh))
+            })
             .sum()
     }
 
@@ -208,10 +213,13 @@ mod tests {
     #[test]
     fn a_mirrored_mesh_stays_right_side_out() {
         let mesh = tetrahedron();
-        let mirrored = moved(&mesh, [0.; 3], [10., 20., 30.], [-1., 2., 1.]);
+        let mirrored = transform_mesh(&mesh, [0.; 3], [10., 20., 30.], [-1., 2., 1.]);
         assert!((volume(&mirrored) - 2.0 * volume(&mesh)).abs() < 1e-12);
         assert_eq!(mirrored.corner().pairs("uv").unwrap()[..3], [[0., 0.], [2., 0.], [1., 0.]]);
-        assert_eq!(moved(&mirrored, [0.; 3], [0.; 3], [1., 1., -1.]).faces(), mesh.faces());
+        assert_eq!(
+            transform_mesh(&mirrored, [0.; 3], [0.; 3], [1., 1., -1.]).faces(),
+            mesh.faces()
+        );
     }
 
     #[test]
@@ -223,7 +231,7 @@ mod tests {
         let normals = mesh.vertex_normals().into_iter().map(Into::into).collect();
         let mesh = mesh.with_vertex("normal", Attribute::Vector(normals)).unwrap();
         for scale in [[3., 1., 0.5], [-1., 1., 1.]] {
-            let stretched = moved(&mesh, [1., 2., 3.], [40., 0., 7.], scale);
+            let stretched = transform_mesh(&mesh, [1., 2., 3.], [40., 0., 7.], scale);
             let expected = stretched.vertex_normals()[0];
             let normal = Vector3::from(stretched.vertex().vectors("normal").unwrap()[0]);
             assert!((normal - expected).norm() < 1e-14, "{normal} {expected}");
@@ -235,7 +243,7 @@ mod tests {
         let before = tetrahedron();
         let on_corners = Attribute::Vector(vec![[0.6, 0., 0.8]; 12].into());
         let before_at_corners = before.clone().with_corner("normal", on_corners).unwrap();
-        for before in [&before, &before.clone().without("normal"), &before_at_corners] {
+        for before in [&before, &before.clone().without_attribute("normal"), &before_at_corners] {
             let places = [Point3::new(-0., 2., 0.), Point3::new(0., 1., 4.)];
             let mut now = before.with_moved(&[0..1, 3..4], &places).unwrap();
             if let Some(normals) = before.vertex().vectors("normal") {
@@ -250,10 +258,10 @@ mod tests {
                 let [made, expected] =
                     [before, &now].map(|mesh| moved_mesh(mesh, &motion).unwrap());
                 let followed =
-                    |now| followed(&made, &[Part { before, now, motion: Some(motion) }], 0.5);
+                    |now| move_vertices(&made, &[Part { before, now, motion: Some(motion) }], 0.5);
                 assert_eq!(hash_of(&followed(&now).unwrap()), hash_of(&expected), "{scale:?}");
-                assert_eq!(followed(&now.clone().without("uv")), None);
-                // Half of the vertices are too many, but for a mirrored mesh.
+                assert_eq!(followed(&now.clone().without_attribute("uv")), None);
+                // If half of the vertices have moved, there are too many for an update; but a mirrored mesh has no limit.
                 let pays = follow(&now, before, &made, &motion).is_some();
                 assert_eq!(pays, motion.is_mirror());
             }
@@ -274,19 +282,19 @@ mod tests {
         let camera = Pinhole { focal: [1.; 2], center: [0.; 2] };
         let points = vec![Point3::new(0., 0., 5.), Point3::new(f64::NAN, 0., 0.)];
         let range = RangeImage::new(2, 1, points).unwrap().with_camera(Some(camera));
-        fn moved(shift: f64, range: &RangeImage) -> RangeImage {
+        fn shift_along_x(shift: f64, range: &RangeImage) -> RangeImage {
             let motion = Motion::new([0., 0., shift], [0.; 3], [1.; 3]).unwrap();
             match transform(&Movable::RangeImage(range.clone()), &motion) {
                 Ok(Movable::RangeImage(range)) => range,
                 other => panic!("a range image became {other:?}"),
             }
         }
-        assert_eq!(moved(0., &range), range);
+        assert_eq!(shift_along_x(0., &range), range);
         assert_eq!(
-            (moved(2., &range).point(0), moved(2., &range).point(1)),
+            (shift_along_x(2., &range).point(0), shift_along_x(2., &range).point(1)),
             (Some(Point3::new(0., 0., 7.)), None)
         );
-        assert_eq!(moved(2., &range).camera(), None);
+        assert_eq!(shift_along_x(2., &range).camera(), None);
     }
 
     #[test]
@@ -320,10 +328,10 @@ mod tests {
         assert_eq!(moved.attributes().vectors("other").unwrap()[0], [7., 8., 9.]);
 
         let knots = maquette_value::KnotVector::uniform(3, 3).unwrap();
-        fn at(x: f64, y: f64) -> Point3<f64> {
+        fn point(x: f64, y: f64) -> Point3<f64> {
             Point3::new(x, y, 1.0)
         }
-        let places = vec![at(0., 0.), at(1., 0.), at(1., 1.)];
+        let places = vec![point(0., 0.), point(1., 0.), point(1., 1.)];
         let curve = Curve::rational(places, vec![1., 2., 1.], knots).unwrap();
         let Ok(Movable::Curve(moved)) = transform(&Movable::Curve(curve.clone()), &motion) else {
             panic!("a curve stays a curve");

@@ -1,9 +1,9 @@
-//! Faces that look to the other side.
+//! Reverses faces.
 
 use maquette_value::{Faces, Mesh, MeshError};
 
-/// The same mesh with the corners of some faces, one flag for each, in the opposite order behind the first. What lies on corners goes with
-/// them; normals stay as they are.
+/// Returns the mesh with the flagged faces reversed: a reversed face keeps its first corner, and its other corners are in opposite order.
+/// Attributes of corners are reordered, too; normals do not change.
 pub(super) fn turned_faces(mesh: &Mesh, is_turned: &[bool]) -> Result<Mesh, MeshError> {
     let faces = mesh.faces();
     let mut places: Vec<u32> = Vec::with_capacity(faces.corners().len());

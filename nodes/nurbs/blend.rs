@@ -1,11 +1,12 @@
-//! Writes a surface back to the range grid that it came from.
+//! Writes a surface to the range grid that it was made from.
 
 use maquette_image::dilate;
 use maquette_node::{
-    Cancelled, Carry, Context, Error, Estimate, Fate, In, Limit, Node, Previous, Progress,
+    CancelledError, Carry, Context, Error, Estimate, In, Limit, Node, Previous, Progress, Transfer,
 };
 use maquette_range::{
-    GRAZING, JUMP, Joins, LARGEST_SHADOW, around, fill_shadows, grid_triangles, longest_edge,
+    GRAZING, JUMP, Joins, MAX_SHADOW_CELLS, fill_shadows, grid_triangles, longest_edge,
+    neighborhood,
 };
 use maquette_value::parallel::*;
 use maquette_value::{Mask, Pinhole, RangeImage, Region, Surface};
@@ -15,15 +16,15 @@ use serde::{Deserialize, Serialize};
 
 use super::blend_error::BlendError;
 use super::blend_mode::BlendMode;
-use super::grid::canvas::{Canvas, Target};
+use super::grid::canvas::Canvas;
 use super::grid::fold::folded_cells;
 use super::grid::refine::{refine, refined_range};
 use super::grid::seam::{Seam, seam};
 
-/// Writes a surface back to the range grid that it came from. Only cells of the region change; all others keep every bit.
+/// Writes a surface to the range grid that it was made from. Only cells of the region change; all others keep every bit.
 ///
-/// The region keeps hanging on what is around it, however steep it becomes, also where the sensor saw past its edge. Shadows at its
-/// border, which would leave a slit there, are filled.
+/// The region stays connected to its surroundings, however steep the surface becomes, also where the sensor saw past the region's edge.
+/// Shadows at the border of the region, which would leave a gap, are filled.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Blend {
     /// The range image to change.
@@ -32,28 +33,28 @@ pub struct Blend {
     pub region: In<Region>,
     /// The surface.
     pub surface: In<Surface>,
-    /// What is written.
+    /// Mode of the blend.
     #[serde(default)]
     pub mode: BlendMode,
-    /// Divides each cell into so many rows and columns, for a finer grid. The surface is sampled anew, the rest interpolated.
+    /// Divides each cell into this number of rows and columns, for a finer grid. The surface is sampled again, the rest is interpolated.
     #[schemars(inner(range(min = 1, max = 16)))]
-    #[serde(default = "same_grid")]
+    #[serde(default = "default_resample")]
     pub resample: [usize; 2],
 }
 
-fn same_grid() -> [usize; 2] {
+fn default_resample() -> [usize; 2] {
     [1, 1]
 }
 
-/// Cells of a finer grid: some 5 GB while it is made.
-const CELLS: Limit = Limit { most: 1 << 26, of: "cells", help: "choose a smaller `resample`" };
+/// Maximum number of cells of a finer grid; the computation then takes about 5 GB.
+const CELLS: Limit = Limit { max: 1 << 26, items: "cells", help: "choose a smaller `resample`" };
 
 impl Node for Blend {
     type Outputs = (RangeImage,);
     const OUTPUTS: [&'static str; 1] = ["range"];
 
     const CARRIES: &'static [Carry] =
-        &[Carry::cells("range", "range", Fate::Kept).but(&["filled", "joined"])];
+        &[Carry::cells("range", "range", Transfer::Kept).excluding(&["filled", "joined"])];
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let cells = cells(cx.get(&self.range), self.resample);
@@ -68,7 +69,7 @@ impl Node for Blend {
         Ok((blended.range,))
     }
 
-    /// Where only the surface is another, writes it to the same cells: what is around them does not hang on it.
+    /// If only the surface has changed, updates the cells of the last result; the surrounding cells do not depend on the surface.
     fn update(
         &self,
         cx: &Context<'_>,
@@ -86,25 +87,22 @@ impl Node for Blend {
     }
 }
 
-/// A changed range image.
+/// The result of a blend.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Blended {
+pub struct BlendedRange {
     /// The range image.
     pub range: RangeImage,
-    /// How many of the changed cells the sensor would no longer see as they lie in the grid.
+    /// The number of changed cells that the sensor could no longer see.
     pub folded: usize,
-    /// The step that the surface leaves at the border of the region; none for the mode `Displacement`, whose step is that of the
-    /// offset, and on a finer grid.
+    /// The step between the surface and the scan at the border of the region. `None` on a finer grid, and for the mode `Displacement`,
+    /// which causes no step beyond that of the offset.
     pub seam: Option<Seam>,
 }
 
-impl Blended {
+impl BlendedRange {
     fn warn(&self, cx: &Context<'_>) {
         if self.folded > 0 {
-            cx.warn(format!(
-                "{} changed cells lie in front of each other, seen from the sensor",
-                self.folded
-            ));
+            cx.warn(format!("{} changed cells hide each other, seen from the sensor", self.folded));
         }
         if let Some(seam) = self.seam.filter(Seam::is_visible) {
             cx.warn(format!(
@@ -115,28 +113,28 @@ impl Blended {
     }
 }
 
-/// How many cells a grid has after each was divided.
+/// Returns the number of cells of a grid after each cell is divided.
 fn cells(range: &RangeImage, [down, right]: [usize; 2]) -> f64 {
     [range.width(), range.height(), down, right].iter().map(|&count| count as f64).product()
 }
 
-/// Writes `surface` to the cells of `region`; cells of the region that had no point become valid and are marked as filled.
+/// Writes `surface` to the cells of `region`; cells of the region without a point become valid and are marked as filled.
 ///
-/// With S the surface, S' the surface of its net before any offset, and D the scan, or the region's point where the range has
-/// none, the new point of a cell is, by mode: `D + (S - S')`; `S`; `(1 - f) D + f S` with f = x^2 (3 - 2 x) and x from 0 to 1 over
-/// the band, by distance from the nearest cell outside. With the same weights `S - S'` is the surface of the net's
-/// offsets; where it is 0, D keeps its bits.
+/// S is the surface, S' the surface of its net before any offset, and D the scan, or the region's point where the scan has none. The new
+/// point of a cell depends on the mode: `D + (S - S')`, `S`, or `(1 - f) D + f S` with f = x^2 (3 - 2 x), where x is the distance from the
+/// nearest cell outside, from 0 to 1 over the band. With equal weights, `S - S'` is the surface of the net's offsets; where it is 0, D
+/// keeps its bits.
 ///
-/// Shadows (cells without a point that the scan surrounds) of up to 1000 cells between the region and the rest of the scan, and those of
-/// which all cells are within 8 cells of the region, are filled, too, by a thin plate under tension. Triangles within the region that were
-/// part of a surface before are marked as joined (as `Triangulate` joins cells when nothing else is asked of it). So are those at its
-/// border, at filled cells and within 8 cells of it, unless an edge was longer than 15 median spacings: what a part hides of its
-/// surroundings hangs on it, what is behind the object does not.
+/// Shadows are cells without a point that the scan surrounds. They are filled, too, by a thin plate under tension, if they have up to 1000
+/// cells and are between the region and the rest of the scan, or if all their cells are within 8 cells of the region. Triangles within the
+/// region that were part of a surface before are marked as joined (as `Triangulate` joins cells by default). Triangles at the region's
+/// border, at filled cells and within 8 cells of the region are also marked, unless an edge was longer than 15 median spacings:
+/// surroundings that a part hides are connected to it, the background is not.
 ///
 /// `resample` divides each cell into (rows, columns); (1, 1) keeps the grid.
 ///
 /// # Errors
-/// If the grids differ in size, a cell of the region has no place on the surface, or a factor is 0 or too large.
+/// Returns an error if the grids differ in size, a cell of the region is not on the surface, or a factor is 0 or too large.
 pub fn blend(
     range: &RangeImage,
     region: &Region,
@@ -144,7 +142,7 @@ pub fn blend(
     mode: BlendMode,
     resample: [usize; 2],
     progress: &Progress<'_>,
-) -> Result<Blended, BlendError> {
+) -> Result<BlendedRange, BlendError> {
     let [down, right] = resample;
     if down == 0 || right == 0 {
         return Err(BlendError::Resample { factors: resample });
@@ -154,44 +152,47 @@ pub fn blend(
         CELLS.check("the finer grid", cells(range, resample))?;
     }
     let mut same = Canvas::new(range, region, surface, mode)?;
-    let own = Neighborhood::of(&same);
+    let own = Neighborhood::new(&same);
     let beside = fill_beside(&mut same, &own, range, progress)?;
     let (canvas, own) = if divided {
         let finer = refine(&same, resample);
-        let own = Neighborhood::of(&finer);
+        let own = Neighborhood::new(&finer);
         (finer, own)
     } else {
         (same, own)
     };
     let seamed = (mode != BlendMode::Displacement && !divided).then_some(region);
-    let Written { points, folded, seam } = written(&canvas, surface, mode, range.camera(), seamed)?;
+    let WrittenCells { points, folded, seam } =
+        write_cells(&canvas, surface, mode, range.camera(), seamed)?;
     let cells = 0..range.points().len();
     let mut filled: Vec<_> = cells.map(|cell| u8::from(range.is_filled(cell))).collect();
-    let new = region.cells().iter().zip(region.filled());
+    let new = region.cells().iter().zip(region.filled_cells());
     let new = new.filter(|&(&cell, &flag)| flag == 1 || range.point(cell as usize).is_none());
     new.map(|(cell, _)| cell).chain(&beside).for_each(|&cell| filled[cell as usize] = 1);
     let range = if divided {
-        let old =
-            |cell: usize| cell / canvas.width / down * range.width() + cell % canvas.width / right;
-        let filled = (0..points.len()).map(|cell| filled[old(cell)]).collect();
+        let filled = (0..points.len())
+            .map(|cell| {
+                filled[cell / canvas.width / down * range.width() + cell % canvas.width / right]
+            })
+            .collect();
         refined_range(range, resample, points, filled)?
     } else {
         range.with_points(points)?.with_filled(filled)?
     };
-    let joined = joined(&canvas, &own, &range);
-    Ok(Blended { range: range.with_joined(joined)?, folded, seam })
+    let joined = joined_triangles(&canvas, &own, &range);
+    Ok(BlendedRange { range: range.with_joined(joined)?, folded, seam })
 }
 
-/// What [`blend`] makes on the same grid, made of the range image that it `made` of another surface.
+/// Updates the last result of [`blend`] on the same grid for a changed surface.
 fn follow(
     range: &RangeImage,
     region: &Region,
     surface: &Surface,
     mode: BlendMode,
     made: &RangeImage,
-) -> Result<Blended, BlendError> {
+) -> Result<BlendedRange, BlendError> {
     let mut canvas = Canvas::new(range, region, surface, mode)?;
-    // Shadows have been filled.
+    // The shadows are filled already, in the last result.
     let cells = canvas.points.par_iter_mut().zip(made.points()).with_min_len(16384);
     cells.for_each(|(point, made)| {
         if point.x.is_nan() {
@@ -199,56 +200,57 @@ fn follow(
         }
     });
     let seamed = (mode != BlendMode::Displacement).then_some(region);
-    let Written { points, folded, seam } = written(&canvas, surface, mode, range.camera(), seamed)?;
+    let WrittenCells { points, folded, seam } =
+        write_cells(&canvas, surface, mode, range.camera(), seamed)?;
     let runs = region.cells().chunk_by(|before, cell| before + 1 == *cell);
     let rows: Vec<_> = runs.map(|run| run[0]..run[0] + run.len() as u32).collect();
     let moved = region.cells().iter().map(|&cell| points[cell as usize]).collect();
-    Ok(Blended { range: made.with_moved(&rows, moved), folded, seam })
+    Ok(BlendedRange { range: made.with_moved(&rows, moved), folded, seam })
 }
 
-/// A surface as it is written to a canvas.
-struct Written {
+/// The points of a surface for a canvas.
+struct WrittenCells {
     points: Vec<Point3<f64>>,
     folded: usize,
     seam: Option<Seam>,
 }
 
-/// Writes a surface to the cells of a canvas; the seam is that with what is around a region.
-fn written(
+/// Writes a surface to the cells of a canvas, and measures the seam at the border of a region.
+fn write_cells(
     canvas: &Canvas,
     surface: &Surface,
     mode: BlendMode,
     camera: Option<&Pinhole>,
     region: Option<&Region>,
-) -> Result<Written, BlendError> {
+) -> Result<WrittenCells, BlendError> {
     let changes = changes(canvas, surface, mode)?;
     let mut points = canvas.points.clone();
     changes.iter().for_each(|&(cell, point)| points[cell] = point);
     let changed: Vec<usize> = changes.iter().map(|(cell, _)| *cell).collect();
     let folded = folded_cells(canvas.width, &canvas.points, &points, &changed, camera);
     let seam = region.map(|region| seam(region, &canvas.points, &points));
-    Ok(Written { points, folded, seam })
+    Ok(WrittenCells { points, folded, seam })
 }
 
-/// Slits, and shadows of which all cells are at most so far from the region, lie beside it, though they do not touch it.
-const BESIDE: usize = 8;
+/// Maximum distance in cells between the region and a slit or shadow that does not touch the region but is filled.
+const MAX_GAP_DISTANCE: usize = 8;
 
-/// Longest edge where a surface is known to go on, in multiples of the median spacing: a part may stand out far and hide some of its own
-/// surroundings from the sensor, but what is behind the object is no part of it.
+/// Maximum edge length of a continuous surface, in multiples of the median spacing. It is large because a part may protrude and hide some
+/// of its surroundings from the sensor; but the background does not belong to the surface.
 const ACROSS: f64 = 15.0;
 
-/// The cells of a region, and those at most `BESIDE` from it.
+/// The cells of a region and the cells at most `MAX_GAP_DISTANCE` away.
 struct Neighborhood {
     inside: Mask,
     near: Mask,
 }
 
 impl Neighborhood {
-    fn of(canvas: &Canvas) -> Self {
+    fn new(canvas: &Canvas) -> Self {
         let mut inside = vec![0; canvas.points.len()];
         canvas.targets.iter().for_each(|target| inside[target.cell] = 1);
         let inside = Mask::new(canvas.width, canvas.height, inside).expect("a value for each cell");
-        Self { near: dilate(&inside, BESIDE), inside }
+        Self { near: dilate(&inside, MAX_GAP_DISTANCE), inside }
     }
 
     fn has(&self, cell: usize) -> bool {
@@ -260,16 +262,16 @@ impl Neighborhood {
     }
 }
 
-/// Gives points to the shadows between the region and the rest of the scan, and to those beside it; their cells, in raster order.
+/// Fills the shadows at the border of the region and near it. Returns the filled cells in raster order.
 fn fill_beside(
     canvas: &mut Canvas,
     region: &Neighborhood,
     range: &RangeImage,
     progress: &Progress<'_>,
-) -> Result<Vec<u32>, Cancelled> {
+) -> Result<Vec<u32>, CancelledError> {
     let width = canvas.width;
-    // Cells of the region may have points that the scan has not.
-    fn seen(cell: usize, region: &Neighborhood, range: &RangeImage) -> bool {
+    // Cells of the region have points of their own, even where the scan has none.
+    fn is_known(cell: usize, region: &Neighborhood, range: &RangeImage) -> bool {
         region.has(cell) || range.point(cell).is_some()
     }
     let longest = longest_edge(range, ACROSS);
@@ -278,19 +280,28 @@ fn fill_beside(
         &mut canvas.points,
         longest,
         |cells| {
-            let has = |within| {
-                around(width, cells).any(|it| seen(it, region, range) && region.has(it) == within)
-            };
-            let is_near = || has(true) || cells.iter().all(|&cell| region.is_near(cell as usize));
-            cells.len() <= LARGEST_SHADOW && has(false) && is_near()
+            fn has(
+                within: bool,
+                width: usize,
+                cells: &[u32],
+                region: &Neighborhood,
+                range: &RangeImage,
+            ) -> bool {
+                neighborhood(width, cells)
+                    .any(|it| is_known(it, region, range) && region.has(it) == within)
+            }
+            cells.len() <= MAX_SHADOW_CELLS
+                && has(false, width, cells, region, range)
+                && (has(true, width, cells, region, range)
+                    || cells.iter().all(|&cell| region.is_near(cell as usize)))
         },
         progress,
     )
 }
 
-/// The triangles that stay part of the surface, however the blend stretches them: those within the region that were so before, and those
-/// at its border and at filled cells that did not bridge the gap to a background.
-fn joined(canvas: &Canvas, region: &Neighborhood, range: &RangeImage) -> Vec<u8> {
+/// Marks the triangles that stay in the surface even if the blend stretches them: triangles of the old surface within the region, and
+/// triangles at the region's border or at filled cells that did not bridge a gap to the background.
+fn joined_triangles(canvas: &Canvas, region: &Neighborhood, range: &RangeImage) -> Vec<u8> {
     let Canvas { width, height, points, .. } = canvas;
     let outside: Vec<_> = (0..points.len())
         .map(|cell: usize| !region.has(cell) && !points[cell].x.is_nan())
@@ -299,8 +310,8 @@ fn joined(canvas: &Canvas, region: &Neighborhood, range: &RangeImage) -> Vec<u8>
     let rim = dilate(&outside, 1);
     let before = range.with_points(points.clone()).expect("as many points as cells");
     let seen = Joins::new(&before, JUMP, GRAZING);
-    let across = seen.allowing(ACROSS, 90.0);
-    let mut joined: Vec<_> = (0..points.len()).map(|cell| range.joined(cell)).collect();
+    let across = seen.with_limits(ACROSS, 90.0);
+    let mut joined: Vec<_> = (0..points.len()).map(|cell| range.forced_triangles(cell)).collect();
     let held = grid_triangles(
         *width,
         *height,
@@ -308,21 +319,22 @@ fn joined(canvas: &Canvas, region: &Neighborhood, range: &RangeImage) -> Vec<u8>
         |quad: usize| joined[quad],
         |triangle, corners| {
             let cells = triangle.cells(*width);
-            fn any(is: &dyn Fn(usize) -> bool, cells: [usize; 3]) -> bool {
+            fn any_cell(is: &dyn Fn(usize) -> bool, cells: [usize; 3]) -> bool {
                 cells.iter().any(|&cell| is(cell))
             }
-            let inside = any(&|cell| region.has(cell), cells);
-            if any(&|cell| range.is_filled(cell), cells)
-                || inside && any(&|cell| rim.pixels()[cell] == 1, cells)
+            let inside = any_cell(&|cell| region.has(cell), cells);
+            if any_cell(&|cell| range.is_filled(cell), cells)
+                || inside && any_cell(&|cell| rim.pixels()[cell] == 1, cells)
             {
-                across.holds(corners)
+                across.is_on_surface(corners)
             } else if inside {
-                seen.holds(corners)
+                seen.is_on_surface(corners)
             } else {
-                // What is redesigned is to stand in one skin; its own outermost cells, of mixed colors, are often none of the region.
-                any(&|cell| region.is_near(cell), cells)
-                    && !seen.holds(corners)
-                    && across.holds(corners)
+                // The redesigned part must be one connected surface, but its outermost cells, with mixed colors, are often not in the
+                // region.
+                any_cell(&|cell| region.is_near(cell), cells)
+                    && !seen.is_on_surface(corners)
+                    && across.is_on_surface(corners)
             }
         },
     );
@@ -332,7 +344,7 @@ fn joined(canvas: &Canvas, region: &Neighborhood, range: &RangeImage) -> Vec<u8>
     joined
 }
 
-/// The cells that change, in raster order, and their new points.
+/// Returns the cells that change, in raster order, and their new points.
 fn changes(
     canvas: &Canvas,
     surface: &Surface,
@@ -342,7 +354,7 @@ fn changes(
         BlendMode::Displacement => Some(surface_of_offsets(surface)?),
         _ => None,
     };
-    // Most charts hold whole net coordinates, whose parameters are needed again and again.
+    // The net coordinates of most cells are integers, so the parameters of all integers are computed once.
     let [whole_u, whole_v] = [surface.u(), surface.v()]
         .map(|knots| (0..knots.n_control()).map(|k| knots.parameter(k as f64)).collect::<Vec<_>>());
     fn parameters(
@@ -351,33 +363,37 @@ fn changes(
         whole_v: &[f64],
         surface: &Surface,
     ) -> (f64, f64) {
-        fn known(whole: &[f64], a: f64) -> Option<f64> {
+        fn known_parameter(whole: &[f64], a: f64) -> Option<f64> {
             whole.get(a as usize).copied().filter(|_| a >= 0.0 && a.fract() == 0.0)
         }
-        let u = known(whole_u, a).unwrap_or_else(|| surface.u().parameter(a));
-        (u, known(whole_v, b).unwrap_or_else(|| surface.v().parameter(b)))
+        let u = known_parameter(whole_u, a).unwrap_or_else(|| surface.u().parameter(a));
+        (u, known_parameter(whole_v, b).unwrap_or_else(|| surface.v().parameter(b)))
     }
-    let change = |target: &Target| {
-        let before = canvas.points[target.cell];
-        let (u, v) = parameters(target.coordinate, &whole_u, &whole_v, surface);
-        let after = match (&offsets, mode) {
-            (Some(offsets), _) => {
-                let offset = offsets.point(u, v).coords;
-                // Adding 0 would turn -0 into 0.
-                if offset == Vector3::zeros() { before } else { before + offset }
-            }
-            (None, BlendMode::Feather { band }) => {
-                let share = smoothstep(target.depth / band);
-                before + (surface.point(u, v) - before) * share
-            }
-            (None, _) => surface.point(u, v),
-        };
-        (target.cell, after)
-    };
-    Ok(canvas.targets.par_iter().with_min_len(256).map(change).collect())
+    Ok(canvas
+        .targets
+        .par_iter()
+        .with_min_len(256)
+        .map(|target| {
+            let before = canvas.points[target.cell];
+            let (u, v) = parameters(target.coordinate, &whole_u, &whole_v, surface);
+            let after = match (&offsets, mode) {
+                (Some(offsets), _) => {
+                    let offset = offsets.point(u, v).coords;
+                    // Adding 0 would change -0 to 0.
+                    if offset == Vector3::zeros() { before } else { before + offset }
+                }
+                (None, BlendMode::Feather { band }) => {
+                    let share = smoothstep(target.depth / band);
+                    before + (surface.point(u, v) - before) * share
+                }
+                (None, _) => surface.point(u, v),
+            };
+            (target.cell, after)
+        })
+        .collect())
 }
 
-/// The surface of `points - base` with the same weights and knots: how far each parameter is moved.
+/// Returns the surface whose control points are `points - base`, with the same weights and knots: the displacement at each parameter.
 fn surface_of_offsets(surface: &Surface) -> Result<Surface, BlendError> {
     let net = surface.net();
     let offsets: Vec<Point3<f64>> = (net.points().iter().zip(net.base()))

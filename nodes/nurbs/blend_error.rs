@@ -1,53 +1,53 @@
-//! Why a surface cannot be blended into a range image.
+//! Errors of `Blend`.
 
-use maquette_node::{Cancelled, TooMuch};
+use maquette_node::{CancelledError, LimitError};
 use maquette_value::{ControlNetError, SizeError, SurfaceError};
 
-/// Why a surface cannot be written to a range image.
+/// Reasons why a surface cannot be written to a range image.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum BlendError {
-    /// Grids of different sizes.
+    /// The grids have different sizes.
     #[error("{what} is for a grid of {size:?} cells, the range image has {range:?}")]
     Grid {
         /// `the region` or `the surface`.
         what: &'static str,
-        /// Size of its grid.
+        /// The size of the grid of the region or the surface.
         size: [usize; 2],
-        /// Size of the range image.
+        /// The size of the range image.
         range: [usize; 2],
     },
-    /// A surface without a place on the grid.
-    #[error("the surface was not made from a region: nothing tells where cells lie on it")]
+    /// The surface was not made from a range grid.
+    #[error("the surface was not made from a region: the positions of cells on it are unknown")]
     NoChart,
-    /// A cell without a place on the surface.
+    /// A cell has no position on the surface.
     #[error(
-        "cell ({column}, {row}) of the region has no place on the surface, which was made from another region"
+        "cell ({column}, {row}) of the region is not on the surface, which was made from another region"
     )]
     NotOnSurface {
-        /// Its column.
+        /// The column of the cell.
         column: usize,
-        /// Its row.
+        /// The row of the cell.
         row: usize,
     },
-    /// Factors that make no grid.
+    /// The division factors are invalid.
     #[error("cells cannot be divided by {factors:?}: the factors are 1 or more")]
     Resample {
         /// The factors.
         factors: [usize; 2],
     },
-    /// Too fine a grid.
+    /// The finer grid would have too many cells.
     #[error(transparent)]
-    TooMuch(#[from] TooMuch),
-    /// The net moved out of all bounds.
+    TooMuch(#[from] LimitError),
+    /// The control points exceed the largest allowed coordinate.
     #[error(transparent)]
     Net(#[from] ControlNetError),
-    /// The difference between the surface and its base is no surface.
+    /// The difference between the surface and its base is not a surface.
     #[error(transparent)]
     Surface(#[from] SurfaceError),
-    /// Columns of different sizes.
+    /// The columns of the range image's data have different lengths.
     #[error(transparent)]
     Size(#[from] SizeError),
-    /// The evaluation was told to stop.
+    /// The evaluation was cancelled.
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }

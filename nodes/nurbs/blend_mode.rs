@@ -1,25 +1,25 @@
-//! How a surface is blended into a range image.
+//! Modes of `Blend`.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What a blend writes.
+/// A mode of `Blend`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub enum BlendMode {
-    /// The scan, moved as the surface was moved by the offset of its net: keeps all detail and leaves no seam.
+    /// The scan, displaced as the offset displaced the surface. It keeps all detail and leaves no seam.
     #[default]
     Displacement,
-    /// The surface itself: smooth inside, with a small step at the border where the scan is rough.
+    /// The surface itself. It is smooth inside, with a small step at the border where the scan is rough.
     Replace,
-    /// The surface, fading into the scan towards the border.
+    /// The surface, with a smooth transition to the scan at the border.
     Feather {
-        /// Width of the band in which it fades.
+        /// Width of the transition in cells.
         #[schemars(range(min = 0.0, max = 1000.0), extend("unit" = "px"))]
-        #[serde(default = "four")]
+        #[serde(default = "default_band")]
         band: f64,
     },
 }
 
-fn four() -> f64 {
+fn default_band() -> f64 {
     4.0
 }

@@ -1,4 +1,4 @@
-//! Makes a rectangular net of control points of a region of a range grid.
+//! Makes a rectangular control net for a region of a range grid.
 
 use maquette_base::limits::POINTS;
 use maquette_node::{Context, Error, FieldError, In, Node, Progress};
@@ -7,64 +7,63 @@ use maquette_value::{RangeImage, Region};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::grid::window::{GridWindow, placed};
-use super::net::charted::charted;
+use super::grid::window::{GridWindow, place_region};
+use super::net::parameterized::parameterize;
 use super::net::{harmonic, polar, rows};
 use super::net_error::NetError;
 
-/// Makes a rectangular net of control points of a region of a range grid. Points on the region's border are fixed: an offset
-/// leaves them where they are.
+/// Makes a rectangular control net for a region of a range grid. Points on the region's border are fixed: an offset does not move them.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ControlNet {
-    /// The cells that are to be redesigned. Where the range image has no point, theirs are taken, moved along if the range image is
-    /// elsewhere than when the region was made.
+    /// The cells to redesign. Where the range image has no point, the region's own point is used; if the range image has moved since, the
+    /// point is moved with it.
     pub region: In<Region>,
-    /// The range image that the region is part of: its points make the net.
+    /// The range image of the region: its points make the net.
     pub range: In<RangeImage>,
-    /// How the net is laid over the region.
+    /// Placement of the net on the region.
     #[serde(default)]
     pub method: NetMethod,
-    /// Rows of the net, 2 or more; 0 chooses: as many as cells lie along them. For the methods `Rows`, `Polar` (rings, with the
+    /// Number of rows, at least 2; 0 means as many as there are cells along them. Used by the methods `Rows`, `Polar` (rings, with the
     /// pole) and `Harmonic`.
     #[schemars(range(max = 4096))]
     #[serde(default)]
     pub rows: usize,
-    /// Columns of the net, 2 or more; 0 chooses: the median length of the region's rows, or half the length of its contour for
-    /// `Polar`, 64 at most. For the methods `Rows`, `Polar` (with the repeated ones) and `Harmonic`.
+    /// Number of columns, at least 2; 0 means the median length of the region's rows, or half the length of its contour for `Polar`, at
+    /// most 64. Used by the methods `Rows`, `Polar` (with the repeated columns) and `Harmonic`.
     #[schemars(range(max = 4096))]
     #[serde(default)]
     pub columns: usize,
 }
 
-/// How a net is laid over a region.
+/// Placement of a net on a region.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum NetMethod {
-    /// `Grid`.
+    /// The method `Grid`.
     #[default]
     Auto,
-    /// The range grid itself, in a rectangle around the region: keeps the sampling, and takes regions of any shape.
+    /// The range grid itself, in a rectangle around the region: keeps the sampling, and works for regions of any shape.
     Grid,
-    /// The rows of the region, each divided evenly by its length in space: for surfaces that replace the scan.
+    /// The rows of the region, each divided evenly by arc length: for surfaces that replace the scan.
     Rows,
-    /// Rings around the middle of a region that is seen whole from there. For knots of the kind `Periodic` along v.
+    /// Rings around the center of a star-shaped region. Needs knots of the kind `Periodic` along v.
     Polar {
-        /// Order along v of the surface that the net is for: the last `order - 1` columns repeat the first ones.
+        /// Order along v of the future surface: the last `order - 1` columns repeat the first ones.
         #[schemars(range(min = 2, max = 10))]
-        #[serde(default = "three")]
+        #[serde(default = "default_order")]
         order: usize,
     },
-    /// The region mapped to a square without overlap, its contour to the border: for regions of any shape. Holes are closed, and
-    /// cells that hang on by a corner or a line take the place of the cell next to them.
+    /// The region mapped to a square without overlap, its contour to the border: for regions of any shape. Holes are closed, and cells
+    /// connected only by a corner or a line get the position of an adjacent cell.
     Harmonic {
-        /// Cells (column, row) of the range grid for the first and the last point of the net's first column, then the last and the
-        /// first point of its last column: counter-clockwise along the contour, which they must touch or nearly so. Left out: those
-        /// farthest along the diagonals, from the upper left one on.
+        /// Cells (column, row) of the range grid for the first and the last point of the net's first column, then the last and the first
+        /// point of its last column: counter-clockwise along the contour, on it or close to it. If omitted: the cells farthest along the
+        /// diagonals, from the upper left one on.
         #[serde(default)]
         corners: Option<[[usize; 2]; 4]>,
     },
 }
 
-fn three() -> usize {
+fn default_order() -> usize {
     3
 }
 
@@ -94,19 +93,19 @@ impl Node for ControlNet {
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let (region, range) = (cx.get(&self.region), cx.get(&self.range));
         let net = control_net(region, range, self.method, self.rows, self.columns, cx.progress())?;
-        if !net.fixed().contains(&0) {
+        if !net.fixed_points().contains(&0) {
             cx.warn("every point of the net is on the region's border: no offset will move it");
         }
         Ok((net,))
     }
 }
 
-/// The control net of a region of `range`, with the place of each of the region's cells on it. `rows` and `columns` are for
-/// all methods but [`NetMethod::Grid`]; 0 chooses.
+/// Makes the control net of a region of `range`, with a net coordinate for each of the region's cells. `rows` and `columns` are for all
+/// methods except [`NetMethod::Grid`]; 0 means automatic.
 ///
 /// # Errors
-/// If the region is of another grid or has one cell only, its shape is not one for the method, or a size is given that the method
-/// does not take.
+/// Returns an error if the region belongs to another grid or has only one cell, its shape is unsuitable for the method, or a size is given
+/// that the method does not use.
 pub fn control_net(
     region: &Region,
     range: &RangeImage,
@@ -127,15 +126,15 @@ pub fn control_net(
         fn cells(axis: usize, high: [usize; 2], low: [usize; 2]) -> usize {
             high[axis] - low[axis] + 1
         }
-        fn along(given: usize, cells: usize) -> f64 {
+        fn count_or(given: usize, cells: usize) -> f64 {
             (if given == 0 { cells } else { given }) as f64
         }
         POINTS.check(
             "the net",
-            along(rows, cells(1, high, low)) * along(columns, cells(0, high, low)),
+            count_or(rows, cells(1, high, low)) * count_or(columns, cells(0, high, low)),
         )?;
     }
-    let region = &*placed(region, range, progress)?;
+    let region = &*place_region(region, range, progress)?;
     let net = match method {
         NetMethod::Auto | NetMethod::Grid if (rows, columns) != (0, 0) => Err(NetError::FixedSize),
         NetMethod::Auto | NetMethod::Grid => grid(region, range, progress),
@@ -149,11 +148,11 @@ pub fn control_net(
     Ok(net.with_frame(range.capture_frame().ok()))
 }
 
-/// Cells around the region's bounding rectangle that belong to the net, on each side: the degree up to which a moved point's
-/// effect ends inside the net. With fewer, a clamped end of the knots would lie in the region; more cost time.
+/// Padding on each side of the region's bounding rectangle, in cells. It is the maximum degree for which a moved point has no effect
+/// outside of the net. With less, a clamped end of the knots would be in the region; more costs time.
 const PADDING: usize = 3;
 
-/// The range grid in the region's bounding rectangle, padded; free is each cell whose four neighbors are in the region too.
+/// Makes the net of the range grid in the region's bounding rectangle, padded. A cell is free if its four neighbors are in the region, too.
 fn grid(
     region: &Region,
     range: &RangeImage,
@@ -169,7 +168,7 @@ fn grid(
     }
     let coordinates = region.cells().iter().map(|&cell| window.place(cell).map(|at| at as f64));
     let (cells, coordinates) = (region.cells().to_vec(), coordinates.collect());
-    charted(
+    parameterize(
         range,
         [rows, columns],
         window.points,
@@ -185,7 +184,7 @@ pub(super) mod tests {
 
     use super::*;
 
-    /// A range image of points (column, row, depth), invalid where the depth is NaN.
+    /// Returns a range image of points (column, row, depth), invalid where the depth is NaN.
     pub(crate) fn range(
         width: usize,
         height: usize,
@@ -204,7 +203,8 @@ pub(super) mod tests {
         .unwrap()
     }
 
-    /// The cells of `range` that `inside` takes; those without a point get one of depth 0, and the flag.
+    /// Returns the region of the cells of `range` for which `inside` is true. Cells without a point get a point of depth 0 and are flagged
+    /// as filled.
     pub(crate) fn region(range: &RangeImage, inside: impl Fn(usize, usize) -> bool) -> Region {
         let (width, height) = (range.width(), range.height());
         let cells: Vec<u32> = (0..width * height)
@@ -225,10 +225,10 @@ pub(super) mod tests {
     }
 
     fn net(region: &Region, range: &RangeImage) -> value::ControlNet {
-        control_net(region, range, NetMethod::Auto, 0, 0, &Progress::none()).unwrap()
+        control_net(region, range, NetMethod::Auto, 0, 0, &Progress::silent()).unwrap()
     }
 
-    // The method Grid.
+    // Tests the method `Grid`.
     #[test]
     fn a_rectangle_is_its_own_net_with_padding() {
         let range = range(20, 16, |x, y| 700.0 + 0.3 * x - 0.2 * y);
@@ -240,7 +240,7 @@ pub(super) mod tests {
                 let cell = (row + 3) * 20 + column + 2;
                 assert_eq!(net.points()[row * 13 + column], range.points()[cell]);
                 let free = (4..7).contains(&row) && (4..9).contains(&column);
-                assert_eq!(net.fixed()[row * 13 + column] == 0, free, "({row}, {column})");
+                assert_eq!(net.fixed_points()[row * 13 + column] == 0, free, "({row}, {column})");
             }
         }
         let chart = net.chart().unwrap();
@@ -254,8 +254,8 @@ pub(super) mod tests {
         let net = net(&region(&range, |x, y| x < 4 && y < 3), &range);
         assert_eq!((net.rows(), net.columns()), (5, 6));
         assert_eq!(net.chart().unwrap().coordinates[0], [0.0, 0.0]);
-        // Cells on the grid's own border have no neighbor beyond it and stay.
-        let free: Vec<usize> = (0..30).filter(|&at| net.fixed()[at] == 0).collect();
+        // Cells on the grid's border have no neighbor beyond it and stay fixed.
+        let free: Vec<usize> = (0..30).filter(|&at| net.fixed_points()[at] == 0).collect();
         assert_eq!(free, [7, 8]);
     }
 
@@ -290,7 +290,7 @@ pub(super) mod tests {
                 disk: &Region,
                 method: &NetMethod,
             ) -> maquette_value::ControlNet {
-                control_net(disk, range, *method, 0, 0, &Progress::none()).unwrap()
+                control_net(disk, range, *method, 0, 0, &Progress::silent()).unwrap()
             }
             let (near, far) = (net(&scan, &disk, &method), net(&away, &disk, &method));
             for (near, far) in near.points().iter().zip(far.points()) {
@@ -303,28 +303,28 @@ pub(super) mod tests {
     #[test]
     fn regions_and_sizes_that_do_not_fit_are_refused() {
         let (range, turned) = (range(6, 5, |_, _| 1.0), range(5, 6, |_, _| 1.0));
-        fn refused(
+        fn error(
             region: &Region,
             method: NetMethod,
             rows: usize,
             columns: usize,
             range: &RangeImage,
         ) -> NetError {
-            control_net(region, range, method, rows, columns, &Progress::none()).unwrap_err()
+            control_net(region, range, method, rows, columns, &Progress::silent()).unwrap_err()
         }
         let point = region(&range, |x, y| (x, y) == (2, 2));
         let all = region(&range, |_, _| true);
         let degenerate = NetError::DegenerateRegion { rows: 1, columns: 1 };
-        assert_eq!(refused(&point, NetMethod::Grid, 0, 0, &range), degenerate);
-        assert_eq!(refused(&point, NetMethod::Rows, 0, 0, &range), degenerate);
-        assert_eq!(refused(&all, NetMethod::Auto, 0, 9, &range), NetError::FixedSize);
-        assert_eq!(refused(&all, NetMethod::Rows, 1, 0, &range), NetError::OneLine);
+        assert_eq!(error(&point, NetMethod::Grid, 0, 0, &range), degenerate);
+        assert_eq!(error(&point, NetMethod::Rows, 0, 0, &range), degenerate);
+        assert_eq!(error(&all, NetMethod::Auto, 0, 9, &range), NetError::FixedSize);
+        assert_eq!(error(&all, NetMethod::Rows, 1, 0, &range), NetError::OneLine);
         for method in [NetMethod::Rows, NetMethod::Polar { order: 3 }] {
-            let error = refused(&all, method, 4096, 4096, &range).to_string();
+            let error = error(&all, method, 4096, 4096, &range).to_string();
             assert!(error.starts_with("the net would need about 17 000 000 points"), "{error}");
         }
         let other = region(&turned, |_, _| true);
         let size = NetError::Size { region: [5, 6], range: [6, 5] };
-        assert_eq!(refused(&other, NetMethod::Auto, 0, 0, &range), size);
+        assert_eq!(error(&other, NetMethod::Auto, 0, 0, &range), size);
     }
 }

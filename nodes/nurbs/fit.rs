@@ -1,4 +1,4 @@
-//! Surfaces through or near the points of a net.
+//! Surfaces that pass through the points of a net, or near them.
 
 pub(super) mod fit_line;
 pub(super) mod fit_net;

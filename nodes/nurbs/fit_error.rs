@@ -1,44 +1,46 @@
-//! Why no surface can be fitted.
+//! Errors of surface fitting.
 
-use maquette_node::Cancelled;
-use maquette_value::{Along, ControlNetError, KnotVectorError, SurfaceError, TraceError};
+use maquette_node::CancelledError;
+use maquette_value::{
+    ControlNetError, KnotVectorError, ParameterDirection, SurfaceError, TraceError,
+};
 
-/// Why no surface fits.
+/// Reasons why a surface cannot be fitted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FitError {
-    /// A number of control points that does not go with the order and the points.
+    /// The number of control points does not fit the order and the points.
     #[error(
         "{control} control points along {along:?} do not fit: there are {points} points, and order {order} needs {order} of both"
     )]
     Count {
         /// The direction.
-        along: Along,
-        /// Control points.
+        along: ParameterDirection,
+        /// The number of control points.
         control: usize,
-        /// Points to meet.
+        /// The number of points.
         points: usize,
         /// The order.
         order: usize,
     },
-    /// Equations without one solution.
-    #[error("the points along {along:?} do not determine the surface: some lie in one place")]
+    /// The equations have no unique solution.
+    #[error("the points along {along:?} do not determine the surface: some coincide")]
     Singular {
         /// The direction.
-        along: Along,
+        along: ParameterDirection,
     },
-    /// Parameters that make no knots.
+    /// The parameters lead to no valid knots.
     #[error(transparent)]
     Knots(#[from] KnotVectorError),
-    /// A surface out of all bounds.
+    /// The control points exceed the largest coordinate.
     #[error(transparent)]
     Net(#[from] ControlNetError),
-    /// No surface.
+    /// The fitted surface is invalid.
     #[error(transparent)]
     Surface(#[from] SurfaceError),
-    /// Distances that are no numbers.
+    /// The residuals are not finite.
     #[error(transparent)]
     Trace(#[from] TraceError),
-    /// The evaluation was told to stop.
+    /// The evaluation was cancelled.
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }

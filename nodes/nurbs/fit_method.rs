@@ -1,51 +1,52 @@
-//! How a surface is fitted.
+//! Methods of surface fitting.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// How the points of a fitted surface are met.
+/// A method of fitting a surface to points.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub enum FitMethod {
-    /// The surface goes through all of them.
+    /// The surface interpolates all points.
     #[default]
     Interpolate,
-    /// It has fewer control points and is as near as possible, by squares, first along u, then along v. It meets the corners.
+    /// The surface has fewer control points and approximates the points by least squares, first along u, then along v. It interpolates the
+    /// corners.
     LeastSquares {
-        /// Rows of control points; 0 takes as many as the points have, which interpolates along u.
+        /// Number of rows of control points; 0 means as many as points, which interpolates along u.
         #[schemars(range(max = 4096))]
         #[serde(default)]
         rows: usize,
-        /// Columns of control points; 0 takes as many as the points have, which interpolates along v.
+        /// Number of columns of control points; 0 means as many as points, which interpolates along v.
         #[schemars(range(max = 4096))]
         #[serde(default)]
         columns: usize,
     },
-    /// The same by progressive iteration: rounds that move each control point by what the surface misses near it. Stopped early it
-    /// is smoother.
+    /// Least squares by progressive iteration: rounds that move each control point by the residuals near it. Fewer rounds give a smoother
+    /// surface.
     Lspia {
-        /// Rows of control points; 0 takes as many as the points have.
+        /// Number of rows of control points; 0 means as many as points.
         #[schemars(range(max = 4096))]
         #[serde(default)]
         rows: usize,
-        /// Columns of control points; 0 takes as many as the points have.
+        /// Number of columns of control points; 0 means as many as points.
         #[schemars(range(max = 4096))]
         #[serde(default)]
         columns: usize,
-        /// Most rounds in each direction.
+        /// Maximum number of rounds in each direction.
         #[schemars(range(max = 100_000))]
-        #[serde(default = "rounds")]
+        #[serde(default = "default_iterations")]
         iterations: usize,
-        /// A round that moves no control point farther than this is the last one.
+        /// The iteration ends when no control point moves farther than this, in mm.
         #[schemars(range(min = 0.0), extend("unit" = "mm"))]
-        #[serde(default = "micrometer")]
+        #[serde(default = "default_tolerance")]
         tolerance: f64,
     },
 }
 
-fn rounds() -> usize {
+fn default_iterations() -> usize {
     100
 }
 
-fn micrometer() -> f64 {
+fn default_tolerance() -> f64 {
     1e-3
 }

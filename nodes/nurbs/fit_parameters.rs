@@ -1,16 +1,16 @@
-//! Which parameters the points of a net get.
+//! Parameters of the points of a fitted surface.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Where on a fitted surface the points lie.
+/// The spacing of the points' parameters on a fitted surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum FitParameters {
-    /// Evenly spaced.
+    /// Uniform.
     Uniform,
-    /// As far apart as the points are, in the mean over all lines.
+    /// Proportional to the distances of the points, averaged over all lines.
     Chord,
-    /// As far apart as the square roots of the points' distances, which avoids oscillations at sharp turns.
+    /// Proportional to the square roots of the distances, which avoids oscillations at sharp turns.
     #[default]
     Centripetal,
 }

@@ -2,7 +2,7 @@
 
 use maquette_node::{Context, Error, In, Node, Progress};
 use maquette_value as value;
-use maquette_value::{Along, Chart, Surface, Trace};
+use maquette_value::{Chart, ParameterDirection, Surface, Trace};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -11,39 +11,41 @@ use super::fit_error::FitError;
 use super::fit_method::FitMethod;
 use super::fit_parameters::FitParameters;
 
-/// Fits a B-spline surface to the points of a net: unlike the one of `Nurbs`, which only follows its control points, it goes
-/// through them or near them.
+/// Fits a B-spline surface to the points of a net: unlike `Nurbs`, whose surface only follows its control points, it passes through the
+/// points or near them.
 ///
-/// The surface knows the range grid's cells if the net does, so that `Blend` can write it back. It has no weights.
+/// If the net has a chart (a net coordinate for each range cell of its region), so has the surface, and `Blend` can write it back. The
+/// surface has no weights.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct FitSurface {
-    /// The points to meet, row by row.
+    /// The points to fit, row by row.
     pub net: In<value::ControlNet>,
-    /// Orders along u and v, one more than the degrees: 2 is straight, 3 quadratic, 4 cubic.
+    /// Orders along u and v, the degrees plus one: 2 is linear, 3 quadratic, 4 cubic.
     #[schemars(inner(range(min = 2, max = 10)))]
-    #[serde(default = "threes")]
+    #[serde(default = "default_orders")]
     pub order: [usize; 2],
-    /// How the points are met.
+    /// Method of the fit.
     #[serde(default)]
     pub method: FitMethod,
-    /// Where on the surface the points lie.
+    /// Parameters of the points.
     #[serde(default)]
     pub parameters: FitParameters,
 }
 
-fn threes() -> [usize; 2] {
+fn default_orders() -> [usize; 2] {
     [3, 3]
 }
 
-/// A surface near some points.
+/// A surface fitted to points.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Fitted {
+pub struct FittedSurface {
     /// The surface.
     pub surface: Surface,
-    /// Largest step of a control point in the last round of an iteration that did not settle, in mm; 0 if all did.
+    /// Largest step in mm of a control point in the last round of an iteration that did not converge; 0 if all iterations converged.
     pub unsettled: f64,
-    /// The distances, in mm, before each round of an iteration: of the points from the curves along u, then of those curves'
-    /// control points from the curves along v. The last step, of all methods, is the distance of the points from the surface.
+    /// The residuals, in mm, before each round of an iteration. First come the distances between the points and the curves along u, then
+    /// those between the control points of these curves and the curves along v. The last entry, for all methods, is the residual of the
+    /// surface.
     pub trace: Trace,
 }
 
@@ -67,15 +69,14 @@ impl Node for FitSurface {
     }
 }
 
-/// The B-spline surface of this order that meets the points of a net; its weights are 1, its domain is 0 to 1 in both directions.
+/// Fits a B-spline surface of the given order to the points of a net. Its weights are 1, and its domain is 0 to 1 in both directions.
 ///
-/// Lines of the net are fitted along u, with the same parameters for all, and the control points that come out along v: Piegl and
-/// Tiller, *The NURBS Book*, 2nd ed. (1997), algorithms A9.4 and A9.7. The base points are fitted in the same way, so that the
-/// surface before an offset is known, too. If as many control points as points are wanted, those of the net that are fixed stay
-/// marked.
+/// First the lines of the net along u are fitted, all with the same parameters, and then the resulting control points along v: Piegl and
+/// Tiller, *The NURBS Book*, 2nd ed. (1997), algorithms A9.4 and A9.7. The base points are fitted in the same way, so that the surface
+/// before an offset is known, too. With as many control points as points, the fixed points of the net stay marked.
 ///
 /// # Errors
-/// If there are fewer points or control points than the order, more control points than points, or points that lie in one place
+/// Returns an error if there are fewer points or control points than the order, more control points than points, or coincident points that
 /// leave the surface undetermined.
 pub fn fit_surface(
     net: &value::ControlNet,
@@ -83,15 +84,15 @@ pub fn fit_surface(
     method: FitMethod,
     kind: FitParameters,
     progress: &Progress<'_>,
-) -> Result<Fitted, FitError> {
+) -> Result<FittedSurface, FitError> {
     let counts = match method {
         FitMethod::Interpolate => [0, 0],
         FitMethod::LeastSquares { rows, columns } | FitMethod::Lspia { rows, columns, .. } => {
             [rows, columns]
         }
     };
-    let direction = |along: Along| Direction::new(net, along, order, counts, method, kind);
-    let (u, v) = (direction(Along::U)?, direction(Along::V)?);
+    let u = Direction::new(net, ParameterDirection::U, order, counts, method, kind)?;
+    let v = Direction::new(net, ParameterDirection::V, order, counts, method, kind)?;
     let fit = fit_points(net.points(), net, &u, &v, progress)?;
     let base = match net.base() == net.points() {
         true => None,
@@ -104,7 +105,7 @@ pub fn fit_surface(
         .with_points(fit.points)?
         .with_frame(net.frame().copied());
     if [rows, columns] == [net.rows(), net.columns()] {
-        fitted = fitted.with_fixed(net.fixed().to_vec())?;
+        fitted = fitted.with_fixed(net.fixed_points().to_vec())?;
     }
     if let Some(chart) = net.chart() {
         let coordinates =
@@ -116,12 +117,12 @@ pub fn fit_surface(
     }
     let surface = Surface::new(fitted, knots(&u), knots(&v))?;
     let trace = trace(fit.rounds, net, &surface, &u, &v)?;
-    Ok(Fitted { surface, unsettled, trace })
+    Ok(FittedSurface { surface, unsettled, trace })
 }
 
 #[cfg(test)]
 mod tests {
-    use maquette_base::parameters::{even, parameters};
+    use maquette_base::parameters::{parameters, uniform_parameters};
     use maquette_value::KnotVectorError;
     use nalgebra::Point3;
 
@@ -134,7 +135,7 @@ mod tests {
     const ALL_PARAMETERS: [FitParameters; 3] =
         [FitParameters::Uniform, FitParameters::Chord, FitParameters::Centripetal];
 
-    /// Unevenly spaced waves.
+    /// Returns a net of unevenly spaced waves.
     fn waves(rows: usize, columns: usize) -> value::ControlNet {
         value::ControlNet::new(
             rows,
@@ -150,11 +151,17 @@ mod tests {
         .unwrap()
     }
 
-    fn at_point(net: &value::ControlNet, kind: FitParameters, along: Along) -> Vec<f64> {
+    fn at_point(
+        net: &value::ControlNet,
+        kind: FitParameters,
+        along: ParameterDirection,
+    ) -> Vec<f64> {
         match kind {
-            FitParameters::Uniform => {
-                even(if along == Along::U { net.rows() } else { net.columns() })
-            }
+            FitParameters::Uniform => uniform_parameters(if along == ParameterDirection::U {
+                net.rows()
+            } else {
+                net.columns()
+            }),
             FitParameters::Chord => parameters(net, along, |distance| distance),
             FitParameters::Centripetal => parameters(net, along, f64::sqrt),
         }
@@ -166,10 +173,13 @@ mod tests {
         for order in [[2, 3], [3, 3], [4, 5]] {
             for kind in ALL_PARAMETERS {
                 let surface =
-                    fit_surface(&net, order, FitMethod::Interpolate, kind, &Progress::none())
+                    fit_surface(&net, order, FitMethod::Interpolate, kind, &Progress::silent())
                         .unwrap()
                         .surface;
-                let (us, vs) = (at_point(&net, kind, Along::U), at_point(&net, kind, Along::V));
+                let (us, vs) = (
+                    at_point(&net, kind, ParameterDirection::U),
+                    at_point(&net, kind, ParameterDirection::V),
+                );
                 for (point, met) in net.points().iter().zip(surface.grid(&us, &vs)) {
                     assert!((point - met).norm() <= 1e-11, "{order:?} {kind:?}");
                 }
@@ -181,14 +191,14 @@ mod tests {
     fn an_interpolated_scan_is_written_back_as_it_was() {
         let range = range(26, 22, |x, y| 700.0 + libm::sin(5.0 * x) * libm::cos(3.0 * y));
         let disk = region(&range, |x, y| x.abs_diff(12).pow(2) + y.abs_diff(11).pow(2) < 60);
-        let net = control_net(&disk, &range, NetMethod::Grid, 0, 0, &Progress::none()).unwrap();
+        let net = control_net(&disk, &range, NetMethod::Grid, 0, 0, &Progress::silent()).unwrap();
         for kind in ALL_PARAMETERS {
             let surface =
-                fit_surface(&net, [4, 4], FitMethod::Interpolate, kind, &Progress::none())
+                fit_surface(&net, [4, 4], FitMethod::Interpolate, kind, &Progress::silent())
                     .unwrap()
                     .surface;
             let same =
-                blend(&range, &disk, &surface, BlendMode::Replace, [1, 1], &Progress::none())
+                blend(&range, &disk, &surface, BlendMode::Replace, [1, 1], &Progress::silent())
                     .unwrap();
             for (before, after) in range.points().iter().zip(same.range.points()) {
                 assert!((before - after).norm() <= 1e-9, "{kind:?}: {before} {after}");
@@ -199,8 +209,8 @@ mod tests {
     #[test]
     fn fewer_control_points_come_near_and_the_iteration_gets_there() {
         let net = waves(25, 31);
-        fn fit(method: FitMethod, net: &maquette_value::ControlNet) -> Fitted {
-            fit_surface(net, [4, 4], method, FitParameters::Chord, &Progress::none()).unwrap()
+        fn fit(method: FitMethod, net: &maquette_value::ControlNet) -> FittedSurface {
+            fit_surface(net, [4, 4], method, FitParameters::Chord, &Progress::silent()).unwrap()
         }
         let direct = fit(FitMethod::LeastSquares { rows: 12, columns: 14 }, &net);
         assert_eq!((direct.surface.net().rows(), direct.surface.net().columns()), (12, 14));
@@ -223,14 +233,15 @@ mod tests {
     #[test]
     fn a_trace_falls_to_what_the_surface_misses() {
         let net = waves(25, 31);
-        fn fit(method: FitMethod, net: &maquette_value::ControlNet) -> Fitted {
-            fit_surface(net, [4, 4], method, FitParameters::Uniform, &Progress::none()).unwrap()
+        fn fit(method: FitMethod, net: &maquette_value::ControlNet) -> FittedSurface {
+            fit_surface(net, [4, 4], method, FitParameters::Uniform, &Progress::silent()).unwrap()
         }
         let through = fit(FitMethod::Interpolate, &net).trace;
         assert!(through.steps().len() == 1 && through.steps()[0].max <= 1e-11);
 
-        let rounds =
-            |iterations| FitMethod::Lspia { rows: 0, columns: 0, iterations, tolerance: 0.0 };
+        fn rounds(iterations: usize) -> FitMethod {
+            FitMethod::Lspia { rows: 0, columns: 0, iterations, tolerance: 0.0 }
+        }
         let fitted = fit(rounds(20), &net);
         let steps = fitted.trace.steps();
         assert_eq!(steps.len(), 41);
@@ -238,7 +249,7 @@ mod tests {
         assert!(steps[..20].windows(2).all(|pair| pair[1].rms < pair[0].rms));
         assert!(steps[20..40].windows(2).all(|pair| pair[1].rms < pair[0].rms));
         assert!(steps.iter().all(|step| step.rms <= step.max));
-        let (us, vs) = (even(25), even(31));
+        let (us, vs) = (uniform_parameters(25), uniform_parameters(31));
         let missed = net.points().iter().zip(fitted.surface.grid(&us, &vs));
         let missed: Vec<f64> = missed.map(|(point, met)| (point - met).norm()).collect();
         assert_eq!(steps[40].max, missed.iter().copied().fold(0.0, f64::max));
@@ -246,7 +257,7 @@ mod tests {
         assert!((steps[40].rms - mean_sq.sqrt()).abs() <= 1e-15);
     }
 
-    // Pitfall: knots for least squares that lean to one end.
+    // Regression test: the least-squares knots were asymmetric.
     #[test]
     fn reversed_points_give_the_reversed_surface() {
         let net = waves(14, 17);
@@ -259,7 +270,7 @@ mod tests {
         ] {
             for kind in ALL_PARAMETERS {
                 let [there, back] = [&net, &turned].map(|net| {
-                    fit_surface(net, [4, 3], method, kind, &Progress::none()).unwrap().surface
+                    fit_surface(net, [4, 3], method, kind, &Progress::silent()).unwrap().surface
                 });
                 for k in 0..50 {
                     let (u, v) = (f64::from(k) / 49.0, f64::from(k * k % 50) / 49.0);
@@ -273,18 +284,22 @@ mod tests {
     #[test]
     fn nets_and_counts_that_do_not_fit_are_refused() {
         let net = waves(5, 6);
-        fn refused(net: &value::ControlNet, order: [usize; 2], method: FitMethod) -> FitError {
-            fit_surface(net, order, method, FitParameters::Chord, &Progress::none()).unwrap_err()
+        fn error(net: &value::ControlNet, order: [usize; 2], method: FitMethod) -> FitError {
+            fit_surface(net, order, method, FitParameters::Chord, &Progress::silent()).unwrap_err()
         }
-        let count = FitError::Count { along: Along::U, control: 5, points: 5, order: 6 };
-        assert_eq!(refused(&net, [6, 3], FitMethod::Interpolate), count);
+        let count =
+            FitError::Count { along: ParameterDirection::U, control: 5, points: 5, order: 6 };
+        assert_eq!(error(&net, [6, 3], FitMethod::Interpolate), count);
         for columns in [7, 2, 1] {
-            let error = refused(&net, [3, 3], FitMethod::LeastSquares { rows: 0, columns });
-            assert!(matches!(error, FitError::Count { along: Along::V, .. }), "{error}");
+            let error = error(&net, [3, 3], FitMethod::LeastSquares { rows: 0, columns });
+            assert!(
+                matches!(error, FitError::Count { along: ParameterDirection::V, .. }),
+                "{error}"
+            );
         }
-        let order = refused(&net, [3, 0], FitMethod::Interpolate);
+        let order = error(&net, [3, 0], FitMethod::Interpolate);
         assert!(matches!(order, FitError::Knots(KnotVectorError::Degree { .. })));
-        // Three of six columns in one place.
+        // Three of the six columns coincide.
         let crowded = value::ControlNet::new(
             5,
             6,
@@ -294,8 +309,8 @@ mod tests {
         )
         .unwrap();
         assert!(matches!(
-            refused(&crowded, [3, 3], FitMethod::Interpolate),
-            FitError::Singular { along: Along::V } | FitError::Knots(_)
+            error(&crowded, [3, 3], FitMethod::Interpolate),
+            FitError::Singular { along: ParameterDirection::V } | FitError::Knots(_)
         ));
     }
 }

@@ -1,31 +1,31 @@
-//! Places the knots of one direction of a surface.
+//! Makes the knot vector of one direction of a surface.
 
 use maquette_node::{Context, Error, FieldError, In, Node};
 use maquette_value as value;
-use maquette_value::{Along, KnotVector};
+use maquette_value::{KnotVector, ParameterDirection};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::knot_vectors::knot_vector::knots;
 use super::knots_kind::KnotsKind;
 
-/// Places the knots of one direction of a surface.
+/// Makes the knot vector of one direction of a surface.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Knots {
-    /// The net that the surface will have.
+    /// The net from which the surface will be made.
     pub net: In<value::ControlNet>,
     /// The direction.
-    pub along: Along,
-    /// Order of the pieces, one more than their degree: 2 is straight, 3 quadratic, 4 cubic.
+    pub along: ParameterDirection,
+    /// Order of the pieces, their degree plus one: 2 is linear, 3 quadratic, 4 cubic.
     #[schemars(range(min = 2, max = 10))]
-    #[serde(default = "three")]
+    #[serde(default = "default_order")]
     pub order: usize,
-    /// How the knots are placed.
+    /// Kind of the knots.
     #[serde(default)]
     pub kind: KnotsKind,
 }
 
-fn three() -> usize {
+fn default_order() -> usize {
     3
 }
 

@@ -1,8 +1,8 @@
-//! Why there is no knot vector.
+//! Errors of knot vectors.
 
-use maquette_value::{Along, KnotVectorError};
+use maquette_value::{KnotVectorError, ParameterDirection};
 
-/// Why knots cannot be placed.
+/// Reasons why a knot vector cannot be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum KnotsError {
     /// Too few control points.
@@ -13,11 +13,11 @@ pub enum KnotsError {
         /// The order.
         order: usize,
         /// The direction.
-        along: Along,
-        /// Control points of the net in this direction.
+        along: ParameterDirection,
+        /// The number of control points in this direction.
         points: usize,
     },
-    /// A circle's knots for something else.
+    /// The knots of a circle are requested for an unsuitable net.
     #[error(
         "`Cylinder` is for 9 control points and order 3, here are {points} along {along:?} and order {order}"
     )]
@@ -25,21 +25,21 @@ pub enum KnotsError {
         /// The order.
         order: usize,
         /// The direction.
-        along: Along,
-        /// Control points of the net in this direction.
+        along: ParameterDirection,
+        /// The number of control points in this direction.
         points: usize,
     },
-    /// A list of another length.
+    /// The list of knots has the wrong length.
     #[error("{points} control points of order {order} need {} knots, {count} are given", points + order)]
     Count {
         /// The order.
         order: usize,
-        /// Control points of the net in this direction.
+        /// The number of control points in this direction.
         points: usize,
-        /// Knots given.
+        /// The number of given knots.
         count: usize,
     },
-    /// Numbers that are no knots.
+    /// The values are not valid knots.
     #[error(transparent)]
     Knots(#[from] KnotVectorError),
 }

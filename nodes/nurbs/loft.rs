@@ -1,7 +1,7 @@
-//! Makes a control net of sections.
+//! Makes a control net from sections.
 
 use maquette_base::limits::POINTS;
-use maquette_node::{Context, Error, FieldError, In, Node, TooMuch};
+use maquette_node::{Context, Error, FieldError, In, LimitError, Node};
 use maquette_value as value;
 use maquette_value::{ControlNetError, Curve, KnotVector};
 use nalgebra::Point3;
@@ -9,55 +9,55 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::knot_vectors::even_knots::is_even;
-use super::net::rows::{resampled, shares};
+use super::net::rows::{resample, shares};
 
-/// Makes a control net of sections that follow each other, such as the ribs of a hull. Each becomes a row of the net.
+/// Makes a control net from consecutive sections, such as the ribs of a hull. Each section becomes a row of the net.
 ///
-/// Sections of different lengths are divided evenly, by their length in space, into as many points as the net has columns; a
-/// section that has as many keeps its own. A section of one point is a tip. Of a linked B-spline its points are taken; only if all
-/// sections are B-splines with the same knots, or tips, are their control points and weights, which lets a surface with these knots
-/// along v go through the curves exactly.
+/// Sections of different lengths are divided evenly, by arc length, into as many points as the net has columns; a section with that many
+/// keeps its own. A section of one point is a tip. For linked B-splines their points are used; only if all sections are B-splines with the
+/// same knots, or tips, their control points and weights are used, so that a surface with these knots along v passes through the curves
+/// exactly.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Loft {
-    /// Sections, in order; after those of `sections`.
+    /// Sections, in order; they follow those of `sections`.
     #[serde(default)]
     pub curves: Vec<In<Curve>>,
-    /// Sections written here, each a list of points (x, y, z), in the unit of the model.
+    /// Sections written here, each a list of points (x, y, z), in mm.
     #[schemars(extend("unit" = "mm"))]
     #[serde(default)]
     pub sections: Vec<Vec<[f64; 3]>>,
-    /// A tip behind the linked sections; none if left out.
+    /// A tip (a single point) after the linked sections; none if omitted.
     #[schemars(extend("unit" = "mm"))]
     #[serde(default)]
     pub end: Option<[f64; 3]>,
-    /// Columns of the net; 0 takes the points of the longest section.
+    /// Number of columns of the net; 0 means the points of the longest section.
     #[schemars(range(max = 4096))]
     #[serde(default)]
     pub columns: usize,
 }
 
-/// Why sections make no net.
+/// Reasons why sections make no net.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LoftError {
-    /// No section at all.
+    /// No sections are given.
     #[error("there are no sections: both `curves` and `sections` are empty")]
     Nothing,
-    /// A section without points.
+    /// A section has no points.
     #[error("section {section} has no point")]
     Empty {
-        /// Its index.
+        /// The index of the section.
         section: usize,
     },
-    /// Too few columns to tell the ends of a section apart.
+    /// Too few columns to distinguish the ends of a section.
     #[error("a loft has at least 2 columns; the sections have {columns}")]
     OneColumn {
-        /// Columns asked for, or points of the longest section.
+        /// The requested number of columns, or the points of the longest section.
         columns: usize,
     },
     /// Too many points.
     #[error(transparent)]
-    TooMuch(#[from] TooMuch),
-    /// Points that make no net.
+    TooMuch(#[from] LimitError),
+    /// The points do not form a valid net.
     #[error(transparent)]
     Net(#[from] ControlNetError),
 }
@@ -68,8 +68,7 @@ impl Node for Loft {
 
     fn check(&self) -> Result<(), FieldError> {
         let count = self.sections.len() + self.curves.len() + usize::from(self.end.is_some());
-        let lengths = || self.sections.iter().map(Vec::len);
-        if let Some(section) = lengths().position(|length| length == 0) {
+        if let Some(section) = self.sections.iter().position(Vec::is_empty) {
             let help = "write its points, or leave it out";
             return Err(FieldError::new("sections", LoftError::Empty { section }, help));
         }
@@ -78,14 +77,15 @@ impl Node for Loft {
                 "link curves, as `curves: [\"curve\"]`, or write `sections: [[(0, 0, 0), ..], ..]`";
             return Err(FieldError::new("", LoftError::Nothing, help));
         }
-        // No surface has such a net. A link may stand for as many curves as data has parts.
+        // A net of one row has no surface. A single link may yield several curves if its data has parts, so nodes with links are not
+        // checked here.
         if count == 1 && self.curves.is_empty() {
             let message = "expected at least 2 sections, found 1";
             return Err(FieldError::new("", message, "link or write another one, or an `end`"));
         }
         let columns = match self.columns {
             0 if !self.curves.is_empty() => return Ok(()),
-            0 => lengths().max().unwrap_or(1),
+            0 => self.sections.iter().map(Vec::len).max().unwrap_or(1),
             columns => columns,
         };
         if columns < 2 {
@@ -113,17 +113,17 @@ impl Node for Loft {
     }
 }
 
-/// A row of a lofted net.
+/// A section: the source of one row of a lofted net.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Section {
-    /// What it is divided by, from end to end.
+    /// The polyline that is divided into points, from end to end.
     points: Vec<Point3<f64>>,
-    /// What it is, if it is a B-spline.
+    /// The B-spline of the section, if it is one.
     spline: Option<Curve>,
 }
 
-/// Points that stand for each span of a B-spline when it is divided: their chords stay within a hundred thousandth of a
-/// quarter circle.
+/// Points per span when a B-spline is converted to a polyline. With it, chords deviate from a quarter circle by at most a
+/// hundred-thousandth of its size.
 const PIECES: usize = 256;
 
 impl From<&Curve> for Section {
@@ -147,31 +147,31 @@ impl Section {
         self.spline.as_ref()?.knots()
     }
 
-    /// How many points it has of its own.
-    fn own(&self) -> usize {
+    /// Returns the number of control points of the spline, or of points of the polyline.
+    fn own_count(&self) -> usize {
         self.spline.as_ref().map_or(self.points.len(), |curve| curve.points().len())
     }
 
-    fn divided(&self, columns: usize) -> Vec<Point3<f64>> {
+    fn divide(&self, columns: usize) -> Vec<Point3<f64>> {
         if self.spline.is_none() && self.points.len() == columns {
             return self.points.clone();
         }
-        resampled(&self.points, &shares(&self.points), columns)
+        resample(&self.points, &shares(&self.points), columns)
     }
 }
 
-/// The knots of all sections but tips, if they are B-splines that have the same.
+/// Returns the knots of the sections, if all sections except single points are B-splines with the same knots.
 fn common_knots(sections: &[Section]) -> Option<&KnotVector> {
     let mut all = sections.iter().filter(|section| section.points.len() != 1).map(Section::knots);
     let first = all.next()??;
     all.all(|knots| knots == Some(first)).then_some(first)
 }
 
-/// The control net whose rows are these sections, each of `columns` points; 0 takes those of the longest section. B-splines with
-/// the same knots, of which `columns` takes all, keep their control points and weights.
+/// Makes the control net whose rows are the given sections, each of `columns` points; 0 means the number of points of the longest section.
+/// B-splines with the same knots keep their control points and weights, if `columns` allows all of them.
 ///
 /// # Errors
-/// If there is no section, one is empty, all are single points, or a point is not finite.
+/// Returns an error if there is no section, a section is empty, all are single points, or a point is not finite.
 pub fn loft(sections: &[Section], columns: usize) -> Result<value::ControlNet, LoftError> {
     if sections.is_empty() {
         return Err(LoftError::Nothing);
@@ -179,7 +179,7 @@ pub fn loft(sections: &[Section], columns: usize) -> Result<value::ControlNet, L
     if let Some(section) = sections.iter().position(|section| section.points.is_empty()) {
         return Err(LoftError::Empty { section });
     }
-    let longest = sections.iter().map(Section::own).max().unwrap_or(0);
+    let longest = sections.iter().map(Section::own_count).max().unwrap_or(0);
     let columns = if columns == 0 { longest } else { columns };
     if columns < 2 {
         return Err(LoftError::OneColumn { columns });
@@ -195,7 +195,7 @@ pub fn loft(sections: &[Section], columns: usize) -> Result<value::ControlNet, L
                 weights.extend_from_slice(curve.weights().unwrap_or_default());
             }
             None => {
-                points.extend(section.divided(columns));
+                points.extend(section.divide(columns));
                 weights.resize(points.len(), 1.0);
             }
         }
@@ -205,7 +205,7 @@ pub fn loft(sections: &[Section], columns: usize) -> Result<value::ControlNet, L
 
 #[cfg(test)]
 mod tests {
-    use maquette_value::Along;
+    use maquette_value::ParameterDirection;
 
     use super::super::nurbs::nurbs;
     use super::*;
@@ -214,14 +214,17 @@ mod tests {
         super::loft(&sections.iter().map(Section::from).collect::<Vec<_>>(), columns)
     }
 
-    /// A quarter of a circle of this radius in the plane of this z, exactly.
+    /// Returns an exact quarter circle with the given radius in the plane at height z.
     fn arc(radius: f64, z: f64) -> Curve {
-        fn at(x: f64, y: f64, radius: f64, z: f64) -> Point3<f64> {
+        fn point(x: f64, y: f64, radius: f64, z: f64) -> Point3<f64> {
             Point3::new(radius * x, radius * y, z)
         }
         let corner = 0.5f64.sqrt();
-        let points =
-            vec![at(1.0, 0.0, radius, z), at(1.0, 1.0, radius, z), at(0.0, 1.0, radius, z)];
+        let points = vec![
+            point(1.0, 0.0, radius, z),
+            point(1.0, 1.0, radius, z),
+            point(0.0, 1.0, radius, z),
+        ];
         let knots = KnotVector::new(2, vec![0.0, 0.0, 0.0, 1.0, 1.0, 1.0]).unwrap();
         Curve::rational(points, vec![1.0, corner, 1.0], knots).unwrap()
     }
@@ -260,7 +263,7 @@ mod tests {
             }
             assert!((surface.point(2.0, v) - Point3::new(0.0, 0.0, 9.0)).norm() <= 1e-14);
         }
-        assert_eq!(surface.iso_curve(Along::V, 0.0).points.len(), 3);
+        assert_eq!(surface.iso_curve(ParameterDirection::V, 0.0).points.len(), 3);
     }
 
     #[test]
@@ -275,7 +278,7 @@ mod tests {
         }
         assert_eq!(net.points()[9], net.points()[17]);
         assert!((net.points()[10] - Point3::new(2.0, 0.0, 0.0)).norm() <= 1e-14);
-        // A closed polyline has its first point twice.
+        // The list of a closed polyline contains the first point twice.
         assert_eq!(
             super::loft(&[Section::from(&square), (&square).into()], 0).unwrap().columns(),
             5

@@ -1,8 +1,8 @@
-//! Nets of control points over a region.
+//! Control nets over a region.
 
-pub(super) mod charted;
 pub(super) mod harmonic;
 pub(super) mod mean_value;
+pub(super) mod parameterized;
 pub(super) mod polar;
 pub(super) mod profile;
 pub(super) mod rays;

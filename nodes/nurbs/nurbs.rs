@@ -1,8 +1,8 @@
-//! Makes a rational B-spline surface of a control net.
+//! Makes a rational B-spline surface from a control net.
 
 use maquette_node::{Context, Error, In, Node};
 use maquette_value as value;
-use maquette_value::{Along, KnotVector, Surface, SurfaceError};
+use maquette_value::{KnotVector, ParameterDirection, Surface, SurfaceError};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -10,39 +10,38 @@ use super::knot_vectors::knot_vector::knots;
 use super::knots_error::KnotsError;
 use super::knots_kind::KnotsKind;
 
-/// Makes a rational B-spline surface (NURBS) of a control net.
+/// Makes a rational B-spline surface (NURBS) from a control net.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Nurbs {
     /// The control net.
     pub net: In<value::ControlNet>,
-    /// Knots along u, from row to row; evenly spaced if left out.
+    /// Knots along u, from row to row; uniform if omitted.
     pub u: Option<In<KnotVector>>,
-    /// Knots along v, from column to column; evenly spaced if left out.
+    /// Knots along v, from column to column; uniform if omitted.
     pub v: Option<In<KnotVector>>,
-    /// Orders along u and v, one more than the degrees: 2 is straight, 3 quadratic, 4 cubic. Left out: that of the linked knots,
-    /// else 3.
+    /// Orders along u and v, the degrees plus one: 2 is linear, 3 quadratic, 4 cubic. If omitted: that of the linked knots, or 3.
     #[schemars(inner(range(min = 2, max = 10)))]
     #[serde(default)]
     pub order: Option<[usize; 2]>,
 }
 
-/// Why a net does not make a surface.
+/// Reasons why a net makes no surface.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum NurbsError {
-    /// Two orders for one direction.
+    /// The given order differs from the order of the linked knots.
     #[error("`order` is {order} along {along:?}, but the linked knots are of order {knots}")]
     Order {
         /// The direction.
-        along: Along,
+        along: ParameterDirection,
         /// The parameter.
         order: usize,
         /// The order of the linked knots.
         knots: usize,
     },
-    /// No knots for this net.
+    /// The knots cannot be made for this net.
     #[error(transparent)]
     Knots(#[from] KnotsError),
-    /// Knots or weights that do not fit.
+    /// The knots or weights do not fit the net.
     #[error(transparent)]
     Surface(#[from] SurfaceError),
 }
@@ -57,11 +56,11 @@ impl Node for Nurbs {
     }
 }
 
-/// The surface of a net: with the given knots, or evenly spaced ones of the given order, 3 if there is none.
+/// Makes the surface of a net with the given knots. Without knots they are uniform, of the given order or else of order 3.
 ///
 /// # Errors
-/// If knots and an order are given that differ, knots are for another number of control points, the net is too small, or
-/// weights vanish together.
+/// Returns an error if the knots and the order differ, the knots are for another number of control points, the net is too small, or the
+/// weights of a span are all 0.
 pub fn nurbs(
     net: &value::ControlNet,
     u: Option<&KnotVector>,
@@ -71,7 +70,7 @@ pub fn nurbs(
     fn choose(
         given: Option<&KnotVector>,
         order: Option<usize>,
-        along: Along,
+        along: ParameterDirection,
         net: &maquette_value::ControlNet,
     ) -> Result<KnotVector, NurbsError> {
         match (given, order) {
@@ -82,8 +81,8 @@ pub fn nurbs(
             (None, order) => Ok(knots(net, along, order.unwrap_or(3), &KnotsKind::Uniform)?),
         }
     }
-    let u = choose(u, order.map(|[u, _]| u), Along::U, net)?;
-    let v = choose(v, order.map(|[_, v]| v), Along::V, net)?;
+    let u = choose(u, order.map(|[u, _]| u), ParameterDirection::U, net)?;
+    let v = choose(v, order.map(|[_, v]| v), ParameterDirection::V, net)?;
     Ok(Surface::new(net.clone(), u, v)?)
 }
 
@@ -98,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn a_surface_is_quadratic_unless_told_otherwise() {
+    fn a_surface_is_quadratic_by_default() {
         fn orders(order: Option<[usize; 2]>) -> [usize; 2] {
             let surface = nurbs(&net(), None, None, order).unwrap();
             [surface.u().degree() + 1, surface.v().degree() + 1]
@@ -114,7 +113,7 @@ mod tests {
         assert!(nurbs(&net(), Some(&knots), None, Some([4, 2])).is_ok());
         assert_eq!(
             nurbs(&net(), Some(&knots), None, Some([3, 3])),
-            Err(NurbsError::Order { along: Along::U, order: 3, knots: 4 })
+            Err(NurbsError::Order { along: ParameterDirection::U, order: 3, knots: 4 })
         );
     }
 

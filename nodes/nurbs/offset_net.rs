@@ -7,24 +7,24 @@ use nalgebra::{Matrix3, Unit, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::grid::within::{WithinError, within};
+use super::grid::within::{WithinError, points_in_region};
 use super::net::profile::{Profile, ProfileError};
 
-/// Moves the free points of a control net in one or several steps, each in the direction of the one before it, turned by an
-/// angle. Fixed points stay.
+/// Moves the free points of a control net in one or several steps, each in the direction of the previous one, rotated by an angle. Fixed
+/// points stay.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct OffsetNet {
     /// The net.
     pub net: In<value::ControlNet>,
-    /// The first direction; the mean normal of the net before any offset if left out.
+    /// The first direction; the mean normal of the net before any offset if omitted.
     pub normal: Option<In<Direction>>,
-    /// Gray levels that shape the offset, for the profile `Picture`.
+    /// Gray levels for the profile `Picture`.
     pub picture: Option<In<Field>>,
-    /// Moves only those points that lie in this part of the range grid; all free points if left out.
+    /// Moves only the points in this part of the range grid; all free points if omitted.
     pub region: Option<In<Region>>,
-    /// The steps, one after the other.
+    /// The steps, in order.
     pub steps: Vec<OffsetStep>,
-    /// How the offset fades towards the points that stay.
+    /// Profile of the offset between the free points' center and the fixed points.
     #[serde(default)]
     pub profile: Profile,
 }
@@ -32,38 +32,38 @@ pub struct OffsetNet {
 /// One step of an offset.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct OffsetStep {
-    /// How far, in the unit of the model; negative goes back.
+    /// Distance in mm; negative values go back.
     #[schemars(extend("unit" = "mm"))]
     pub distance: f64,
-    /// How far the direction turns before this step.
+    /// Rotation of the direction before this step, in degrees.
     #[schemars(range(min = -360.0, max = 360.0), extend("unit" = "deg"))]
     #[serde(default)]
     pub angle: f64,
-    /// What it turns around, counter-clockwise seen against this vector. (0, 0, 0) chooses: a positive angle leans the offset along
-    /// the longest extent of the net, towards growing coordinates.
+    /// Rotation axis, counter-clockwise seen against this vector. (0, 0, 0) is automatic: a positive angle leans the offset along the
+    /// longest extent of the net, towards growing coordinates.
     #[serde(default)]
     pub axis: [f64; 3],
 }
 
-/// Why a net cannot be offset.
+/// Reasons why a net cannot be offset.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum OffsetError {
-    /// An axis that turns nothing.
-    #[error("step {step} has no axis to turn around: it must not be parallel to the direction")]
+    /// The axis is parallel to the direction.
+    #[error("step {step} has no rotation axis: it must not be parallel to the direction")]
     Singular {
-        /// Index of the step.
+        /// The index of the step.
         step: usize,
     },
     /// The net has no mean normal.
-    #[error("the net has no mean normal, link one to the port `normal`")]
+    #[error("the net has no mean normal: link one to the port `normal`")]
     Normal(#[source] DirectionError),
-    /// A region that does not fit the net.
+    /// The region does not fit the net.
     #[error(transparent)]
     Within(#[from] WithinError),
-    /// No profile.
+    /// The profile is invalid.
     #[error(transparent)]
     Profile(#[from] ProfileError),
-    /// A point was moved out of all bounds.
+    /// A point was moved beyond the largest coordinate.
     #[error(transparent)]
     Net(#[from] ControlNetError),
 }
@@ -92,11 +92,11 @@ impl Node for OffsetNet {
     }
 }
 
-/// The net with its free points (in `region`, if given) moved by the sum of all steps, times the profile. A point that is moved
-/// by 0 keeps its bits. The first direction is `normal`, or the mean normal of the net's base.
+/// Returns the net with its free points (those in `region`, if given) moved by the sum of all steps, times the profile. A point that is
+/// moved by 0 keeps its bits. The first direction is `normal`, or the mean normal of the net's base.
 ///
 /// # Errors
-/// If a step has no axis to turn around, there is no direction or no profile, or the region does not fit the net.
+/// Returns an error if a step has no rotation axis, the direction or the profile cannot be computed, or the region does not fit the net.
 pub fn offset_net(
     net: &value::ControlNet,
     normal: Option<Unit<Vector3<f64>>>,
@@ -106,9 +106,11 @@ pub fn offset_net(
     profile: Profile,
     progress: &Progress<'_>,
 ) -> Result<value::ControlNet, OffsetError> {
-    let mut free: Vec<u8> = net.fixed().iter().map(|&fixed| u8::from(fixed == 0)).collect();
+    let mut free: Vec<u8> = net.fixed_points().iter().map(|&fixed| u8::from(fixed == 0)).collect();
     if let Some(region) = region {
-        free.iter_mut().zip(within(net, region)?).for_each(|(free, within)| *free &= within);
+        free.iter_mut()
+            .zip(points_in_region(net, region)?)
+            .for_each(|(free, within)| *free &= within);
     }
     let normal = match normal {
         Some(normal) => normal,
@@ -118,14 +120,14 @@ pub fn offset_net(
     let factors = profile.factors(net, &free, offset.norm(), picture, progress)?;
     let moved = (net.points().iter().zip(factors).zip(free)).map(|((point, factor), free)| {
         let offset = offset * factor;
-        // Adding 0 would turn -0 into 0.
+        // Adding 0 would change -0 to 0.
         if free == 0 || offset == Vector3::zeros() { *point } else { point + offset }
     });
     Ok(net.clone().with_points(moved.collect::<Vec<_>>())?)
 }
 
-/// `sum_r s_r n_r`, each direction `n_r` turned from the one before it by Rodrigues' formula
-/// `n cos + (axis x n) sin + axis (axis . n) (1 - cos)`.
+/// Returns `sum_r s_r n_r`, where `s_r` is the distance of step r and `n_r` its direction. Each direction is the previous one, rotated by
+/// Rodrigues' formula `n cos + (axis x n) sin + axis (axis . n) (1 - cos)`.
 fn sum_of_steps(
     net: &value::ControlNet,
     normal: Unit<Vector3<f64>>,
@@ -153,13 +155,13 @@ fn sum_of_steps(
     Ok(sum)
 }
 
-/// Below this sine two vectors count as parallel: what is left of their angle would be rounding.
+/// If the sine of their angle is below this value, two vectors count as parallel: the angle would be rounding noise.
 const PARALLEL: f64 = 1e-9;
 
-/// The axis around which a positive angle leans the normal along the first principal axis of the net's base, towards the growing
-/// one of its coordinates that changes most.
+/// Returns the axis around which a positive angle leans the normal along the first principal axis of the net's base, in the direction in
+/// which the principal axis's largest coordinate grows.
 ///
-/// With U the principal axis of the opposite sign, it is `U x normal`.
+/// With U the opposite of this principal direction, the axis is `U x normal`.
 fn leaning_axis(net: &value::ControlNet, normal: Unit<Vector3<f64>>) -> Option<Unit<Vector3<f64>>> {
     let count = net.base().len() as f64;
     let center = net.base().iter().map(|point| point.coords / count).sum::<Vector3<f64>>();
@@ -171,10 +173,12 @@ fn leaning_axis(net: &value::ControlNet, normal: Unit<Vector3<f64>>) -> Option<U
         return None;
     }
     let eigen = covariance.try_symmetric_eigen(f64::EPSILON, 1000)?;
-    // Of equals the first.
-    let first =
-        |a: usize, b: usize| if eigen.eigenvalues[a] < eigen.eigenvalues[b] { b } else { a };
-    let principal = eigen.eigenvectors.column(first(first(0, 1), 2)).into_owned();
+    // If several eigenvalues are equal, the first is used.
+    fn larger(a: usize, b: usize, values: &Vector3<f64>) -> usize {
+        if values[a] < values[b] { b } else { a }
+    }
+    let widest = larger(larger(0, 1, &eigen.eigenvalues), 2, &eigen.eigenvalues);
+    let principal = eigen.eigenvectors.column(widest).into_owned();
     fn largest(a: usize, b: usize, principal: Vector3<f64>) -> usize {
         if principal[a].abs() < principal[b].abs() { b } else { a }
     }
@@ -182,7 +186,7 @@ fn leaning_axis(net: &value::ControlNet, normal: Unit<Vector3<f64>>) -> Option<U
     Unit::try_new(normal.cross(&(principal * sign)), PARALLEL)
 }
 
-/// The mean of the unit normals of the base's quads, on the side of "along u" x "along v".
+/// Returns the mean of the unit normals of the base's quads, on the side of "along u" x "along v".
 fn mean_normal(net: &value::ControlNet) -> Result<Direction, DirectionError> {
     let (columns, base) = (net.columns(), net.base());
     let mut sum = Vector3::zeros();
@@ -211,11 +215,11 @@ mod tests {
 
     const TOWARDS_SENSOR: [f64; 3] = [0.0, 0.0, -1.0];
 
-    fn up() -> Option<Unit<Vector3<f64>>> {
+    fn towards_sensor() -> Option<Unit<Vector3<f64>>> {
         Some(Unit::new_unchecked(TOWARDS_SENSOR.into()))
     }
 
-    /// The net of a wide rectangle on a plane with signed zeros.
+    /// Returns the net of a wide rectangle on a plane with signed zeros.
     fn net() -> value::ControlNet {
         let range = range(24, 14, |_, _| -0.0);
         control_net(
@@ -224,7 +228,7 @@ mod tests {
             NetMethod::Grid,
             0,
             0,
-            &Progress::none(),
+            &Progress::silent(),
         )
         .unwrap()
     }
@@ -233,10 +237,18 @@ mod tests {
         OffsetStep { distance, angle, axis }
     }
 
-    fn moved(steps: &[OffsetStep]) -> Result<Vector3<f64>, OffsetError> {
+    fn displacement(steps: &[OffsetStep]) -> Result<Vector3<f64>, OffsetError> {
         let net = net();
-        let free = net.fixed().iter().position(|&fixed| fixed == 0).unwrap();
-        let after = offset_net(&net, up(), None, None, steps, Profile::Plateau, &Progress::none())?;
+        let free = net.fixed_points().iter().position(|&fixed| fixed == 0).unwrap();
+        let after = offset_net(
+            &net,
+            towards_sensor(),
+            None,
+            None,
+            steps,
+            Profile::Plateau,
+            &Progress::silent(),
+        )?;
         Ok(after.points()[free] - net.points()[free])
     }
 
@@ -252,8 +264,16 @@ mod tests {
             &[step(3.0, 0.0, [0.0; 3]), step(-3.0, 0.0, [0.0; 3])],
         ] {
             for profile in [Profile::Cosine, Profile::Plateau] {
-                let same =
-                    offset_net(&net, up(), None, None, steps, profile, &Progress::none()).unwrap();
+                let same = offset_net(
+                    &net,
+                    towards_sensor(),
+                    None,
+                    None,
+                    steps,
+                    profile,
+                    &Progress::silent(),
+                )
+                .unwrap();
                 assert_eq!(bits(&same), bits(&net));
             }
         }
@@ -263,11 +283,19 @@ mod tests {
     fn a_plateau_moves_free_points_the_whole_way_and_no_others() {
         let net = net();
         let steps = [step(12.0, 0.0, [0.0; 3])];
-        let after = offset_net(&net, up(), None, None, &steps, Profile::Plateau, &Progress::none())
-            .unwrap();
+        let after = offset_net(
+            &net,
+            towards_sensor(),
+            None,
+            None,
+            &steps,
+            Profile::Plateau,
+            &Progress::silent(),
+        )
+        .unwrap();
         let whole = Vector3::from(TOWARDS_SENSOR) * 12.0;
         for (at, point) in net.points().iter().enumerate() {
-            let expected = if net.fixed()[at] == 1 { *point } else { point + whole };
+            let expected = if net.fixed_points()[at] == 1 { *point } else { point + whole };
             assert_eq!(after.points()[at], expected);
         }
         assert_eq!(after.base(), net.points());
@@ -276,7 +304,7 @@ mod tests {
     #[test]
     fn a_second_direction_at_a_right_angle_is_the_axis_times_the_first() {
         let axis = [1.0, 0.0, 0.0];
-        let offset = moved(&[step(5.0, 0.0, axis), step(2.0, 90.0, axis)]).unwrap();
+        let offset = displacement(&[step(5.0, 0.0, axis), step(2.0, 90.0, axis)]).unwrap();
         let first = Vector3::from(TOWARDS_SENSOR);
         let expected = first * 5.0 + Vector3::from(axis).cross(&first) * 2.0;
         assert!((offset - expected).norm() <= 1e-12, "{offset}");
@@ -284,19 +312,19 @@ mod tests {
 
     #[test]
     fn the_chosen_axis_leans_the_offset_along_the_net() {
-        let offset = moved(&[step(1.0, 0.0, [0.0; 3]), step(1.0, 30.0, [0.0; 3])]).unwrap();
+        let offset = displacement(&[step(1.0, 0.0, [0.0; 3]), step(1.0, 30.0, [0.0; 3])]).unwrap();
         let expected = Vector3::new(0.5, 0.0, -1.0 - 0.75f64.sqrt());
         assert!((offset - expected).norm() <= 1e-12, "{offset}");
     }
 
     #[test]
     fn an_axis_along_the_direction_turns_nothing() {
-        let parallel = moved(&[step(1.0, 0.0, [0.0; 3]), step(1.0, 10.0, [0.0, 0.0, 2.0])]);
+        let parallel = displacement(&[step(1.0, 0.0, [0.0; 3]), step(1.0, 10.0, [0.0, 0.0, 2.0])]);
         assert_eq!(parallel, Err(OffsetError::Singular { step: 1 }));
         let along_x = Some(Unit::new_unchecked(Vector3::x()));
         let steps = [step(1.0, 10.0, [0.0; 3])];
         let chosen =
-            offset_net(&net(), along_x, None, None, &steps, Profile::Plateau, &Progress::none());
+            offset_net(&net(), along_x, None, None, &steps, Profile::Plateau, &Progress::silent());
         assert_eq!(chosen, Err(OffsetError::Singular { step: 0 }));
     }
 
@@ -304,22 +332,22 @@ mod tests {
     fn without_a_normal_a_capture_grows_towards_the_sensor() {
         let steps = [step(2.0, 0.0, [0.0; 3])];
         let after =
-            offset_net(&net(), None, None, None, &steps, Profile::Plateau, &Progress::none())
+            offset_net(&net(), None, None, None, &steps, Profile::Plateau, &Progress::silent())
                 .unwrap();
         let lowest = after.points().iter().map(|point| point.z).fold(0.0, f64::min);
         assert!((lowest + 2.0).abs() <= 1e-12);
         let point = value::ControlNet::new(2, 2, vec![Point3::origin(); 4]).unwrap();
         let none =
-            offset_net(&point, None, None, None, &steps, Profile::Plateau, &Progress::none());
+            offset_net(&point, None, None, None, &steps, Profile::Plateau, &Progress::silent());
         assert!(matches!(none, Err(OffsetError::Normal(_))));
     }
 
     #[test]
-    fn an_offset_beyond_all_that_a_file_can_hold_is_refused() {
-        let error = moved(&[step(1e308, 0.0, [0.0; 3])]).unwrap_err().to_string();
+    fn an_offset_beyond_the_largest_coordinate_is_refused() {
+        let error = displacement(&[step(1e308, 0.0, [0.0; 3])]).unwrap_err().to_string();
         let text = "is not finite: a net's coordinates and weights stay below 3.4e38 in size, which files can hold";
         assert!(error.starts_with("control point (") && error.ends_with(text), "{error}");
-        assert!(moved(&[step(1e30, 0.0, [0.0; 3])]).is_ok());
+        assert!(displacement(&[step(1e30, 0.0, [0.0; 3])]).is_ok());
     }
 
     #[test]
@@ -327,16 +355,30 @@ mod tests {
         let net = net();
         let left = region(&range(24, 14, |_, _| 0.0), |x, _| x < 10);
         let steps = [step(1.0, 0.0, [0.0; 3])];
-        let after =
-            offset_net(&net, up(), None, Some(&left), &steps, Profile::Plateau, &Progress::none())
-                .unwrap();
+        let after = offset_net(
+            &net,
+            towards_sensor(),
+            None,
+            Some(&left),
+            &steps,
+            Profile::Plateau,
+            &Progress::silent(),
+        )
+        .unwrap();
         for (at, point) in after.points().iter().enumerate() {
-            let expected = net.fixed()[at] == 0 && point.x < 10.0;
+            let expected = net.fixed_points()[at] == 0 && point.x < 10.0;
             assert_eq!(point.z != 0.0, expected, "{point}");
         }
         let other = region(&range(5, 5, |_, _| 0.0), |_, _| true);
-        let refused =
-            offset_net(&net, up(), None, Some(&other), &steps, Profile::Plateau, &Progress::none());
+        let refused = offset_net(
+            &net,
+            towards_sensor(),
+            None,
+            Some(&other),
+            &steps,
+            Profile::Plateau,
+            &Progress::silent(),
+        );
         assert!(matches!(refused, Err(OffsetError::Within(WithinError::Size { .. }))));
     }
 }

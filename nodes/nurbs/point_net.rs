@@ -1,4 +1,4 @@
-//! Makes a control net of points that stand in the graph file.
+//! Makes a control net from points in the graph file.
 
 use maquette_node::{Context, Error, FieldError, Node};
 use maquette_value as value;
@@ -7,10 +7,10 @@ use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// A control net of given points.
+/// Makes a control net from given points.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct PointNet {
-    /// The points (x, y, z), in the unit of the model: a list of equally long rows. Rows lie along u, the points of a row along v.
+    /// The points (x, y, z) in mm: a list of rows of equal length. Rows run along u, the points of a row along v.
     #[schemars(extend("unit" = "mm"))]
     pub points: Vec<Vec<[f64; 3]>>,
 }
@@ -21,16 +21,16 @@ impl Node for PointNet {
 
     fn check(&self) -> Result<(), FieldError> {
         let help = "write at least two rows of equally many points, as `[[(0, 0, 0), (1, 0, 0)], [(0, 1, 0), (1, 1, 0)]]`";
-        fn refused(why: &dyn std::fmt::Display, help: &str) -> FieldError {
+        fn field_error(why: &dyn std::fmt::Display, help: &str) -> FieldError {
             FieldError::new("points", why, help)
         }
-        let net = point_net(&self.points).map_err(|why| refused(&why, help))?;
-        // No surface has such a net.
+        let net = point_net(&self.points).map_err(|why| field_error(&why, help))?;
+        // A net of a single row or column makes no surface.
         match (net.rows(), net.columns()) {
             (2.., 2..) => Ok(()),
             (rows, columns) => {
                 let wanted = "expected at least 2 rows and 2 columns";
-                Err(refused(&format!("{wanted}, found {rows} and {columns}"), help))
+                Err(field_error(&format!("{wanted}, found {rows} and {columns}"), help))
             }
         }
     }
@@ -40,10 +40,10 @@ impl Node for PointNet {
     }
 }
 
-/// The control net of some rows of points; all weights 1, no point fixed.
+/// Makes the control net of the given rows of points; all weights are 1, and no point is fixed.
 ///
 /// # Errors
-/// If the rows are not equally long, there is no point, or one is not finite.
+/// Returns an error if the rows differ in length, there is no point, or a point is not finite.
 pub fn point_net(points: &[Vec<[f64; 3]>]) -> Result<value::ControlNet, ControlNetError> {
     let expected = points.first().map_or(0, Vec::len);
     if let Some(row) = points.iter().position(|row| row.len() != expected) {

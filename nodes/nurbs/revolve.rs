@@ -1,4 +1,4 @@
-//! Makes a control net of a profile that turns around an axis.
+//! Makes a control net by revolving a profile around an axis.
 
 use maquette_node::{Context, Error, FieldError, In, Node};
 use maquette_value as value;
@@ -9,49 +9,48 @@ use serde::{Deserialize, Serialize};
 
 use super::knot_vectors::even_knots::is_even;
 
-/// Makes a control net of a profile that turns around the y axis. With knots of the kind `Cylinder` along v its surface is exactly
-/// round.
+/// Makes a control net by revolving a profile around the y axis. With knots of the kind `Cylinder` along v, the surface of the net is an
+/// exact surface of revolution.
 ///
-/// Each point of the profile becomes a row of nine points on a square. The profile's first point belongs at the bottom, so that the
-/// outside of the surface is outside.
+/// Each point of the profile becomes a row of nine points on a square. The profile starts at the bottom, so that the surface faces outward.
 ///
 /// In other programs: lathe, spin.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Revolve {
-    /// The profile, from the bottom to the top: a curve in the plane z = 0, x the distance from the axis. A B-spline's control
-    /// points and weights are taken; with its knots along u the surface goes through it exactly.
+    /// The profile, from the bottom to the top: a curve in the plane z = 0, x the distance from the axis. Of a B-spline the control points
+    /// and weights are used; with its knots along u the surface passes through it exactly.
     pub curve: Option<In<Curve>>,
-    /// The control points of the profile, instead of a curve: distance from the axis, 0 or more, and height y.
+    /// The control points of the profile, instead of a curve: distance from the axis, at least 0, and height y, in mm.
     #[schemars(extend("unit" = "mm"))]
     #[serde(default)]
     pub profile: Vec<[f64; 2]>,
 }
 
-/// Why a profile cannot be turned.
+/// Reasons why a profile cannot be revolved.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RevolveError {
-    /// Two profiles, or none.
+    /// Both profiles are given, or none.
     #[error("a profile is either linked at `curve` or written in `profile`")]
     OneProfile,
-    /// A curve that leaves the plane of the profile.
-    #[error("point {index} of the curve has z = {z}, but a profile lies in the plane z = 0")]
+    /// The curve leaves the plane of the profile.
+    #[error("point {index} of the curve has z = {z}, but a profile must be in the plane z = 0")]
     NotFlat {
-        /// The offending point.
+        /// The index of the point.
         index: usize,
-        /// Its z.
+        /// The z coordinate of the point in mm.
         z: f64,
     },
-    /// A point beyond the axis.
+    /// A point of the profile is on the other side of the axis.
     #[error(
         "point {index} of the profile is {radius} from the axis; the distance must be 0 or more"
     )]
     Radius {
-        /// The offending point.
+        /// The index of the point.
         index: usize,
-        /// Its distance.
+        /// The distance of the point from the axis in mm.
         radius: f64,
     },
-    /// Points that make no net.
+    /// The points do not form a valid net.
     #[error(transparent)]
     Net(#[from] ControlNetError),
 }
@@ -73,7 +72,7 @@ impl Node for Revolve {
         }
         let help = "write at least two points, each with a distance from 0 on and a height";
         let net = revolve(&self.profile).map_err(|why| FieldError::new("profile", why, help))?;
-        // No surface has such a net.
+        // A net of a single row makes no surface.
         if net.rows() < 2 {
             let message = "expected a profile of at least 2 points, found 1";
             return Err(FieldError::new("profile", message, help));
@@ -99,7 +98,7 @@ impl Node for Revolve {
     }
 }
 
-/// The corners and the middles of the sides of a square around a circle of radius 1, as (x, z).
+/// The corners and the side midpoints of a square around a circle of radius 1, as (x, z).
 const SQUARE: [[f64; 2]; 9] = [
     [1., 0.],
     [1., 1.],
@@ -112,26 +111,26 @@ const SQUARE: [[f64; 2]; 9] = [
     [1., 0.],
 ];
 
-/// The control net of a profile of (radius, y) turned around the y axis, in mm: nine columns with the weights 1 and `sqrt(1/2)` in
-/// turn, those of four quarter circles.
+/// Makes the control net of a profile of (radius, y), in mm, revolved around the y axis. The net has nine columns with alternating weights
+/// 1 and `sqrt(1/2)`, the weights of four quarter circles.
 ///
 /// Piegl and Tiller, *The NURBS Book*, 2nd ed. (1997), section 7.5, the nine-point square.
 ///
 /// # Errors
-/// If a radius is negative, or the profile is empty or not finite.
+/// Returns an error if a radius is negative, or the profile is empty or not finite.
 pub fn revolve(profile: &[[f64; 2]]) -> Result<value::ControlNet, RevolveError> {
-    turned(profile, &vec![1.0; profile.len()])
+    revolve_profile(profile, &vec![1.0; profile.len()])
 }
 
-/// How far a profile's points may leave its plane, as a share of their distance from the origin: files of single precision round
-/// by 1e-7.
+/// Maximum distance of a profile's points from the plane z = 0, as a fraction of their distance from the origin: files of single precision
+/// round by 1e-7.
 const FLAT: f64 = 1e-6;
 
-/// The control net of a curve in the plane z = 0 turned around the y axis; see [`revolve`]. The weights of a B-spline multiply. A
-/// closed polyline's first point is also its last.
+/// Makes the control net of a curve in the plane z = 0 revolved around the y axis; see [`revolve`]. The weights of a B-spline are
+/// multiplied with those of the circle. For a closed polyline, the first point also makes the last row.
 ///
 /// # Errors
-/// If a point is not in the plane, or its x is negative.
+/// Returns an error if a point is not in the plane, or its x is negative.
 pub fn revolve_curve(curve: &Curve) -> Result<value::ControlNet, RevolveError> {
     let points = curve.points();
     if let Some(index) = points.iter().position(|point| point.z.abs() > FLAT * point.coords.norm())
@@ -140,7 +139,7 @@ pub fn revolve_curve(curve: &Curve) -> Result<value::ControlNet, RevolveError> {
     }
     let mut profile: Vec<[f64; 2]> = points.iter().map(|point| [point.x, point.y]).collect();
     match curve.weights() {
-        Some(weights) => turned(&profile, weights),
+        Some(weights) => revolve_profile(&profile, weights),
         None => {
             let first = curve.is_closed().then_some(profile[0]);
             profile.extend(first);
@@ -149,13 +148,17 @@ pub fn revolve_curve(curve: &Curve) -> Result<value::ControlNet, RevolveError> {
     }
 }
 
-fn turned(profile: &[[f64; 2]], weights: &[f64]) -> Result<value::ControlNet, RevolveError> {
+fn revolve_profile(
+    profile: &[[f64; 2]],
+    weights: &[f64],
+) -> Result<value::ControlNet, RevolveError> {
     if let Some(index) = profile.iter().position(|[radius, _]| *radius < 0.0) {
         return Err(RevolveError::Radius { index, radius: profile[index][0] });
     }
-    let ring =
-        |&[radius, y]: &[f64; 2]| SQUARE.map(|[x, z]| Point3::new(radius * x, y, radius * z));
-    let points: Vec<_> = profile.iter().flat_map(ring).collect();
+    let points: Vec<_> = profile
+        .iter()
+        .flat_map(|&[radius, y]| SQUARE.map(|[x, z]| Point3::new(radius * x, y, radius * z)))
+        .collect();
     let corner = 0.5f64.sqrt();
     let weights = (0..points.len())
         .map(|k: usize| weights[k / 9] * if (k % 9).is_multiple_of(2) { 1.0 } else { corner })
@@ -165,12 +168,12 @@ fn turned(profile: &[[f64; 2]], weights: &[f64]) -> Result<value::ControlNet, Re
 
 #[cfg(test)]
 mod tests {
-    use maquette_value::{Along, KnotVector};
+    use maquette_value::{KnotVector, ParameterDirection};
 
     use super::super::nurbs::nurbs;
     use super::*;
 
-    // On a surface of revolution.
+    // Every height of a surface of revolution is a circle.
     #[test]
     fn every_height_is_a_circle() {
         let net = revolve(&[[0.0, -1.0], [3.0, -1.0], [2.0, 4.0], [1.0, 6.0]]).unwrap();
@@ -185,15 +188,19 @@ mod tests {
         }
         let side = surface.normal(1.2, 0.4).unwrap();
         assert!(side.dot(&surface.point(1.2, 0.4).coords) > 0.0, "the outside is outside");
-        assert_eq!(surface.iso_curve(Along::U, 2.0).points[1], Point3::new(1.0, 6.0, 1.0));
+        assert_eq!(
+            surface.iso_curve(ParameterDirection::U, 2.0).points[1],
+            Point3::new(1.0, 6.0, 1.0)
+        );
     }
 
     #[test]
     fn a_half_circle_becomes_a_sphere() {
-        fn at(x: f64, y: f64) -> Point3<f64> {
+        fn point(x: f64, y: f64) -> Point3<f64> {
             Point3::new(x, y, 0.0)
         }
-        let points = vec![at(0., -2.), at(2., -2.), at(2., 0.), at(2., 2.), at(0., 2.)];
+        let points =
+            vec![point(0., -2.), point(2., -2.), point(2., 0.), point(2., 2.), point(0., 2.)];
         let corner = 0.5f64.sqrt();
         let knots = KnotVector::new(2, vec![0., 0., 0., 1., 1., 2., 2., 2.]).unwrap();
         let weights = vec![1.0, corner, 1.0, corner, 1.0];
@@ -205,14 +212,15 @@ mod tests {
             let (u, v) = (f64::from(k) / 50.0, f64::from(k * 7 % 100) / 25.0);
             assert!((sphere.point(u, v).coords.norm() - 2.0).abs() <= 1e-14);
         }
-        let square = Curve::polyline(vec![at(1., 0.), at(2., 0.), at(2., 1.)], true).unwrap();
+        let square =
+            Curve::polyline(vec![point(1., 0.), point(2., 0.), point(2., 1.)], true).unwrap();
         assert_eq!(revolve_curve(&square), revolve(&[[1., 0.], [2., 0.], [2., 1.], [1., 0.]]));
-        let off = Curve::polyline(vec![at(1., 0.), Point3::new(1., 1., 0.1)], false).unwrap();
+        let off = Curve::polyline(vec![point(1., 0.), Point3::new(1., 1., 0.1)], false).unwrap();
         assert_eq!(revolve_curve(&off), Err(RevolveError::NotFlat { index: 1, z: 0.1 }));
     }
 
     #[test]
-    fn profiles_that_cannot_be_turned_are_refused() {
+    fn profiles_that_cannot_be_revolved_are_refused() {
         let beyond = RevolveError::Radius { index: 1, radius: -2.0 };
         assert_eq!(revolve(&[[1.0, 0.0], [-2.0, 1.0]]), Err(beyond));
         assert!(matches!(revolve(&[]), Err(RevolveError::Net(_))));

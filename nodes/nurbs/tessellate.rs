@@ -1,42 +1,42 @@
-//! Makes a mesh of a surface.
+//! Tessellates a surface.
 
 use maquette_base::limits::VERTICES;
-use maquette_node::{Context, Error, Estimate, FieldError, In, Node, Promise, TooMuch};
+use maquette_node::{Context, Error, Estimate, FieldError, In, LimitError, Node, Promise};
 use maquette_value::{Mesh, MeshError, Surface};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Makes a mesh of quads of a surface, with its exact normals and its parameters, scaled to 0..1, as `uv`.
+/// Tessellates a surface into a mesh of quads, with exact normals and with the parameters, scaled to 0..1, as `uv`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Tessellate {
     /// The surface.
     pub surface: In<Surface>,
-    /// Quads along u, evenly spaced in the parameter. 0 chooses: each span is divided evenly, so that all quads stay within 1/1000
-    /// of the diagonal of the net's box.
+    /// Number of quads along u, evenly spaced in the parameter. 0 is automatic: each span is divided evenly, so that all quads are within
+    /// 1/1000 of the diagonal of the net's bounding box.
     #[schemars(range(max = 8192))]
     #[serde(default)]
     pub u: usize,
-    /// Quads along v, in the same way.
+    /// Number of quads along v; 0 is automatic.
     #[schemars(range(max = 8192))]
     #[serde(default)]
     pub v: usize,
-    /// How far edges may be from the surface: flat parts get large quads and bent parts small ones, joined without gaps by
-    /// triangles. 0 spaces quads evenly.
+    /// Maximum distance in mm between edges and the surface: flat parts get large quads and curved parts small ones, joined without gaps by
+    /// triangles. 0 gives evenly spaced quads.
     #[schemars(range(min = 0.0), extend("unit" = "mm"))]
     #[serde(default)]
     pub tolerance: f64,
 }
 
-/// Why a surface does not become a mesh.
+/// Reasons why a surface cannot be tessellated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TessellateError {
-    /// Two ways to say how fine.
+    /// Both a number of quads and a tolerance are given.
     #[error("`tolerance` chooses the quads itself: leave `u` and `v` out")]
     Both,
     /// Too many quads.
     #[error(transparent)]
-    TooMuch(#[from] TooMuch),
-    /// No mesh.
+    TooMuch(#[from] LimitError),
+    /// The mesh is invalid.
     #[error(transparent)]
     Mesh(#[from] MeshError),
 }
@@ -45,9 +45,8 @@ impl Node for Tessellate {
     type Outputs = (Mesh,);
     const OUTPUTS: [&'static str; 1] = ["mesh"];
 
-    const PROMISES: &'static [Promise<Self>] =
-        &[Promise::never("mesh", "Triangles")
-            .when("without `tolerance`", |it| it.tolerance == 0.0)];
+    const PROMISES: &'static [Promise<Self>] = &[Promise::never_has("mesh", "Triangles")
+        .only_if("without `tolerance`", |it| it.tolerance == 0.0)];
 
     fn check(&self) -> Result<(), FieldError> {
         match (self.tolerance == 0.0, [self.u, self.v]) {
@@ -61,7 +60,7 @@ impl Node for Tessellate {
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let vertices = vertices(cx.get(&self.surface), [self.u, self.v]);
-        // How much a tolerance takes is only known when it is done; it stops at a million quads.
+        // With a tolerance, the number of quads is not known in advance; the computation stops at a million.
         let estimate = Estimate { bytes: vertices * 110.0, help: VERTICES.help };
         (self.tolerance == 0.0).then_some(estimate)
     }
@@ -71,10 +70,10 @@ impl Node for Tessellate {
     }
 }
 
-/// The mesh of a surface: of so many quads along u and v, 0 for as many as it needs, or with a tolerance in mm that is not 0.
+/// Tessellates a surface, either with the given number of quads along u and v (0 for automatic), or with a tolerance in mm that is not 0.
 ///
 /// # Errors
-/// If both are given, or the mesh would be too large or not finite.
+/// Returns an error if both are given, or the mesh would be too large or not finite.
 pub fn tessellate(
     surface: &Surface,
     [u, v]: [usize; 2],
@@ -90,13 +89,14 @@ pub fn tessellate(
     }
 }
 
-/// How many vertices a mesh of so many quads has at least; what is chosen is no more than this, unless the net has more spans.
+/// Returns an estimate of the number of vertices of a mesh with the given numbers of quads. In each direction, the number of quads or the
+/// number of control points counts, whichever is larger.
 fn vertices(surface: &Surface, [u, v]: [usize; 2]) -> f64 {
-    fn along(given: usize, control: usize) -> f64 {
+    fn count_or(given: usize, control: usize) -> f64 {
         given.max(control).saturating_add(1) as f64
     }
     let net = surface.net();
-    along(u, net.rows()) * along(v, net.columns())
+    count_or(u, net.rows()) * count_or(v, net.columns())
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Changes how strongly control points attract their surface.
+//! Changes the weights of control points.
 
 use maquette_node::{Context, Error, In, Node};
 use maquette_value as value;
@@ -6,57 +6,57 @@ use maquette_value::{ControlNetError, Region};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::grid::within::{WithinError, within};
+use super::grid::within::{WithinError, points_in_region};
 
-/// Changes how strongly control points attract their surface.
+/// Changes the weights of control points: how strongly they attract the surface.
 ///
-/// Each weight is multiplied by `all`, by its row's factor, by its column's factor, and inside `region` by `inside`. Only ratios count: the same factor for
-/// all points changes nothing. 0 takes a point's effect away.
+/// Each weight is multiplied by `all`, by its row's factor, by its column's factor, and inside `region` by `inside`. Only ratios matter:
+/// the same factor for all points has no effect. A factor of 0 removes a point's effect.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Weights {
     /// The net.
     pub net: In<value::ControlNet>,
-    /// The part of the range grid for whose control points `inside` counts.
+    /// The part of the range grid whose control points get the factor `inside`.
     pub region: Option<In<Region>>,
-    /// A factor for every point.
+    /// Factor for every point.
     #[schemars(range(min = 0.0, max = 1000.0))]
-    #[serde(default = "one")]
+    #[serde(default = "default_factor")]
     pub all: f64,
-    /// A factor per row, from the first row on; empty leaves them as they are.
+    /// Factors for the rows, from the first on; empty means 1.
     #[schemars(inner(range(min = 0.0, max = 1000.0)))]
     #[serde(default)]
     pub rows: Vec<f64>,
-    /// A factor per column, from the first column on; empty leaves them as they are.
+    /// Factors for the columns, from the first on; empty means 1.
     #[schemars(inner(range(min = 0.0, max = 1000.0)))]
     #[serde(default)]
     pub columns: Vec<f64>,
-    /// A factor for every point whose cell lies in `region`.
+    /// Factor for every point whose cell is in `region`.
     #[schemars(range(min = 0.0, max = 1000.0))]
-    #[serde(default = "one")]
+    #[serde(default = "default_factor")]
     pub inside: f64,
 }
 
-fn one() -> f64 {
+fn default_factor() -> f64 {
     1.0
 }
 
-/// Why weights cannot be changed.
+/// Reasons why weights cannot be changed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum WeightsError {
-    /// Factors for another net.
+    /// The number of factors does not match the net.
     #[error("{factors} factors are given for {count} {what}")]
     Count {
         /// `rows` or `columns`.
         what: &'static str,
-        /// How many factors.
+        /// The number of factors.
         factors: usize,
-        /// How many rows or columns the net has.
+        /// The number of rows or columns of the net.
         count: usize,
     },
-    /// A region that does not fit the net.
+    /// The region does not fit the net.
     #[error(transparent)]
     Within(#[from] WithinError),
-    /// Weights that are no weights.
+    /// The weights are invalid.
     #[error(transparent)]
     Net(#[from] ControlNetError),
 }
@@ -75,17 +75,17 @@ impl Node for Weights {
             return Ok((changed,));
         };
         let region = cx.get(region);
-        if !within(net, region)?.contains(&1) {
-            cx.warn("no control point lies in the region");
+        if !points_in_region(net, region)?.contains(&1) {
+            cx.warn("no control point is in the region");
         }
         Ok((weights_inside(&changed, region, self.inside)?,))
     }
 }
 
-/// The net with each weight multiplied by `all`, by its row's factor and by its column's; an empty list means factors of 1.
+/// Returns the net with each weight multiplied by `all`, by its row's factor and by its column's factor; an empty list means factors of 1.
 ///
 /// # Errors
-/// If a list is neither empty nor as long as the net has rows or columns, or a weight becomes negative or not finite.
+/// Returns an error if a list is neither empty nor as long as the net has rows or columns, or a weight becomes negative or not finite.
 pub fn weights(
     net: &value::ControlNet,
     all: f64,
@@ -109,16 +109,16 @@ pub fn weights(
     Ok(net.clone().with_weights(changed.collect())?)
 }
 
-/// The net with the weights of all points whose cell lies in `region` multiplied by `factor`.
+/// Returns the net with the weights of all points whose cell is in `region` multiplied by `factor`.
 ///
 /// # Errors
-/// If the net was not made from a region of the same range grid, or a weight becomes negative or not finite.
+/// Returns an error if the net was not made from a region of the same range grid, or a weight becomes negative or not finite.
 pub fn weights_inside(
     net: &value::ControlNet,
     region: &Region,
     factor: f64,
 ) -> Result<value::ControlNet, WeightsError> {
-    let pairs = net.weights().iter().zip(within(net, region)?);
+    let pairs = net.weights().iter().zip(points_in_region(net, region)?);
     let changed = pairs.map(|(weight, within)| if within == 1 { weight * factor } else { *weight });
     Ok(net.clone().with_weights(changed.collect())?)
 }
@@ -137,15 +137,16 @@ mod tests {
         let range = range(12, 10, |_, _| 1.0);
         let whole = region(&range, |x, y| (2..10).contains(&x) && (2..8).contains(&y));
         let part = region(&range, |x, y| (2..5).contains(&x) && y < 4);
-        let net = control_net(&whole, &range, NetMethod::Grid, 0, 0, &Progress::none()).unwrap();
+        let net = control_net(&whole, &range, NetMethod::Grid, 0, 0, &Progress::silent()).unwrap();
         let heavy = weights_inside(&net, &part, 3.0).unwrap();
         for (at, weight) in heavy.weights().iter().enumerate() {
             let (row, column) = (at / net.columns(), at % net.columns());
-            // The padding has no cells, not even where the part reaches it.
+            // Net points in the padding have no cells; they keep their weights, even where the region reaches into the padding.
             let inside = (2..4).contains(&row) && (2..5).contains(&column);
             assert_eq!(*weight, if inside { 3.0 } else { 1.0 }, "({row}, {column})");
         }
-        let fine = control_net(&whole, &range, NetMethod::Rows, 11, 15, &Progress::none()).unwrap();
+        let fine =
+            control_net(&whole, &range, NetMethod::Rows, 11, 15, &Progress::silent()).unwrap();
         let heavy = weights_inside(&fine, &part, 3.0).unwrap();
         assert_eq!((heavy.weights()[16], heavy.weights()[15 * 9 + 7]), (3.0, 1.0));
     }
@@ -158,7 +159,7 @@ mod tests {
         }
         assert_eq!(weights_inside(&net(), &part(&here), 2.0), Err(WithinError::NoChart.into()));
         let made =
-            control_net(&part(&here), &here, NetMethod::Grid, 0, 0, &Progress::none()).unwrap();
+            control_net(&part(&here), &here, NetMethod::Grid, 0, 0, &Progress::silent()).unwrap();
         let size = WithinError::Size { region: [11, 10], net: [12, 10] };
         assert_eq!(weights_inside(&made, &part(&there), 2.0), Err(size.into()));
     }

@@ -1,4 +1,4 @@
-//! The direction that a region looks in.
+//! The mean direction of a region's surface.
 
 use maquette_node::{Context, Error, In, Node};
 use maquette_value::{Direction, DirectionError, RangeImage, Region};
@@ -8,44 +8,44 @@ use serde::{Deserialize, Serialize};
 
 use super::grid::grid_triangles::{Rays, double_area, grid_triangles};
 
-/// The mean of the normals of a region's triangles, towards the sensor.
+/// Computes the mean normal of a region's triangles, towards the sensor.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct AverageNormal {
-    /// The region, with its filled cells.
+    /// Region, with its filled cells.
     pub region: In<Region>,
-    /// The range image that the region was taken from.
+    /// Range image from which the region was taken.
     pub range: In<RangeImage>,
-    /// How much each triangle counts.
+    /// Weight of each triangle.
     #[serde(default)]
     pub weight: Weight,
 }
 
-/// How much each triangle counts in an average normal.
+/// Weight of each triangle in an average normal.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Weight {
-    /// All the same.
+    /// Equal weights.
     #[default]
     Unit,
-    /// By its area. The direction then depends on the region's border alone, not on what is inside.
+    /// Weight by area. The direction then depends only on the border of the region, not on its inside.
     Area,
 }
 
-/// Why a region has no average normal.
+/// Error of computing the average normal.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum AverageNormalError {
     /// The region was taken from another range image.
-    #[error("the region has a grid of {region:?} cells, the range image one of {range:?}")]
+    #[error("the region has a grid of {region:?} cells, but the range image has {range:?}")]
     Size {
         /// The region's grid.
         region: [usize; 2],
         /// The range image's grid.
         range: [usize; 2],
     },
-    /// There is no surface.
-    #[error("the region has no triangle: nowhere does it hold three cells that share a corner")]
+    /// The region has no triangle.
+    #[error("the region has no triangle: no three of its cells share a corner")]
     NoTriangle,
-    /// There is not even a plane.
-    #[error("the region's points lie on a line or in one place, which has no normal")]
+    /// The points do not define a plane.
+    #[error("the points of the region are on a line or coincide, so there is no normal")]
     Line,
     /// The normals cancel out.
     #[error(transparent)]
@@ -61,7 +61,7 @@ impl Node for AverageNormal {
         match average_normal(region, range, self.weight) {
             Err(AverageNormalError::NoTriangle) => {
                 let normal = principal_normal(region, range)?;
-                cx.warn("the region has no triangle; its normal is that of the plane nearest to its points");
+                cx.warn("the region has no triangle: the normal of the plane closest to its points is used");
                 Ok((normal,))
             }
             normal => Ok((normal?,)),
@@ -69,14 +69,14 @@ impl Node for AverageNormal {
     }
 }
 
-/// The mean of the normals of the triangles between the region's cells, and as its resultant the length of that mean: 1 if
-/// all normals agree. It is turned to the side on which the sensor sees the region.
+/// Returns the mean of the normals of the triangles between the region's cells, on the side of the sensor. The resultant of the returned
+/// direction is the length of the mean: 1 if all normals agree.
 ///
-/// With [`Weight::Unit`] the mean of the unit normals `t / |t|`, with [`Weight::Area`] the sum of all `t` over the sum of their
-/// lengths; `t` is the cross product of two edges. Triangles without area are left out.
+/// [`Weight::Unit`] gives the mean of the unit normals `t / |t|`, [`Weight::Area`] gives the sum of all `t` divided by the sum of their
+/// lengths. Here `t` is the cross product of two edges of a triangle. Triangles without area are left out.
 ///
 /// # Errors
-/// If the region's grid is not that of `range`, there is no triangle with area, or the normals cancel out.
+/// Returns an error if the region's grid is not that of `range`, there is no triangle with area, or the normals cancel out.
 pub fn average_normal(
     region: &Region,
     range: &RangeImage,
@@ -84,13 +84,13 @@ pub fn average_normal(
 ) -> Result<Direction, AverageNormalError> {
     check_size(region, range)?;
     let (width, height, points) = grid_of(region);
-    // Twice the area at which a triangle is only rounding.
-    let least = 1e-18 * square(size_of(region.points()));
+    // The minimum length of a triangle's `t`, twice its area: smaller triangles are only rounding errors.
+    let min_length = 1e-18 * square(size_of(region.points()));
     let (mut sum, mut total) = (Vector3::zeros(), 0.0);
     for triangle in grid_triangles(width, height, &points, |_| 0, |_, _| true) {
         let normal = double_area(triangle.cells(width).map(|cell| points[cell]));
         let length = normal.norm();
-        if length <= least {
+        if length <= min_length {
             continue;
         }
         match weight {
@@ -110,13 +110,12 @@ pub fn average_normal(
     Ok(Direction::mean(towards_sensor(sum / total, region, range))?)
 }
 
-/// The normal of the plane nearest to the region's points: the axis along which they spread least, towards the sensor. For a
-/// region without triangles.
+/// Returns the normal of the plane closest to the region's points, towards the sensor: the axis along which the points spread least. Used
+/// for a region without triangles.
 ///
 /// Pearson, "On lines and planes of closest fit to systems of points in space" (1901).
 ///
-/// # Errors
-/// If the region's grid is not that of `range`, or the points lie on a line.
+/// Returns an error if the region's grid is not that of `range`, or the points are on a line.
 pub fn principal_normal(
     region: &Region,
     range: &RangeImage,
@@ -137,17 +136,18 @@ pub fn principal_normal(
     let axes = SymmetricEigen::new(covariance);
     let mut order = [0, 1, 2];
     order.sort_by(|&a, &b| axes.eigenvalues[a].total_cmp(&axes.eigenvalues[b]));
-    let [least, middle, most] = order;
-    if axes.eigenvalues[middle] <= LEAST_SPREAD * axes.eigenvalues[most] {
+    let [smallest, middle, largest] = order;
+    if axes.eigenvalues[middle] <= MIN_SPREAD * axes.eigenvalues[largest] {
         return Err(AverageNormalError::Line);
     }
-    let axis = axes.eigenvectors.column(least).into_owned();
+    let axis = axes.eigenvectors.column(smallest).into_owned();
     Ok(Direction::mean(towards_sensor(axis, region, range))?)
 }
 
-/// Least spread across a line of points, squared and relative to that along it, at which they still have a plane: one part in
-/// ten thousand. Files with single precision have some 6e-6 of rounding; a scan's row over a curved part has some 1e-2.
-const LEAST_SPREAD: f64 = 1e-8;
+/// The minimum spread of points across a line for which they define a plane, as the square of its ratio to the spread along the line: a
+/// ratio of one in ten thousand. The rounding of files in single precision gives a ratio of about 6e-6; a row of a scan over a curved part
+/// has about 1e-2.
+const MIN_SPREAD: f64 = 1e-8;
 
 fn check_size(region: &Region, range: &RangeImage) -> Result<(), AverageNormalError> {
     let region = [region.width(), region.height()];
@@ -155,7 +155,7 @@ fn check_size(region: &Region, range: &RangeImage) -> Result<(), AverageNormalEr
     if region == range { Ok(()) } else { Err(AverageNormalError::Size { region, range }) }
 }
 
-/// The smallest grid that holds the region: width, height, and the points, NaN outside of the region.
+/// Returns the rectangle around the region: its width, its height, and its points, NaN outside the region.
 fn grid_of(region: &Region) -> (usize, usize, Vec<Point3<f64>>) {
     let (low, high) = region.bounds();
     let [width, height] = [0, 1].map(|axis| high[axis] + 1 - low[axis]);
@@ -171,7 +171,7 @@ fn square(x: f64) -> f64 {
     x * x
 }
 
-/// The diagonal of the box around some points.
+/// Returns the diagonal of the bounding box of points.
 fn size_of(points: &[Point3<f64>]) -> f64 {
     let start = Vector3::repeat(f64::INFINITY);
     let (low, high) = points.iter().fold((start, -start), |(low, high), point| {
@@ -185,9 +185,9 @@ fn centroid(points: &[Point3<f64>]) -> Point3<f64> {
     Point3::from(sum / points.len() as f64)
 }
 
-/// The vector or its opposite: the one that points to the side of the sensor.
+/// Flips a vector if necessary, so that it points to the side of the sensor.
 fn towards_sensor(vector: Vector3<f64>, region: &Region, range: &RangeImage) -> Vector3<f64> {
-    let ray = Rays::of(range).at(centroid(region.points()));
+    let ray = Rays::new(range).direction(centroid(region.points()));
     if vector.dot(&ray) > 0.0 { -vector } else { vector }
 }
 
@@ -199,8 +199,8 @@ mod tests {
 
     const BOTH: [Weight; 2] = [Weight::Unit, Weight::Area];
 
-    /// A region of all cells of a grid whose points are `at(column, row)`, and its range image.
-    fn whole(
+    /// Returns a region of all cells of a grid with the points `at(column, row)`, and its range image.
+    fn full_grid(
         width: usize,
         height: usize,
         at: impl Fn(f64, f64) -> Point3<f64>,
@@ -208,21 +208,23 @@ mod tests {
         part(width, height, at, |_, _| true)
     }
 
-    /// A region of the cells that `inside` takes.
+    /// Returns a region of the cells for which `inside` returns true.
     fn part(
         width: usize,
         height: usize,
         at: impl Fn(f64, f64) -> Point3<f64>,
         inside: impl Fn(usize, usize) -> bool,
     ) -> (Region, RangeImage) {
-        fn place(cell: usize, width: usize) -> (usize, usize) {
+        fn grid_position(cell: usize, width: usize) -> (usize, usize) {
             (cell % width, cell / width)
         }
         let points: Vec<Point3<f64>> = (0..width * height)
-            .map(|cell| at(place(cell, width).0 as f64, place(cell, width).1 as f64))
+            .map(|cell| {
+                at(grid_position(cell, width).0 as f64, grid_position(cell, width).1 as f64)
+            })
             .collect();
         let cells: Vec<u32> = (0..width * height)
-            .filter(|&cell| inside(place(cell, width).0, place(cell, width).1))
+            .filter(|&cell| inside(grid_position(cell, width).0, grid_position(cell, width).1))
             .map(|cell| cell as u32)
             .collect();
         let inner: Vec<Point3<f64>> = cells.iter().map(|&cell| points[cell as usize]).collect();
@@ -233,9 +235,9 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_plane_has_its_normal_whatever_the_grid(
+        fn a_plane_has_its_normal_for_any_grid(
             tilt in prop::array::uniform2(-2.0..2.0f64),
-            // Shifted by a quarter of a cell or more, points could change places, and triangles turn over.
+            // Shifts are limited, because larger ones could exchange points and flip triangles.
             shifts in prop::collection::vec(prop::array::uniform2(-0.2..0.2f64), 42),
             missing in prop::collection::vec(prop::bool::weighted(0.2), 42),
         ) {
@@ -244,9 +246,9 @@ mod tests {
                 let (x, y) = (column + dx - 3.0, row + dy - 2.0);
                 Point3::new(x, y, 100.0 + tilt[0] * x + tilt[1] * y)
             };
-            let block = |column: usize, row: usize| column < 3 && row < 3;
-            let inside = |column, row| block(column, row) || !missing[row * 7 + column];
-            let (region, range) = part(7, 6, at, inside);
+            let (region, range) = part(7, 6, at, |column, row| {
+                (column < 3 && row < 3) || !missing[row * 7 + column]
+            });
             let expected = Vector3::new(tilt[0], tilt[1], -1.0).normalize();
             for weight in BOTH {
                 let normal = average_normal(&region, &range, weight).unwrap();
@@ -260,8 +262,6 @@ mod tests {
 
     #[test]
     fn a_symmetric_hemisphere_has_its_axis() {
-        let in_disk =
-            |column: usize, row: usize| column.abs_diff(10).pow(2) + row.abs_diff(10).pow(2) <= 100;
         let (region, range) = part(
             21,
             21,
@@ -269,7 +269,7 @@ mod tests {
                 let (x, y) = (column - 10.0, row - 10.0);
                 Point3::new(x, y, 500.0 - (400.0 - x * x - y * y).sqrt())
             },
-            in_disk,
+            |column, row| column.abs_diff(10).pow(2) + row.abs_diff(10).pow(2) <= 100,
         );
         for weight in BOTH {
             let normal = average_normal(&region, &range, weight).unwrap();
@@ -283,45 +283,45 @@ mod tests {
         fn by_area_the_normal_depends_on_the_border_alone(
             moves in prop::collection::vec(prop::array::uniform3(-0.4..0.4f64), 2 * 81),
         ) {
-            let in_disk = |column: usize, row: usize| {
+            fn is_in_disk(column: usize, row: usize) -> bool {
                 column.abs_diff(4).pow(2) + row.abs_diff(4).pow(2) <= 17
-            };
-            let on_border = |column: usize, row: usize| {
-                let near = [(column + 1, row), (column, row + 1), (column.wrapping_sub(1), row), (column, row.wrapping_sub(1))];
-                near.iter().any(|&(column, row)| column > 8 || row > 8 || !in_disk(column, row))
-            };
-            let normal = |set: usize| {
-                let at = |column: f64, row: f64| {
+            }
+            fn is_on_border(column: usize, row: usize) -> bool {
+                let neighbors = [(column + 1, row), (column, row + 1), (column.wrapping_sub(1), row), (column, row.wrapping_sub(1))];
+                neighbors.iter().any(|&(column, row)| column > 8 || row > 8 || !is_in_disk(column, row))
+            }
+            let normals = [0, 1].map(|set| {
+                let (region, range) = part(9, 9, |column: f64, row: f64| {
                     let (c, r) = (column as usize, row as usize);
-                    let set = if on_border(c, r) { 0 } else { set };
+                    let set = if is_on_border(c, r) { 0 } else { set };
                     let moved = Vector3::from(moves[set * 81 + r * 9 + c]);
                     Point3::new(column, row, 300.0 + column * 0.2) + moved
-                };
-                let (region, range) = part(9, 9, at, in_disk);
+                }, is_in_disk);
                 average_normal(&region, &range, Weight::Area).unwrap().vector().into_inner()
-            };
-            prop_assert!((normal(0) - normal(1)).norm() < 1e-10);
+            });
+            prop_assert!((normals[0] - normals[1]).norm() < 1e-10);
         }
     }
 
     #[test]
     fn a_large_triangle_counts_more_by_area() {
-        // Two frontal cells of 1 mm, and a roof of 3 mm beside them.
-        let (region, range) = whole(3, 2, |column: f64, row: f64| match column as u32 {
+        // The grid has two frontal cells of 1 mm, and beside them a slope of 3 mm.
+        let (region, range) = full_grid(3, 2, |column: f64, row: f64| match column as u32 {
             2 => Point3::new(1.0, row, 103.0),
             _ => Point3::new(column, row, 100.0),
         });
-        fn turned(weight: Weight, region: &Region, range: &RangeImage) -> f64 {
+        fn normal_x(weight: Weight, region: &Region, range: &RangeImage) -> f64 {
             average_normal(region, range, weight).unwrap().vector().x.abs()
         }
-        assert!((turned(Weight::Unit, &region, &range) - 0.5f64.sqrt()).abs() < 1e-12);
-        assert!((turned(Weight::Area, &region, &range) - 3.0 / 10f64.sqrt()).abs() < 1e-12);
+        assert!((normal_x(Weight::Unit, &region, &range) - 0.5f64.sqrt()).abs() < 1e-12);
+        assert!((normal_x(Weight::Area, &region, &range) - 3.0 / 10f64.sqrt()).abs() < 1e-12);
     }
 
     #[test]
-    fn one_row_has_no_triangle_and_falls_back_to_the_nearest_plane() {
-        let (region, range) =
-            whole(5, 1, |column: f64, _: f64| Point3::new(column, column * column * 0.1, 100.0));
+    fn one_row_has_no_triangle_and_falls_back_to_the_closest_plane() {
+        let (region, range) = full_grid(5, 1, |column: f64, _: f64| {
+            Point3::new(column, column * column * 0.1, 100.0)
+        });
         for weight in BOTH {
             let error = average_normal(&region, &range, weight);
             assert_eq!(error, Err(AverageNormalError::NoTriangle));
@@ -334,15 +334,16 @@ mod tests {
     fn a_line_and_a_point_have_no_normal() {
         for width in [1, 5] {
             let (region, range) =
-                whole(width, 1, |column, _| Point3::new(column, 0.3 * column, 9.0));
+                full_grid(width, 1, |column, _| Point3::new(column, 0.3 * column, 9.0));
             assert_eq!(principal_normal(&region, &range), Err(AverageNormalError::Line));
         }
     }
 
     #[test]
     fn points_too_far_apart_to_be_measured_are_an_error() {
-        let (region, range) =
-            whole(9, 9, |column: f64, row: f64| Point3::new(column * 1e307, row * 1e307, 1e307));
+        let (region, range) = full_grid(9, 9, |column: f64, row: f64| {
+            Point3::new(column * 1e307, row * 1e307, 1e307)
+        });
         assert_eq!(principal_normal(&region, &range), Err(AverageNormalError::Line));
         assert!(average_normal(&region, &range, Weight::Unit).is_err());
     }
@@ -350,7 +351,7 @@ mod tests {
     #[test]
     fn a_region_that_turns_back_on_itself_has_no_direction() {
         let (region, range) =
-            whole(3, 2, |column: f64, row: f64| Point3::new((column - 1.0).abs(), row, 100.0));
+            full_grid(3, 2, |column: f64, row: f64| Point3::new((column - 1.0).abs(), row, 100.0));
         let error = average_normal(&region, &range, Weight::Unit);
         assert!(matches!(
             error,
@@ -360,10 +361,11 @@ mod tests {
 
     #[test]
     fn a_region_of_another_grid_is_an_error() {
-        fn at(column: f64, row: f64) -> Point3<f64> {
+        fn plane_point(column: f64, row: f64) -> Point3<f64> {
             Point3::new(column, row, 9.0)
         }
-        let ((region, _), (_, range)) = (whole(3, 2, at), whole(2, 3, at));
+        let ((region, _), (_, range)) =
+            (full_grid(3, 2, plane_point), full_grid(2, 3, plane_point));
         let error = average_normal(&region, &range, Weight::Unit);
         assert!(matches!(error, Err(AverageNormalError::Size { .. })));
     }

@@ -1,6 +1,6 @@
-//! Takes one labelled part of a picture as a region of the range grid.
+//! Extracts a labelled part of a picture as a region of the range grid.
 
-use maquette_base::linear::laplace::Unsolved;
+use maquette_base::linear::laplace::PoissonError;
 use maquette_image::{Connectivity, close, label};
 use maquette_node::{Context, Error, In, Node, Progress, Want};
 use maquette_value::{Labels, RangeImage, Region, RegionError};
@@ -12,129 +12,129 @@ use super::grid::contour::contours;
 use super::grid::footprint::covered_cells;
 use super::holes::range_holes::{fill_points, usable_cells, with_enclosed};
 
-/// Takes one labelled part of a picture as a region of the range grid, ready to be redesigned.
+/// Extracts a labelled part of a picture as a region of the range grid, ready to be redesigned.
 ///
-/// A range cell belongs to the region if at least half of what it sees of the picture does, or if the part surrounds it. Cells inside for
-/// which the scanner has no point are filled smoothly from those around them; where it saw nothing up to the border of the grid, they are
-/// left out instead. If the region falls apart, its largest piece is taken.
+/// A range cell belongs to the region if at least half of its footprint in the picture belongs to the part, or if the part surrounds the
+/// cell. Cells inside without a measured point are filled smoothly from those around them; cells without a point that are connected with
+/// the border of the grid are left out instead. If the region is not connected, its largest piece is taken.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ExtractRegion {
-    /// The labelled picture.
+    /// Labelled picture.
     pub labels: In<Labels>,
-    /// The range image taken with the picture.
+    /// Range image taken with the picture.
     pub range: In<RangeImage>,
-    /// Which part is taken.
+    /// Part to extract.
     #[serde(default)]
     pub pick: Pick,
-    /// Fills cells without a point, unless they belong to the background. Without it they are holes of the region.
-    #[serde(default = "yes")]
+    /// Fills cells without a point, unless they belong to the background. If false, they are holes of the region.
+    #[serde(default = "default_true")]
     pub fill_holes: bool,
-    /// Takes in what the part surrounds, such as the pupil of an eye, if it lies on the same surface: not what is seen through a handle.
-    /// Without it that is a hole of the region.
-    #[serde(default = "yes")]
+    /// Includes areas that the part surrounds, such as the pupil of an eye, if they are on the same surface; the gap of a handle is not. If
+    /// false, they are holes of the region.
+    #[serde(default = "default_true")]
     pub enclosed: bool,
-    /// Radius of a square that closes gaps of the region, in range cells; 0 closes none.
+    /// Radius of the square that closes gaps of the region, in range cells; 0 disables it.
     #[schemars(range(max = 50), extend("unit" = "cells"))]
-    #[serde(default = "one")]
+    #[serde(default = "default_close")]
     pub close: u32,
 }
 
-fn yes() -> bool {
+fn default_true() -> bool {
     true
 }
 
-fn one() -> u32 {
+fn default_close() -> u32 {
     1
 }
 
-/// Which labelled part is taken.
+/// Choice of a labelled part.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Pick {
-    /// The one with the most pixels; of several, the one met first, row by row from the top.
+    /// Part with the most pixels; if several are equally large, the first of them, row by row from the top.
     #[default]
     Largest,
-    /// The one with the fewest pixels; of several, the one met first.
+    /// Part with the fewest pixels; if several are equally small, the first of them.
     Smallest,
-    /// The one in this place by size: 1 is the largest; of equal ones, the one met first comes first.
+    /// Part of this rank by size: 1 is the largest; equal ones are ordered by their first pixel.
     Rank(#[schemars(range(min = 1))] u32),
-    /// The one with this number.
+    /// Part with this label.
     Label(#[schemars(range(min = 1))] u32),
-    /// The one at this pixel of the picture: column, row.
+    /// Part at this pixel of the picture: column, row.
     At(u32, u32),
 }
 
-/// Why there is no region.
+/// Error of extracting a region.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ExtractRegionError {
-    /// The labels are for another picture.
+    /// The labels have another size than the picture of the range image.
     #[error(
         "the labels have {labels:?} pixels, but the range image is registered to a picture of {picture:?}"
     )]
     Size {
         /// The labels' size.
         labels: [usize; 2],
-        /// The size that the range image's registration has.
+        /// The size of the picture to which the range image is registered.
         picture: [usize; 2],
     },
-    /// There is nothing to choose from.
-    #[error("the labels are empty: look at the threshold or the mask that they were made of")]
+    /// There are no labels.
+    #[error("the labels are empty: check the threshold or the mask from which they were made")]
     NoLabels,
-    /// There are not so many parts.
+    /// There is no part with this rank or label.
     #[error("there is no {what} {number}: the labels have {count} parts, numbered from 1")]
     NoSuchPart {
         /// `rank` or `label`.
         what: &'static str,
-        /// What was asked for.
+        /// The rank or the label.
         number: u32,
-        /// How many parts there are.
+        /// The number of parts.
         count: usize,
     },
-    /// The pixel is not in the picture.
-    #[error("pixel ({column}, {row}) is outside of the picture, which has {size:?} pixels")]
+    /// The pixel is outside the picture.
+    #[error("pixel ({column}, {row}) is outside the picture, which has {size:?} pixels")]
     Outside {
-        /// Its column.
+        /// The column of the pixel.
         column: u32,
-        /// Its row.
+        /// The row of the pixel.
         row: u32,
         /// The picture's width and height.
         size: [usize; 2],
     },
     /// The pixel has no label.
     #[error(
-        "pixel ({column}, {row}) is background; the nearest part is label {label} at {nearest:?}"
+        "pixel ({column}, {row}) is background: the closest part is label {label} at {nearest:?}"
     )]
     Background {
-        /// Its column.
+        /// The column of the pixel.
         column: u32,
-        /// Its row.
+        /// The row of the pixel.
         row: u32,
-        /// The nearest pixel that has a label: column, row.
+        /// The closest pixel with a label: column, row.
         nearest: [usize; 2],
-        /// That pixel's label.
+        /// The label of the closest pixel.
         label: u32,
     },
-    /// The part is too small for the range grid, or beside it.
-    #[error("label {label} has {area} pixels, but they cover no cell of the range grid by half")]
+    /// The part is too small for the range grid, or outside it.
+    #[error(
+        "label {label} has {area} pixels, but they do not cover half of any cell of the range grid"
+    )]
     NoCell {
         /// The label.
         label: u32,
-        /// Its pixels.
+        /// The number of its pixels.
         area: usize,
     },
-    /// The scanner saw nothing of the part.
-    #[error(
-        "label {label} covers {cells} cells of the range grid, but none that can be used has a point"
-    )]
+    /// The part has no measured point.
+    #[error("label {label} covers {cells} cells of the range grid, but no usable one has a point")]
     NoPoint {
         /// The label.
         label: u32,
-        /// The cells.
+        /// The number of cells.
         cells: usize,
     },
-    /// Points of holes could not be computed.
+    /// The points of holes could not be computed.
     #[error(transparent)]
-    Fill(#[from] Unsolved),
-    /// The region is none.
+    Fill(#[from] PoissonError),
+    /// The region is invalid.
     #[error(transparent)]
     Region(#[from] RegionError),
 }
@@ -147,57 +147,60 @@ impl Node for ExtractRegion {
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let (labels, range) = (cx.get(&self.labels), cx.get(&self.range));
-        let taken = Taken {
+        let options = RegionOptions {
             fill: self.fill_holes,
             enclosed: self.enclosed,
             close_radius: self.close as usize,
         };
-        let region = extract_region(labels, range, self.pick, taken, cx.progress())?;
+        let region = extract_region(labels, range, self.pick, options, cx.progress())?;
         let (low, high) = region.bounds();
         let [columns, rows] = [0, 1].map(|axis| high[axis] + 1 - low[axis]);
         if columns < 3 || rows < 3 {
-            cx.warn(format!("the region is only {columns} x {rows} cells: it has no inside"));
+            cx.warn(format!(
+                "the region is only {columns} x {rows} cells, so it has no interior cells"
+            ));
         }
         if is_everything(&region) {
-            cx.warn("the region is the whole range image: nothing in it was chosen");
+            cx.warn("the region is the whole range image: check the labels");
         }
         Ok((region,))
     }
 }
 
-/// Whether no cell is outside. A region that only reaches the border may be meant: scans are cropped.
+/// Returns true if all cells are inside. A region that only reaches the border may be intended, since scans are cropped.
 fn is_everything(region: &Region) -> bool {
     region.cells().len() == region.width() * region.height()
 }
 
-/// Which cells around a labelled part become part of the region, too.
+/// Options to add cells around a labelled part to the region.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Taken {
-    /// Cells without a point, which are filled.
+pub struct RegionOptions {
+    /// Fills cells without a point.
     pub fill: bool,
-    /// What the part surrounds.
+    /// Includes areas that the part surrounds.
     pub enclosed: bool,
-    /// Gaps as wide as twice this radius, in cells.
+    /// Closes gaps up to twice this radius, in cells.
     pub close_radius: usize,
 }
 
-/// The part of `labels` that `pick` chooses, as a region of the range grid with its points and contours.
+/// Extracts the part of `labels` chosen by `pick` as a region of the range grid, with its points and contours.
 ///
-/// A cell is inside if at least half of the area that it sees of the picture is; then gaps are closed with a square of radius
-/// `close_radius` in cells, and with `enclosed` what no way by sides leads to from outside, if most of its cells with a point beside
-/// the part are at most six times the grid's median spacing away from their neighbors there. With `fill` the invalid cells that hang
-/// together by sides and touch no cell outside the region, or neither the border of the grid nor a thousand others, get points by
-/// Laplace's equation, coordinate by coordinate, from the cells of the region around them; they are flagged, as are the cells that
-/// `range` has as filled. Other invalid cells leave the region. Beyond the grid's border is outside. Of what remains the largest part that
-/// is connected by sides is taken, of several the first.
+/// A cell is inside if at least half of its footprint in the picture is. Then gaps are closed with a square of radius `close_radius` in
+/// cells. Areas from which no path along sides leads outside are enclosed by the part. With `enclosed`, an enclosed area is added if it
+/// continues the surface: most of its cells with a point next to the part are at most six times the grid's median spacing away from their
+/// neighbors in the part. With `fill`, a group of invalid cells connected by sides gets points if it touches no cell outside the region, or
+/// if it neither touches the border of the grid nor has more than a thousand cells. The points solve Laplace's equation, coordinate by
+/// coordinate, from the cells of the region around them. They are flagged as filled, as are cells already filled in `range`. All other
+/// invalid cells leave the region. Cells beyond the grid are outside. Of the remaining cells, the largest part connected by sides is taken;
+/// of several equally large parts, the first.
 ///
-/// # Errors
-/// If the labels are not those of the range image's picture, there is no such part, or nothing of it remains.
+/// Returns an error if the labels have another size than the picture of the range image, the part does not exist, or no cell with a point
+/// remains.
 pub fn extract_region(
     labels: &Labels,
     range: &RangeImage,
     pick: Pick,
-    taken: Taken,
+    options: RegionOptions,
     progress: &Progress<'_>,
 ) -> Result<Region, ExtractRegionError> {
     let size = [labels.width(), labels.height()];
@@ -212,9 +215,9 @@ pub fn extract_region(
         let area = labels.statistics()[number as usize - 1].area;
         return Err(ExtractRegionError::NoCell { label: number, area });
     }
-    let closed = close(&covered, taken.close_radius);
-    let whole = if taken.enclosed { with_enclosed(&closed, range) } else { closed };
-    let usable = usable_cells(&whole, range, taken.fill);
+    let closed = close(&covered, options.close_radius);
+    let filled_region = if options.enclosed { with_enclosed(&closed, range) } else { closed };
+    let usable = usable_cells(&filled_region, range, options.fill);
     let pieces = label(&usable, Connectivity::Four);
     let no_point = ExtractRegionError::NoPoint { label: number, cells };
     let &largest = pieces.by_area().first().ok_or(no_point.clone())?;
@@ -229,7 +232,7 @@ pub fn extract_region(
     finish(&pieces, largest, range, progress)
 }
 
-/// The number of the part that `pick` chooses.
+/// Returns the label of the part that `pick` chooses.
 fn choose(labels: &Labels, pick: Pick) -> Result<u32, ExtractRegionError> {
     let count = labels.statistics().len();
     if count == 0 {
@@ -239,8 +242,8 @@ fn choose(labels: &Labels, pick: Pick) -> Result<u32, ExtractRegionError> {
         ExtractRegionError::NoSuchPart { what, number, count }
     }
     fn rank(rank: u32, labels: &Labels) -> Option<u32> {
-        let place = (rank as usize).checked_sub(1);
-        place.and_then(|place| labels.by_area().get(place).copied())
+        let index = (rank as usize).checked_sub(1);
+        index.and_then(|index| labels.by_area().get(index).copied())
     }
     match pick {
         Pick::Largest => rank(1, labels).ok_or(missing("rank", 1, count)),
@@ -260,25 +263,25 @@ fn label_at(labels: &Labels, column: u32, row: u32) -> Result<u32, ExtractRegion
     if size[0] <= at[0] || size[1] <= at[1] {
         return Err(ExtractRegionError::Outside { column, row, size });
     }
-    let label = labels.at(at);
+    let label = labels.label(at);
     if label != 0 {
         return Ok(label);
     }
-    fn place(index: usize, size: [usize; 2]) -> [usize; 2] {
+    fn position(index: usize, size: [usize; 2]) -> [usize; 2] {
         [index % size[0], index / size[0]]
     }
     let labelled = (0..labels.pixels().len()).filter(|&index| labels.pixels()[index] != 0);
     let index = labelled
         .min_by_key(|index| {
-            let [x, y] = [0, 1].map(|axis| place(*index, size)[axis].abs_diff(at[axis]) as u64);
+            let [x, y] = [0, 1].map(|axis| position(*index, size)[axis].abs_diff(at[axis]) as u64);
             x * x + y * y
         })
         .ok_or(ExtractRegionError::NoLabels)?;
-    let (nearest, label) = (place(index, size), labels.pixels()[index]);
+    let (nearest, label) = (position(index, size), labels.pixels()[index]);
     Err(ExtractRegionError::Background { column, row, nearest, label })
 }
 
-/// The region of the cells labelled `number` in `pieces`, with points for those that have none.
+/// Creates the region of the cells labelled `number` in `pieces`, and computes missing points.
 fn finish(
     pieces: &Labels,
     number: u32,

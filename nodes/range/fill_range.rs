@@ -1,49 +1,49 @@
-//! Fills what a scanner did not see in the middle of what it saw.
+//! Fills shadows of scans.
 
-use maquette_node::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress};
+use maquette_node::{CancelledError, Carry, Context, Error, In, Node, Progress, Transfer};
 use maquette_value::{RangeImage, SizeError};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::grid::joins::{JUMP, longest_edge};
-use super::holes::shadows::{LARGEST_SHADOW, fill_shadows, join_around};
+use super::holes::shadows::{MAX_SHADOW_CELLS, fill_shadows, join_around};
 
 /// Fills shadows and pits of a range image: cells without a point that the scan surrounds.
 ///
-/// A shadow is filled like a skin between the edges around it, a small pit goes on as its surroundings bend. New cells are marked as
-/// filled, and belong to the same surface as those around them, however steep it is. The background is never filled.
+/// A large shadow is filled like a membrane between the edges around it; a small pit continues the curvature around it. New cells are
+/// marked as filled, and belong to the same surface as those around them, for any slope. The background is never filled.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct FillRange {
-    /// The range image.
+    /// Range image.
     pub range: In<RangeImage>,
-    /// Cells of the largest shadow that is filled: what is larger is taken for a gap in the object.
+    /// Maximum number of cells of a shadow that is filled. Larger ones count as gaps in the object.
     #[schemars(range(max = 100_000), extend("unit" = "cells"))]
-    #[serde(default = "largest_shadow")]
+    #[serde(default = "default_largest")]
     pub largest: u32,
-    /// Longest edge of what is filled, in multiples of the grid's median spacing: a shadow that needs longer ones lies between an
-    /// object and what is behind it, and stays open.
+    /// Maximum edge length of a filled shadow, in multiples of the grid's median spacing. A shadow with longer edges is between an object
+    /// and the background, and stays open.
     #[schemars(range(min = 0.0))]
-    #[serde(default = "jump")]
+    #[serde(default = "default_jump")]
     pub jump: f64,
 }
 
-fn jump() -> f64 {
+fn default_jump() -> f64 {
     JUMP
 }
 
-fn largest_shadow() -> u32 {
-    LARGEST_SHADOW as u32
+fn default_largest() -> u32 {
+    MAX_SHADOW_CELLS as u32
 }
 
-/// Why a range image is not filled.
+/// Error of filling a range image.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FillRangeError {
-    /// Columns of different sizes.
+    /// The columns differ in length.
     #[error(transparent)]
     Size(#[from] SizeError),
-    /// The evaluation was told to stop.
+    /// The evaluation was cancelled.
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }
 
 impl Node for FillRange {
@@ -51,7 +51,7 @@ impl Node for FillRange {
     const OUTPUTS: [&'static str; 1] = ["range"];
 
     const CARRIES: &'static [Carry] =
-        &[Carry::cells("range", "range", Fate::Kept).but(&["filled", "joined"])];
+        &[Carry::cells("range", "range", Transfer::Kept).excluding(&["filled", "joined"])];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let largest = self.largest as usize;
@@ -59,12 +59,11 @@ impl Node for FillRange {
     }
 }
 
-/// The range image with points in all shadows of up to `largest` cells, connected by sides: those of a thin plate under tension
-/// through the two rows of points around them, unless that needs an edge longer than `jump` times the median distance of valid cells that
-/// share a side. They are marked as filled, and the triangles at them as joined.
+/// Fills all shadows (cells without a point, connected by sides) of up to `largest` cells with a thin plate under tension through the two
+/// rows of points around them. A shadow stays open if filling it needs an edge longer than `jump` times the median distance of valid cells
+/// that share a side. New cells are marked as filled, and their triangles as parts of one surface.
 ///
-/// # Errors
-/// If the evaluation is told to stop.
+/// Returns an error if the evaluation is cancelled.
 pub fn fill_range(
     range: &RangeImage,
     largest: usize,
@@ -80,7 +79,7 @@ pub fn fill_range(
     }
     let all = 0..points.len();
     let mut filled: Vec<_> = all.clone().map(|cell| u8::from(range.is_filled(cell))).collect();
-    let mut joined: Vec<_> = all.map(|cell| range.joined(cell)).collect();
+    let mut joined: Vec<_> = all.map(|cell| range.forced_triangles(cell)).collect();
     cells.iter().for_each(|&cell| filled[cell as usize] = 1);
     join_around(width, &cells, &points, &mut joined);
     Ok(range.with_points(points)?.with_filled(filled)?.with_joined(joined)?)
@@ -93,7 +92,8 @@ mod tests {
     use super::*;
     use crate::triangulate;
 
-    /// A ball before a wall, seen from the left with a light from the right, so that a shadow lies at the ball's left.
+    /// Returns a scan of a ball in front of a wall. The sensor sees the scene from the left and the light comes from the right, so the
+    /// shadow is on the left of the ball.
     fn scan() -> RangeImage {
         fn point(cell: usize) -> Point3<f64> {
             let [x, y] = [(cell % 40) as f64 - 20.0, (cell / 40) as f64 - 15.0];
@@ -121,18 +121,18 @@ mod tests {
     }
 
     #[test]
-    fn a_shadow_becomes_a_skin_from_one_edge_to_the_other() {
+    fn a_shadow_becomes_a_surface_between_its_edges() {
         let range = scan();
-        let whole = fill_range(&range, 1000, 20.0, &Progress::none()).unwrap();
-        assert!(range.n_valid() < 1150 && whole.n_valid() == 1200);
+        let filled_range = fill_range(&range, 1000, 20.0, &Progress::silent()).unwrap();
+        assert!(range.n_valid() < 1150 && filled_range.n_valid() == 1200);
         for cell in (0..1200).filter(|cell| range.point(*cell).is_none()) {
-            assert!(whole.is_filled(cell) && whole.joined(cell) != 0);
-            assert!((481.0..502.0).contains(&whole.points()[cell].z), "{cell}");
+            assert!(filled_range.is_filled(cell) && filled_range.forced_triangles(cell) != 0);
+            assert!((481.0..502.0).contains(&filled_range.points()[cell].z), "{cell}");
         }
-        assert_eq!(fill_range(&range, 20, 20.0, &Progress::none()).unwrap(), range);
-        assert_eq!(fill_range(&range, 1000, 2.0, &Progress::none()).unwrap(), range);
-        // On the shadow's side nothing is open; on the other the ball still stands before the wall.
-        let [open, closed] = [&range, &whole].map(border_edges);
+        assert_eq!(fill_range(&range, 20, 20.0, &Progress::silent()).unwrap(), range);
+        assert_eq!(fill_range(&range, 1000, 2.0, &Progress::silent()).unwrap(), range);
+        // On the left, the shadow is closed; on the right, the ball is still separate from the wall.
+        let [open, closed] = [&range, &filled_range].map(border_edges);
         assert!(closed + 39 < open, "{closed} {open}");
     }
 }

@@ -1,4 +1,4 @@
-//! Tells the object from its background.
+//! Separates the object from the background.
 
 use maquette_image::{Channel, Connectivity, Select, close, label, level, threshold};
 use maquette_node::{Context, Error, FieldError, In, Node};
@@ -7,79 +7,79 @@ use maquette_value::{Color, Image, Mask, RangeImage};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Marks the pixels of the picture on which the object is seen.
+/// Marks the pixels of the picture that show the object.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Foreground {
-    /// The range image, for `Valid`.
+    /// Range image, required for `Valid`.
     pub range: Option<In<RangeImage>>,
-    /// The picture, for `KeyColor` and `Luma`.
+    /// Picture, required for `KeyColor` and `Luma`.
     pub image: Option<In<Image>>,
-    /// What tells the object from the background.
+    /// Property that separates the object from the background.
     #[serde(default)]
     pub by: ForegroundBy,
-    /// Adds what the object surrounds: places where the scanner saw nothing, or paint of the background's color.
-    #[serde(default = "yes")]
+    /// Adds areas that the object surrounds: pixels without a measured point, or of the background's color.
+    #[serde(default = "default_true")]
     pub fill_holes: bool,
-    /// Radius of a square that closes gaps, before holes are filled: in range cells for `Valid`, else in pixels of the picture.
-    /// It keeps the shadow beside a feature from cutting it off.
+    /// Radius of the square that closes gaps before holes are filled: in range cells for `Valid`, otherwise in pixels of the picture.
+    /// Closing gaps prevents the shadow beside a feature from separating the feature from the object.
     #[schemars(range(max = 50), extend("unit" = "px"))]
-    #[serde(default = "two")]
+    #[serde(default = "default_close")]
     pub close: u32,
 }
 
-/// What tells the object from the background.
+/// Property that separates the object from the background.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub enum ForegroundBy {
-    /// The scanner measured a point there. Needs `range`.
+    /// Pixels with a measured point. Requires `range`.
     #[default]
     Valid,
-    /// The color is not the background's. Needs `image`.
+    /// Pixels whose color differs from that of the background. Requires `image`.
     KeyColor {
-        /// The background's color, as in `"#00ff00"`.
+        /// Color of the background, as in `"#00ff00"`.
         color: Color,
-        /// Largest distance from it that still counts as background, in CIE L*a*b* (CIE76); 2.3 is just noticeable.
+        /// Maximum distance of background pixels from the color, in CIE L*a*b* (CIE76); 2.3 is just noticeable.
         #[schemars(range(min = 0.0, max = 100.0))]
-        #[serde(default = "twelve")]
+        #[serde(default = "default_distance")]
         distance: f64,
     },
-    /// The picture is bright there. Needs `image`.
+    /// Bright pixels. Requires `image`.
     Luma {
-        /// Brightest level of the background, of 0.299 red + 0.587 green + 0.114 blue; if left out, the one that divides the
-        /// picture best (Otsu).
+        /// Maximum level of the background, of 0.299 red + 0.587 green + 0.114 blue. If omitted, the level that best divides the picture
+        /// (Otsu).
         #[serde(default)]
         above: Option<u8>,
     },
 }
 
-fn yes() -> bool {
+fn default_true() -> bool {
     true
 }
 
-fn two() -> u32 {
+fn default_close() -> u32 {
     2
 }
 
-fn twelve() -> f64 {
+fn default_distance() -> f64 {
     12.0
 }
 
-/// Why the object cannot be told from the background.
+/// Error of separating the object from the background.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ForegroundError {
-    /// What the choice needs is not linked.
-    #[error("`by: {by}` needs the port `{port}`, which is not linked")]
+    /// A required port is not linked.
+    #[error("`by: {by}` requires the port `{port}`, which is not linked")]
     Missing {
-        /// The choice.
+        /// The value of `by`.
         by: &'static str,
-        /// The port.
+        /// The missing port.
         port: &'static str,
     },
-    /// The range image belongs to another picture.
+    /// The range image is registered to another picture.
     #[error("`image` has {image:?} pixels, but `range` is registered to a picture of {picture:?}")]
     Size {
         /// The picture's size.
         image: [usize; 2],
-        /// The size that the range image's registration has.
+        /// The size of the picture to which the range image is registered.
         picture: [usize; 2],
     },
 }
@@ -94,7 +94,7 @@ impl Node for Foreground {
             ForegroundBy::KeyColor { .. } => ("KeyColor", "image", self.image.is_some()),
             ForegroundBy::Luma { .. } => ("Luma", "image", self.image.is_some()),
         };
-        let help = format!("link it, as `{port}: \"node\"`, or choose by something else");
+        let help = format!("add a link, as in `{port}: \"node\"`, or use another value of `by`");
         is_linked
             .then_some(())
             .ok_or_else(|| FieldError::new("by", ForegroundError::Missing { by, port }, help))
@@ -105,19 +105,19 @@ impl Node for Foreground {
         let image = self.image.as_ref().map(|image| cx.get(image));
         let mask = foreground(range, image, &self.by, self.fill_holes, self.close as usize)?;
         if mask.count() == 0 {
-            cx.warn("nothing is foreground");
+            cx.warn("no pixel is foreground");
         }
         Ok((mask,))
     }
 }
 
-/// Marks the pixels of the picture on which the object is seen. Gaps are closed with a square of radius `close`, then, if
-/// `fill` says so, what the object surrounds is added: background from which no path along sides leads to the border.
+/// Marks the pixels of the picture that show the object. Gaps are closed with a square of radius `close_radius`. Then, with `fill`, the
+/// areas that the object surrounds are added: background from which no path along sides leads to the border of the picture.
 ///
-/// With [`ForegroundBy::Valid`] both happen on the range grid; a pixel is then marked if the cell nearest to it is.
+/// With [`ForegroundBy::Valid`] both steps are done on the range grid; a pixel is then marked if the closest cell is.
 ///
-/// # Errors
-/// If the port that `by` needs is empty, or both are given and `range` is registered to a picture of another size.
+/// Returns an error if the port that `by` requires is missing, or both ports are given and `range` is registered to a picture of another
+/// size.
 pub fn foreground(
     range: Option<&RangeImage>,
     image: Option<&Image>,
@@ -131,7 +131,7 @@ pub fn foreground(
             return Err(ForegroundError::Size { image, picture });
         }
     }
-    fn whole(mask: Mask, close_radius: usize, fill: bool) -> Mask {
+    fn clean_up(mask: Mask, close_radius: usize, fill: bool) -> Mask {
         let closed = close(&mask, close_radius);
         if fill { fill_holes(&closed) } else { closed }
     }
@@ -139,15 +139,15 @@ pub fn foreground(
     match *by {
         ForegroundBy::Valid => {
             let range = range.ok_or(ForegroundError::Missing { by: "Valid", port: "range" })?;
-            Ok(lift(&whole(valid(range), close_radius, fill), range))
+            Ok(lift(&clean_up(valid_cells(range), close_radius, fill), range))
         }
         ForegroundBy::KeyColor { color, distance } => {
             let background = Select::Near { color, distance, lightness: 1.0 };
-            Ok(whole(select(need_image("KeyColor")?, &background, true), close_radius, fill))
+            Ok(clean_up(select(need_image("KeyColor")?, &background, true), close_radius, fill))
         }
         ForegroundBy::Luma { above: None } => {
             let bright = Select::Otsu { channel: Channel::Luma };
-            Ok(whole(select(need_image("Luma")?, &bright, false), close_radius, fill))
+            Ok(clean_up(select(need_image("Luma")?, &bright, false), close_radius, fill))
         }
         ForegroundBy::Luma { above: Some(above) } => {
             let image = need_image("Luma")?;
@@ -156,7 +156,7 @@ pub fn foreground(
                 .iter()
                 .map(|&pixel| u8::from(level(Channel::Luma, pixel) > u32::from(above)))
                 .collect();
-            Ok(whole(mask(image.width(), image.height(), bright), close_radius, fill))
+            Ok(clean_up(mask(image.width(), image.height(), bright), close_radius, fill))
         }
     }
 }
@@ -169,40 +169,41 @@ fn select(image: &Image, select: &Select, invert: bool) -> Mask {
     threshold(image, None, select, invert).expect("no pixel is sampled and no mask given")
 }
 
-/// The valid cells.
-fn valid(range: &RangeImage) -> Mask {
+/// Returns a mask of the valid cells.
+fn valid_cells(range: &RangeImage) -> Mask {
     let valid = range.points().iter().map(|point| u8::from(!point.x.is_nan()));
     mask(range.width(), range.height(), valid.collect())
 }
 
-/// Adds the components of the background, connected by sides, that do not reach the border.
+/// Returns the mask with the components of the background added that are connected by sides and do not reach the border.
 fn fill_holes(object: &Mask) -> Mask {
     let (width, height) = (object.width(), object.height());
     let background = object.pixels().iter().map(|pixel| 1 - pixel).collect();
     let parts = label(&mask(width, height, background), Connectivity::Four);
-    fn is_object(&part: &u32, parts: &maquette_value::Labels) -> bool {
-        part.checked_sub(1).is_none_or(|part| !parts.statistics()[part as usize].touches_border)
-    }
-    let filled = parts.pixels().iter().map(|part| u8::from(is_object(part, &parts)));
+    let filled = parts.pixels().iter().map(|&part| {
+        let is_background = part
+            .checked_sub(1)
+            .is_some_and(|part| parts.statistics()[part as usize].touches_border);
+        u8::from(!is_background)
+    });
     mask(width, height, filled.collect())
 }
 
-/// A mask of range cells as a mask of the picture's pixels: each pixel is what the cell nearest to it is. A pixel that no cell
-/// sees is outside.
+/// Converts a mask of range cells to a mask of the picture's pixels by the closest cell. Pixels outside all cells are outside.
 fn lift(cells: &Mask, range: &RangeImage) -> Mask {
     let map = range.registration();
     let [width, height] = map.picture;
     let grid = [cells.width(), cells.height()];
-    let nearest = |axis: usize| {
-        (0..map.picture[axis]).map(move |pixel| {
-            let at = map.range_from_picture([pixel as f64; 2])[axis];
-            // The outermost cells see half a cell beyond their centers.
-            let seen = -0.5 <= at && at <= grid[axis] as f64 - 0.5;
-            seen.then(|| (at.round() as usize).min(grid[axis] - 1))
-        })
-    };
-    let columns: Vec<Option<usize>> = nearest(0).collect();
-    let rows: Vec<Option<usize>> = nearest(1).collect();
+    let [columns, rows] = [0, 1].map(|axis| -> Vec<Option<usize>> {
+        (0..map.picture[axis])
+            .map(|pixel| {
+                let at = map.range_from_picture([pixel as f64; 2])[axis];
+                // The outermost cells extend half a cell beyond their centers.
+                let is_covered = -0.5 <= at && at <= grid[axis] as f64 - 0.5;
+                is_covered.then(|| (at.round() as usize).min(grid[axis] - 1))
+            })
+            .collect()
+    });
     let mut pixels = vec![0; width * height];
     pixels.par_chunks_mut(width.max(1)).zip(&rows).with_min_len(64).for_each(|(pixels, &row)| {
         let Some(row) = row else { return };
@@ -222,9 +223,9 @@ mod tests {
 
     use super::*;
 
-    /// A range image that is valid where the drawing has `#`.
+    /// Returns a range image with valid cells where the drawing has `#`.
     fn scan(rows: &[&str]) -> RangeImage {
-        let valid = Mask::drawn(rows);
+        let valid = Mask::from_rows(rows);
         fn z(&valid: &u8) -> f64 {
             if valid == 1 { 700.0 } else { f64::NAN }
         }
@@ -251,19 +252,19 @@ mod tests {
     }
 
     #[test]
-    fn a_pixel_is_what_its_nearest_cell_is() {
-        fn lifted(scale: f64, offset: f64, picture: [usize; 2]) -> String {
+    fn a_pixel_equals_its_closest_cell() {
+        fn lift_example(scale: f64, offset: f64, picture: [usize; 2]) -> String {
             let map = Registration { scale: [scale; 2], offset: [offset; 2], picture };
             let range = scan(&["#.", ".#"]).with_registration(map);
             foreground(Some(&range), None, &ForegroundBy::Valid, false, 0).unwrap().draw()
         }
-        assert_eq!(lifted(2.0, 0.5, [4, 4]), "##..\n##..\n..##\n..##\n");
-        // The last pixel lies on the last cell's rim; the one in the middle is as near to both and taken to the second.
-        assert_eq!(lifted(2.0, 0.0, [4, 4]), "#...\n.###\n.###\n.###\n");
-        // No cell sees the pixels at the rim.
-        assert_eq!(lifted(2.0, 1.5, [6, 4]), "......\n.##...\n.##...\n...##.\n");
-        assert_eq!(lifted(0.5, 0.0, [1, 1]), "#\n");
-        assert_eq!(lifted(f64::NAN, 0.0, [2, 1]), "..\n");
+        assert_eq!(lift_example(2.0, 0.5, [4, 4]), "##..\n##..\n..##\n..##\n");
+        // The last pixel is on the edge of the last cell. The middle pixel is equally close to both cells and belongs to the second.
+        assert_eq!(lift_example(2.0, 0.0, [4, 4]), "#...\n.###\n.###\n.###\n");
+        // No cell covers the pixels at the border of the picture.
+        assert_eq!(lift_example(2.0, 1.5, [6, 4]), "......\n.##...\n.##...\n...##.\n");
+        assert_eq!(lift_example(0.5, 0.0, [1, 1]), "#\n");
+        assert_eq!(lift_example(f64::NAN, 0.0, [2, 1]), "..\n");
     }
 
     fn picture() -> Image {
@@ -294,9 +295,9 @@ mod tests {
         fn message(by: ForegroundBy) -> String {
             foreground(None, None, &by, true, 0).unwrap_err().to_string()
         }
-        expect!["`by: Valid` needs the port `range`, which is not linked"]
+        expect!["`by: Valid` requires the port `range`, which is not linked"]
             .assert_eq(&message(ForegroundBy::Valid));
-        expect!["`by: Luma` needs the port `image`, which is not linked"]
+        expect!["`by: Luma` requires the port `image`, which is not linked"]
             .assert_eq(&message(ForegroundBy::Luma { above: None }));
     }
 

@@ -18,13 +18,13 @@ pub use average_normal::{
     AverageNormal, AverageNormalError, Weight, average_normal, principal_normal,
 };
 pub use denoise::{Denoise, Denoising, denoise};
-pub use extract_region::{ExtractRegion, ExtractRegionError, Pick, Taken, extract_region};
+pub use extract_region::{ExtractRegion, ExtractRegionError, Pick, RegionOptions, extract_region};
 pub use fill_range::{FillRange, FillRangeError, fill_range};
 pub use foreground::{Foreground, ForegroundBy, ForegroundError, foreground};
 pub use grid::contour::contours;
 pub use grid::grid_triangles::{GridTriangle, Half, Rays, grid_triangles};
 pub use grid::joins::{GRAZING, JUMP, Joins, longest_edge};
-pub use holes::shadows::{LARGEST_SHADOW, around, fill_shadows};
+pub use holes::shadows::{MAX_SHADOW_CELLS, fill_shadows, neighborhood};
 pub use maquette_base::unit::Unit;
 pub use range_file::{Axes, CameraFileError};
 pub use read_capture::{ReadCapture, ReadCaptureError, read_capture};

@@ -1,4 +1,4 @@
-//! What the nodes that read range files share: units, axes, the camera file, and the grid in mm.
+//! Shared code of the nodes that read range files: units, axes, the camera file, and conversion to mm.
 
 use maquette_base::unit::Unit;
 use maquette_format::camera;
@@ -10,21 +10,20 @@ use maquette_value::RangeImage;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// How the coordinates of a range file lie.
+/// Axes of a range file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Axes {
     /// x right, y down, z away from the sensor.
     #[default]
     Camera,
-    /// x right, y up, z towards the sensor, as PCL's Kinect clouds: y and z are turned round.
+    /// x right, y up, z towards the sensor, as PCL's Kinect clouds: y and z are negated.
     YUp,
 }
 
-/// The grid in a range file whose name ends in `ending`, in mm, x right, y down, z away from the sensor, row 0 on top. `unit` and
-/// `axes` stand for what the file does not say; `warn` is called with what is left out.
+/// Reads a range grid from a file with the extension `ending`, in mm, x right, y down, z away from the sensor, row 0 on top. `unit` and
+/// `axes` are used if the file does not state them itself; `warn` is called with warnings about data that are left out.
 ///
-/// # Errors
-/// If the bytes are no range file, or a depth map has no camera.
+/// Returns an error if the bytes are not a range file, or if a depth map has no camera.
 pub(super) fn read(
     bytes: &[u8],
     ending: &str,
@@ -46,35 +45,35 @@ pub(super) fn read(
     Ok(file.normalize(unit.millimeters(), axes)?)
 }
 
-/// A list of points, where a grid is wanted.
+/// The error that a file has a list of points instead of a grid.
 #[derive(Debug, thiserror::Error)]
-#[error("{0}; `ReadPoints` reads it")]
+#[error("{0}: use `ReadPoints` instead")]
 struct PointList(Error);
 
-/// Whether a range file is of a format that the engine does not read itself.
+/// Returns true if the error means that no importer here supports the format of the range file.
 pub(super) fn is_unknown(error: &Error) -> bool {
-    error.downcast::<range_file::UnknownEnding>().is_some()
+    error.downcast::<range_file::UnknownExtension>().is_some()
 }
 
-/// Why a camera file does not go with its capture.
+/// Error of a camera file.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CameraFileError {
-    /// It cannot be read.
+    /// The camera file cannot be read.
     #[error("the camera file cannot be read")]
     Read(#[from] CameraError),
-    /// It says nothing of the picture.
+    /// The camera file has no camera for the picture.
     #[error(
-        "the camera file says nothing of the picture's camera: `color` with `fx`, `fy`, `cx`, `cy` beside `range`; or `ReadRange` reads the grid alone"
+        "the camera file has no camera for the picture: add `color` with `fx`, `fy`, `cx`, `cy` beside `range`, or use `ReadRange` to read the grid alone"
     )]
     NoColor,
-    /// It is that of another capture.
+    /// The camera file is for a picture or grid of another size.
     #[error("the camera file is for a {what} of {expected:?}, but the file has {found:?}")]
     Size {
         /// The picture or the range grid.
         what: &'static str,
         /// Width and height in the camera file.
         expected: [usize; 2],
-        /// Width and height in the file itself.
+        /// Width and height in the picture or range file.
         found: [usize; 2],
     },
 }
@@ -95,41 +94,41 @@ pub(super) fn check_view(
     }
 }
 
-/// Where a node finds the camera of a range file.
+/// The parameters by which a node finds the camera of a range file.
 pub(super) struct CameraSource<'a> {
     /// The range file.
     pub(super) range: &'a FilePath,
-    /// The camera file that is named; `camera.json` beside the range file, if there is one, if none is.
+    /// The camera file. If empty, `camera.json` beside the range file is used if it exists.
     pub(super) camera: &'a FilePath,
-    /// The unit that is given for the range file.
+    /// The unit parameter of the range file.
     pub(super) unit: Unit,
 }
 
 impl CameraSource<'_> {
-    fn beside(&self) -> FilePath {
-        self.range.beside("camera.json")
+    fn default_camera(&self) -> FilePath {
+        self.range.sibling("camera.json")
     }
 
-    /// The files that the node reads if they are there.
+    /// Returns the optional files that the node reads.
     pub(super) fn files(&self) -> Vec<FilePath> {
-        if self.camera.is_empty() { vec![self.beside()] } else { Vec::new() }
+        if self.camera.is_empty() { vec![self.default_camera()] } else { Vec::new() }
     }
 
-    /// The camera, if it is known. Warns if its file names another unit than the one given.
+    /// Reads the camera, if there is one. Warns if the camera file states another unit than the parameter.
     pub(super) fn read(&self, cx: &Context<'_>) -> Result<Option<CameraFile>, Error> {
         let file = match self.camera.is_empty() {
-            true => cx.file_if_any(&self.beside()),
+            true => cx.file_if_any(&self.default_camera()),
             false => Some(cx.file(self.camera)?),
         };
         let camera = file.map(|file| file.read(read_camera)).transpose()?;
         camera.iter().flat_map(|camera| &camera.notes).for_each(|note| cx.warn(note.clone()));
         let units = camera.as_ref().and_then(|camera| camera.units.as_deref());
-        // A PTX file has a unit of its own.
-        if let Some(units) = units.filter(|units| *units != self.unit.word())
-            && cx.file(self.range)?.ending() != "ptx"
+        // A PTX file has its own unit.
+        if let Some(units) = units.filter(|units| *units != self.unit.name())
+            && cx.file(self.range)?.extension() != "ptx"
         {
             cx.warn(format!(
-                "the camera file says that the unit is {units}, but `unit` is {:?}",
+                "the camera file states the unit {units}, but `unit` is {:?}",
                 self.unit
             ));
         }

@@ -1,4 +1,4 @@
-//! Reads what a range finder took in one shot: a picture and a grid of points, registered to each other.
+//! Reads captures of range finders: a picture and a grid of points, registered to each other.
 
 use maquette_base::unit::Unit;
 use maquette_format::camera::CameraFile;
@@ -12,27 +12,26 @@ use serde::{Deserialize, Serialize};
 
 use super::range_file::{self, Axes, CameraFileError, CameraSource, check_view, is_unknown};
 
-/// Reads a capture: a picture and a range grid that were taken together.
+/// Reads a capture: a picture and a range grid taken together.
 ///
-/// The camera file says how both lie on each other. It is JSON: `color` and `range`, each with `fx`, `fy`, `cx`, `cy` in pixels
-/// (centers at integers), `width` and `height`; if known, `world_from_camera_mm`. Without one the corners of both grids are aligned.
+/// The camera file defines the registration. It is JSON: `color` and `range`, each with `fx`, `fy`, `cx`, `cy` in pixels (pixel centers at
+/// integers), `width` and `height`; optionally `world_from_camera_mm`. Without a camera file the corners of picture and grid are aligned.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadCapture {
-    /// The picture: a PNG, JPEG, TIFF, WebP, BMP, EXR or HDR file. Its pixels are read as they are stored, even if the file says that the picture is
-    /// turned (Exif orientation), since the camera's numbers are for these.
+    /// Picture: a PNG, JPEG, TIFF, WebP, BMP, EXR or HDR file. Its pixels are read as stored, even with an Exif orientation, since camera
+    /// intrinsics are for stored pixels.
     pub color: FilePath,
-    /// The grid of points: an organized PCD file, a PLY file with a `range_grid`, a PTX or ABS file, or a depth map, PNG of 16
-    /// bits, TIFF or OpenEXR of floats, which needs the camera file.
+    /// Grid of points: an organized PCD file, a PLY file with a `range_grid`, a PTX or ABS file, or a depth map (16-bit PNG, or TIFF or
+    /// OpenEXR of floats), which requires the camera file.
     #[schemars(extend("reads" = "RangeImage"))]
     pub range: FilePath,
-    /// The camera file; if left out, `camera.json` beside the range file, if there is one.
+    /// Camera file. If omitted, `camera.json` beside the range file is used if it exists.
     #[serde(default)]
     pub camera: FilePath,
-    /// The unit of the range file's coordinates; they are converted to mm. A file that says its unit itself, as PTX does, is
-    /// taken at its word.
+    /// Unit of the range file's coordinates, which are converted to mm. A file that states its own unit, such as PTX, takes precedence.
     #[serde(default)]
     pub unit: Unit,
-    /// How the range file's coordinates lie, unless its format says so, as ABS does.
+    /// Axes of the range file's coordinates, unless its format defines them, such as ABS.
     #[serde(default)]
     pub axes: Axes,
 }
@@ -53,18 +52,19 @@ impl Node for ReadCapture {
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let (color, range) = (cx.file(&self.color)?, cx.file(&self.range)?);
         let camera = self.camera_source().read(cx)?;
-        let ending = range.ending();
+        let ending = range.extension();
         let image = color.read(read_picture)?;
         exif::stored_note(color.bytes()).into_iter().for_each(|note| cx.warn(note));
-        let warn = |note| cx.warn(note);
         let range = match range.read(|bytes| {
-            range_file::read(bytes, &ending, camera.as_ref(), self.unit, self.axes, &warn)
+            range_file::read(bytes, &ending, camera.as_ref(), self.unit, self.axes, &|note| {
+                cx.warn(note);
+            })
         }) {
-            // A format of another pack, which knows units and axes itself.
+            // The format belongs to another pack, whose importer handles units and axes itself.
             Err(error) if is_unknown(&error) => cx.read(&self.range)?,
             range => range?,
         };
-        registered(image, range, camera.as_ref())
+        register(image, range, camera.as_ref())
     }
 }
 
@@ -74,11 +74,12 @@ impl ReadCapture {
     }
 }
 
-/// The picture in a file as `ReadImage` reads it and the grid in a range file whose name ends in `ending`, in mm, x right, y down, z
-/// away, registered to each other: by the cameras if they are known, K_color K_range^-1, else by the corners of both grids.
+/// Reads a picture as stored, and the grid in a range file with the extension `ending`, in mm, x right, y down, z away. If the cameras are
+/// known, they register picture and grid to each other by `K_color K_range^-1`, with `K` the intrinsic matrix of a camera; otherwise the
+/// corners of both are aligned.
 ///
 /// # Errors
-/// If a file cannot be read, or the cameras are for grids of other sizes.
+/// Returns an error if a file cannot be read, or the cameras are for grids of other sizes.
 pub fn read_capture(
     color: &[u8],
     range: &[u8],
@@ -88,15 +89,15 @@ pub fn read_capture(
     axes: Axes,
 ) -> Result<(Image, RangeImage), Error> {
     let image = read_picture(color)?;
-    registered(image, range_file::read(range, ending, camera, unit, axes, &|_| ())?, camera)
+    register(image, range_file::read(range, ending, camera, unit, axes, &|_| ())?, camera)
 }
 
 fn read_picture(bytes: &[u8]) -> Result<Image, ReadCaptureError> {
     Ok(picture_file::read(bytes)?)
 }
 
-/// A picture and a grid that were taken together, registered to each other.
-fn registered(
+/// Registers a picture and a grid that were taken together.
+fn register(
     image: Image,
     range: RangeImage,
     camera: Option<&CameraFile>,
@@ -108,7 +109,7 @@ fn registered(
     let color = camera.color.ok_or(CameraFileError::NoColor)?;
     check_view("picture", &color, picture)?;
     check_view("range grid", &camera.range, grid)?;
-    let range = camera.over(range, Some(picture));
+    let range = camera.apply_to(range, Some(picture));
     Ok((image.with_camera(Some(color.pinhole)), range))
 }
 
@@ -151,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_needs_its_camera_where_a_file_speaks_of_cameras() {
+    fn a_camera_file_must_have_a_camera_for_the_picture() {
         let camera = r#"{ "range": { "fx": 20, "fy": 20, "cx": 0.75, "cy": 0.25 } }"#;
         let error = read(Some(camera), Unit::Mm).unwrap_err().to_string();
         assert_eq!(error, CameraFileError::NoColor.to_string());
@@ -176,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_file_of_another_size_is_refused() {
+    fn a_camera_file_of_another_size_is_rejected() {
         fn error(from: &str, to: &str) -> Error {
             read(Some(&CAMERA.replacen(from, to, 1)), Unit::Mm).unwrap_err()
         }
@@ -191,14 +192,14 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_read_is_named() {
+    fn errors_name_the_file_that_cannot_be_read() {
         fn read_plain(color: &[u8], range: &[u8], ending: &str) -> Error {
             read_capture(color, range, ending, None, Unit::Mm, Axes::Camera).unwrap_err()
         }
         let error = read_plain(b"", pcd().as_bytes(), "pcd");
         assert!(error.to_string().starts_with("the picture cannot be read: "), "{error}");
         let error = read_plain(&png(), b"", "xyz");
-        let expected = "no range grid can be read from `.xyz`; known are pcd, ply";
+        let expected = "cannot read a range grid from `.xyz`: expected one of pcd, ply";
         assert!(error.to_string().starts_with(expected), "{error}");
         let error = read(Some("{}"), Unit::Mm).unwrap_err();
         assert!(error.to_string().starts_with("the camera file cannot be read: "), "{error}");

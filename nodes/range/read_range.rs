@@ -1,4 +1,4 @@
-//! Reads a grid of points from a file of its own, with its colors if it has some.
+//! Reads range grids with their colors.
 
 use maquette_base::unit::Unit;
 use maquette_format::camera::CameraFile;
@@ -10,28 +10,27 @@ use serde::{Deserialize, Serialize};
 
 use super::range_file::{self, Axes, CameraFileError, CameraSource, check_view, is_unknown};
 
-/// Reads a range grid: PCD (organized), PLY with a `range_grid`, PTX, ABS of Minolta, or a depth map, PNG of 16 bits, TIFF or OpenEXR of
-/// floats.
+/// Reads a range grid: PCD (organized), PLY with a `range_grid`, PTX, ABS of Minolta, or a depth map (16-bit PNG, or TIFF or OpenEXR of
+/// floats).
 ///
-/// The color picture has a pixel for each cell; where the file has no colors, it is middle gray. A depth map becomes points by the
-/// camera file: JSON with `fx`, `fy`, `cx`, `cy`, at its top or in `range`, or Open3D's `intrinsic_matrix`; its
-/// `depth_png.units_per_mm` says how fine whole numbers are.
+/// The color picture has a pixel for each cell; it is middle gray if the file has no colors. A depth map requires a camera file: JSON with
+/// `fx`, `fy`, `cx`, `cy`, at its top level or in `range`, or Open3D's `intrinsic_matrix`; its `depth_png.units_per_mm` is the scale of
+/// integers.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadRange {
-    /// The file; its ending says of which format it is: `pcd`, `ply`, `ptx`, `abs`, `png`, `tiff`, `exr`.
+    /// File to read; its extension defines the format: `pcd`, `ply`, `ptx`, `abs`, `png`, `tiff`, `exr`.
     #[schemars(extend("reads" = "RangeImage"))]
     pub path: FilePath,
-    /// The camera file; if left out, `camera.json` beside the range file, if there is one and it is for a grid of this size.
+    /// Camera file. If omitted, `camera.json` beside the range file is used if it exists and is for a grid of this size.
     #[serde(default)]
     pub camera: FilePath,
-    /// The unit of the file's coordinates; they are converted to mm. A file that says its unit itself, as PTX does, is taken at
-    /// its word.
+    /// Unit of the file's coordinates, which are converted to mm. A file that states its own unit, such as PTX, takes precedence.
     #[serde(default)]
     pub unit: Unit,
-    /// How the file's coordinates lie, unless its format says so, as ABS does.
+    /// Axes of the file's coordinates, unless its format defines them, such as ABS.
     #[serde(default)]
     pub axes: Axes,
-    /// The scan of a PTX file that has several, from 0.
+    /// Scan of a PTX file that has several, from 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scan: Option<u32>,
 }
@@ -50,8 +49,7 @@ impl Node for ReadRange {
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let file = cx.file(&self.path)?;
         let camera = self.camera_source().read(cx)?;
-        let ending = file.ending();
-        let warn = |note| cx.warn(note);
+        let ending = file.extension();
         let read = |camera: Option<&CameraFile>| {
             file.read(|bytes| {
                 let bytes = match self.scan {
@@ -59,16 +57,19 @@ impl Node for ReadRange {
                     _ => bytes,
                 };
                 let (unit, axes) = (self.unit, self.axes);
-                with_colors(range_file::read(bytes, &ending, camera, unit, axes, &warn)?, camera)
+                let range = range_file::read(bytes, &ending, camera, unit, axes, &|note| {
+                    cx.warn(note);
+                })?;
+                with_colors(range, camera)
             })
         };
         match read(camera.as_ref()) {
-            // A camera file that nobody named may belong to another file of the folder.
+            // A camera file that was found automatically may belong to another file in the folder, so a wrong size is not an error.
             Err(error) if self.camera.is_empty() && is_size(&error) => {
                 cx.warn(format!("the camera file in the same folder is not used: {error}"));
                 read(None)
             }
-            // A format of another pack, which knows units and axes itself.
+            // The format belongs to another pack, whose importer handles units and axes itself.
             Err(error) if is_unknown(&error) => with_colors(cx.read(&self.path)?, camera.as_ref()),
             outputs => outputs,
         }
@@ -85,11 +86,11 @@ fn is_size(error: &Error) -> bool {
     matches!(error.downcast(), Some(CameraFileError::Size { .. }))
 }
 
-/// The grid in a range file whose name ends in `ending`, in mm, x right, y down, z away from the sensor, row 0 on top, and a
-/// picture of its colors, a pixel for each cell. `unit` and `axes` stand for what the file does not say.
+/// Reads the grid in a range file with the extension `ending`, in mm, x right, y down, z away from the sensor, row 0 on top, and a picture
+/// of its colors with a pixel per cell. `unit` and `axes` are used if the file does not state them itself.
 ///
 /// # Errors
-/// If the file cannot be read, or the camera is for a grid of another size.
+/// Returns an error if the file cannot be read, or the camera is for a grid of another size.
 pub fn read_range(
     bytes: &[u8],
     ending: &str,
@@ -100,7 +101,7 @@ pub fn read_range(
     with_colors(range_file::read(bytes, ending, camera, unit, axes, &|_| ())?, camera)
 }
 
-/// A grid with its camera, and the picture of its colors.
+/// Adds the camera to a grid, and returns it with the picture of its colors.
 fn with_colors(
     mut range: RangeImage,
     camera: Option<&CameraFile>,
@@ -108,7 +109,7 @@ fn with_colors(
     let found = [range.width(), range.height()];
     if let Some(camera) = camera {
         check_view("range grid", &camera.range, found)?;
-        range = camera.over(range, None);
+        range = camera.apply_to(range, None);
     }
     let pixels = match range.colors() {
         Some(colors) => colors.to_vec(),
@@ -130,10 +131,12 @@ mod tests {
         0 0.5 2 0.5 1 2 3\n0 0 0 0.5 0 0 0\n";
 
     #[test]
-    fn a_list_of_points_is_said_to_be_for_read_points() {
+    fn the_error_for_a_list_of_points_names_read_points() {
         let list = b"FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1\nHEIGHT 1\nDATA ascii\n1 2 3\n";
         let error = read_range(list, "pcd", None, Unit::Mm, Axes::Camera).unwrap_err();
-        assert!(error.to_string().ends_with("(the cloud is not organized); `ReadPoints` reads it"));
+        assert!(
+            error.to_string().ends_with("(the cloud is not organized): use `ReadPoints` instead")
+        );
     }
 
     #[test]
@@ -155,19 +158,20 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_of_the_grids_size_is_taken_along() {
+    fn a_camera_of_the_grids_size_is_added() {
         fn camera(height: usize) -> CameraFile {
             let text = format!(
                 r#"{{"width": 1, "height": {height}, "fx": 10, "fy": 20, "cx": 0, "cy": 0.5}}"#
             );
             camera::read(text.as_bytes()).unwrap()
         }
-        let read =
-            |camera| read_range(PTX.as_bytes(), "ptx", Some(&camera), Unit::Mm, Axes::Camera);
-        let (range, color) = read(camera(2)).unwrap();
+        fn read(camera: &CameraFile) -> Result<(RangeImage, Image), Error> {
+            read_range(PTX.as_bytes(), "ptx", Some(camera), Unit::Mm, Axes::Camera)
+        }
+        let (range, color) = read(&camera(2)).unwrap();
         let pinhole = Pinhole { focal: [10.0, 20.0], center: [0.0, 0.5] };
         assert_eq!((range.camera(), color.camera()), (Some(&pinhole), Some(&pinhole)));
-        let error = read(camera(3)).unwrap_err();
+        let error = read(&camera(3)).unwrap_err();
         assert!(is_size(&error));
         let text = "the camera file is for a range grid of [1, 3], but the file has [1, 2]";
         assert_eq!(error.to_string(), text);

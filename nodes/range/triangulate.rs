@@ -1,8 +1,8 @@
-//! Makes a mesh of a range image.
+//! Converts range images to meshes.
 //!
-//! There is no `update`: one moved point changes the median spacing, by which each triangle is judged.
+//! There is no `update`: a single moved point changes the median spacing, which affects every triangle.
 
-use maquette_node::{Carry, Context, Error, Estimate, Fate, In, Node, Promise};
+use maquette_node::{Carry, Context, Error, Estimate, In, Node, Promise, Transfer};
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, Faces, Mesh, MeshError, RangeError, RangeImage};
 use nalgebra::Point3;
@@ -13,51 +13,51 @@ use super::grid::border::Border;
 use super::grid::grid_triangles::{GridTriangle, double_area, grid_triangles};
 use super::grid::joins::{GRAZING, JUMP, Joins};
 
-/// Joins neighboring cells of a range image to a mesh of triangles that look towards the sensor, also if the grid is mirrored.
+/// Joins neighboring cells of a range image to a mesh of triangles that face the sensor, also if the grid is mirrored.
 ///
-/// Each vertex is a cell with its texture coordinate in the picture; those along borders are moved, so that the grid leaves no
-/// steps there. Where two parts of the mesh touch in one cell only, the cell gets a vertex for each, so that the mesh is manifold.
-/// What a redesign or a filling made is never cut.
+/// Each vertex is a cell with its texture coordinate in the picture; vertices along borders are moved to smooth the steps of the grid.
+/// Where two parts of the mesh touch in a single cell, the cell gets a vertex for each, so that the mesh is manifold. Surfaces of a
+/// redesign or of filled cells are never cut.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Triangulate {
-    /// The range image.
+    /// Range image.
     pub range: In<RangeImage>,
-    /// Longest edge of a triangle, in multiples of the grid's median spacing: longer ones bridge the gap between an object and
-    /// what is behind it.
+    /// Maximum edge length of a triangle, in multiples of the grid's median spacing. Longer edges bridge the gap between an object and its
+    /// background.
     #[schemars(range(min = 0.0))]
-    #[serde(default = "jump")]
+    #[serde(default = "default_jump")]
     pub jump: f64,
-    /// Largest angle between the line of sight and a triangle's normal, to either side: steeper triangles bridge such a gap, too.
-    /// 90 keeps all.
+    /// Maximum angle between the line of sight and the normal of a triangle, on either side. Steeper triangles also bridge the gap between
+    /// an object and its background. 90 keeps all.
     #[schemars(range(min = 0.0, max = 90.0), extend("unit" = "deg"))]
-    #[serde(default = "grazing")]
+    #[serde(default = "default_grazing")]
     pub grazing: f64,
-    /// How often borders are smoothed; 0 leaves them the steps of the grid. No vertex moves by more than one cell, none along the
-    /// border of the grid. A triangle or two by themselves, which would shrink to a point, are left out.
+    /// Number of times that borders are smoothed; 0 keeps the steps of the grid. No vertex moves by more than one cell, and none along the
+    /// border of the grid. Single triangles and pairs, which would shrink to a point, are left out.
     #[schemars(range(max = 1000))]
-    #[serde(default = "twenty")]
+    #[serde(default = "default_smooth_border")]
     pub smooth_border: u32,
 }
 
-fn jump() -> f64 {
+fn default_jump() -> f64 {
     JUMP
 }
 
-fn grazing() -> f64 {
+fn default_grazing() -> f64 {
     GRAZING
 }
 
-fn twenty() -> u32 {
+fn default_smooth_border() -> u32 {
     20
 }
 
-/// Why a range image makes no mesh.
+/// Error of converting a range image to a mesh.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TriangulateError {
-    /// There is nothing to join.
+    /// The range image has no valid cell.
     #[error(transparent)]
     Range(#[from] RangeError),
-    /// Too many cells for a mesh.
+    /// The range image has too many cells for a mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
 }
@@ -73,40 +73,40 @@ impl Node for Triangulate {
         Promise::always("mesh", "Unpinched"),
     ];
 
-    const CARRIES: &'static [Carry] = &[Carry::cells("range", "mesh", Fate::Kept)];
+    const CARRIES: &'static [Carry] = &[Carry::cells("range", "mesh", Transfer::Kept)];
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let points = cx.get(&self.range).points();
         let valid = points.iter().filter(|point| point.x.is_finite()).count() as f64;
         let bytes = points.len() as f64 * 8.0 + valid * 130.0;
-        Some(Estimate { bytes, help: "cut out less of the scan (`ExtractRegion`)" })
+        Some(Estimate { bytes, help: "use a smaller part of the scan (`ExtractRegion`)" })
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let mesh = triangulate(cx.get(&self.range), self.jump, self.grazing, self.smooth_border)?;
         if mesh.faces().is_empty() {
             cx.warn(
-                "no triangle is left: raise `jump` or `grazing`, or look for holes in the range",
+                "no triangle is left: increase `jump` or `grazing`, or check the range image for holes",
             );
         }
         Ok((mesh,))
     }
 }
 
-/// Joins neighboring cells of `range` to triangles, counter-clockwise seen from the sensor: as most of them are, because a changed
-/// surface may hang over.
+/// Joins neighboring cells of `range` to triangles that are counter-clockwise as seen from the sensor. If the surface was changed and
+/// overhangs, the orientation of most triangles decides.
 ///
-/// Left out are triangles with an edge longer than `jump` times the median distance of valid cells that share a side, triangles
-/// whose normal makes an angle of more than `grazing` degrees with the line of sight (on whichever side they are seen: a
-/// changed surface may hang over), unless they are [`joined`](RangeImage::joined); and triangles without area.
+/// A triangle is left out if it has no area. Unless it is [`joined`](RangeImage::forced_triangles), it is also left out if an edge is
+/// longer than `jump` times the median distance of valid cells that share a side, or if its normal makes an angle of more than `grazing`
+/// degrees with the line of sight. The angle is measured on either side of the triangle, since a changed surface may overhang.
 ///
-/// Vertices are the cells of the triangles, row by row from the top; a cell in which several fans of triangles meet that share
-/// no edge comes once for each fan, so that the mesh is manifold. Those along borders are smoothed as often as `smooth_border`
-/// says, and a triangle or two by themselves, which would shrink to a point then, are left out. Vertex attributes are `uv`,
-/// `filled` if a vertex is a filled cell, and `color` if the range image has colors.
+/// The vertices are the cells of the triangles, row by row from the top. If several fans of triangles that share no edge meet in a cell,
+/// the cell becomes one vertex per fan, which makes the mesh manifold. Vertices along borders are smoothed `smooth_border` times, and
+/// single triangles and pairs, which would shrink to a point, are left out. The vertex attributes are `uv`, `filled` (true for a filled
+/// cell), and `color` if the range image has colors.
 ///
 /// # Errors
-/// If no cell is valid, or the grid has more cells than a mesh can hold.
+/// Returns an error if no cell is valid, or the grid has more cells than a mesh can hold.
 pub fn triangulate(
     range: &RangeImage,
     jump: f64,
@@ -116,15 +116,18 @@ pub fn triangulate(
     let frame = range.capture_frame()?;
     let (width, height, points) = (range.width(), range.height(), range.points());
     let joins = Joins::new(range, jump, grazing);
-    let joined = |quad: usize| range.joined(quad);
-    let mut triangles = grid_triangles(width, height, points, joined, |triangle, corners| {
-        let is_joined = || joined(triangle.quad as usize) & triangle.half.bit() != 0;
-        double_area(corners).norm_squared() > 0.0 && (joins.holds(corners) || is_joined())
+    let forced = |quad: usize| range.forced_triangles(quad);
+    let mut triangles = grid_triangles(width, height, points, forced, |triangle, corners| {
+        double_area(corners).norm_squared() > 0.0
+            && (joins.is_on_surface(corners)
+                || forced(triangle.quad as usize) & triangle.half.bit() != 0)
     });
-    let looks_away =
-        |triangle: &&GridTriangle| joins.looks_away(triangle.cells(width).map(|cell| points[cell]));
-    // In a grid whose columns run to the left, or whose rows run up, all triangles are the wrong way round.
-    let away = triangles.par_iter().with_min_len(BLOCK).filter(looks_away).count();
+    // If the columns of a grid run to the left, or its rows run up, all triangles are reversed.
+    let away = triangles
+        .par_iter()
+        .with_min_len(BLOCK)
+        .filter(|triangle| joins.faces_away(triangle.cells(width).map(|cell| points[cell])))
+        .count();
     let is_mirrored = triangles.len() < 2 * away;
     let (cells, faces, positions, places) = loop {
         let fans = Fans::new(width, height, &triangles);
@@ -156,7 +159,7 @@ pub fn triangulate(
     with_attributes(mesh, range, &cells, &places)
 }
 
-/// Adds what the cells of the vertices know; `places` are column and row of each.
+/// Adds the attributes of the cells to the vertices; `places` has the column and row of each vertex.
 fn with_attributes(
     mesh: Mesh,
     range: &RangeImage,
@@ -178,14 +181,14 @@ fn with_attributes(
     Ok(mesh)
 }
 
-/// Elements that one task works on.
+/// The number of vertices or faces per parallel task.
 const BLOCK: usize = 8192;
 
-/// Which triangles around a cell are connected: a cell becomes one vertex for each fan of them.
+/// The fans of connected triangles around each cell: a cell becomes one vertex per fan.
 struct Fans {
-    /// For each cell, which of the eight wedges around it are filled; see [`GridTriangle::wedges`].
+    /// For each cell, the bits of those of its eight wedges that triangles fill; see [`GridTriangle::wedges`].
     wedges: Vec<u8>,
-    /// For each cell the index of its first vertex.
+    /// For each cell, the index of its first vertex.
     first: Vec<u32>,
 }
 
@@ -205,7 +208,7 @@ impl Fans {
         Self { first: first.collect(), wedges }
     }
 
-    /// The cell of each vertex.
+    /// Returns the cell of each vertex.
     fn vertices(&self) -> Vec<usize> {
         let cells = self.wedges.iter().enumerate();
         cells.flat_map(|(cell, &filled)| (0..fan_count(filled)).map(move |_| cell)).collect()
@@ -217,17 +220,17 @@ impl Fans {
     }
 }
 
-/// The wedges at which a fan begins: filled, and the one before it is not.
+/// Returns the wedges at which a fan begins: filled wedges whose predecessor is not filled.
 fn fan_starts(filled: u8) -> u8 {
     filled & !filled.rotate_left(1)
 }
 
-/// The number of fans in these wedges.
+/// Returns the number of fans that the filled wedges form.
 fn fan_count(filled: u8) -> u32 {
     if filled == u8::MAX { 1 } else { fan_starts(filled).count_ones() }
 }
 
-/// Which of the fans in `filled` a triangle in the wedges `wedge` belongs to.
+/// Returns the index of the fan in `filled` that contains a triangle with the wedges `wedge`.
 fn fan_of(filled: u8, wedge: u8) -> u32 {
     let starts = fan_starts(filled);
     if starts.count_ones() < 2 {
@@ -235,7 +238,7 @@ fn fan_of(filled: u8, wedge: u8) -> u32 {
     }
     let up_to_wedge = u8::MAX >> (7 - wedge.trailing_zeros());
     match (starts & up_to_wedge).count_ones() {
-        // A fan that runs over the last wedge to the first ones is the last of the fans.
+        // A fan that wraps around from the last wedge to the first is the last fan.
         0 => starts.count_ones() - 1,
         begun => begun - 1,
     }
@@ -250,9 +253,9 @@ mod tests {
 
     const HOLE: Point3<f64> = Point3::new(f64::NAN, f64::NAN, f64::NAN);
 
-    /// Cells with a point where the drawing has `#`, 1 mm apart, 500 mm away.
-    fn drawn(rows: &[&str]) -> RangeImage {
-        let mask = Mask::drawn(rows);
+    /// Returns a range image with points where the drawing has `#`; cells are 1 mm apart and 500 mm away.
+    fn range_from_drawing(rows: &[&str]) -> RangeImage {
+        let mask = Mask::from_rows(rows);
         let points = mask
             .pixels()
             .iter()
@@ -271,7 +274,7 @@ mod tests {
         triangulate(range, 6.0, 85.0, 0).unwrap()
     }
 
-    /// How many fans of faces meet at each vertex: faces around a vertex are in one fan if they share an edge at it.
+    /// Returns the number of fans of faces at each vertex: faces around a vertex are in one fan if they share an edge at it.
     fn fans_per_vertex(mesh: &Mesh) -> Vec<usize> {
         let mut around = vec![Vec::new(); mesh.positions().len()];
         for face in mesh.faces().as_triangles().unwrap() {
@@ -296,8 +299,8 @@ mod tests {
     }
 
     #[test]
-    fn a_mirrored_grid_looks_at_the_sensor_too() {
-        let plain_grid = drawn(&["####", "####", "##.#"]);
+    fn a_mirrored_grid_faces_the_sensor_too() {
+        let plain_grid = range_from_drawing(&["####", "####", "##.#"]);
         for (x, y) in [(-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)] {
             let turned = plain_grid.points().iter();
             let turned = turned.map(|point| Point3::new(x * point.x, y * point.y, point.z));
@@ -310,21 +313,21 @@ mod tests {
     }
 
     #[test]
-    fn vertices_stand_row_by_row_and_look_at_the_sensor() {
-        let mesh = plain(&drawn(&["#####", "#####", "#..#.", "...#."]));
+    fn vertices_are_ordered_by_rows_and_face_the_sensor() {
+        let mesh = plain(&range_from_drawing(&["#####", "#####", "#..#.", "...#."]));
         assert_eq!(mesh.positions().len(), 12);
-        let in_order = |pair: &[Point3<f64>]| (pair[0].y, pair[0].x) < (pair[1].y, pair[1].x);
-        assert!(mesh.positions().windows(2).all(in_order));
+        let mut pairs = mesh.positions().windows(2);
+        assert!(pairs.all(|pair| (pair[0].y, pair[0].x) < (pair[1].y, pair[1].x)));
         assert!(mesh.vertex_normals().iter().all(|normal| normal.z < -0.999));
         assert_eq!(mesh.frame().unwrap().depth, 500.0);
     }
 
     #[test]
     fn parts_that_touch_in_one_cell_get_a_vertex_each() {
-        let mesh = plain(&drawn(&["#..", "###", "..#"]));
+        let mesh = plain(&range_from_drawing(&["#..", "###", "..#"]));
         assert_eq!(mesh.faces().as_triangles().unwrap(), [[0, 1, 3], [2, 5, 4]]);
         assert_eq!(mesh.positions()[2], mesh.positions()[3]);
-        let mesh = plain(&drawn(&["##.", "###", "..#"]));
+        let mesh = plain(&range_from_drawing(&["##.", "###", "..#"]));
         assert_eq!((mesh.faces().len(), mesh.positions().len()), (4, 6));
     }
 
@@ -361,31 +364,33 @@ mod tests {
             (0..12).map(|cell| Point3::new((cell % 4) as f64, (cell / 4) as f64, step(cell)));
         let range = RangeImage::new(4, 3, points.collect()).unwrap();
         assert_eq!(plain(&range).faces().len(), 8);
-        fn with(bits: [u8; 2], range: &RangeImage) -> Mesh {
+        fn with_joined(bits: [u8; 2], range: &RangeImage) -> Mesh {
             let joined =
                 (0..12).map(|cell| if cell % 4 == 1 && cell < 8 { bits[cell / 4] } else { 0 });
             plain(&range.clone().with_joined(joined.collect()).unwrap())
         }
-        assert_eq!(with([3, 0], &range).faces().len(), 10);
-        assert_eq!(with([2, 12], &range).faces().len(), 11);
-        let diagonal =
-            |mesh: &Mesh| mesh.faces().iter().any(|face| face.contains(&2) && face.contains(&5));
-        assert!(diagonal(&with([12, 0], &range)) && !diagonal(&with([3, 0], &range)));
+        assert_eq!(with_joined([3, 0], &range).faces().len(), 10);
+        assert_eq!(with_joined([2, 12], &range).faces().len(), 11);
+        fn has_diagonal(mesh: &Mesh) -> bool {
+            mesh.faces().iter().any(|face| face.contains(&2) && face.contains(&5))
+        }
+        assert!(has_diagonal(&with_joined([12, 0], &range)));
+        assert!(!has_diagonal(&with_joined([3, 0], &range)));
     }
 
     #[test]
-    fn borders_lose_their_steps_and_keep_their_place() {
-        // A slanted edge, and the border of the grid.
+    fn borders_lose_their_steps_and_keep_their_position() {
+        // The mesh has an inclined edge, and the border of the grid.
         let rows: Vec<String> = (0..24)
             .map(|y| (0..30).map(|x| if 5 * x < 40 + 2 * y { '#' } else { '.' }).collect())
             .collect();
         let rows: Vec<&str> = rows.iter().map(String::as_str).collect();
-        let range = drawn(&rows);
+        let range = range_from_drawing(&rows);
         let [steps, smooth] = [0, 20].map(|rounds| triangulate(&range, 6.0, 85.0, rounds).unwrap());
         assert_eq!(steps.faces(), smooth.faces());
-        // How far the slanted edge is from a straight line, away from its ends.
-        fn rough(mesh: &Mesh) -> f64 {
-            let (least, most) = (6..18)
+        // Returns the deviation of the inclined edge from a straight line, away from its ends.
+        fn roughness(mesh: &Mesh) -> f64 {
+            let (min, max) = (6..18)
                 .map(|row: usize| {
                     let row = row as f64;
                     let points =
@@ -393,9 +398,14 @@ mod tests {
                     points.map(|point| point.x - 0.4 * point.y).fold(0.0, f64::max)
                 })
                 .fold((9e9_f64, 0.0_f64), |(a, b), x| (a.min(x), b.max(x)));
-            most - least
+            max - min
         }
-        assert!(rough(&smooth) < 0.45 * rough(&steps), "{} {}", rough(&smooth), rough(&steps));
+        assert!(
+            roughness(&smooth) < 0.45 * roughness(&steps),
+            "{} {}",
+            roughness(&smooth),
+            roughness(&steps)
+        );
         for (old, new) in steps.positions().iter().zip(smooth.positions().iter()) {
             let on_rim = old.x == 0.0 || old.y == 0.0 || old.y == 23.0;
             assert!((new - old).norm() <= if on_rim { 0.0 } else { 1.0 });
@@ -405,14 +415,14 @@ mod tests {
             panic!("no texture coordinates")
         };
         for (uv, point) in uv.iter().zip(smooth.positions().iter()) {
-            let there = map.uv_from_range([point.x, point.y]);
-            assert!((0..2).all(|k| (uv[k] - there[k]).abs() < 1e-12));
+            let expected_uv = map.uv_from_range([point.x, point.y]);
+            assert!((0..2).all(|k| (uv[k] - expected_uv[k]).abs() < 1e-12));
         }
     }
 
     #[test]
     fn small_holes_keep_the_areas_around_them_and_specks_are_left_out() {
-        let range = drawn(&[
+        let range = range_from_drawing(&[
             "............",
             "..##........",
             "..#.....##..",
@@ -427,19 +437,19 @@ mod tests {
             "############",
         ]);
         let steps = triangulate(&range, 6.0, 85.0, 0).unwrap();
-        // The single one shrinks faster than both of the others.
+        // The single triangle shrinks faster than the pair.
         for (rounds, specks) in [(1, 0), (6, 1), (20, 3), (100, 3)] {
             let mesh = triangulate(&range, 6.0, 85.0, rounds).unwrap();
             assert_eq!(steps.faces().len() - mesh.faces().len(), specks, "{rounds}");
             let areas = mesh.faces().iter().map(|face| mesh.area_vector(face).norm());
-            let least = areas.fold(f64::INFINITY, f64::min);
-            assert!(4e-4 < least, "{rounds}: {least}");
+            let smallest = areas.fold(f64::INFINITY, f64::min);
+            assert!(4e-4 < smallest, "{rounds}: {smallest}");
         }
     }
 
     #[test]
     fn a_step_is_not_bridged() {
-        let flat = drawn(&["####", "####"]);
+        let flat = range_from_drawing(&["####", "####"]);
         fn step(depth: f64, flat: &RangeImage) -> RangeImage {
             let points = flat.points().iter().enumerate().map(|(index, &point)| {
                 if index % 4 < 2 { point } else { point + nalgebra::Vector3::z() * depth }
@@ -454,7 +464,7 @@ mod tests {
 
     #[test]
     fn an_overhang_is_kept() {
-        let flat = drawn(&["######", "######"]);
+        let flat = range_from_drawing(&["######", "######"]);
         let folded = flat.points().iter().enumerate().map(|(cell, point)| match cell % 6 {
             3 => Point3::new(1.25, point.y, point.z),
             _ => *point,
@@ -465,9 +475,9 @@ mod tests {
     }
 
     #[test]
-    fn vertices_keep_what_their_cells_know() {
+    fn vertices_have_the_attributes_of_their_cells() {
         let map = Registration::corners([2, 2], [4, 4]);
-        let range = drawn(&["##", "##"]).with_registration(map);
+        let range = range_from_drawing(&["##", "##"]).with_registration(map);
         assert!(plain(&range).vertex().get("filled").is_none());
         let range = range.with_filled(vec![0, 0, 1, 0]).unwrap();
         let range = range.with_colors(vec![[1; 3], [2; 3], [3; 3], [4; 3]]).unwrap();
@@ -481,9 +491,9 @@ mod tests {
 
     #[test]
     fn a_range_image_without_points_is_an_error_and_one_point_makes_no_face() {
-        let none = triangulate(&drawn(&["...", "..."]), 6.0, 85.0, 0);
+        let none = triangulate(&range_from_drawing(&["...", "..."]), 6.0, 85.0, 0);
         assert_eq!(none, Err(TriangulateError::Range(RangeError::NoValidRange)));
-        let one = plain(&drawn(&["...", ".#."]));
+        let one = plain(&range_from_drawing(&["...", ".#."]));
         assert!(one.faces().is_empty() && one.positions().is_empty());
         let coincident = RangeImage::new(2, 2, vec![Point3::new(0.0, 0.0, 5.0); 4]).unwrap();
         assert!(plain(&coincident).faces().is_empty());
@@ -498,10 +508,11 @@ mod tests {
             }),
             jump in 1.0..8.0f64,
         ) {
-            let point = |(index, &z): (usize, &f64)| {
-                Point3::new((index % width) as f64, (index / width) as f64, z)
-            };
-            let points: Vec<_> = depths.iter().enumerate().map(point).collect();
+            let points: Vec<_> = depths
+                .iter()
+                .enumerate()
+                .map(|(index, &z)| Point3::new((index % width) as f64, (index / width) as f64, z))
+                .collect();
             let range = RangeImage::new(width, depths.len() / width, points).unwrap();
             prop_assume!(range.n_valid() > 0);
             let mesh = triangulate(&range, jump, 89.0, 0).unwrap();

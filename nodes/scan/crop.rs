@@ -1,6 +1,6 @@
-//! Takes away what lies elsewhere.
+//! Removes the parts of a scan outside of a region.
 
-use maquette_node::{Carry, Context, Error, Fate, In, Node};
+use maquette_node::{Carry, Context, Error, In, Node, Transfer};
 use maquette_value::Mesh;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -8,24 +8,24 @@ use serde::{Deserialize, Serialize};
 use super::keep_error::KeepError;
 use super::plane::Plane;
 use super::scan::Scan;
-use super::within::{Within, kept};
+use super::within::{Region, select_parts};
 
-/// Takes away what lies outside of a part of space, or inside of it.
+/// Removes the parts of a scan that are outside of a region of space, or inside of it.
 ///
-/// A face of a mesh goes if one of its corners does: nothing is cut through. Vertices that no face needs any more go along. Of a range image
-/// the cells have no point any more, and `Triangulate` joins nothing there.
+/// Faces are not cut: a face of a mesh is removed if any of its corners is. Vertices without faces are removed, too. The removed cells of a
+/// range image lose their points, so that `Triangulate` makes no faces there.
 ///
 /// In other programs: clip, slice, bounding box.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Crop {
-    /// What is cropped: a mesh, points or a range image.
+    /// Scan to crop: a mesh, points or a range image.
     pub mesh: In<Scan>,
-    /// What stays.
+    /// Region to keep.
     #[serde(default)]
-    pub within: Option<Within>,
-    /// Of what is within, only what lies above this plane stays, such as the one that `DominantPlane` gives: where its faces look.
+    pub within: Option<Region>,
+    /// Flat mesh, such as `plane` of `DominantPlane`. Keeps only what is above its plane, on the side of its normals.
     pub plane: Option<In<Mesh>>,
-    /// Keeps what would go, and takes away the rest.
+    /// Removes what would be kept, and keeps the rest.
     #[serde(default)]
     pub invert: bool,
 }
@@ -35,8 +35,8 @@ impl Node for Crop {
     const OUTPUTS: [&'static str; 1] = ["mesh"];
 
     const CARRIES: &'static [Carry] = &[
-        Carry::all("mesh", "mesh", Fate::Kept).and_cells(Fate::Kept),
-        Carry::all("plane", "mesh", Fate::Dropped),
+        Carry::uniform("mesh", "mesh", Transfer::Kept).and_cells(Transfer::Kept),
+        Carry::uniform("plane", "mesh", Transfer::Dropped),
     ];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
@@ -44,27 +44,27 @@ impl Node for Crop {
         let plane = self.plane.as_ref().map(|plane| cx.get(plane));
         let cropped = crop(&scan, self.within.as_ref(), plane, self.invert)?;
         if cropped.count() == 0 && scan.count() > 0 {
-            cx.warn(scan.nothing_left());
+            cx.warn(scan.empty_result_warning());
         }
         Ok((cropped,))
     }
 }
 
-/// What is `within`, and above the plane on which a flat mesh lies, of a scan; with `invert` what is not.
+/// Returns the part of a scan that is inside `within` and above the plane of a flat mesh; with `invert` returns the rest.
 ///
 /// # Errors
-/// The part of space or the plane is none.
+/// If the region is invalid, or the mesh is not flat.
 pub fn crop(
     scan: &Scan,
-    within: Option<&Within>,
+    within: Option<&Region>,
     plane: Option<&Mesh>,
     invert: bool,
 ) -> Result<Scan, KeepError> {
     let above = plane.map(|mesh| {
-        let plane = Plane::of_mesh(mesh)?;
-        Ok(scan.places().iter().map(|place| plane.height(place) >= 0.0).collect())
+        let plane = Plane::from_mesh(mesh)?;
+        Ok(scan.positions().iter().map(|position| plane.height(position) >= 0.0).collect())
     });
-    kept(scan, within, above.transpose()?, invert)
+    select_parts(scan, within, above.transpose()?, invert)
 }
 
 #[cfg(test)]
@@ -74,23 +74,24 @@ mod tests {
 
     use super::*;
 
-    /// A square with its corner `bent` above its plane, and its two faces looking to the same side, or back to back.
+    /// Creates a square of two triangles, one corner of which is raised by `bent`. If `back` is true, the triangles face opposite sides.
     fn square(bent: f64, back: bool) -> Mesh {
-        let places = [[0., 0., 0.], [1., 0., 0.], [1., 1., bent], [0., 1., 0.]].map(Point3::from);
+        let positions =
+            [[0., 0., 0.], [1., 0., 0.], [1., 1., bent], [0., 1., 0.]].map(Point3::from);
         let other = if back { [0, 2, 1] } else { [0, 2, 3] };
-        Mesh::new(places.to_vec(), Faces::triangles(vec![[0, 1, 2], other])).unwrap()
+        Mesh::new(positions.to_vec(), Faces::triangles(vec![[0, 1, 2], other])).unwrap()
     }
 
     #[test]
-    fn what_is_no_plane_is_refused() {
+    fn a_mesh_that_is_not_flat_is_an_error() {
         let scan = Scan::Mesh(square(0.0, false));
-        fn told(plane: &Mesh, scan: &Scan) -> Result<usize, KeepError> {
+        fn crop_count(plane: &Mesh, scan: &Scan) -> Result<usize, KeepError> {
             crop(scan, None, Some(plane), false).map(|it| it.count())
         }
-        assert_eq!(told(&square(0.0, false), &scan), Ok(2));
-        assert!(told(&square(0.05, false), &scan).is_ok());
-        assert_eq!(told(&square(0.0, true), &scan), Err(KeepError::NoPlane));
-        let bent = told(&square(1.0, false), &scan).unwrap_err().to_string();
+        assert_eq!(crop_count(&square(0.0, false), &scan), Ok(2));
+        assert!(crop_count(&square(0.05, false), &scan).is_ok());
+        assert_eq!(crop_count(&square(0.0, true), &scan), Err(KeepError::NoPlane));
+        let bent = crop_count(&square(1.0, false), &scan).unwrap_err().to_string();
         assert!(
             bent.starts_with("the mesh at the port `plane` is not flat: its corners are 0."),
             "{bent}"

@@ -1,9 +1,9 @@
-//! The plane on which an object stands.
+//! Detection of the plane under an object.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use maquette_node::{Carry, Context, Error, Fate, In, Node};
-use maquette_value::random::Random;
+use maquette_node::{Carry, Context, Error, In, Node, Transfer};
+use maquette_value::rng::Random;
 use maquette_value::{Faces, Mesh};
 use nalgebra::Point3;
 use schemars::JsonSchema;
@@ -12,59 +12,62 @@ use thiserror::Error;
 
 use super::hull::Hull;
 use super::plane::Plane;
-use super::scan::{Scan, is_there};
+use super::scan::{Scan, has_point};
 
-/// Finds the plane with the most points, or of a mesh with the most area, such as a table or a wall, and what stands on it.
+/// Finds the plane with the most points (for a mesh: the most area), such as a table or a wall, and the objects on it.
 ///
-/// Its upper side is the one that the sensor saw; of points and of meshes that no capture gave, the one that has more above it. What stands
-/// on it is what lies above it by more than `distance`, up to `height`, and not beside it: straight over the convex hull of the largest part
-/// of the plane that hangs together. Of a mesh a face stands on it if all of its corners do.
+/// The upper side of the plane faces the sensor. For points and for meshes without a capture it is the side with more points. The objects
+/// on the plane are the points that are more than `distance` and at most `height` above it, and over the convex hull of the largest
+/// connected part of the plane. A face of a mesh is kept if all of its corners are.
 ///
-/// Planes through three points each are tried, the same ones each time: Fischler and Bolles, "Random sample consensus" (1981), judged as in
-/// Torr and Zisserman, "MLESAC" (2000), by the squares of distances up to `distance`. The best one is then fitted to all points near to it.
+/// Candidates are planes through three points, chosen by a deterministic generator: Fischler and Bolles, "Random sample consensus" (1981).
+/// Their score is the sum of the squared distances, each truncated at `distance`, as in Torr and Zisserman, "MLESAC" (2000). The best one
+/// is then fitted to all points near it.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct DominantPlane {
-    /// The scan: a range image, points or a mesh.
+    /// Scan: a range image, points or a mesh.
     pub mesh: In<Scan>,
-    /// How far off the plane a point of it may be, because of noise.
+    /// Maximum distance of a point of the plane from the plane, because of noise.
     #[schemars(range(min = 0.0), extend("unit" = "mm", "exclusiveMinimum" = 0.0))]
-    #[serde(default = "five")]
+    #[serde(default = "default_distance")]
     pub distance: f64,
-    /// Which plane: 1 is the one with the most points (of a mesh: with the most area), 2 the one with the most of the others.
+    /// Rank of the plane: 1 has the most points (for a mesh: the most area), 2 the most of the remaining ones.
     #[schemars(range(min = 1, max = 8))]
-    #[serde(default = "one")]
+    #[serde(default = "default_rank")]
     pub rank: u32,
-    /// What is higher than this above the plane does not stand on it.
+    /// Maximum height of objects above the plane.
     #[schemars(range(min = 0.0), extend("unit" = "mm"))]
-    #[serde(default = "thousand")]
+    #[serde(default = "default_height")]
     pub height: f64,
-    /// How far from the rim of the plane things may begin: what is nearer to it is left out, such as a wall behind a table.
+    /// Minimum distance of objects from the rim of the plane, such as to exclude a wall at the edge of a table.
     #[schemars(range(min = 0.0), extend("unit" = "mm"))]
     #[serde(default)]
     pub inset: f64,
 }
 
-fn five() -> f64 {
+fn default_distance() -> f64 {
     5.0
 }
 
-fn one() -> u32 {
+fn default_rank() -> u32 {
     1
 }
 
-fn thousand() -> f64 {
+fn default_height() -> f64 {
     1000.0
 }
 
-/// Why there is no plane.
+/// An error of [`dominant_plane`].
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum DominantPlaneError {
-    /// There are too few points, or all lie on a line.
-    #[error("there is no plane of rank {rank}: {points} points are left, which lie on no plane")]
+    /// There are too few points, or all are on a line.
+    #[error(
+        "there is no plane of rank {rank}: the remaining {points} points are too few or on a line"
+    )]
     None {
-        /// The rank.
+        /// The requested rank.
         rank: u32,
-        /// How many points there are beside those on planes before it.
+        /// The number of points that remain after the planes of lower rank are removed.
         points: usize,
     },
 }
@@ -74,51 +77,56 @@ impl Node for DominantPlane {
     const OUTPUTS: [&'static str; 2] = ["above", "plane"];
 
     const CARRIES: &'static [Carry] = &[
-        Carry::all("mesh", "above", Fate::Kept).and_cells(Fate::Kept),
-        Carry::all("mesh", "plane", Fate::Dropped).and_cells(Fate::Dropped),
+        Carry::uniform("mesh", "above", Transfer::Kept).and_cells(Transfer::Kept),
+        Carry::uniform("mesh", "plane", Transfer::Dropped).and_cells(Transfer::Dropped),
     ];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let scan = cx.get(&self.mesh);
         let found = dominant_plane(&scan, self.distance, self.rank)?;
-        if found.share < 0.05 {
+        if found.fraction < 0.05 {
             let what = match &scan {
-                Scan::Mesh(_) => "area lies",
-                other => &format!("{} lie", other.elements()),
+                Scan::Mesh(_) => "area is",
+                other => &format!("{} are", other.elements()),
             };
-            cx.warn(format!("only {:.1} % of the {what} on the plane", 100.0 * found.share));
+            cx.warn(format!("only {:.1} % of the {what} on the plane", 100.0 * found.fraction));
         }
-        let above = scan.only(&found.above(&scan, self.distance, self.height, self.inset));
+        let above =
+            scan.select(&found.is_above_each(&scan, self.distance, self.height, self.inset));
         if above.count() == 0 {
-            cx.warn("nothing stands on the plane");
+            cx.warn("there is nothing on the plane");
         }
-        Ok((above, found.mesh(&scan)))
+        Ok((above, found.to_rectangle(&scan)))
     }
 }
 
 /// A plane in a scan.
-pub struct Found {
-    /// The plane, its upper side towards the sensor.
+pub struct PlaneInScan {
+    /// The plane. Its upper side faces the sensor.
     pub plane: Plane,
-    /// Which part of the points, or of a mesh's area, is on it, from 0 to 1.
-    pub share: f64,
-    /// The largest part of it that hangs together, in its own axes.
+    /// The fraction of the points, or for a mesh of the area, that is on the plane, from 0 to 1.
+    pub fraction: f64,
+    /// The convex hull of the largest connected part of the plane, in the coordinates of [`Plane::axes`].
     hull: Hull,
 }
 
-/// So many planes are tried.
-const TRIES: usize = 2000;
-/// By so many points they are judged.
-const JUDGES: usize = 4000;
-/// At least so many points stand for the area of a mesh.
-const SPREAD: usize = 20_000;
+/// The number of candidate planes that are tried.
+const PLANE_CANDIDATES: usize = 2000;
+/// The maximum number of points that are used to score candidates.
+const SCORING_POINTS: usize = 4000;
+/// The minimum number of sample points that represent a mesh.
+const MIN_MESH_SAMPLES: usize = 20_000;
 
-/// The plane of this rank in a scan, by points up to `distance` mm off it.
+/// Finds the plane of rank `rank` in a scan. A point belongs to the plane if it is at most `distance` mm away from it.
 ///
 /// # Errors
-/// There is none.
-pub fn dominant_plane(scan: &Scan, distance: f64, rank: u32) -> Result<Found, DominantPlaneError> {
-    let points = points_of(scan);
+/// If there is no such plane.
+pub fn dominant_plane(
+    scan: &Scan,
+    distance: f64,
+    rank: u32,
+) -> Result<PlaneInScan, DominantPlaneError> {
+    let points = sample_points(scan);
     let mut left = points.clone();
     let mut found = None;
     for rank in 1..=rank {
@@ -126,27 +134,27 @@ pub fn dominant_plane(scan: &Scan, distance: f64, rank: u32) -> Result<Found, Do
             left.retain(|point| !is_on(&plane, point, distance));
         }
         let none = DominantPlaneError::None { rank, points: left.len() };
-        found = Some(best(&left, distance).ok_or(none)?);
+        found = Some(find_plane(&left, distance).ok_or(none)?);
     }
     let mut plane = found.expect("there is a first rank");
     if is_upside_down(&plane, scan, &points, distance) {
-        plane = plane.turned();
+        plane = plane.flip();
     }
     let on = left.iter().filter(|point| is_on(&plane, point, distance));
-    let on: Vec<_> = on.map(|point| flat(&plane, point)).collect();
+    let on: Vec<_> = on.map(|point| coordinates_on_plane(&plane, point)).collect();
     let part = Part::largest(&on, distance);
-    let places = scan.places().iter().filter(|place| is_on(&plane, place, distance));
-    // Points inside of large faces do not reach to their rim.
-    let rim = places.map(|place| flat(&plane, place));
+    let positions = scan.positions().iter().filter(|position| is_on(&plane, position, distance));
+    // The sample points on large faces do not reach the rim of the plane, so the vertices are added.
+    let rim = positions.map(|position| coordinates_on_plane(&plane, position));
     let hull = on.iter().copied().chain(rim).filter(|at| part.contains(at)).collect();
     let share = on.len() as f64 / points.len() as f64;
-    Ok(Found { plane, share, hull: Hull::of(hull) })
+    Ok(PlaneInScan { plane, fraction: share, hull: Hull::new(hull) })
 }
 
-/// The points of a scan; of a mesh with faces, points that are spread evenly over its area.
-fn points_of(scan: &Scan) -> Vec<Point3<f64>> {
-    let Scan::Mesh(mesh) = scan else { return there(scan) };
-    // Faces as triangles, with the area up to the end of each.
+/// Returns the points of a scan. For a mesh with faces, returns sample points that are distributed evenly over its area.
+fn sample_points(scan: &Scan) -> Vec<Point3<f64>> {
+    let Scan::Mesh(mesh) = scan else { return valid_positions(scan) };
+    // The triangles, each with the cumulative area up to it.
     let mut total = 0.0;
     let triangles = mesh.faces().iter().flat_map(|face| {
         (2..face.len())
@@ -156,11 +164,11 @@ fn points_of(scan: &Scan) -> Vec<Point3<f64>> {
         total += 0.5 * (b - a).cross(&(c - a)).norm();
         (total, [a, b, c])
     });
-    let triangles = Vec::from_iter(triangles);
+    let triangles = triangles.collect::<Vec<_>>();
     if total <= 0.0 || !total.is_finite() {
-        return there(scan);
+        return valid_positions(scan);
     }
-    let count = SPREAD.max(mesh.positions().len());
+    let count = MIN_MESH_SAMPLES.max(mesh.positions().len());
     let mut random = Random(2);
     let mut at = 0;
     (0..count)
@@ -179,21 +187,22 @@ fn points_of(scan: &Scan) -> Vec<Point3<f64>> {
         .collect()
 }
 
-/// The places of a scan that are somewhere.
-fn there(scan: &Scan) -> Vec<Point3<f64>> {
-    scan.places().iter().filter(|place| is_there(place)).copied().collect()
+/// Returns the positions of a scan, without those of cells that have no point.
+fn valid_positions(scan: &Scan) -> Vec<Point3<f64>> {
+    scan.positions().iter().filter(|position| has_point(position)).copied().collect()
 }
 
-fn is_on(plane: &Plane, place: &Point3<f64>, distance: f64) -> bool {
-    plane.height(place).abs() <= distance
+fn is_on(plane: &Plane, position: &Point3<f64>, distance: f64) -> bool {
+    plane.height(position).abs() <= distance
 }
 
-/// A place in the plane's own axes.
-fn flat(plane: &Plane, place: &Point3<f64>) -> [f64; 2] {
-    plane.axes().map(|axis| axis.dot(&place.coords))
+/// Returns the coordinates of a point in the axes of the plane.
+fn coordinates_on_plane(plane: &Plane, position: &Point3<f64>) -> [f64; 2] {
+    plane.axes().map(|axis| axis.dot(&position.coords))
 }
 
-/// Whether its upper side is turned away from the sensor, or from most of what is not on it.
+/// Returns true if the upper side of the plane faces away from the sensor. If the sensor is unknown, returns true if the upper side faces
+/// away from most of the points that are not on the plane.
 fn is_upside_down(plane: &Plane, scan: &Scan, points: &[Point3<f64>], distance: f64) -> bool {
     if scan.is_seen_from_origin() {
         return plane.height(&Point3::origin()) < 0.0;
@@ -205,17 +214,17 @@ fn is_upside_down(plane: &Plane, scan: &Scan, points: &[Point3<f64>], distance: 
     above < below
 }
 
-/// The plane with the most points.
-fn best(points: &[Point3<f64>], distance: f64) -> Option<Plane> {
-    let step = points.len().div_ceil(JUDGES).max(1);
+/// Finds the plane with the most points.
+fn find_plane(points: &[Point3<f64>], distance: f64) -> Option<Plane> {
+    let step = points.len().div_ceil(SCORING_POINTS).max(1);
     let judges: Vec<_> = points.iter().step_by(step).collect();
     if points.is_empty() {
         return None;
     }
     let mut random = Random(1);
-    let tried = (0..TRIES).filter_map(|_| {
-        let [a, b, c] = [(); 3].map(|()| points[random.below(points.len())]);
-        let plane = Plane::through(a, (b - a).cross(&(c - a)))?;
+    let tried = (0..PLANE_CANDIDATES).filter_map(|_| {
+        let [a, b, c] = [(); 3].map(|()| points[random.next_below(points.len())]);
+        let plane = Plane::from_point_and_normal(a, (b - a).cross(&(c - a)))?;
         Some((
             judges
                 .iter()
@@ -228,15 +237,15 @@ fn best(points: &[Point3<f64>], distance: f64) -> Option<Plane> {
         ))
     });
     let (_, mut plane) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
-    // What is near to the fitted plane is not quite what was near before.
+    // The fit is repeated, because each fit changes the set of points near the plane.
     for _ in 0..5 {
         let near = points.iter().filter(|point| is_on(&plane, point, distance)).copied();
-        plane = Plane::nearest(&Vec::from_iter(near))?;
+        plane = Plane::fit(&near.collect::<Vec<_>>())?;
     }
     Some(plane)
 }
 
-/// The part of a plane on which the most points hang together, as squares.
+/// The connected part of a plane that has the most points, stored as a set of grid squares.
 struct Part {
     corner: [f64; 2],
     side: f64,
@@ -244,13 +253,12 @@ struct Part {
 }
 
 impl Part {
-    /// By squares that are a hundredth as long as all points, but no less than four times as long as `distance`.
+    /// Finds the largest connected part. The side of a grid square is a hundredth of the extent of all points, but at least four times
+    /// `distance`.
     fn largest(points: &[[f64; 2]], distance: f64) -> Self {
         fn ends(axis: usize, points: &[[f64; 2]]) -> (f64, f64) {
             let along = points.iter().map(|point| point[axis]);
-            along.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), x| {
-                (least.min(x), most.max(x))
-            })
+            along.fold((f64::INFINITY, f64::NEG_INFINITY), |(min, max), x| (min.min(x), max.max(x)))
         }
         let [(left, right), (bottom, top)] = [ends(0, points), ends(1, points)];
         let side = f64::max(4.0 * distance, 0.01 * f64::max(right - left, top - bottom));
@@ -266,7 +274,7 @@ impl Part {
                 let Some(points) = counts.get(&at).filter(|_| seen.insert(at)) else { continue };
                 count += points;
                 squares.insert(at);
-                open.extend(around(at));
+                open.extend(square_and_neighbors(at));
             }
             if count > most {
                 (most, part.squares) = (count, squares);
@@ -279,31 +287,34 @@ impl Part {
         [0, 1].map(|axis| ((at[axis] - self.corner[axis]) / self.side).floor() as i64)
     }
 
-    /// Whether a point hangs together with it.
+    /// Returns true if the grid square of a point, or one of its neighbors, belongs to the part.
     fn contains(&self, at: &[f64; 2]) -> bool {
-        around(self.square(at)).any(|square| self.squares.contains(&square))
+        square_and_neighbors(self.square(at)).any(|square| self.squares.contains(&square))
     }
 }
 
-/// A square and those that touch it.
-fn around([x, y]: [i64; 2]) -> impl Iterator<Item = [i64; 2]> {
+/// Returns a grid square and its eight neighbors.
+fn square_and_neighbors([x, y]: [i64; 2]) -> impl Iterator<Item = [i64; 2]> {
     (0..9).map(move |k| [x + k % 3 - 1, y + k / 3 - 1])
 }
 
-impl Found {
-    /// Whether each place of the scan stands on it: more than `distance` above it, up to `height`, and not nearer to its rim than `inset`.
-    pub fn above(&self, scan: &Scan, distance: f64, height: f64, inset: f64) -> Vec<bool> {
-        scan.places()
+impl PlaneInScan {
+    /// Returns for each position of the scan true if it is above the plane: more than `distance` and at most `height` above it, over the
+    /// hull of the plane, and at least `inset` away from the rim of the hull.
+    pub fn is_above_each(&self, scan: &Scan, distance: f64, height: f64, inset: f64) -> Vec<bool> {
+        scan.positions()
             .iter()
-            .map(|place| {
-                let at = self.plane.height(place);
-                distance < at && at <= height && self.hull.contains(flat(&self.plane, place), inset)
+            .map(|position| {
+                let at = self.plane.height(position);
+                distance < at
+                    && at <= height
+                    && self.hull.contains(coordinates_on_plane(&self.plane, position), inset)
             })
             .collect()
     }
 
-    /// A rectangle on it around its largest part, its face looking up, in the axes of the scan.
-    pub fn mesh(&self, scan: &Scan) -> Mesh {
+    /// Returns the bounding rectangle of the largest connected part as a mesh, in the axes of the scan. Its face points upwards.
+    pub fn to_rectangle(&self, scan: &Scan) -> Mesh {
         let [first, second] = self.plane.axes();
         let foot = self.plane.normal.into_inner() * self.plane.offset;
         let corners = self
@@ -329,12 +340,12 @@ mod tests {
 
     use super::*;
 
-    /// A table of 400 x 200 mm on which a box stands, a wall beside it, and its floor below.
+    /// Creates the points of a table of 400 x 200 mm with a box on it, a wall beside it, and a floor below it.
     fn room() -> Scan {
         let mut points = Vec::new();
         let mut random = Random(7);
         fn noise(random: &mut Random) -> f64 {
-            random.below(1000) as f64 / 500.0 - 1.0
+            random.next_below(1000) as f64 / 500.0 - 1.0
         }
         for k in 0..20_000 {
             let (x, y) = (f64::from(k % 200) * 2.0, f64::from(k / 200) * 2.0);
@@ -350,14 +361,14 @@ mod tests {
     }
 
     #[test]
-    fn what_stands_on_a_table_is_neither_the_wall_nor_the_floor() {
+    fn the_objects_on_a_table_are_neither_the_wall_nor_the_floor() {
         let scan = room();
         let found = dominant_plane(&scan, 5.0, 1).unwrap();
         assert!((found.plane.normal.z - 1.0).abs() < 1e-6, "{:?}", found.plane);
         assert!(found.plane.offset.abs() < 0.05);
-        let above = found.above(&scan, 5.0, 1000.0, 0.0);
+        let above = found.is_above_each(&scan, 5.0, 1000.0, 0.0);
         assert_eq!(above.iter().filter(|above| **above).count(), 2_000);
-        let mesh = found.mesh(&scan);
+        let mesh = found.to_rectangle(&scan);
         assert!((mesh.area_vector(mesh.faces().face(0)).z - 398.0 * 198.0).abs() < 400.0);
     }
 
@@ -373,7 +384,7 @@ mod tests {
 
     type Triangles = (Vec<Point3<f64>>, Vec<[u32; 3]>);
 
-    /// A triangle mesh of a square of this size, its lowest corner here, with so many steps along each side.
+    /// Creates a triangle mesh of a square with the edge `size` and `steps` cells along each side. `corner` is its lowest corner.
     fn sheet(size: f64, corner: [f64; 3], steps: u32) -> Triangles {
         let side = steps + 1;
         (
@@ -395,13 +406,13 @@ mod tests {
     }
 
     fn mesh(parts: &[Triangles]) -> Scan {
-        let (mut places, mut faces) = (Vec::new(), Vec::new());
+        let (mut positions, mut faces) = (Vec::new(), Vec::new());
         for (own, corners) in parts {
-            let before = places.len() as u32;
-            places.extend_from_slice(own);
+            let before = positions.len() as u32;
+            positions.extend_from_slice(own);
             faces.extend(corners.iter().map(|face| face.map(|vertex| vertex + before)));
         }
-        Scan::Mesh(Mesh::new(places, Faces::triangles(faces)).unwrap())
+        Scan::Mesh(Mesh::new(positions, Faces::triangles(faces)).unwrap())
     }
 
     #[test]
@@ -409,11 +420,11 @@ mod tests {
         let scan = mesh(&[sheet(400.0, [0.0; 3], 1), sheet(40.0, [1.0, 1.0, 30.0], 50)]);
         let found = dominant_plane(&scan, 1.0, 1).unwrap();
         assert!(found.plane.offset.abs() < 1e-6 && found.plane.normal.z > 0.99);
-        assert!(found.share > 0.98, "{}", found.share);
-        // Straight above the whole of it, nearly to its rim.
-        let above = found.above(&scan, 1.0, 100.0, 0.0);
+        assert!(found.fraction > 0.98, "{}", found.fraction);
+        // The points above nearly the entire table.
+        let above = found.is_above_each(&scan, 1.0, 100.0, 0.0);
         assert_eq!(above.iter().filter(|above| **above).count(), 51 * 51);
-        let board = found.mesh(&scan);
+        let board = found.to_rectangle(&scan);
         assert!((board.area_vector(board.faces().face(0)).z - 160_000.0).abs() < 1.0);
     }
 
@@ -435,7 +446,7 @@ mod tests {
         );
         let found = dominant_plane(&scan, 0.001, 1).unwrap();
         assert!(found.plane.normal.iter().any(|x| x.abs() > 1.0 - 1e-9), "{:?}", found.plane);
-        assert!((found.share - 1.0 / 6.0).abs() < 0.01);
+        assert!((found.fraction - 1.0 / 6.0).abs() < 0.01);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! The convex hull of points on a plane.
+//! The convex hull of points in a plane.
 
 /// A convex polygon, counter-clockwise.
 #[derive(Clone, Debug, PartialEq)]
@@ -7,21 +7,21 @@ pub(super) struct Hull {
 }
 
 impl Hull {
-    /// The hull of some points: Andrew, "Another efficient algorithm for convex hulls in two dimensions" (1979).
-    pub(super) fn of(mut points: Vec<[f64; 2]>) -> Self {
+    /// Computes the convex hull of some points: Andrew, "Another efficient algorithm for convex hulls in two dimensions" (1979).
+    pub(super) fn new(mut points: Vec<[f64; 2]>) -> Self {
         points.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
         points.dedup();
         fn chain(points: &mut dyn Iterator<Item = [f64; 2]>) -> Vec<[f64; 2]> {
             let mut chain: Vec<[f64; 2]> = Vec::new();
             for point in points {
                 while let [.., a, b] = chain[..]
-                    && turn(a, b, point) <= 0.0
+                    && doubled_area(a, b, point) <= 0.0
                 {
                     chain.pop();
                 }
                 chain.push(point);
             }
-            // It is the first one of the other chain.
+            // The last corner of this chain is the first corner of the other chain.
             chain.pop();
             chain
         }
@@ -30,28 +30,28 @@ impl Hull {
         Self { corners }
     }
 
-    /// Whether a point is in it, so far from its border at least.
+    /// Returns true if a point is inside the hull and at least `inset` away from its boundary.
     pub(super) fn contains(&self, point: [f64; 2], inset: f64) -> bool {
         let next = self.corners.iter().cycle().skip(1);
         self.corners.len() > 2
             && self.corners.iter().zip(next).all(|(&a, &b): (&[f64; 2], &[f64; 2])| {
                 let length = libm::hypot(b[0] - a[0], b[1] - a[1]);
-                turn(a, b, point) >= inset * length
+                doubled_area(a, b, point) >= inset * length
             })
     }
 
-    /// The corners of the rectangle around it, counter-clockwise; of a hull of nothing all are the origin.
+    /// Returns the corners of the bounding rectangle, counter-clockwise. For an empty hull all four are the origin.
     pub(super) fn rectangle(&self) -> [[f64; 2]; 4] {
         let [(left, right), (bottom, top)] = [0, 1].map(|axis| {
-            let along = || self.corners.iter().map(|corner| corner[axis]);
-            (along().reduce(f64::min).unwrap_or(0.0), along().reduce(f64::max).unwrap_or(0.0))
+            let along = self.corners.iter().map(|corner| corner[axis]);
+            (along.clone().reduce(f64::min).unwrap_or(0.0), along.reduce(f64::max).unwrap_or(0.0))
         });
         [[left, bottom], [right, bottom], [right, top], [left, top]]
     }
 }
 
-/// Twice the area of a triangle, positive if it turns counter-clockwise.
-fn turn(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
+/// Returns twice the signed area of a triangle; positive if the triangle is counter-clockwise.
+fn doubled_area(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 }
 
@@ -60,9 +60,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_hull_has_the_corners_and_not_what_lies_between() {
+    fn a_hull_has_only_the_corner_points() {
         let grid = (0..25).map(|k| [f64::from(k % 5), f64::from(k / 5)]);
-        let hull = Hull::of(grid.collect());
+        let hull = Hull::new(grid.collect());
         assert_eq!(hull.corners, [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]]);
         assert!(hull.contains([2.0, 4.0], 0.0) && hull.contains([0.0, 0.0], 0.0));
         assert!(!hull.contains([2.0, 4.1], 0.0) && !hull.contains([-0.1, 2.0], 0.0));
@@ -71,8 +71,8 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_area_contains_nothing() {
-        assert!(!Hull::of(vec![[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]]).contains([1.0, 1.0], 0.0));
-        assert!(!Hull::of(Vec::new()).contains([0.0, 0.0], 0.0));
+    fn a_hull_without_area_contains_nothing() {
+        assert!(!Hull::new(vec![[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]]).contains([1.0, 1.0], 0.0));
+        assert!(!Hull::new(Vec::new()).contains([0.0, 0.0], 0.0));
     }
 }

@@ -1,27 +1,27 @@
-//! Takes away cells of a range image.
+//! Removes cells of a range image.
 
-use maquette_node::{Carry, Context, Error, Fate, FieldError, In, Node};
+use maquette_node::{Carry, Context, Error, FieldError, In, Node, Transfer};
 use maquette_value::{Mask, RangeImage};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::keep_error::KeepError;
 use super::scan::Scan;
-use super::within::{Within, kept};
+use super::within::{Region, select_parts};
 
-/// Keeps the cells of a range image that a mask shows, that lie in a part of space, or both.
+/// Keeps the cells of a range image that are selected by a mask, a region of space, or both.
 ///
-/// The others have no point any more, as if the sensor had seen nothing there. The grid, its registration and its colors stay.
+/// The other cells lose their points, as if the sensor had measured nothing there. The grid, its registration and its colors do not change.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct KeepCells {
-    /// The range image.
+    /// Range image.
     pub range: In<RangeImage>,
-    /// The pixels of the picture, or the cells of the grid, that show what stays; the size says which.
+    /// Mask of the cells to keep. It has the size of the picture or of the grid.
     pub mask: Option<In<Mask>>,
-    /// Where lies what stays.
+    /// Region whose cells are kept.
     #[serde(default)]
-    pub within: Option<Within>,
-    /// Keeps what would go, and takes away the rest.
+    pub within: Option<Region>,
+    /// Removes what would be kept, and keeps the rest.
     #[serde(default)]
     pub invert: bool,
 }
@@ -30,13 +30,13 @@ impl Node for KeepCells {
     type Outputs = (RangeImage,);
     const OUTPUTS: [&'static str; 1] = ["range"];
 
-    const CARRIES: &'static [Carry] = &[Carry::cells("range", "range", Fate::Kept)];
+    const CARRIES: &'static [Carry] = &[Carry::cells("range", "range", Transfer::Kept)];
 
     fn check(&self) -> Result<(), FieldError> {
         match self.within {
-            Some(Within::Attribute { .. }) => {
-                let message = "cells have no attributes that say where they are";
-                let help = "choose another part of space, or link a `mask`";
+            Some(Region::Attribute { .. }) => {
+                let message = "the cells of a range image have no attributes";
+                let help = "use another region, or connect `mask`";
                 Err(FieldError::new("within", message, help))
             }
             _ => Ok(()),
@@ -48,34 +48,34 @@ impl Node for KeepCells {
         let mask = self.mask.as_ref().map(|mask| cx.get(mask));
         let kept = keep_cells(range, mask, self.within.as_ref(), self.invert)?;
         if kept.n_valid() == 0 && range.n_valid() > 0 {
-            cx.warn(Scan::RangeImage(range.clone()).nothing_left());
+            cx.warn(Scan::RangeImage(range.clone()).empty_result_warning());
         }
         Ok((kept,))
     }
 }
 
-/// The cells of `range` whose pixel `mask` shows and that are `within`; with `invert` the others.
+/// Keeps the cells of `range` that are set in `mask` and inside `within`; with `invert` keeps all other cells.
 ///
-/// A cell sees the pixel that is nearest to the place where it looks; one that looks past the picture is not shown.
+/// A cell belongs to the pixel that is nearest to its position in the picture. Cells outside of the picture are not selected.
 ///
 /// # Errors
-/// The mask has another size, or the part of space is none.
+/// If the mask has neither the size of the picture nor that of the grid, or the region is invalid.
 pub fn keep_cells(
     range: &RangeImage,
     mask: Option<&Mask>,
-    within: Option<&Within>,
+    within: Option<&Region>,
     invert: bool,
 ) -> Result<RangeImage, KeepError> {
     let scan = Scan::RangeImage(range.clone());
-    let shown = mask.map(|mask| shown(range, mask)).transpose()?;
-    match kept(&scan, within, shown, invert)? {
+    let selected = mask.map(|mask| cells_in_mask(range, mask)).transpose()?;
+    match select_parts(&scan, within, selected, invert)? {
         Scan::RangeImage(range) => Ok(range),
         _ => unreachable!("a range image stays one"),
     }
 }
 
-/// Whether the mask shows each cell.
-fn shown(range: &RangeImage, mask: &Mask) -> Result<Vec<bool>, KeepError> {
+/// Returns for each cell true if the mask selects it.
+fn cells_in_mask(range: &RangeImage, mask: &Mask) -> Result<Vec<bool>, KeepError> {
     let (width, height) = (range.width(), range.height());
     let (size, map) = ([mask.width(), mask.height()], range.registration());
     if size != map.picture {
@@ -102,14 +102,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_depth_whose_ends_are_exchanged_is_an_error() {
+    fn a_depth_with_exchanged_bounds_is_an_error() {
         let range = RangeImage::new(1, 1, vec![Point3::new(0.0, 0.0, 650.0)]).unwrap();
-        fn between(from: f64, to: f64, range: &RangeImage) -> Result<usize, KeepError> {
-            let depth = Within::Depth { from: Some(from), to: Some(to) };
+        fn count_between(from: f64, to: f64, range: &RangeImage) -> Result<usize, KeepError> {
+            let depth = Region::Depth { from: Some(from), to: Some(to) };
             keep_cells(range, None, Some(&depth), false).map(|kept| kept.n_valid())
         }
-        assert_eq!(between(600.0, 700.0, &range), Ok(1));
+        assert_eq!(count_between(600.0, 700.0, &range), Ok(1));
         let text = "the depth goes from 700 to 600: `from` must not be above `to`";
-        assert_eq!(between(700.0, 600.0, &range).unwrap_err().to_string(), text);
+        assert_eq!(count_between(700.0, 600.0, &range).unwrap_err().to_string(), text);
     }
 }

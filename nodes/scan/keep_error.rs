@@ -1,66 +1,66 @@
-//! Why it cannot be said what is kept.
+//! Errors of nodes that keep a part of a scan.
 
 use thiserror::Error;
 
-/// Why it cannot be said what is kept.
+/// An error of a node that keeps a part of a scan.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum KeepError {
-    /// A box whose ends are exchanged.
+    /// A lower bound of a box is greater than the upper bound.
     #[error("the box goes from {min} to {max} along {axis}: `min` must not be above `max`")]
     Box {
-        /// Along which axis.
+        /// The axis: `x`, `y` or `z`.
         axis: char,
-        /// Its lower end, in mm.
+        /// The lower bound, in mm.
         min: f64,
-        /// Its upper end, in mm.
+        /// The upper bound, in mm.
         max: f64,
     },
-    /// A depth whose ends are exchanged.
+    /// The lower bound of a depth range is greater than the upper bound.
     #[error("the depth goes from {from} to {to}: `from` must not be above `to`")]
     Depth {
-        /// Where it begins, in mm.
+        /// The lower bound, in mm.
         from: f64,
-        /// Where it ends, in mm.
+        /// The upper bound, in mm.
         to: f64,
     },
-    /// A normal without direction.
+    /// The normal of a plane is zero.
     #[error("the normal (0, 0, 0) of the plane has no direction")]
     NoNormal,
-    /// A plane mesh without area.
-    #[error("the mesh at the port `plane` has no area, and so lies on no plane")]
+    /// The mesh that defines the plane has no area.
+    #[error("the mesh at the port `plane` has no area, so it has no plane")]
     NoPlane,
-    /// A plane mesh that is bent.
+    /// The mesh that defines the plane is not flat.
     #[error(
-        "the mesh at the port `plane` is not flat: its corners are {off:.3} mm off their plane, as mean squares go, and {size:.3} mm from their middle; connect one that is, such as `plane` of `DominantPlane`"
+        "the mesh at the port `plane` is not flat: its corners are {off:.3} mm from their plane and {size:.3} mm from their center (root mean square); connect a flat mesh, such as `plane` of `DominantPlane`"
     )]
     NotFlat {
-        /// How far its corners are off, as root mean square in mm.
+        /// The root mean square distance of the corners from their plane, in mm.
         off: f64,
-        /// How far they are from their middle, as root mean square in mm.
+        /// The root mean square distance of the corners from their center, in mm.
         size: f64,
     },
-    /// There is no such attribute.
+    /// The scan has no numeric attribute with this name.
     #[error(
         "there is no attribute `{name}` with a number on each of its {elements}; there {known}"
     )]
     NoAttribute {
-        /// Its name.
+        /// The name of the attribute.
         name: String,
-        /// What it should be on.
+        /// The kind of elements, such as `points`.
         elements: &'static str,
-        /// Those that there are, in words.
+        /// The numeric attributes that exist, as the end of a sentence that begins with "there".
         known: String,
     },
-    /// A mask of another size.
+    /// The size of the mask is neither that of the picture nor that of the grid.
     #[error(
         "`mask` has {mask:?} pixels, but `range` is registered to a picture of {picture:?} and has {grid:?} cells"
     )]
     Size {
-        /// The mask's size.
+        /// The size of the mask, in pixels.
         mask: [usize; 2],
-        /// The size of the picture that the range image is registered to.
+        /// The size of the picture to which the range image is registered, in pixels.
         picture: [usize; 2],
-        /// The size of the grid.
+        /// The numbers of columns and rows of the range image's grid.
         grid: [usize; 2],
     },
 }

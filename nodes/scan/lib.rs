@@ -1,4 +1,4 @@
-//! Nodes that take an object out of its scans: from its table, its wall and what flies around.
+//! Nodes that isolate an object in its scans: they remove tables, walls and stray points.
 
 use maquette_node::{Pack, Recipe, node};
 
@@ -13,15 +13,15 @@ mod scan;
 mod within;
 
 pub use crop::{Crop, crop};
-pub use dominant_plane::{DominantPlane, DominantPlaneError, Found, dominant_plane};
+pub use dominant_plane::{DominantPlane, DominantPlaneError, PlaneInScan, dominant_plane};
 pub use keep_cells::{KeepCells, keep_cells};
 pub use keep_error::KeepError;
 pub use pieces::{Keep, Pieces, PiecesError, pieces};
 pub use plane::Plane;
 pub use scan::Scan;
-pub use within::Within;
+pub use within::Region;
 
-/// Nodes that take an object out of its scans.
+/// The nodes that isolate an object in its scans.
 pub static PACK: Pack = Pack {
     name: "scan",
     version: env!("CARGO_PKG_VERSION"),

@@ -1,13 +1,14 @@
-//! What scans are made of, and parts of it.
+//! Scans of any kind, and parts of them.
 //!
-//! `KeepCells`, `Crop`, `Pieces` and `DominantPlane` decide for each cell, point or vertex whether it stays, and `Scan::only` does the
-//! rest, so that each of them takes range images, points and meshes. No face is cut: what remains is as the sensor measured it.
+//! `KeepCells`, `Crop`, `Pieces` and `DominantPlane` decide for each cell, point or vertex whether to keep it, and `Scan::select` removes
+//! the others. So each of these nodes accepts range images, points and meshes. Faces are not cut: the remaining data are unchanged
+//! measurements.
 
 use maquette_value::{Mesh, Points, RangeImage};
 use nalgebra::Point3;
 
 maquette_node::union! {
-    /// What was scanned, in any form.
+    /// A scan: a range image, points or a mesh.
     pub enum Scan {
         RangeImage(RangeImage),
         Points(Points),
@@ -16,8 +17,8 @@ maquette_node::union! {
 }
 
 impl Scan {
-    /// Where its cells, points or vertices are, in mm; NaN where a cell has no point.
-    pub fn places(&self) -> &[Point3<f64>] {
+    /// The positions of all cells, points or vertices, in mm. The position of a cell without a point is NaN.
+    pub fn positions(&self) -> &[Point3<f64>] {
         match self {
             Self::RangeImage(range) => range.points(),
             Self::Points(points) => points.positions(),
@@ -25,7 +26,7 @@ impl Scan {
         }
     }
 
-    /// What its places are called.
+    /// The plural noun for the elements that have positions: cells, points or vertices.
     pub fn elements(&self) -> &'static str {
         match self {
             Self::RangeImage(_) => "cells",
@@ -34,7 +35,7 @@ impl Scan {
         }
     }
 
-    /// Whether a sensor at the origin has seen it: of what a capture gave, in the axes of its camera.
+    /// Returns true if the sensor is at the origin, that is, for data of a capture in the coordinates of its camera.
     pub fn is_seen_from_origin(&self) -> bool {
         match self {
             Self::RangeImage(_) => true,
@@ -43,10 +44,10 @@ impl Scan {
         }
     }
 
-    /// What is left of it of these places, one flag for each: a cell that goes has no point any more, and of a mesh those faces stay that
-    /// have no corner elsewhere.
+    /// Returns the part of the scan that consists of the elements marked in `kept`. Cells that are not marked lose their points. A face of
+    /// a mesh is kept if all of its corners are marked.
     #[must_use]
-    pub fn only(&self, kept: &[bool]) -> Self {
+    pub fn select(&self, kept: &[bool]) -> Self {
         match self {
             Self::RangeImage(range) => {
                 let points = range
@@ -61,8 +62,8 @@ impl Scan {
                 Self::RangeImage(range.with_points(points).expect("as many points as cells"))
             }
             Self::Points(points) => {
-                let places = (0..).zip(kept).filter(|(_, kept)| **kept).map(|(place, _)| place);
-                Self::Points(points.select(&Vec::from_iter(places)))
+                let indices = (0..).zip(kept).filter(|(_, kept)| **kept).map(|(index, _)| index);
+                Self::Points(points.select(&indices.collect::<Vec<_>>()))
             }
             Self::Mesh(mesh) => {
                 let faces = (0..).zip(mesh.faces().iter());
@@ -70,26 +71,30 @@ impl Scan {
                     face.iter().all(|&vertex| kept[vertex as usize])
                 }
                 let faces = faces.filter(|(_, face)| is_kept(face, kept)).map(|(face, _)| face);
-                Self::Mesh(mesh.select(&Vec::from_iter(faces)))
+                Self::Mesh(mesh.select(&faces.collect::<Vec<_>>()))
             }
         }
     }
 
-    /// What is said if nothing of it is left: where it was.
-    pub(super) fn nothing_left(&self) -> String {
+    /// Returns the warning of a node whose result is empty. It states the bounding box of the input.
+    pub(super) fn empty_result_warning(&self) -> String {
         let ranges = [0, 1, 2]
             .map(|axis: usize| {
-                let along =
-                    || self.places().iter().filter(|place| is_there(place)).map(|it| it[axis]);
-                let least = along().fold(f64::INFINITY, f64::min);
-                let most = along().fold(f64::NEG_INFINITY, f64::max);
-                format!("{} {least:.0} to {most:.0}", ["x", "y", "z"][axis])
+                let along = || {
+                    self.positions()
+                        .iter()
+                        .filter(|position| has_point(position))
+                        .map(|it| it[axis])
+                };
+                let min = along().fold(f64::INFINITY, f64::min);
+                let max = along().fold(f64::NEG_INFINITY, f64::max);
+                format!("{} {min:.0} to {max:.0}", ["x", "y", "z"][axis])
             })
             .join(", ");
-        format!("nothing is left: what came in lies at {ranges} mm")
+        format!("the result is empty: the bounding box of the input is {ranges} mm")
     }
 
-    /// How many cells with a point, points or faces there are.
+    /// The number of cells that have a point, of points, or of faces.
     pub fn count(&self) -> usize {
         match self {
             Self::RangeImage(range) => range.n_valid(),
@@ -99,7 +104,7 @@ impl Scan {
     }
 }
 
-/// Whether a cell has a point.
-pub(super) fn is_there(place: &Point3<f64>) -> bool {
-    !place.x.is_nan()
+/// Returns true if the position of a cell is not NaN, which means that the cell has a point.
+pub(super) fn has_point(position: &Point3<f64>) -> bool {
+    !position.x.is_nan()
 }

@@ -1,4 +1,4 @@
-//! Parts of space.
+//! Regions of space that select parts of a scan.
 
 use maquette_value::{Attribute, Attributes};
 use nalgebra::{Point3, Vector3};
@@ -7,74 +7,75 @@ use serde::{Deserialize, Serialize};
 
 use super::keep_error::KeepError;
 use super::plane::Plane;
-use super::scan::{Scan, is_there};
+use super::scan::{Scan, has_point};
 
-/// A part of space. Its border belongs to it.
+/// A region of space. It includes its boundary.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub enum Within {
-    /// A box with its sides along the axes.
+#[serde(rename = "Within")]
+pub enum Region {
+    /// An axis-aligned box.
     Box {
-        /// Its lowest corner.
+        /// The corner with the lowest coordinates.
         #[schemars(extend("unit" = "mm", "most" = "max"))]
         min: [f64; 3],
-        /// Its highest corner.
+        /// The corner with the highest coordinates.
         #[schemars(extend("unit" = "mm"))]
         max: [f64; 3],
     },
     /// A ball.
     Sphere {
-        /// Its middle.
+        /// The center.
         #[schemars(extend("unit" = "mm"))]
         center: [f64; 3],
-        /// Its radius.
+        /// The radius.
         #[schemars(range(min = 0.0), extend("unit" = "mm"))]
         radius: f64,
     },
     /// The side of a plane to which its normal points.
     Plane {
-        /// A place on the plane.
+        /// A point on the plane.
         #[schemars(extend("unit" = "mm"))]
         through: [f64; 3],
-        /// Where it looks; its length means nothing.
+        /// The direction of the normal, of any length.
         #[schemars(extend("direction" = true))]
         normal: [f64; 3],
     },
-    /// What is so far away along z: of a capture, from its sensor.
+    /// A range of z coordinates: of a capture, the distance from its sensor along the view direction.
     Depth {
-        /// From so far on; from the beginning, if it is left out.
+        /// The minimum. If omitted, there is none.
         #[schemars(extend("unit" = "mm", "most" = "to"))]
         #[serde(default)]
         from: Option<f64>,
-        /// Up to so far; without end, if it is left out.
+        /// The maximum. If omitted, there is none.
         #[schemars(extend("unit" = "mm"))]
         #[serde(default)]
         to: Option<f64>,
     },
-    /// Where an attribute of points or vertices has such a value; a flag that is set has 1.
+    /// The points or vertices whose attribute is in a range. A flag counts as 0 or 1.
     Attribute {
-        /// Its name.
+        /// The name of the attribute.
         name: String,
-        /// From this value on; from any, if it is left out.
+        /// The minimum value. If omitted, there is none.
         #[schemars(extend("most" = "to"))]
         #[serde(default)]
         from: Option<f64>,
-        /// Up to this value; up to any, if it is left out.
+        /// The maximum value. If omitted, there is none.
         #[serde(default)]
         to: Option<f64>,
     },
 }
 
-impl Within {
-    /// Whether each place of a scan is in it. A cell without a point is nowhere.
+impl Region {
+    /// Returns for each position of a scan true if it is inside the region. A cell without a point is never inside.
     ///
     /// # Errors
-    /// The box, the depth, the normal or the attribute is none.
-    pub fn of(&self, scan: &Scan) -> Result<Vec<bool>, KeepError> {
-        fn places(
+    /// If the bounds of the box or the depth are exchanged, the normal is zero, or there is no such attribute.
+    pub fn contains_each(&self, scan: &Scan) -> Result<Vec<bool>, KeepError> {
+        fn test_positions(
             is_in: &dyn Fn(&Point3<f64>) -> bool,
             scan: &Scan,
         ) -> Result<Vec<bool>, KeepError> {
-            Ok(scan.places().iter().map(is_in).collect::<Vec<_>>())
+            Ok(scan.positions().iter().map(is_in).collect::<Vec<_>>())
         }
         match self {
             Self::Box { min, max } => {
@@ -83,25 +84,28 @@ impl Within {
                         return Err(KeepError::Box { axis, min, max });
                     }
                 }
-                let axes = || min.iter().zip(max);
-                places(
-                    &|at| at.iter().zip(axes()).all(|(x, (min, max))| (min..=max).contains(&x)),
+                let axes = min.iter().zip(max);
+                test_positions(
+                    &|at| {
+                        at.iter().zip(axes.clone()).all(|(x, (min, max))| (min..=max).contains(&x))
+                    },
                     scan,
                 )
             }
             Self::Sphere { center, radius } => {
                 let center = Point3::from(*center);
-                places(&|at| (at - center).norm() <= *radius, scan)
+                test_positions(&|at| (at - center).norm() <= *radius, scan)
             }
             Self::Plane { through, normal } => {
-                let plane = Plane::through(Point3::from(*through), Vector3::from(*normal));
+                let plane =
+                    Plane::from_point_and_normal(Point3::from(*through), Vector3::from(*normal));
                 let plane = plane.ok_or(KeepError::NoNormal)?;
-                places(&|at| plane.height(at) >= 0.0, scan)
+                test_positions(&|at| plane.height(at) >= 0.0, scan)
             }
             Self::Depth { from: Some(from), to: Some(to) } if to < from => {
                 Err(KeepError::Depth { from: *from, to: *to })
             }
-            Self::Depth { from, to } => places(&|at| is_between(at.z, *from, *to), scan),
+            Self::Depth { from, to } => test_positions(&|at| is_between(at.z, *from, *to), scan),
             Self::Attribute { name, from, to } => {
                 let attributes = match scan {
                     Scan::RangeImage(_) => None,
@@ -112,7 +116,7 @@ impl Within {
                 let numbers = found.ok_or_else(|| KeepError::NoAttribute {
                     name: name.clone(),
                     elements: scan.elements(),
-                    known: known(attributes),
+                    known: describe_numeric_attributes(attributes),
                 })?;
                 Ok(numbers.into_iter().map(|number| is_between(number, *from, *to)).collect())
             }
@@ -120,29 +124,29 @@ impl Within {
     }
 }
 
-/// What of a scan is `within` and has a flag in `also`; with `invert` what has not both.
-pub(super) fn kept(
+/// Returns the part of a scan that is inside `within` and marked in `also`; with `invert` returns the rest.
+pub(super) fn select_parts(
     scan: &Scan,
-    within: Option<&Within>,
+    within: Option<&Region>,
     also: Option<Vec<bool>>,
     invert: bool,
 ) -> Result<Scan, KeepError> {
     let mut kept = match within {
-        Some(within) => within.of(scan)?,
-        None => scan.places().iter().map(is_there).collect(),
+        Some(within) => within.contains_each(scan)?,
+        None => scan.positions().iter().map(has_point).collect(),
     };
     if let Some(also) = also {
         kept.iter_mut().zip(also).for_each(|(kept, also)| *kept &= also);
     }
     kept.iter_mut().for_each(|kept| *kept ^= invert);
-    Ok(scan.only(&kept))
+    Ok(scan.select(&kept))
 }
 
 fn is_between(number: f64, from: Option<f64>, to: Option<f64>) -> bool {
     !number.is_nan() && from.is_none_or(|from| from <= number) && to.is_none_or(|to| number <= to)
 }
 
-/// The numbers of an attribute that has one for each element.
+/// Converts an attribute with one number per element to a list of numbers; returns `None` for other types.
 fn numbers(attribute: &Attribute) -> Option<Vec<f64>> {
     match attribute {
         Attribute::Number(column) => Some(column.to_vec()),
@@ -152,11 +156,11 @@ fn numbers(attribute: &Attribute) -> Option<Vec<f64>> {
     }
 }
 
-/// The names of the attributes that have numbers.
-fn known(attributes: Option<&Attributes>) -> String {
+/// Lists the names of the numeric attributes. The result is the end of a sentence that begins with "there".
+fn describe_numeric_attributes(attributes: Option<&Attributes>) -> String {
     let all = attributes.into_iter().flat_map(Attributes::iter);
     let names = all.filter(|(_, it)| numbers(it).is_some()).map(|(name, _)| format!("`{name}`"));
-    match &Vec::from_iter(names)[..] {
+    match &names.collect::<Vec<_>>()[..] {
         [] => "is none".into(),
         [one] => format!("is {one}"),
         several => format!("are {}", several.join(", ")),

@@ -4,51 +4,53 @@ use maquette_value::{Mesh, MeshError};
 use nalgebra::{Point3, Vector3};
 use thiserror::Error;
 
-use crate::grown::{Grown, border};
-use crate::polygons::{flat, loops, triangulate};
-use crate::round::Floor;
+use crate::extended::{ExtendedMesh, border};
+use crate::offset::Floor;
+use crate::polygons::{loops, project_to_plane, triangulate};
 
-/// Why a surface has no base.
+/// Reasons why a surface gets no base.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum BaseError {
-    /// A mesh without a border.
-    #[error(
-        "the mesh has no border from which walls could run: it is closed, and `base: Keep` leaves it so"
-    )]
+    /// The mesh has no border.
+    #[error("the mesh has no border for walls: it is closed, and `base: Keep` leaves it so")]
     NoBorder,
-    /// A direction that is none.
-    #[error("{}", match given { Some([x, y, z]) => format!("`up` is ({x}, {y}, {z}), but a direction has a length"), None => "the faces look to all sides alike: say where the upper side is by `up`".to_owned() })]
+    /// The direction `up` is zero; or it is missing, and the faces have no common direction.
+    #[error("{}", match given { Some([x, y, z]) => format!("`up` is ({x}, {y}, {z}), but a direction must not be zero"), None => "the faces have no common direction: set `up` to the direction of the upper side".to_owned() })]
     NoUp {
-        /// What was given.
+        /// The given direction; `None` if it was left out.
         given: Option<[f64; 3]>,
     },
-    /// Faces that look away.
+    /// Too many faces point away from the side opposite the base.
     #[error(
-        "{count} of {all} faces look away from {from}, most of the surface by area: `Orient` turns faces, and `up` says where the upper side is"
+        "{count} of {all} faces look away from {from}, most of the surface by area: use `Orient` to turn faces, or `up` to give the upper side"
     )]
     Away {
-        /// How many.
+        /// The number of faces that point away.
         count: usize,
-        /// Of how many.
+        /// The number of all faces.
         all: usize,
-        /// From what.
+        /// The position or direction to which the faces should look.
         from: &'static str,
     },
-    /// Places out of all bounds.
+    /// The positions exceed the largest coordinate of a mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
 }
 
-/// Where places lie on a base.
+/// The projection that maps points of the surface to the base.
 pub(crate) enum Ground {
-    /// Along rays from a sensor at the origin, on a plane at this depth.
+    /// Along rays from a sensor at the origin, to a plane at the given depth.
     Seen(f64),
-    /// Straight down, at this height along a direction.
+    /// Parallel to a unit direction, to the plane perpendicular to it at the given height.
     Below(Vector3<f64>, f64),
 }
 
 impl Ground {
-    pub(crate) fn of(mesh: &Mesh, behind: f64, up: Option<[f64; 3]>) -> Result<Self, BaseError> {
+    pub(crate) fn of_mesh(
+        mesh: &Mesh,
+        behind: f64,
+        up: Option<[f64; 3]>,
+    ) -> Result<Self, BaseError> {
         let places = mesh.faces().corners().iter().map(|&it| mesh.positions()[it as usize]);
         if mesh.frame().is_some() && places.clone().all(|place| place.z > 0.0) {
             let farthest = places.fold(0.0, |z, place| place.z.max(z));
@@ -71,7 +73,7 @@ impl Ground {
         }
     }
 
-    /// What is on this side of the base.
+    /// Returns the half-space above the base plane.
     pub(crate) fn floor(&self) -> Floor {
         match *self {
             Self::Seen(depth) => Floor { up: -Vector3::z(), height: -depth },
@@ -79,7 +81,7 @@ impl Ground {
         }
     }
 
-    /// Where the base looks.
+    /// Returns the direction that the base faces.
     fn down(&self) -> Vector3<f64> {
         match *self {
             Self::Seen(_) => Vector3::z(),
@@ -87,7 +89,7 @@ impl Ground {
         }
     }
 
-    /// What must see all faces.
+    /// Returns the name of the position or direction from which all faces must be visible.
     fn viewer(&self) -> &'static str {
         match self {
             Self::Seen(_) => "the sensor",
@@ -96,7 +98,7 @@ impl Ground {
     }
 }
 
-/// Twice the area of a face's shadow on the ground; positive if the face looks to where the base does not.
+/// Returns twice the area of a face projected onto the base; positive if the face looks away from the base.
 fn shadow(mesh: &Mesh, face: &[u32], ground: &Ground) -> f64 {
     let fan = face[1..].windows(2);
     let areas = fan.map(|pair| {
@@ -107,11 +109,11 @@ fn shadow(mesh: &Mesh, face: &[u32], ground: &Ground) -> f64 {
     areas.sum()
 }
 
-/// What of a mesh looks to the sensor, without faces that hang by a vertex alone where others were taken away.
-pub(crate) fn seen(mesh: &Mesh, ground: &Ground) -> Mesh {
+/// Returns the faces that look to the sensor. Faces that would then touch the others only in a single vertex are also removed.
+pub(crate) fn visible_part(mesh: &Mesh, ground: &Ground) -> Mesh {
     let faces = mesh.faces();
     let mut is_seen: Vec<_> = faces.iter().map(|face| shadow(mesh, face, ground) > 0.0).collect();
-    // Where all look away it is the mesh that is turned round, and told so.
+    // If all faces look away, the whole mesh is inverted; the caller reports that.
     if !is_seen.contains(&false) || !is_seen.contains(&true) {
         return mesh.clone();
     }
@@ -120,7 +122,7 @@ pub(crate) fn seen(mesh: &Mesh, ground: &Ground) -> Mesh {
         let kept = Vec::from_iter(kept);
         let left = mesh.select(&kept);
         let edges = left.edges();
-        // How often a border leaves each vertex: once at most, unless it joins faces that hang by it alone.
+        // The number of border edges that leave each vertex. It is at most one, unless faces touch only in this vertex.
         let mut borders = vec![0u32; left.positions().len()];
         for (&edge, &vertex) in edges.of_corner.iter().zip(left.faces().corners().iter()) {
             borders[vertex as usize] += u32::from(edges.faces[edge as usize] == 1);
@@ -135,14 +137,14 @@ pub(crate) fn seen(mesh: &Mesh, ground: &Ground) -> Mesh {
     }
 }
 
-/// The mesh with walls from each border to a base.
+/// Returns the mesh with walls from each border loop down to a base.
 ///
 /// # Errors
-/// If there is no border, or the faces look away.
+/// Returns an error if the mesh has no border, or its faces look away from the side opposite the base.
 pub(crate) fn with_base(mesh: &Mesh, ground: &Ground) -> Result<Mesh, BaseError> {
     let faces = mesh.faces();
     let shadows: Vec<_> = faces.iter().map(|face| shadow(mesh, face, ground)).collect();
-    // What looks away may still be nowhere in the way.
+    // Single faces may look away from the base's opposite side and still cover no other face, so only the sum of all faces counts.
     if shadows.iter().sum::<f64>() <= 0.0 {
         let count = shadows.iter().filter(|area| **area <= 0.0).count();
         return Err(BaseError::Away { count, all: faces.len(), from: ground.viewer() });
@@ -151,11 +153,11 @@ pub(crate) fn with_base(mesh: &Mesh, ground: &Ground) -> Result<Mesh, BaseError>
     if border.is_empty() {
         return Err(BaseError::NoBorder);
     }
-    let mut grown = Grown::new(mesh);
+    let mut grown = ExtendedMesh::new(mesh);
     fn vertex(corner: u32, faces: &maquette_value::Faces) -> u32 {
         faces.corners()[corner as usize]
     }
-    // Below each vertex of the border its foot, and a corner and a face there.
+    // For each border vertex, its projection to the base: vertex, position, and the corner and face whose attributes it gets.
     let mut feet = vec![None; mesh.positions().len()];
     for &(face, [corner, _]) in &border {
         let at = vertex(corner, faces);
@@ -174,7 +176,8 @@ pub(crate) fn with_base(mesh: &Mesh, ground: &Ground) -> Result<Mesh, BaseError>
     }
     let outline: Vec<_> =
         border.iter().map(|(_, side)| [vertex(side[1], faces), vertex(side[0], faces)]).collect();
-    for triangle in triangulate(&loops(&outline), |at| flat(foot(at).1, ground.down())) {
+    for triangle in triangulate(&loops(&outline), |at| project_to_plane(foot(at).1, ground.down()))
+    {
         let own = triangle.map(foot);
         grown.add_face(own.map(|(low, _, corner, _)| [low, corner]), own[0].3);
     }

@@ -1,6 +1,6 @@
-//! Unites solids, cuts them out of each other, or takes what they have in common.
+//! Union, difference and intersection of solids.
 
-use maquette_node::{Carry, Context, Error, Fate, In, Node, Promise, Want};
+use maquette_node::{Carry, Context, Error, In, Node, Promise, Transfer, Want};
 use maquette_value::{Material, Mesh};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -10,19 +10,20 @@ use crate::operation::Operation;
 
 /// Unites solids, cuts solids out of another one, or takes what all have in common.
 ///
-/// Faces away from where skins meet stay as they are, polygons too; those that are cut become triangles. The result is closed and manifold,
-/// also where walls lie in one plane. What lies on one of the solids alone, such as its picture, lies on the other as at the nearest
-/// place; it is mixed where edges are cut. Of two pictures vertex colors are made, as by `Merge`, and normals are dropped. A solid of no
-/// capture, such as a `Primitive`, is taken as it lies: the result is seen by the camera of `mesh`, and has its axes.
+/// Faces away from the intersection stay as they are, polygons too; faces that are cut become triangles. The result is closed and manifold,
+/// also where walls are coplanar. Attributes that only one of the solids has, such as its texture, are taken from the nearest point of that
+/// solid for the others, and interpolated where edges are cut. Two different textures become vertex colors, as in `Merge`, and normals are
+/// dropped. A solid without a capture, such as a `Primitive`, is used in its own coordinates: the result has the camera and the axes of
+/// `mesh`.
 ///
 /// In other programs: CSG, union, difference, subtract.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Boolean {
-    /// The solid.
+    /// The first solid.
     pub mesh: In<Mesh>,
-    /// The others, one after the other.
+    /// The other solids, applied in order.
     pub with: Vec<In<Mesh>>,
-    /// What becomes of them.
+    /// The operation: union, difference or intersection.
     #[serde(default)]
     pub operation: Operation,
 }
@@ -47,15 +48,15 @@ impl Node for Boolean {
     ];
 
     const CARRIES: &'static [Carry] = &[
-        Carry::each(
+        Carry::per_domain(
             "mesh",
             "mesh",
-            [Fate::Interpolated, Fate::Interpolated, Fate::Kept, Fate::Kept],
+            [Transfer::Interpolated, Transfer::Interpolated, Transfer::Kept, Transfer::Kept],
         ),
-        Carry::each(
+        Carry::per_domain(
             "with",
             "mesh",
-            [Fate::Interpolated, Fate::Interpolated, Fate::Kept, Fate::Kept],
+            [Transfer::Interpolated, Transfer::Interpolated, Transfer::Kept, Transfer::Kept],
         ),
     ];
 
@@ -68,15 +69,15 @@ impl Node for Boolean {
         }
         let made = boolean(mesh, &others, self.operation, cx.progress())?;
         if made.faces().is_empty() {
-            cx.warn("nothing is left: the mesh is empty");
+            cx.warn("the result is empty");
         }
         Ok((made,))
     }
 }
 
-/// What is not seen of what lies on solids once they are one.
+/// Returns a warning about attributes of the solids that the result cannot keep.
 fn doubt(solids: &[&Mesh]) -> Option<&'static str> {
-    // Materials of files are all kept.
+    // If materials come from files, all materials are kept.
     if solids.iter().any(|solid| !solid.materials().iter().all(Material::is_plain)) {
         return None;
     }
@@ -86,7 +87,7 @@ fn doubt(solids: &[&Mesh]) -> Option<&'static str> {
     }
     if pictures.windows(2).any(|pair| pair[0] != pair[1]) {
         return Some(
-            "the solids have different pictures, which become colors of the vertices, as fine as these lie",
+            "the solids have different textures, which become vertex colors, with the resolution of the vertices",
         );
     }
     let hides = !pictures.is_empty()
@@ -102,7 +103,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_not_seen_any_more_is_told() {
+    fn lost_colors_and_textures_are_reported() {
         let places = vec![Point3::origin(), Point3::new(1., 0., 0.), Point3::new(0., 1., 0.)];
         let bare = Mesh::new(places, Faces::triangles(vec![[0, 1, 2]])).unwrap();
         fn picture(gray: u8) -> Image {
@@ -114,7 +115,7 @@ mod tests {
         for silent in [[&bare, &painted], [&dark, &bare], [&dark, &dark], [&painted, &painted]] {
             assert_eq!(doubt(&silent), None);
         }
-        assert!(doubt(&[&dark, &light]).unwrap().contains("different pictures"));
+        assert!(doubt(&[&dark, &light]).unwrap().contains("different textures"));
         assert!(doubt(&[&painted, &dark]).unwrap().contains("not the vertex colors"));
     }
 }

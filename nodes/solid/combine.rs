@@ -1,72 +1,74 @@
-//! What solids make of each other.
+//! Boolean operations on solids.
 //!
-//! The union of two spheres with 81 920 triangles each takes 70 ms; Manifold takes 150 ms from these meshes, and 53 ms from meshes in its
-//! own form (`just peers union`). `boolmesh`, the one library in Rust, is a port of Manifold under the MPL: it took 379 ms, merges vertices
-//! and flat faces far from the cut, and knows no attributes by name.
+//! The union of two spheres with 81 920 triangles each takes 70 ms. Manifold takes 150 ms from the same meshes, and 53 ms from meshes in
+//! its own form (`just peers union`). `boolmesh`, the only such library in Rust, is a port of Manifold under the MPL: it took 379 ms,
+//! merges vertices and flat faces far from the cut, and does not support named attributes.
 
 use cut::Cut;
+use intersections::{IntersectionError, Pair};
 use maquette_mesh::{MergeError, Poses, merge};
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use maquette_value::{Mesh, MeshError, TriangleTree};
-use meet::{NoSolid, Pair};
 use thiserror::Error;
 use weld::weld;
 
-use crate::lend::lend;
 use crate::operation::Operation;
+use crate::transfer_attributes::transfer_attributes;
 use crate::volume::volume;
 
 mod cut;
 mod exact;
-mod meet;
+mod intersections;
 mod weld;
 
-/// Why solids make no other one.
+/// Reasons why a Boolean operation fails.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum BooleanError {
-    /// A mesh with a border.
-    #[error("{mesh} is not closed: {count} of its edges have not two faces; `Solid` closes it")]
+    /// The mesh has a border, so it is not closed.
+    #[error(
+        "{mesh} is not closed: {count} of its edges do not have two faces; use `Solid` to close it"
+    )]
     Open {
-        /// Which mesh.
+        /// The name of the mesh.
         mesh: String,
-        /// How many edges.
+        /// The number of edges without two faces.
         count: usize,
     },
-    /// A side that is none.
-    #[error("{mesh} is inside out: `Orient` turns it")]
+    /// The faces of a mesh point inward.
+    #[error("{mesh} is inside out; use `Orient` to turn it outward")]
     InsideOut {
-        /// Which mesh.
+        /// The name of the mesh.
         mesh: String,
     },
-    /// A mesh that crosses itself.
-    #[error("{mesh} runs through itself, or one of its parts lies in another one: seen from ({:.3}, {:.3}, {:.3}) it has no inside; `Reconstruct` makes one skin of it", at[0], at[1], at[2])]
+    /// A mesh intersects itself.
+    #[error("{mesh} intersects itself, or one of its parts is inside of another one: it has no inside near ({:.3}, {:.3}, {:.3}); use `Reconstruct` to make one surface of it", at[0], at[1], at[2])]
     Crossing {
-        /// Which mesh.
+        /// The name of the mesh.
         mesh: String,
-        /// Where.
+        /// A point that has no well-defined inside, in mm.
         at: [f64; 3],
     },
-    /// Too much for a mesh.
+    /// The result exceeds the limits of a mesh.
     #[error(transparent)]
     Merge(#[from] MergeError),
-    /// Too much for a mesh.
+    /// The result exceeds the limits of a mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
-    /// The evaluation was told to stop.
+    /// The evaluation was cancelled.
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }
 
-/// What [`Operation`] makes of a solid and others.
+/// Applies an [`Operation`] to a solid and other solids, one after the other.
 ///
-/// Which edge goes through which triangle is decided on a grid of 2^30 cells along the longest side, exactly, and without ties, since the other
-/// solid grows by infinitely little, or shrinks for an intersection (Edelsbrunner and Mucke, "Simulation of simplicity", 1990). Both skins meet
-/// in closed lines, therefore; what these leave of a triangle is triangulated with all of its corners, and nothing has to be sewn together.
-/// Only the places of meetings are rounded: faces next to the cut may be thin, or overlap by some 1e-9 of the size. Cost grows with n log n, and
-/// of a face that is cut with the square of its pieces.
+/// Each intersection of an edge and a triangle is decided exactly, on a grid of 2^30 cells along the longest side, and without ties: the
+/// other solid grows by an infinitesimal amount, or shrinks for an intersection (Edelsbrunner and Mucke, "Simulation of simplicity", 1990).
+/// Therefore the surfaces intersect in closed lines. The remaining part of a triangle is triangulated with all of its corners, and nothing
+/// has to be stitched. Only the positions of intersections are rounded: faces beside the cut may be thin, or overlap by about 1e-9 of the
+/// size. The cost is O(n log n), and for a cut face quadratic in the number of its pieces.
 ///
 /// # Errors
-/// If a mesh is no solid, the result is too large, or the evaluation is told to stop.
+/// Returns an error if a mesh is not a solid, the result is too large, or the evaluation is cancelled.
 pub fn boolean(
     mesh: &Mesh,
     others: &[&Mesh],
@@ -95,25 +97,25 @@ pub fn boolean(
         let [from, to] = [number, number + 1].map(|it| it as f64 / others.len() as f64);
         let of_two = progress.part(from..to, |progress| of_two(&made, other, how, progress));
         made = of_two.map_err(|why| match why {
-            NoSolid::Crossing(0, at) => {
+            IntersectionError::Crossing(0, at) => {
                 BooleanError::Crossing { mesh: name(0, others), at: at.coords.into() }
             }
-            NoSolid::Crossing(_, at) => {
+            IntersectionError::Crossing(_, at) => {
                 BooleanError::Crossing { mesh: name(number + 1, others), at: at.coords.into() }
             }
-            NoSolid::Merge(why) => why.into(),
-            NoSolid::Mesh(why) => why.into(),
-            NoSolid::Cancelled(why) => why.into(),
+            IntersectionError::Merge(why) => why.into(),
+            IntersectionError::Mesh(why) => why.into(),
+            IntersectionError::Cancelled(why) => why.into(),
         })?;
     }
-    // A solid of no capture stands among captured ones as they lie.
+    // A solid without a capture frame keeps its coordinates when it is combined with captured ones.
     let frames = others.iter().filter_map(|other| other.frame());
     let same_axes = frames.into_iter().all(|frame| Some(frame) == mesh.frame());
     Ok(if same_axes { made.with_frame(mesh.frame().copied()) } else { made })
 }
 
-/// The mesh `to` with what lies on `from` and not on itself.
-fn lent(from: &Mesh, to: &Mesh) -> Result<Mesh, MeshError> {
+/// Transfers to the mesh `to` the attributes that `from` has and `to` lacks.
+fn with_missing_attributes(from: &Mesh, to: &Mesh) -> Result<Mesh, MeshError> {
     fn has(mesh: &Mesh, name: &str) -> bool {
         mesh.vertex().get(name).is_some() || mesh.corner().get(name).is_some()
     }
@@ -121,7 +123,9 @@ fn lent(from: &Mesh, to: &Mesh) -> Result<Mesh, MeshError> {
     let of_faces = from.face().iter().any(|(name, _)| to.face().get(name).is_none());
     let is_bare = to.materials().is_empty() && !from.materials().is_empty();
     match is_bare || of_faces || names.any(|name| name != "normal" && !has(to, name)) {
-        true if !from.faces().is_empty() => lend(from, &TriangleTree::new(from), to.clone()),
+        true if !from.faces().is_empty() => {
+            transfer_attributes(from, &TriangleTree::new(from), to.clone())
+        }
         _ => Ok(to.clone()),
     }
 }
@@ -131,27 +135,29 @@ fn of_two(
     second: &Mesh,
     how: Operation,
     progress: &Progress<'_>,
-) -> Result<Mesh, NoSolid> {
-    // What only one of them has, the other one gets from the nearest place.
-    let [first, second] = [&lent(second, first)?, &lent(first, second)?];
+) -> Result<Mesh, IntersectionError> {
+    // If only one of the solids has an attribute, the other solid gets the values at the nearest points of the first.
+    let [first, second] =
+        [&with_missing_attributes(second, first)?, &with_missing_attributes(first, second)?];
     let both = merge(&[first, second], Poses::Ignore)?;
     let counts = (first.positions().len(), first.faces().len());
-    let made = |grows: bool, progress: &Progress<'_>| -> Result<Mesh, NoSolid> {
+    let made = |grows: bool, progress: &Progress<'_>| -> Result<Mesh, IntersectionError> {
         let pair = Pair::new(&both, counts, grows);
         let meet = progress.part(0.0..0.5, |progress| pair.meet(progress))?;
-        let inside = pair.inside(&meet)?;
+        let inside = pair.find_inside(&meet)?;
         progress.tick(0.7)?;
         let mut cut = Cut::new(&pair, &meet, &inside, how);
         weld(&mut cut);
         progress.tick(0.9)?;
         Ok(cut.mesh()?)
     };
-    // Walls in one plane become one, or nothing. A solid that touches itself runs into itself where it grows, and shrinks instead.
+    // Coplanar walls are merged or removed. If growing a solid makes it intersect itself, because it touches itself, the solid shrinks
+    // instead.
     let grows = how != Operation::Intersection;
     match progress.part(0.0..0.9, |progress| made(grows, progress)) {
-        Err(why @ NoSolid::Crossing(..)) => {
+        Err(why @ IntersectionError::Crossing(..)) => {
             match progress.part(0.9..1.0, |progress| made(!grows, progress)) {
-                Err(NoSolid::Crossing(..)) => Err(why),
+                Err(IntersectionError::Crossing(..)) => Err(why),
                 made => made,
             }
         }

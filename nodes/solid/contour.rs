@@ -1,11 +1,11 @@
-//! The surface between the nodes of a grid that are deep and those that are not.
+//! Extracts the surface between the deep nodes of a grid and all other nodes.
 
 use std::collections::HashMap;
 
 use nalgebra::Point3;
 
-/// The six tetrahedra of a cell: the orders in which they go along the axes from its lowest corner to its highest, and whether the volume that edges from the first
-/// corner span is positive.
+/// The six tetrahedra of a cell: the order of the axes along which the edges of each tetrahedron go from the lowest corner to the highest,
+/// and true if the volume spanned by the edges from the first corner is positive.
 const ORDERS: [([usize; 3], bool); 6] = [
     ([0, 1, 2], true),
     ([1, 2, 0], true),
@@ -15,30 +15,30 @@ const ORDERS: [([usize; 3], bool); 6] = [
     ([1, 0, 2], false),
 ];
 
-/// A surface that grows cell by cell.
+/// A surface that is extracted cell by cell.
 ///
-/// It is made of tetrahedra, six for each cell (Doi and Koide, "An efficient method of triangulating equi-valued surfaces by using tetrahedral
-/// cells", 1991), and so always a manifold, closed where no cell is left out that it runs through.
+/// Each cell is divided into six tetrahedra (Doi and Koide, "An efficient method of triangulating equi-valued surfaces by using tetrahedral
+/// cells", 1991). The surface is therefore a manifold, and closed if no cell that it crosses is left out.
 pub(crate) struct Contour {
-    /// A vertex is no nearer to a node than this share of an edge, so that triangles have a size.
+    /// Minimum distance of a vertex from a node, as a fraction of an edge; it prevents degenerate triangles.
     nearest: f64,
     pub(crate) points: Vec<Point3<f64>>,
-    /// The end of each point's edge where it is deep, and how deep that is.
+    /// For each vertex, the deep end of the grid edge on which it is, and the depth of that end.
     pub(crate) deep_ends: Vec<(Point3<f64>, f64)>,
-    /// They look to where it is deep.
+    /// The triangles; they look toward the deep side.
     pub(crate) triangles: Vec<[u32; 3]>,
     numbers: HashMap<[[usize; 3]; 2], u32>,
 }
 
 impl Contour {
-    /// Nothing yet. A vertex will be no nearer to a node than this share of an edge, so that triangles have a size.
+    /// Returns an empty surface. `nearest` is the minimum distance of a vertex from a node, as a fraction of an edge.
     pub(crate) fn new(nearest: f64) -> Self {
         let (points, deep_ends, triangles) = (Vec::new(), Vec::new(), Vec::new());
         Self { nearest, points, deep_ends, triangles, numbers: HashMap::new() }
     }
 
-    /// Adds what runs through the cell whose lowest corner is the node `at`, where `place` tells where nodes are. Its corners are so deep, and deep if above 0;
-    /// corner `k` is one node farther along x, y and z for the bits 0, 1 and 2 of `k`.
+    /// Adds the part of the surface in the cell whose lowest corner is the node `at`; `place` gives the position of a node. A corner is
+    /// deep if its depth is positive; corner `k` is one node farther along x, y and z for the bits 0, 1 and 2 of `k`.
     pub(crate) fn add(
         &mut self,
         at: [usize; 3],
@@ -49,19 +49,23 @@ impl Contour {
         if deep == 0 || deep == 8 {
             return;
         }
-        let node = |k: usize| [at[0] + (k & 1), at[1] + (k >> 1 & 1), at[2] + (k >> 2)];
+        /// Returns the grid node at a corner of the cell `at`; the bits of `corner` are the steps along x, y and z.
+        #[inline(always)]
+        fn node(at: [usize; 3], corner: usize) -> [usize; 3] {
+            [at[0] + (corner & 1), at[1] + (corner >> 1 & 1), at[2] + (corner >> 2)]
+        }
         for (order, is_positive) in ORDERS {
             let mut corners = [0; 4];
             for k in 0..3 {
                 corners[k + 1] = corners[k] | 1 << order[k];
             }
-            // Where the edge between two corners, one of which is deep, meets the surface.
+            // Returns the intersection of the surface with the edge between two corners, one of which is deep.
             let mut vertex = |a: usize, b: usize| {
                 let ends = [corners[a.min(b)], corners[a.max(b)]];
-                *self.numbers.entry(ends.map(node)).or_insert_with(|| {
+                *self.numbers.entry(ends.map(|end| node(at, end))).or_insert_with(|| {
                     let [from, to] = ends.map(|end| depths[end]);
                     let share = (from / (from - to)).clamp(self.nearest, 1.0 - self.nearest);
-                    let [first, last] = ends.map(|end| place(node(end)));
+                    let [first, last] = ends.map(|end| place(node(at, end)));
                     self.points.push(first + (last - first) * share);
                     self.deep_ends.push(if 0.0 < from { (first, from) } else { (last, to) });
                     self.points.len() as u32 - 1
@@ -69,7 +73,7 @@ impl Contour {
             };
             let (inner, outer): (Vec<usize>, Vec<usize>) =
                 (0..4).partition(|k| 0.0 < depths[corners[*k]]);
-            // An even number of swaps brings the corners into this order, or an odd one.
+            // Returns true if the corners have positive orientation, from the parity of the permutation that sorts them.
             fn keeps(order: [usize; 4], is_positive: bool) -> bool {
                 let swaps = (0..4).flat_map(|b| (0..b).map(move |a| [a, b]));
                 let swaps = swaps.filter(|&[a, b]| order[b] < order[a]).count();
@@ -78,17 +82,17 @@ impl Contour {
             match (&inner[..], &outer[..]) {
                 (&[a], &[b, c, d]) => {
                     let own = [vertex(a, b), vertex(a, d), vertex(a, c)];
-                    self.triangles.push(turned(own, keeps([a, b, c, d], is_positive)));
+                    self.triangles.push(orient(own, keeps([a, b, c, d], is_positive)));
                 }
                 (&[b, c, d], &[a]) => {
                     let own = [vertex(a, b), vertex(a, c), vertex(a, d)];
-                    self.triangles.push(turned(own, keeps([a, b, c, d], is_positive)));
+                    self.triangles.push(orient(own, keeps([a, b, c, d], is_positive)));
                 }
                 (&[a, b], &[c, d]) => {
                     let quad = [vertex(a, c), vertex(b, c), vertex(b, d), vertex(a, d)];
                     let keeps = keeps([a, b, c, d], is_positive);
-                    self.triangles.push(turned([quad[0], quad[1], quad[2]], keeps));
-                    self.triangles.push(turned([quad[0], quad[2], quad[3]], keeps));
+                    self.triangles.push(orient([quad[0], quad[1], quad[2]], keeps));
+                    self.triangles.push(orient([quad[0], quad[2], quad[3]], keeps));
                 }
                 _ => {}
             }
@@ -96,6 +100,6 @@ impl Contour {
     }
 }
 
-fn turned([a, b, c]: [u32; 3], keeps: bool) -> [u32; 3] {
+fn orient([a, b, c]: [u32; 3], keeps: bool) -> [u32; 3] {
     if keeps { [a, b, c] } else { [a, c, b] }
 }

@@ -6,7 +6,8 @@ use depth::Depth;
 use maquette_base::topology::union_find::UnionFind;
 use maquette_mesh::{MergeError, Poses, merge};
 use maquette_node::{
-    Cancelled, Carry, Context, Error, Fate, FieldError, In, Node, Progress, Promise, TooMuch, Want,
+    CancelledError, Carry, Context, Error, FieldError, In, LimitError, Node, Progress, Promise,
+    Transfer, Want,
 };
 use maquette_value::{Faces, Mesh, MeshError, TriangleTree};
 use nalgebra::{Point3, Vector3};
@@ -16,28 +17,28 @@ use thiserror::Error;
 
 use crate::combine::{BooleanError, boolean};
 use crate::contour::Contour;
-use crate::lend::lend;
 use crate::operation::Operation;
+use crate::transfer_attributes::transfer_attributes;
 use crate::volume::volume;
 
 mod depth;
 mod walls;
 
-/// Makes a solid hollow: inside of it, as far from its skin as the wall is thick, there is a cavity.
+/// Hollows a solid: adds a cavity inside, at a distance of the wall's thickness from its surface.
 ///
-/// The skin stays as it is. The skin of the cavity is made on a grid, so that it nowhere runs through itself, and where the solid is
-/// too thin there is none; where it is just thick enough, thin sheets may part two cavities. What would be smaller than a cube half as wide as
-/// the wall is thick stays filled. What lies on the skin lies on the nearest place of the cavity, too. A cavity that nothing leads out of keeps its
-/// resin or powder: `outlets` are drilled through the wall.
+/// The outer surface does not change. The surface of the cavity is made on a grid, so that it never intersects itself. Where the solid is
+/// too thin, it stays filled; where it is just thick enough, thin sheets may separate two cavities. A cavity smaller than a cube of half
+/// the wall's thickness is filled. The cavity gets the attributes of the nearest point of the outer surface. A cavity without an opening
+/// keeps its resin or powder: `outlets` are drilled through the wall.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Hollow {
     /// The solid.
     pub mesh: In<Mesh>,
-    /// How thick the wall is: nowhere thinner, but for up to a thirtieth in tight places.
+    /// Minimum thickness of the wall in mm; in tight places up to a thirtieth less.
     #[schemars(range(min = 0.0), extend("unit" = "mm", "exclusiveMinimum" = 0.0))]
-    #[serde(default = "two")]
+    #[serde(default = "default_thickness")]
     pub thickness: f64,
-    /// The edge of the grid's cells, at most half of `thickness`; 0 takes that half.
+    /// Edge length of the grid's cells in mm, at most half of `thickness`; 0 means that half.
     #[schemars(range(min = 0.0), extend("unit" = "mm"))]
     #[serde(default)]
     pub spacing: f64,
@@ -46,90 +47,92 @@ pub struct Hollow {
     pub outlets: Vec<Outlet>,
 }
 
-/// A round hole from the skin to the cavity.
+/// A round hole from the outer surface to the cavity.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Outlet {
-    /// Where: it begins where the skin is nearest to this place, and runs the shortest way to the cavity.
+    /// A point near the hole, in mm: the hole begins at the point of the surface nearest to it, and runs the shortest way to the cavity.
     #[schemars(extend("unit" = "mm"))]
     pub at: [f64; 3],
-    /// How wide it is.
+    /// Diameter in mm.
     #[schemars(range(min = 0.0), extend("unit" = "mm", "exclusiveMinimum" = 0.0))]
-    #[serde(default = "three")]
+    #[serde(default = "default_diameter")]
     pub diameter: f64,
 }
 
-fn three() -> f64 {
+fn default_diameter() -> f64 {
     3.0
 }
 
-fn two() -> f64 {
+fn default_thickness() -> f64 {
     2.0
 }
 
-/// Why a solid cannot be made hollow.
+/// Reasons why a solid cannot be hollowed.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum HollowError {
-    /// A wall that is none.
+    /// The thickness is not a positive number.
     #[error("`thickness` is {0}, but must be a number above 0")]
     Thickness(f64),
-    /// Cells that are too large.
+    /// The grid cells are too large for the wall.
     #[error(
         "`spacing` is {spacing}, but must be at least 0, and at most {most}, half of `thickness`"
     )]
     Spacing {
-        /// What was given.
+        /// The given edge length.
         spacing: f64,
-        /// The most.
+        /// The largest allowed edge length.
         most: f64,
     },
-    /// A mesh with a border.
-    #[error("the mesh is not closed: {count} of its edges have not two faces; `Solid` closes it")]
+    /// The mesh has a border, so it is not closed.
+    #[error(
+        "the mesh is not closed: {count} of its edges do not have two faces; use `Solid` to close it"
+    )]
     Open {
-        /// How many edges.
+        /// The number of edges without two faces.
         count: usize,
     },
-    /// Faces that cross.
-    #[error("the mesh runs through itself: {count} pairs of faces cross, such as {} and {}; `Reconstruct` makes one skin of such data", faces[0], faces[1])]
+    /// Faces of the mesh cross.
+    #[error("the mesh intersects itself: {count} pairs of faces cross, such as {} and {}; use `Reconstruct` to make one surface of it", faces[0], faces[1])]
     Crossing {
-        /// How many pairs.
+        /// The number of pairs of faces.
         count: usize,
-        /// The first one.
+        /// A point of the first intersection.
         faces: [u32; 2],
     },
-    /// A side that is none.
-    #[error("the mesh is inside out: `Orient` turns it")]
+    /// The faces point inward.
+    #[error("the mesh is inside out; use `Orient` to turn it outward")]
     InsideOut,
-    /// A hole that is none.
+    /// An outlet has invalid numbers.
     #[error("outlet {number} has the diameter {diameter} at ({}, {}, {}), but must have finite numbers, and a diameter above 0", at[0], at[1], at[2])]
     Outlet {
-        /// Which one, from 1.
+        /// The number of the outlet, from 1.
         number: usize,
-        /// Its diameter.
+        /// The diameter of the outlet in mm.
         diameter: f64,
-        /// Its place.
+        /// The position of the outlet in mm.
         at: [f64; 3],
     },
-    /// Holes that take too much.
+    /// The outlets cut the solid apart.
     #[error("{}: the outlets are too wide, or go through more than the wall", match parts { 0 => "nothing is left of the solid".to_owned(), _ => format!("the solid falls into {parts} parts") })]
     Outlets {
-        /// Into how many parts it falls.
+        /// The number of resulting parts.
         parts: usize,
     },
-    /// A hole that cannot be cut.
+    /// An outlet cannot be cut.
     #[error(transparent)]
     Boolean(#[from] BooleanError),
-    /// More cells than memory should hold.
+    /// The grid would have too many cells for the memory.
     #[error(transparent)]
-    TooMuch(#[from] TooMuch),
-    /// Too much for a mesh.
+    TooMuch(#[from] LimitError),
+    /// The result exceeds the limits of a mesh.
     #[error(transparent)]
     Merge(#[from] MergeError),
-    /// Too much for a mesh.
+    /// The result exceeds the limits of a mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
-    /// The evaluation was told to stop.
+    /// The evaluation was cancelled.
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }
 
 impl Node for Hollow {
@@ -150,10 +153,10 @@ impl Node for Hollow {
         Promise::from("mesh", "NonEmpty", "mesh"),
     ];
 
-    const CARRIES: &'static [Carry] = &[Carry::each(
+    const CARRIES: &'static [Carry] = &[Carry::per_domain(
         "mesh",
         "mesh",
-        [Fate::Interpolated, Fate::Interpolated, Fate::Kept, Fate::Kept],
+        [Transfer::Interpolated, Transfer::Interpolated, Transfer::Kept, Transfer::Kept],
     )];
 
     fn check(&self) -> Result<(), FieldError> {
@@ -175,21 +178,25 @@ impl Node for Hollow {
             cx.warn(format!("{closed} {cavities} no outlet: resin or powder stays there"));
         }
         if hollow.faces().len() == mesh.faces().len() {
-            cx.warn(format!("the solid stays whole: nowhere is it thick enough for a cavity behind walls of {} mm", self.thickness));
+            cx.warn(format!(
+                "no cavity was made: the solid is nowhere thick enough for walls of {} mm",
+                self.thickness
+            ));
         }
         Ok((hollow,))
     }
 }
 
-/// A solid with a cavity `thickness` mm behind its skin, on a grid of cells with the edge `spacing` (half of that if 0).
+/// Returns a solid with a cavity `thickness` mm inside its surface. Distances are computed on a grid with cells of the edge length
+/// `spacing` (half of the thickness if 0).
 ///
-/// Distances are measured at the nodes of the grid, where it is not clear from afar that they are larger. What is inside is known where nodes hang together
-/// without coming near to the skin: one winding number for each such part (Jacobson, Kavan and Sorkine-Hornung, "Robust inside-outside segmentation using
-/// generalized winding numbers", 2013). The surface at the distance is made of tetrahedra, and so always a closed manifold. Cost grows with the number of
-/// cells.
+/// Distances are measured at grid nodes, except where a coarse test shows that they are larger than needed. Away from the surface, all
+/// nodes of a connected component are either inside or outside: one winding number decides for each component (Jacobson, Kavan and
+/// Sorkine-Hornung, "Robust inside-outside segmentation using generalized winding numbers", 2013). The surface of the cavity is extracted
+/// from tetrahedra, so that it is a closed manifold. The cost grows with the number of cells.
 ///
 /// # Errors
-/// If the mesh is no solid, a parameter is out of range, there would be too many cells, or the evaluation is told to stop.
+/// Returns an error if the mesh is not a solid, a parameter is out of range, there are too many cells, or the evaluation is cancelled.
 pub fn hollow(
     mesh: &Mesh,
     (thickness, spacing): (f64, f64),
@@ -236,18 +243,18 @@ pub fn hollow(
     let Contour { points, triangles, .. } = contour;
     let faces: Vec<_> = (0..triangles.len() as u32).collect();
     let cavity = Mesh::new(points, Faces::triangles(triangles))?.select(&faces);
-    let cavity = lend(mesh, &tree, cavity)?.with_frame(mesh.frame().copied());
+    let cavity = transfer_attributes(mesh, &tree, cavity)?.with_frame(mesh.frame().copied());
     let hollow = merge(&[mesh, &cavity], Poses::Ignore)?.with_creases(mesh.creases())?;
     if outlets.is_empty() {
         return Ok(hollow);
     }
     let inner = TriangleTree::new(&cavity);
-    // What is drilled already is not drilled again.
+    // An outlet that is listed twice is drilled once.
     let new = outlets.iter().enumerate().filter(|(k, outlet)| !outlets[..*k].contains(outlet));
     let drills: Vec<Mesh> = new
         .map(|(_, outlet)| {
             let drill = drill((mesh, &tree), (&cavity, &inner), outlet)?;
-            Ok(lend(mesh, &tree, drill)?.with_frame(mesh.frame().copied()))
+            Ok(transfer_attributes(mesh, &tree, drill)?.with_frame(mesh.frame().copied()))
         })
         .collect::<Result<_, MeshError>>()?;
     let drills = Vec::from_iter(&drills);
@@ -259,34 +266,34 @@ pub fn hollow(
     Ok(drilled)
 }
 
-/// How many skins there are.
+/// Returns the number of connected surfaces of a mesh.
 fn parts(mesh: &Mesh) -> usize {
     let mut sets = UnionFind::new(mesh.positions().len());
     for face in mesh.faces().iter() {
-        face[1..].iter().for_each(|&vertex| sets.join(face[0], vertex));
+        face[1..].iter().for_each(|&vertex| sets.union(face[0], vertex));
     }
-    let of_faces = mesh.faces().iter().map(|face| sets.first(face[0]));
+    let of_faces = mesh.faces().iter().map(|face| sets.find(face[0]));
     of_faces.collect::<BTreeSet<u32>>().len()
 }
 
-/// Sides of a drill.
+/// Number of sides of the prism that approximates a round hole.
 const SIDES: u32 = 32;
 
-/// What an outlet takes away: a prism through the wall.
+/// Returns the volume that an outlet removes: a prism through the wall.
 fn drill(
     skin: (&Mesh, &TriangleTree),
     cavity: (&Mesh, &TriangleTree),
     outlet: &Outlet,
 ) -> Result<Mesh, MeshError> {
     fn nearest((mesh, tree): (&Mesh, &TriangleTree), at: Point3<f64>) -> Point3<f64> {
-        tree.nearest_to_all(&[at])[0].map_or(at, |nearest| nearest.place(mesh))
+        tree.nearest_to_all(&[at])[0].map_or(at, |nearest| nearest.position(mesh))
     }
     let start = nearest(skin, outlet.at.into());
     let end = nearest(cavity, start);
     let axis = (end - start).try_normalize(0.0).unwrap_or(Vector3::z());
     let across = axis.cross(&Vector3::ith(axis.iamin(), 1.0)).normalize();
     let other = axis.cross(&across);
-    // As far beyond both as it is wide, so that it is through where the skins are bent.
+    // The prism extends beyond both surfaces by its diameter, so that it passes completely through curved surfaces.
     let ends = [start - axis * outlet.diameter, end + axis * outlet.diameter];
     let radius = outlet.diameter / 2.0;
     fn corner(k: u32, across: Vector3<f64>, other: Vector3<f64>, radius: f64) -> Vector3<f64> {

@@ -1,4 +1,4 @@
-//! Nodes that make solids: what a printer can make.
+//! Nodes that make solids, which can be printed.
 
 use maquette_node::{Pack, node};
 
@@ -6,28 +6,28 @@ mod base;
 mod boolean;
 mod combine;
 mod contour;
-mod grown;
+mod extended;
 mod hollow;
-mod lend;
+mod offset;
 mod operation;
 mod polygons;
-mod round;
 mod shell;
 mod solid;
 mod thicken;
+mod transfer_attributes;
 mod volume;
 
 pub use base::BaseError;
 pub use boolean::Boolean;
 pub use combine::{BooleanError, boolean};
 pub use hollow::{Hollow, HollowError, Outlet, hollow};
+pub use offset::OffsetSurfaceError;
 pub use operation::Operation;
-pub use round::RoundError;
 pub use shell::{Shell, ShellError, Side, shell};
 pub use solid::{Base, Holes, Solid, SolidError, SolidMesh, solid};
 pub use thicken::ThickenError;
 
-/// Nodes that make solids: what a printer can make.
+/// Nodes that make solids, which can be printed.
 pub static PACK: Pack = Pack {
     name: "solid",
     version: env!("CARGO_PKG_VERSION"),

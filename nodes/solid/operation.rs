@@ -1,22 +1,22 @@
-//! What becomes of solids.
+//! The Boolean operations.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What becomes of solids.
+/// A Boolean operation on solids.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Operation {
-    /// What is in any of them.
+    /// Union: the volume of any of the solids.
     #[default]
     Union,
-    /// What is in the first one, and not in the others.
+    /// Difference: the volume of the first solid without that of the others.
     Difference,
-    /// What is in all of them.
+    /// Intersection: the volume that all solids have in common.
     Intersection,
 }
 
 impl Operation {
-    /// Whether of the first solid (0) or another one (1) that stays which is inside of the other.
+    /// Returns true if the result keeps the parts of `solid` (0: the first, 1: the second) that are inside of the other solid.
     pub(crate) fn wants_inside(self, solid: usize) -> bool {
         match (self, solid) {
             (Self::Union, _) | (Self::Difference, 0) => false,

@@ -1,11 +1,11 @@
-//! Polygons in a plane, with holes, as triangles that use all of their sides and no other vertices.
+//! Triangulates plane polygons with holes. All of their sides are used, and no vertices are added.
 
 use std::collections::BTreeMap;
 
-pub(crate) use maquette_value::polygon::flat;
-use maquette_value::polygon::{self, Flat, is_within, orientation};
+pub(crate) use maquette_value::polygon::project_to_plane;
+use maquette_value::polygon::{self, PlanePoint, is_in_triangle, orientation};
 
-/// Loops of sides, each of a start and an end, in the order of their lowest vertices.
+/// Returns the closed loops of sides, each side given by its start and its end. The loops are in the order of their lowest vertices.
 pub(crate) fn loops(sides: &[[u32; 2]]) -> Vec<Vec<u32>> {
     let mut next: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     sides.iter().for_each(|&[start, end]| next.entry(start).or_default().push(end));
@@ -25,7 +25,7 @@ pub(crate) fn loops(sides: &[[u32; 2]]) -> Vec<Vec<u32>> {
     loops
 }
 
-fn area(places: &[Flat]) -> f64 {
+fn area(places: &[PlanePoint]) -> f64 {
     let next = places[1..].iter().chain(&places[..1]);
     let from = places[0];
     places
@@ -35,21 +35,25 @@ fn area(places: &[Flat]) -> f64 {
         .sum()
 }
 
-/// Triangles of the polygons between these loops; `flat` says where a vertex is in the plane. Outer loops run counter-clockwise, and holes clockwise.
-/// Loops that are not quite so, because of rounding, get triangles, too, as good as there are some.
-pub(crate) fn triangulate(loops: &[Vec<u32>], flat: impl Fn(u32) -> Flat) -> Vec<[u32; 3]> {
+/// Triangulates the polygons between the given loops; `position` gives the position of a vertex in the plane. Outer loops are
+/// counter-clockwise, holes clockwise. Loops that rounding has made slightly invalid are triangulated as well as possible.
+pub(crate) fn triangulate(
+    loops: &[Vec<u32>],
+    position: impl Fn(u32) -> PlanePoint,
+) -> Vec<[u32; 3]> {
     let (mut outer, mut holes) = (Vec::new(), Vec::new());
     for own in loops.iter().filter(|own| own.len() > 2) {
-        let corners: Vec<_> = own.iter().map(|&vertex| (vertex, flat(vertex))).collect();
+        let corners: Vec<_> = own.iter().map(|&vertex| (vertex, position(vertex))).collect();
         let places: Vec<_> = corners.iter().map(|corner| corner.1).collect();
         match area(&places) >= 0.0 || loops.len() == 1 {
             true => outer.push(corners),
             false => holes.push(corners),
         }
     }
-    // The hole that reaches farthest to the right comes first, so that nothing lies between it and what is around.
-    let reach =
-        |hole: &Vec<(u32, Flat)>| hole.iter().fold(f64::NEG_INFINITY, |x, it| x.max(it.1[0]));
+    // The hole that reaches farthest to the right comes first: nothing is then between it and the polygon around it.
+    fn reach(hole: &[(u32, PlanePoint)]) -> f64 {
+        hole.iter().fold(f64::NEG_INFINITY, |x, it| x.max(it.1[0]))
+    }
     holes.sort_by(|a, b| reach(b).total_cmp(&reach(a)));
     for hole in holes {
         match bridge(&outer, &hole) {
@@ -65,14 +69,18 @@ pub(crate) fn triangulate(loops: &[Vec<u32>], flat: impl Fn(u32) -> Flat) -> Vec
     outer.into_iter().flat_map(clip_ears).collect()
 }
 
-/// The polygon and its corner, and the corner of a hole, between which nothing lies: Eberly, "Triangulation by ear clipping" (2002), section 3. Where rounding
-/// leaves none, the nearest corner.
-fn bridge(outer: &[Vec<(u32, Flat)>], hole: &[(u32, Flat)]) -> Option<(usize, usize, usize)> {
+/// Returns a polygon with one of its corners, and a corner of a hole, such that nothing is between the two corners: Eberly, "Triangulation
+/// by ear clipping" (2002), section 3. If rounding leaves no such pair, the nearest corner is taken.
+fn bridge(
+    outer: &[Vec<(u32, PlanePoint)>],
+    hole: &[(u32, PlanePoint)],
+) -> Option<(usize, usize, usize)> {
     let start = (0..hole.len()).max_by(|&a, &b| hole[a].1[0].total_cmp(&hole[b].1[0]))?;
     let from = hole[start].1;
-    let distance =
-        |at: Flat| (at[0] - from[0]) * (at[0] - from[0]) + (at[1] - from[1]) * (at[1] - from[1]);
-    // The side that a ray to the right meets first.
+    fn distance_sq(at: PlanePoint, from: PlanePoint) -> f64 {
+        (at[0] - from[0]) * (at[0] - from[0]) + (at[1] - from[1]) * (at[1] - from[1])
+    }
+    // Find the first side that a ray to the right crosses.
     let mut met: Option<(f64, usize, usize)> = None;
     for (polygon, corners) in outer.iter().enumerate() {
         for k in 0..corners.len() {
@@ -89,8 +97,9 @@ fn bridge(outer: &[Vec<(u32, Flat)>], hole: &[(u32, Flat)]) -> Option<(usize, us
         let corners = outer.iter().enumerate();
         let corners = corners.flat_map(|(polygon, own)| (0..own.len()).map(move |k| (polygon, k)));
         let nearest = corners
-            .min_by(|a, b| distance(outer[a.0][a.1].1).total_cmp(&distance(outer[b.0][b.1].1)));
-        return nearest.map(|(polygon, corner)| (polygon, corner, start));
+            .map(|(polygon, k)| (distance_sq(outer[polygon][k].1, from), polygon, k))
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        return nearest.map(|(_, polygon, corner)| (polygon, corner, start));
     };
     let corners = &outer[polygon];
     let count = corners.len();
@@ -98,7 +107,7 @@ fn bridge(outer: &[Vec<(u32, Flat)>], hole: &[(u32, Flat)]) -> Option<(usize, us
     let farther = if corners[side].1[0] > corners[end].1[0] { side } else { end };
     let hit = [x, from[1]];
     let tip = corners[farther].1;
-    // Of the corners that look inward within the triangle of all three, the one that is least off the ray.
+    // Of the reflex corners inside of the triangle, take the one with the smallest angle to the ray.
     let triangle =
         if orientation([from, hit, tip]) > 0.0 { [from, hit, tip] } else { [from, tip, hit] };
     fn slope(k: usize, from: [f64; 2], corners: &[(u32, [f64; 2])]) -> f64 {
@@ -107,19 +116,21 @@ fn bridge(outer: &[Vec<(u32, Flat)>], hole: &[(u32, Flat)]) -> Option<(usize, us
     }
     let order = |a: &usize, b: &usize| {
         let by_slope = slope(*a, from, corners).total_cmp(&slope(*b, from, corners));
-        by_slope.then(distance(corners[*a].1).total_cmp(&distance(corners[*b].1)))
+        by_slope.then(distance_sq(corners[*a].1, from).total_cmp(&distance_sq(corners[*b].1, from)))
     };
     let blocking = (0..count)
         .filter(|k| *k != farther)
         .filter(|&k| {
             let at = corners[k].1;
             let [before, after] = [(k + count - 1) % count, (k + 1) % count].map(|k| corners[k].1);
-            orientation([before, at, after]) <= 0.0 && from[0] <= at[0] && is_within(triangle, at)
+            orientation([before, at, after]) <= 0.0
+                && from[0] <= at[0]
+                && is_in_triangle(triangle, at)
         })
         .min_by(order);
     let candidates = blocking.into_iter().chain([farther]);
     let place = candidates.min_by(order).map(|k| corners[k].1)?;
-    // Of several corners in this place the one into whose angle the bridge runs.
+    // If several corners are at the same position, take the one whose interior angle contains the bridge.
     let mut same = (0..count).filter(|&k| corners[k].1 == place);
     let first = same.clone().next()?;
     Some((
@@ -140,10 +151,10 @@ fn bridge(outer: &[Vec<(u32, Flat)>], hole: &[(u32, Flat)]) -> Option<(usize, us
     ))
 }
 
-/// Triangles of a polygon with its vertices.
-fn clip_ears(corners: Vec<(u32, Flat)>) -> Vec<[u32; 3]> {
-    let flat: Vec<_> = corners.iter().map(|corner| corner.1).collect();
-    let triangles = polygon::clip_ears(&flat).into_iter();
+/// Triangulates a polygon by ear clipping; returns the vertices of each triangle.
+fn clip_ears(corners: Vec<(u32, PlanePoint)>) -> Vec<[u32; 3]> {
+    let points: Vec<_> = corners.iter().map(|corner| corner.1).collect();
+    let triangles = polygon::clip_ears(&points).into_iter();
     triangles.map(|it| it.map(|corner| corners[corner as usize].0)).collect()
 }
 
@@ -151,9 +162,9 @@ fn clip_ears(corners: Vec<(u32, Flat)>) -> Vec<[u32; 3]> {
 mod tests {
     use super::*;
 
-    /// Triangulates loops of places, and checks that the triangles look up and have the area of the polygon.
+    /// Triangulates loops of points, and checks that the triangles are counter-clockwise and have the area of the polygon.
     #[track_caller]
-    fn check(loops_of: &[&[Flat]]) {
+    fn check(loops_of: &[&[PlanePoint]]) {
         let places = loops_of.concat();
         let mut first = 0;
         let loops = loops_of.iter().map(|own| {
@@ -166,11 +177,11 @@ mod tests {
         let holes = loops_of.iter().filter(|own| area(own) < 0.0).count();
         let outer = loops_of.len() - holes;
         assert_eq!(triangles.len(), places.len() + 2 * holes - 2 * outer);
-        fn flat(triangle: &[u32; 3], places: &[[f64; 2]]) -> [[f64; 2]; 3] {
+        fn corners(triangle: &[u32; 3], places: &[[f64; 2]]) -> [[f64; 2]; 3] {
             triangle.map(|vertex| places[vertex as usize])
         }
         let areas: Vec<_> =
-            triangles.iter().map(|triangle| area(&flat(triangle, &places))).collect();
+            triangles.iter().map(|triangle| area(&corners(triangle, &places))).collect();
         assert!(areas.iter().all(|area| *area >= 0.0), "{triangles:?}");
         let wanted: f64 = loops_of.iter().map(|own| area(own)).sum();
         assert!((areas.iter().sum::<f64>() - wanted).abs() < 1e-9 * wanted);
@@ -184,7 +195,7 @@ mod tests {
 
     #[test]
     fn polygons_with_holes_become_triangles() {
-        let square: &[Flat] = &[[0., 0.], [9., 0.], [9., 9.], [0., 9.]];
+        let square: &[PlanePoint] = &[[0., 0.], [9., 0.], [9., 9.], [0., 9.]];
         fn hole(x: f64, y: f64) -> [[f64; 2]; 4] {
             [[x, y], [x, y + 1.0], [x + 1.0, y + 1.0], [x + 1.0, y]]
         }
@@ -192,13 +203,13 @@ mod tests {
         check(&[&[[0., 0.], [4., 0.], [4., 1.], [1., 1.], [1., 4.], [0., 4.]]]);
         check(&[square, &hole(4., 4.)]);
         check(&[square, &hole(2., 4.), &hole(5., 4.), &hole(4., 7.), &hole(7., 1.)]);
-        let island: &[Flat] = &[[4.2, 4.2], [4.8, 4.2], [4.5, 4.8]];
+        let island: &[PlanePoint] = &[[4.2, 4.2], [4.8, 4.2], [4.5, 4.8]];
         check(&[square, &hole(4., 4.), island]);
     }
 
     #[test]
     fn corners_on_straight_sides_make_no_flat_triangles_where_others_can_be_made() {
-        let sides: &[Flat] =
+        let sides: &[PlanePoint] =
             &[[0., 0.], [1., 0.], [2., 0.], [3., 0.], [3., 3.], [2., 3.], [1., 3.], [0., 3.]];
         check(&[sides]);
         let triangles = triangulate(&[(0..8).collect::<Vec<_>>()], |vertex| sides[vertex as usize]);

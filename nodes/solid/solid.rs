@@ -2,118 +2,120 @@
 
 use maquette_fill::{FillError, FillMethod, HoleChoice, fill_holes};
 use maquette_mesh::{OrientError, Outside, orient};
-use maquette_node::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress, Promise, Want};
+use maquette_node::{
+    CancelledError, Carry, Context, Error, In, Node, Progress, Promise, Transfer, Want,
+};
 use maquette_value::{Mesh, MeshError};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::base::{BaseError, Ground, seen, with_base};
+use crate::base::{BaseError, Ground, visible_part, with_base};
 use crate::thicken::{ThickenError, still_thin, thicken};
 
-/// Makes a solid of a surface: what was seen from the front gets walls and a flat base, and what is nearly closed is closed.
+/// Makes a solid of a surface: a front side gets walls and a flat base, and a nearly closed surface is closed.
 ///
-/// The result is closed, manifold and looks outward, so that it can be printed. What was there stays where it was. Walls and base have what
-/// lies on the border that they come from, and filled holes what `FillHoles` mixes of their rims.
+/// The result is closed, manifold and oriented outward, so that it can be printed. Existing faces stay. Walls and base have the attributes
+/// of the border that they start from, and filled holes those that `FillHoles` interpolates.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Solid {
     /// The surface.
     pub mesh: In<Mesh>,
-    /// What it stands on.
+    /// The base of the solid.
     #[serde(default)]
     pub base: Base,
-    /// How thick its walls are at least, straight in from each face, so that `Printable` holds: what is thinner grows, by as much on both sides, but not
-    /// through a flat base. 0 leaves them as they are.
+    /// Minimum thickness of walls in mm, measured straight inward from each face, so that `Printable` holds: thinner parts grow equally on
+    /// both sides, but not through a flat base. 0 leaves them as they are.
     #[schemars(range(min = 0.0), extend("unit" = "mm"))]
     #[serde(default)]
     pub thickness: f64,
 }
 
-/// What a solid stands on.
+/// The base of a solid.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub enum Base {
-    /// Walls run from each border to a flat base. Of a capture they run away from the sensor, so that they meet nothing that it saw; faces
-    /// that it cannot have seen, since they look away from it, are left out.
+    /// Walls from each border to a flat base. For a capture they extend away from the sensor, so that they touch no captured face; faces
+    /// that the sensor cannot have seen, because they look away from it, are removed.
     Flat {
-        /// How far the base is behind the farthest place.
+        /// Distance of the base behind the farthest point, in mm.
         #[schemars(range(min = 0.0), extend("unit" = "mm", "exclusiveMinimum" = 0.0))]
-        #[serde(default = "three")]
+        #[serde(default = "default_behind")]
         behind: f64,
-        /// Where the base looks away from, of a mesh that no capture gave; its length means nothing. If left out, where the faces look on
-        /// the whole.
+        /// Direction opposite to the base, for a mesh without a capture; its length is ignored. If omitted, the mean direction of the
+        /// faces.
         #[schemars(extend("direction" = true))]
         #[serde(default)]
         up: Option<[f64; 3]>,
-        /// What becomes of holes.
+        /// Treatment of holes.
         #[serde(default)]
         holes: Holes,
     },
-    /// Nothing new: the holes of the mesh are filled with the surface that bends least, so that it encloses a volume.
+    /// No base: holes of the mesh are filled with the smoothest surface, so that it encloses a volume.
     Keep,
 }
 
-/// What becomes of holes in front of a base.
+/// Treatment of holes in front of a base.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Holes {
-    /// They are filled with the smallest surface first.
+    /// Holes are filled with a surface of least area first.
     #[default]
     Fill,
-    /// They go through the base.
+    /// Holes continue through the base.
     Through,
 }
 
-fn three() -> f64 {
+fn default_behind() -> f64 {
     3.0
 }
 
 impl Default for Base {
     fn default() -> Self {
-        Self::Flat { behind: three(), up: None, holes: Holes::Fill }
+        Self::Flat { behind: default_behind(), up: None, holes: Holes::Fill }
     }
 }
 
-/// Why a surface has no solid.
+/// Reasons why a surface has no solid.
 #[derive(Debug, Error)]
 pub enum SolidError {
-    /// Walls that cannot be.
+    /// The thickness is negative or not a number.
     #[error("`thickness` is {0}, but must be a number from 0 on")]
     Thickness(f64),
-    /// Walls that cannot be made thicker.
+    /// The walls cannot be made thicker.
     #[error(transparent)]
     Thicken(#[from] ThickenError),
-    /// There is no base.
+    /// The base cannot be made.
     #[error(transparent)]
     Base(#[from] BaseError),
-    /// A border that stays.
+    /// The result still has a border.
     #[error(
-        "{count} edges of the mesh are still open after its holes are filled: a border around an open scan is no hole; `base: Flat()` gives it walls"
+        "{count} edges of the mesh are still open after its holes are filled: the border around an open scan is not a hole; use `base: Flat()` to give it walls"
     )]
     Open {
-        /// How many.
+        /// The number of edges.
         count: usize,
     },
-    /// Faces that cross.
+    /// Faces of the result intersect.
     #[error(
-        "the solid would run through itself: {count} pairs of faces cross, the first one at ({:.3}, {:.3}, {:.3}); `Reconstruct` makes one skin of such data", at[0], at[1], at[2]
+        "the solid would intersect itself: {count} pairs of faces cross, the first one at ({:.3}, {:.3}, {:.3}); use `Reconstruct` to make one surface of the data", at[0], at[1], at[2]
     )]
     Crossing {
-        /// How many pairs there are.
+        /// The number of pairs of faces that intersect.
         count: usize,
-        /// Where the first one is.
+        /// A point of the first intersection, in mm.
         at: [f64; 3],
     },
-    /// Holes that cannot be filled.
+    /// The holes cannot be filled.
     #[error(transparent)]
     Fill(#[from] FillError),
-    /// A side that is none.
+    /// The surface cannot be oriented.
     #[error(transparent)]
     Orient(#[from] OrientError),
-    /// Places out of all bounds.
+    /// The positions exceed the largest coordinate of a mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
-    /// The evaluation was told to stop.
+    /// The evaluation was cancelled.
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }
 
 impl Node for Solid {
@@ -134,10 +136,10 @@ impl Node for Solid {
         Promise::from("mesh", "Triangles", "mesh"),
     ];
 
-    const CARRIES: &'static [Carry] = &[Carry::each(
+    const CARRIES: &'static [Carry] = &[Carry::per_domain(
         "mesh",
         "mesh",
-        [Fate::Interpolated, Fate::Interpolated, Fate::Kept, Fate::Kept],
+        [Transfer::Interpolated, Transfer::Interpolated, Transfer::Kept, Transfer::Kept],
     )];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
@@ -146,7 +148,7 @@ impl Node for Solid {
             solid(mesh, &self.base, self.thickness, cx.progress())?;
         if unseen > 0 {
             let faces = if unseen == 1 { "face is" } else { "faces are" };
-            cx.warn(format!("{unseen} {faces} left out: they look away from the sensor, or hang by a vertex alone where such a face was"));
+            cx.warn(format!("{unseen} {faces} left out: they look away from the sensor, or are connected by a single vertex where such a face was"));
         }
         if thin > 0 {
             cx.warn(still_thin(thin, self.thickness));
@@ -155,21 +157,21 @@ impl Node for Solid {
     }
 }
 
-/// A solid of a surface.
+/// The result of [`solid`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct SolidMesh {
-    /// Its skin.
+    /// The solid's surface.
     pub mesh: Mesh,
-    /// How many faces were left out because no sensor can have seen them.
+    /// The number of removed faces, which the sensor cannot have seen.
     pub unseen: usize,
-    /// How many faces have less behind them than the walls should be thick.
+    /// The number of faces at which the wall is thinner than requested.
     pub thin: usize,
 }
 
-/// A solid of a surface, see [`Solid`], with walls of at least `thickness` mm.
+/// Makes a solid of a surface, see [`Solid`]; its walls have at least the thickness `thickness` in mm.
 ///
 /// # Errors
-/// If it would be none, a thickness is none, or the evaluation is told to stop.
+/// Returns an error if the result is not a solid, a thickness is invalid, or the evaluation is cancelled.
 pub fn solid(
     mesh: &Mesh,
     base: &Base,
@@ -181,9 +183,9 @@ pub fn solid(
     }
     let (solid, unseen, floor) = match *base {
         Base::Flat { behind, up, holes } => {
-            let ground = Ground::of(mesh, behind, up)?;
+            let ground = Ground::of_mesh(mesh, behind, up)?;
             let front = match ground {
-                Ground::Seen(_) => seen(mesh, &ground),
+                Ground::Seen(_) => visible_part(mesh, &ground),
                 Ground::Below(..) => mesh.clone(),
             };
             let unseen = mesh.faces().len() - front.faces().len();
@@ -199,11 +201,11 @@ pub fn solid(
             };
             (with_base(&front, &ground)?, unseen, Some(ground.floor()))
         }
-        Base::Keep => (progress.part(0.0..0.5, |progress| closed(mesh, progress))?, 0, None),
+        Base::Keep => (progress.part(0.0..0.5, |progress| close(mesh, progress))?, 0, None),
     };
     let crossing = progress.part(0.5..0.6, |progress| solid.crossings(|| progress.check()))?;
     if let Some(&[face, _]) = crossing.first() {
-        let at = solid.first_middle(solid.faces().face(face as usize)).coords.into();
+        let at = solid.first_triangle_center(solid.faces().face(face as usize)).coords.into();
         return Err(SolidError::Crossing { count: crossing.len(), at });
     }
     if thickness == 0.0 {
@@ -214,8 +216,8 @@ pub fn solid(
     Ok(SolidMesh { mesh, unseen, thin })
 }
 
-/// The mesh without holes, its outside outside.
-fn closed(mesh: &Mesh, progress: &Progress<'_>) -> Result<Mesh, SolidError> {
+/// Returns the mesh with filled holes and faces that look outward.
+fn close(mesh: &Mesh, progress: &Progress<'_>) -> Result<Mesh, SolidError> {
     let filled = fill_holes(mesh, &HoleChoice::All, &FillMethod::ThinPlate, progress)?.mesh;
     let filled = orient(&filled, Outside::Outward)?.mesh;
     match filled.edges().faces.iter().filter(|faces| **faces == 1).count() {
@@ -231,7 +233,7 @@ mod tests {
 
     use super::*;
 
-    /// A net of 9 x 9 places over 8 x 8 mm at these heights; without the cells that `hole` names.
+    /// Returns a grid of 9 x 9 points over 8 x 8 mm with the given heights, without the cells in `hole`.
     fn net(height: impl Fn(f64, f64) -> f64, hole: &[u32]) -> Mesh {
         let places = (0..81).map(|k| [f64::from(k % 9) - 4.0, f64::from(k / 9) - 4.0]);
         let positions = places.map(|[x, y]| Point3::new(x, y, height(x, y))).collect::<Vec<_>>();
@@ -242,7 +244,7 @@ mod tests {
 
     fn flat_base(mesh: &Mesh, behind: f64, up: Option<[f64; 3]>) -> Result<Mesh, SolidError> {
         let base = Base::Flat { behind, up, holes: Holes::Through };
-        Ok(solid(mesh, &base, 0.0, &Progress::none())?.mesh)
+        Ok(solid(mesh, &base, 0.0, &Progress::silent())?.mesh)
     }
 
     fn volume(mesh: &Mesh) -> f64 {
@@ -259,7 +261,7 @@ mod tests {
     #[test]
     fn a_relief_gets_walls_and_a_base() {
         let relief = net(|x, y| 0.1 * x + 0.05 * y, &[]);
-        // The middle is 0.6 mm above the lowest corner.
+        // The middle of the relief is 0.6 mm above the lowest corner.
         check(&flat_base(&relief, 2.0, Some([0., 0., 3.])).unwrap(), 64.0 * 2.6);
         let curved = net(|x, y| (x * y).abs() * 0.1, &[]);
         let found = flat_base(&curved, 1.0, None).unwrap();
@@ -269,11 +271,11 @@ mod tests {
     }
 
     #[test]
-    fn a_hole_goes_through() {
+    fn holes_continue_through_the_base() {
         let relief = net(|_, _| 0.0, &[40, 41, 20]);
         check(&flat_base(&relief, 2.0, None).unwrap(), 61.0 * 2.0);
         let base = Base::Flat { behind: 2.0, up: None, holes: Holes::Fill };
-        check(&solid(&relief, &base, 0.0, &Progress::none()).unwrap().mesh, 64.0 * 2.0);
+        check(&solid(&relief, &base, 0.0, &Progress::silent()).unwrap().mesh, 64.0 * 2.0);
     }
 
     #[test]
@@ -281,11 +283,11 @@ mod tests {
         let frame =
             CaptureFrame { camera: None, picture: [2, 2], depth: 20.0, world_from_camera: None };
         let seen = orient(&net(|_, _| 20.0, &[]), Outside::Flip).unwrap().mesh;
-        // A vertex that noise moved over its neighbors.
+        // Noise has moved a vertex past its neighbors.
         let mut moved = seen.positions().to_vec();
         moved[40] += Vector3::new(2.5, 0.2, 0.1);
         let folded = seen.with_positions(moved).unwrap().with_frame(Some(frame));
-        let found = solid(&folded, &Base::default(), 0.0, &Progress::none()).unwrap();
+        let found = solid(&folded, &Base::default(), 0.0, &Progress::silent()).unwrap();
         let SolidMesh { mesh: found, unseen, .. } = found;
         assert!((1..10).contains(&unseen), "{unseen}");
         let edges = found.edges();
@@ -296,7 +298,7 @@ mod tests {
     fn walls_of_a_capture_run_away_from_the_sensor() {
         let frame =
             CaptureFrame { camera: None, picture: [2, 2], depth: 20.0, world_from_camera: None };
-        // The sensor sees y down and z away, so that the faces look to -z.
+        // The sensor has y down and z away; so the faces look to -z.
         let seen = net(|x, y| 20.0 - 0.1 * (x * x + y * y), &[]);
         let seen = orient(&seen, Outside::Flip).unwrap().mesh.with_frame(Some(frame));
         let found = flat_base(&seen, 5.0, None).unwrap();
@@ -313,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn new_elements_have_what_lies_on_the_border() {
+    fn new_elements_have_the_attributes_of_the_border() {
         let relief = net(|_, _| 0.0, &[]);
         let colors = Attribute::Color((0..81).map(|k| [k, 0, 0]).collect());
         let parts = Attribute::Index((0..128).collect());
@@ -331,7 +333,8 @@ mod tests {
         let whole = flat_base(&relief, 3.0, None).unwrap();
         let faces =
             (0..whole.faces().len() as u32).filter(|k| !(60..66).contains(k)).collect::<Vec<_>>();
-        let found = solid(&whole.select(&faces), &Base::Keep, 0.0, &Progress::none()).unwrap().mesh;
+        let found =
+            solid(&whole.select(&faces), &Base::Keep, 0.0, &Progress::silent()).unwrap().mesh;
         let edges = found.edges();
         assert!(edges.misoriented == 0 && edges.faces.iter().all(|faces| *faces == 2));
         assert!((volume(&found) - volume(&whole)).abs() < 0.02 * volume(&whole));
@@ -341,12 +344,12 @@ mod tests {
     fn thin_walls_become_as_thick_as_asked_above_their_base() {
         let relief = net(|x, _| if x < 0.0 { 0.2 } else { 3.0 }, &[]);
         let base = Base::Flat { behind: 0.1, up: Some([0., 0., 1.]), holes: Holes::Fill };
-        let thin = solid(&relief, &base, 0.0, &Progress::none()).unwrap().mesh;
-        let found = solid(&relief, &base, 1.2, &Progress::none()).unwrap();
+        let thin = solid(&relief, &base, 0.0, &Progress::silent()).unwrap().mesh;
+        let found = solid(&relief, &base, 1.2, &Progress::silent()).unwrap();
         assert_eq!(found.thin, 0);
         let edges = found.mesh.edges();
         assert!(edges.misoriented == 0 && edges.faces.iter().all(|faces| *faces == 2));
-        // Half of 64 mm^2 gets 1.1 mm more, and a round rim.
+        // Half of the 64 mm^2 becomes 1.1 mm thicker, with a rounded border.
         let more = volume(&found.mesh) - volume(&thin);
         assert!((35.0..50.0).contains(&more), "{more}");
         fn lowest(mesh: &Mesh) -> f64 {
@@ -356,34 +359,34 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_solid_is_told_why() {
-        fn told(found: Result<Mesh, SolidError>) -> String {
+    fn unsuitable_meshes_are_errors() {
+        fn error(found: Result<Mesh, SolidError>) -> String {
             found.unwrap_err().to_string()
         }
         let relief = net(|_, _| 0.0, &[]);
         let whole = flat_base(&relief, 2.0, None).unwrap();
-        let text = told(flat_base(&whole, 2.0, Some([0., 0., 1.])));
+        let text = error(flat_base(&whole, 2.0, Some([0., 0., 1.])));
         assert!(
             text.starts_with("94 of 222 faces look away from `up`, most of the surface"),
             "{text}"
         );
-        // What lies over another part has walls that run through it.
+        // The walls of the upper part pass through the lower one.
         let above = relief
             .with_positions(
                 relief.positions().iter().map(|at| at + Vector3::new(1.3, 0.7, 2.0)).collect(),
             )
             .unwrap();
         let both = maquette_mesh::merge(&[&relief, &above], maquette_mesh::Poses::Ignore).unwrap();
-        let text = told(flat_base(&both, 2.0, None));
-        assert!(text.starts_with("the solid would run through itself: "), "{text}");
-        let text = told(solid(&relief, &Base::Keep, -1.0, &Progress::none()).map(|it| it.mesh));
+        let text = error(flat_base(&both, 2.0, None));
+        assert!(text.starts_with("the solid would intersect itself: "), "{text}");
+        let text = error(solid(&relief, &Base::Keep, -1.0, &Progress::silent()).map(|it| it.mesh));
         assert_eq!(text, "`thickness` is -1, but must be a number from 0 on");
-        let text = told(flat_base(&relief, 2.0, Some([0.; 3])));
-        assert_eq!(text, "`up` is (0, 0, 0), but a direction has a length");
-        let text = told(flat_base(&relief, 2.0, Some([0., 0., -1.])));
+        let text = error(flat_base(&relief, 2.0, Some([0.; 3])));
+        assert_eq!(text, "`up` is (0, 0, 0), but a direction must not be zero");
+        let text = error(flat_base(&relief, 2.0, Some([0., 0., -1.])));
         assert!(text.starts_with("128 of 128 faces look away from `up`, most"), "{text}");
-        let kept = solid(&relief, &Base::Keep, 0.0, &Progress::none());
-        let text = told(kept.map(|solid| solid.mesh));
+        let kept = solid(&relief, &Base::Keep, 0.0, &Progress::silent());
+        let text = error(kept.map(|solid| solid.mesh));
         assert!(text.starts_with("32 edges of the mesh are still open"), "{text}");
         let one = Mesh::new(
             vec![Point3::origin(), Point3::new(1., 0., 0.), Point3::new(0., 1., 0.)],

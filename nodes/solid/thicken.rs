@@ -1,43 +1,44 @@
-//! Walls that are thick enough.
+//! Makes walls thick enough.
 
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use maquette_value::parallel::*;
-use maquette_value::{Behind, Faces, Mesh, MeshError, TriangleTree};
+use maquette_value::{Backing, Faces, Mesh, MeshError, TriangleTree};
 use nalgebra::{Point3, Vector3};
 use thiserror::Error;
 
 use crate::combine::{BooleanError, boolean};
-use crate::lend::lend;
+use crate::offset::{Floor, OffsetSurfaceError, offset_surface};
 use crate::operation::Operation;
-use crate::round::{Floor, RoundError, round};
+use crate::transfer_attributes::transfer_attributes;
 
-/// How often what is still too thin gets more.
+/// Maximum number of rounds; in each, the parts that are still too thin grow.
 const PASSES: usize = 3;
 
-/// What is added is thicker by this factor than what is asked for, because it is made of flat faces.
-const MORE: f64 = 1.1;
+/// Factor by which the added thickness is multiplied: the flat faces of the added volume would make it thinner than requested.
+const THICKNESS_FACTOR: f64 = 1.1;
 
-/// Why walls cannot be made thicker.
+/// Reasons why walls cannot be made thicker.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum ThickenError {
-    /// Too many places.
+    /// Too many grid cells.
     #[error(transparent)]
-    Round(#[from] RoundError),
-    /// What is added meets the solid in a way that cannot be decided.
+    Round(#[from] OffsetSurfaceError),
+    /// The intersection of the added volume and the solid cannot be decided.
     #[error(transparent)]
     Boolean(#[from] BooleanError),
-    /// Too much for a mesh.
+    /// The result exceeds the limits of a mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
-    /// The evaluation was told to stop.
+    /// The evaluation was cancelled.
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }
 
-/// The solid with walls of at least `thickness` mm, straight in from the middle of each face, and how many faces have still less behind them.
+/// Returns the solid with walls of at least `thickness` mm, measured straight inward from the center of each face, and the number of faces
+/// whose walls are still thinner.
 ///
-/// Where a wall is too thin, all that is nearer to the middle between its sides than half the thickness is united with it: so it grows by the same on
-/// both sides, and not at all where it is just thick enough. What is thick enough stays as it is. Nothing grows through the floor.
+/// Where a wall is too thin, the points within half of the thickness of the wall's middle surface are united with the solid. The wall
+/// therefore grows equally on both sides, and not at all where it is just thick enough. Nothing grows through the floor.
 pub(crate) fn thicken(
     solid: &Mesh,
     thickness: f64,
@@ -56,60 +57,65 @@ pub(crate) fn thicken(
         }
         let middle = sheet(&made, &tree, &thin, (thickness, floor))?;
         let added = progress.part(share(0.0, pass)..share(0.7, pass), |progress| {
-            round(&middle, (MORE * thickness / 2.0, 3.0), floor, progress)
+            offset_surface(&middle, (THICKNESS_FACTOR * thickness / 2.0, 3.0), floor, progress)
         })?;
-        let added = lend(&made, &tree, added)?.with_frame(made.frame().copied());
+        let added = transfer_attributes(&made, &tree, added)?.with_frame(made.frame().copied());
         made = progress.part(share(0.7, pass)..share(1.0, pass), |progress| {
             boolean(&made, &[&added], Operation::Union, progress)
         })?;
     }
 }
 
-/// A warning of so many faces with less than `thickness` mm behind them.
+/// Returns a warning about the faces at which the wall is thinner than `thickness` mm.
 pub(crate) fn still_thin(count: usize, thickness: f64) -> String {
     let [faces, them] = if count == 1 { ["face has", "it"] } else { ["faces have", "them"] };
     format!(
-        "{count} {faces} still a wall of less than {thickness} mm behind {them}; `Printable(thickness: ..)` among `expect` tells where"
+        "{count} {faces} still a wall of less than {thickness} mm behind {them}; add `Printable(thickness: ..)` to `expect` to see the positions"
     )
 }
 
-/// Faces with less than `thickness` behind them, and how much that is.
+/// Returns the faces at which the wall is thinner than `thickness`, each with its thickness.
 pub(crate) fn thin(mesh: &Mesh, tree: &TriangleTree, thickness: f64) -> Vec<(usize, f64)> {
-    let behind = mesh.behind(tree).into_iter().enumerate();
+    let behind = mesh.backings(tree).into_iter().enumerate();
     let thin = behind.filter_map(|(face, behind)| match behind {
-        Behind::Wall(distance) if distance < thickness * (1.0 - 1e-9) => Some((face, distance)),
+        Backing::Wall(distance) if distance < thickness * (1.0 - 1e-9) => Some((face, distance)),
         _ => None,
     });
     thin.collect()
 }
 
-/// The middle between the sides of walls: each face is moved inward at each corner by half of what lies behind it there. What would be too near to the floor lies higher.
+/// Returns the middle surface of the given thin walls: each face is moved inward, at each corner by half of the wall's thickness there.
+/// Points too close to the floor are raised.
 fn sheet(
     mesh: &Mesh,
     tree: &TriangleTree,
     thin: &[(usize, f64)],
     (thickness, floor): (f64, Option<Floor>),
 ) -> Result<Mesh, MeshError> {
-    let of_face = |&(face, distance): &(usize, f64)| {
-        let face = mesh.faces().face(face);
-        let inward = -mesh.area_vector(face).normalize();
-        let center = mesh.first_middle(face);
-        face.iter()
-            .map(move |&vertex| {
-                let at = mesh.positions()[vertex as usize];
-                // A ray at the corner itself would meet the faces next to it.
-                let start = at + (center - at) * 0.01;
-                let hit = tree.first_hit(start + inward * (1e-6 * distance), inward);
-                let depth = hit.map_or(distance, |hit| hit.along).min(thickness);
-                let middle = start + inward * (depth / 2.0);
-                let lacks = floor.map_or(Vector3::zeros(), |floor| {
-                    floor.up * (MORE * thickness / 2.0 - floor.above(&middle)).max(0.0)
-                });
-                middle + lacks
-            })
-            .collect::<Vec<_>>()
-    };
-    let places: Vec<Vec<Point3<f64>>> = thin.par_iter().map(of_face).collect();
+    let places: Vec<Vec<Point3<f64>>> = thin
+        .par_iter()
+        .map(|&(face, distance)| {
+            let face = mesh.faces().face(face);
+            let inward = -mesh.area_vector(face).normalize();
+            let center = mesh.first_triangle_center(face);
+            face.iter()
+                .map(move |&vertex| {
+                    let at = mesh.positions()[vertex as usize];
+                    // The ray starts beside the corner: from the corner itself it would hit the adjacent faces.
+                    let start = at + (center - at) * 0.01;
+                    let hit = tree.first_hit(start + inward * (1e-6 * distance), inward);
+                    let depth = hit.map_or(distance, |hit| hit.along).min(thickness);
+                    let middle = start + inward * (depth / 2.0);
+                    let lacks = floor.map_or(Vector3::zeros(), |floor| {
+                        floor.up
+                            * (THICKNESS_FACTOR * thickness / 2.0 - floor.height_above(&middle))
+                                .max(0.0)
+                    });
+                    middle + lacks
+                })
+                .collect::<Vec<_>>()
+        })
+        .collect();
     let sides: Vec<_> = places.iter().map(Vec::len).collect();
     let places = places.concat();
     let corners: Vec<_> = (0..places.len() as u32).collect();
@@ -120,7 +126,7 @@ fn sheet(
 pub(crate) mod tests {
     use super::*;
 
-    /// A box from the origin, each side of which is cut into n x n cells of two triangles.
+    /// Returns a box with one corner at the origin, each side divided into n x n cells of two triangles.
     pub(crate) fn cuboid(size: [f64; 3], n: u32) -> Mesh {
         let mut numbers = std::collections::HashMap::new();
         let (mut places, mut triangles) = (Vec::new(), Vec::new());
@@ -131,8 +137,14 @@ pub(crate) mod tests {
                     let mut at = [0; 3];
                     (at[axis], at[u], at[v]) = (end * n, i, j);
                     *numbers.entry(at).or_insert_with(|| {
-                        let share = |k: usize| f64::from(at[k]) / f64::from(n) * size[k];
-                        places.push(Point3::new(share(0), share(1), share(2)));
+                        fn share(k: usize, at: [u32; 3], n: u32, size: [f64; 3]) -> f64 {
+                            f64::from(at[k]) / f64::from(n) * size[k]
+                        }
+                        places.push(Point3::new(
+                            share(0, at, n, size),
+                            share(1, at, n, size),
+                            share(2, at, n, size),
+                        ));
                         places.len() as u32 - 1
                     })
                 };
@@ -155,7 +167,7 @@ pub(crate) mod tests {
     #[test]
     fn a_thin_plate_becomes_as_thick_as_asked() {
         let plate = cuboid([20.0, 12.0, 0.3], 12);
-        let (thick, left) = thicken(&plate, 1.5, None, &Progress::none()).unwrap();
+        let (thick, left) = thicken(&plate, 1.5, None, &Progress::silent()).unwrap();
         assert!(is_solid(&thick));
         assert_eq!(left, 0);
         let (low, high) = thick.bounds().unwrap();
@@ -165,7 +177,7 @@ pub(crate) mod tests {
     #[test]
     fn what_is_thick_enough_stays() {
         let block = cuboid([4.0, 6.0, 5.0], 3);
-        assert_eq!(thicken(&block, 1.5, None, &Progress::none()).unwrap(), (block, 0));
+        assert_eq!(thicken(&block, 1.5, None, &Progress::silent()).unwrap(), (block, 0));
     }
 
     #[test]
@@ -174,8 +186,8 @@ pub(crate) mod tests {
         let fin = cuboid([0.4, 8.0, 8.0], 6);
         let up = Vector3::new(4.7, 1.1, 9.0);
         let fin = fin.with_positions(fin.positions().iter().map(|p| p + up).collect()).unwrap();
-        let both = boolean(&block, &[&fin], Operation::Union, &Progress::none()).unwrap();
-        let (thick, left) = thicken(&both, 1.2, None, &Progress::none()).unwrap();
+        let both = boolean(&block, &[&fin], Operation::Union, &Progress::silent()).unwrap();
+        let (thick, left) = thicken(&both, 1.2, None, &Progress::silent()).unwrap();
         assert!(is_solid(&thick));
         assert_eq!(left, 0);
         let corners = [Point3::origin(), Point3::new(10.0, 10.0, 0.0)];
@@ -188,7 +200,7 @@ pub(crate) mod tests {
     fn a_plate_on_a_floor_grows_upward() {
         let plate = cuboid([20.0, 12.0, 0.3], 12);
         let floor = Floor { up: Vector3::z(), height: 0.0 };
-        let (thick, left) = thicken(&plate, 1.5, Some(floor), &Progress::none()).unwrap();
+        let (thick, left) = thicken(&plate, 1.5, Some(floor), &Progress::silent()).unwrap();
         assert!(is_solid(&thick) && left == 0);
         let (low, high) = thick.bounds().unwrap();
         assert!(low.z == 0.0 && (1.5..1.8).contains(&high.z), "{low} {high}");

@@ -1,9 +1,9 @@
-//! What a mesh encloses.
+//! The volume of a mesh.
 
 use maquette_value::Mesh;
 use nalgebra::Point3;
 
-/// The volume within a closed mesh, in mm3, by cones to a place near to it; negative if its faces look inward.
+/// Returns the volume inside a closed mesh in mm^3, as a sum of cones to the point `near`; negative if the faces look inward.
 pub(crate) fn volume(mesh: &Mesh, near: Point3<f64>) -> f64 {
     fn place(vertex: u32, near: Point3<f64>, mesh: &Mesh) -> nalgebra::Vector3<f64> {
         mesh.positions()[vertex as usize] - near

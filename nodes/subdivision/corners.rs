@@ -1,15 +1,15 @@
-//! How data at the corners of faces run.
+//! Interpolation of corner attributes.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// How data at the corners of faces run.
+/// Interpolation of corner attributes, such as texture coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Corners {
-    /// Straight within each old face, so that a picture stays where it is.
+    /// Linear within each old face, so that a texture does not move.
     #[default]
     Linear,
-    /// Numbers, pairs and vectors by the rules of the scheme, as if the mesh were cut at the seams, where they jump: a picture is
-    /// less distorted, but moves. Other data, and all with `DooSabin`, run straight.
+    /// Numbers, pairs and vectors by the rules of the scheme, as if the mesh were cut at the seams where they jump: a texture is less
+    /// distorted, but moves. Other attributes are linear, and all of them are with `DooSabin`.
     Smooth,
 }

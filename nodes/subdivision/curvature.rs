@@ -1,6 +1,6 @@
-//! How a surface bends, at each vertex.
+//! Curvature of a surface at each vertex.
 
-use maquette_node::{Carry, Context, Error, Fate, In, Node, Progress, Promise};
+use maquette_node::{Carry, Context, Error, In, Node, Progress, Promise, Transfer};
 use maquette_value::Mesh;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -21,48 +21,47 @@ pub use bent_mesh::BentMesh;
 pub use curvature_error::CurvatureError;
 pub use curvature_ramp::CurvatureRamp;
 
-/// How a surface bends, at each vertex: attributes `gaussian`, `mean`, `k1` and `k2` (the larger and the smaller principal
-/// curvature), `direction1` and `direction2` (unit tangents in which it bends so).
+/// Computes the curvature of a surface at each vertex: attributes `gaussian`, `mean`, `k1` and `k2` (the larger and the smaller principal
+/// curvature), `direction1` and `direction2` (the principal directions as unit tangents).
 ///
-/// Normals point outward and what bends away from them is positive: a sphere of radius r has `k1 = k2 = 1 / r`. The flag
-/// `extraordinary` marks vertices where the limit of a subdivision has no curvature of its own (more or fewer faces than the scheme
-/// likes, borders and creases): there it is that of the surface close by. The flag `unknown` marks vertices where nothing could be
-/// told, and all is 0.
+/// Normals point outward, and curvature away from the normal is positive: a sphere of radius r has `k1 = k2 = 1 / r`. The flag
+/// `extraordinary` marks vertices where the limit surface has no curvature (irregular vertices, borders and creases): they get the
+/// curvature of the surface nearby. The flag `unknown` marks vertices whose curvature cannot be determined; all values are 0 there.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Curvature {
-    /// The mesh: for `Limit` the control mesh of a subdivision surface, whose vertices then come out on that surface.
+    /// Mesh. For `Limit` it is the control mesh of a subdivision surface, and the vertices of the result are on that surface.
     pub mesh: In<Mesh>,
-    /// How the curvature is found.
+    /// Method of computation.
     #[serde(default)]
     pub method: CurvatureMethod,
-    /// The rules of the subdivision, for `Limit`.
-    #[serde(default = "loop_scheme")]
+    /// Subdivision scheme, for `Limit`.
+    #[serde(default = "default_scheme")]
     pub scheme: Scheme,
-    /// What happens at the border of an open mesh, for `Limit`.
+    /// Treatment of the border of an open mesh, for `Limit`.
     #[serde(default)]
     pub boundary: Boundary,
-    /// What the vertex colors show: blue below 0, light gray at 0, red above.
+    /// Curvature shown by vertex colors: blue below 0, light gray at 0, red above.
     #[serde(default)]
     pub ramp: CurvatureRamp,
-    /// The curvature of the strongest colors, in 1/mm, for `Gaussian` in 1/mm^2; 0 takes the one that 5 % of the vertices exceed.
+    /// Curvature of the most saturated colors, in 1/mm, for `Gaussian` in 1/mm^2; 0 stands for the one that 5 % of the vertices exceed.
     #[schemars(range(min = 0.0))]
     #[serde(default)]
     pub strongest: f64,
 }
 
-fn loop_scheme() -> Scheme {
+fn default_scheme() -> Scheme {
     Scheme::Loop
 }
 
-/// How the curvature of a mesh is found.
+/// A method of computing curvature.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum CurvatureMethod {
-    /// That of the subdivision surface: exact where it is regular.
+    /// The curvature of the subdivision surface: exact where it is regular.
     #[default]
     Limit,
-    /// From the angles of the mesh's own faces; the directions by `Fit`.
+    /// From the angles of the mesh's faces; the directions by `Fit`.
     Mesh,
-    /// Of a quadratic surface fitted to the vertices around.
+    /// The curvature of a quadratic surface that is fitted to the neighboring vertices.
     Fit,
 }
 
@@ -75,27 +74,28 @@ impl Node for Curvature {
             it.method != CurvatureMethod::Limit
         });
 
-    const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept).but(&["color"])];
+    const CARRIES: &'static [Carry] =
+        &[Carry::uniform("mesh", "mesh", Transfer::Kept).excluding(&["color"])];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         let (mesh, progress) = (cx.get(&self.mesh), cx.progress());
         let bent = curvature(mesh, self.method, self.scheme, self.boundary, progress)?;
         let unknown = bent.bending.iter().filter(|bending| bending.is_none()).count();
         if 0 < unknown {
-            cx.warn(format!("nothing can be told of the curvature at {unknown} vertices, which are marked `unknown`"));
+            cx.warn(format!("the curvature at {unknown} vertices cannot be determined; they are marked `unknown`"));
         }
         Ok((bent.into_mesh(self.ramp, self.strongest)?,))
     }
 }
 
-/// How a mesh bends, or for [`CurvatureMethod::Limit`] the subdivision surface of which it is the control mesh.
+/// Computes the curvature of a mesh, or for [`CurvatureMethod::Limit`] of the subdivision surface with this control mesh.
 ///
-/// Cost grows with the number of vertices. Sources: for `Mesh` [`angle_bending()`]; for `Fit` Petitjean, "A survey of methods for
-/// recovering quadrics in triangle meshes" (2002); for `Limit` the derivatives of the uniform B-splines and box splines that the
-/// surface consists of, by differences of control points.
+/// The time is linear in the number of vertices. Sources: for `Mesh` see [`angle_bending()`]; for `Fit` Petitjean, "A survey of methods for
+/// recovering quadrics in triangle meshes" (2002). For `Limit` the derivatives of the surface, which consists of uniform B-splines or box
+/// splines, are computed as differences of control points.
 ///
 /// # Errors
-/// If the mesh is not one that the scheme can refine, or the evaluation is told to stop.
+/// If the scheme cannot refine the mesh, or the evaluation is cancelled.
 pub fn curvature(
     mesh: &Mesh,
     method: CurvatureMethod,
@@ -107,11 +107,12 @@ pub fn curvature(
         return at_limit::at_limit(mesh, scheme, boundary, progress);
     }
     let vertices: Vec<_> = (0..mesh.positions().len() as u32).collect();
-    let mut bending = discrete::fitted(mesh, &vertices, progress)?;
+    let mut bending = discrete::fit_quadrics(mesh, &vertices, progress)?;
     if method == CurvatureMethod::Mesh {
-        let angles = angle_bending(&discrete::triangulated(mesh)?);
+        let angles = angle_bending(&discrete::triangulate_polygons(mesh)?);
         for (bending, angles) in bending.iter_mut().zip(angles) {
-            *bending = bending.filter(|_| angles.area > 0.0).map(|fit| fit.replaced(angles));
+            *bending =
+                bending.filter(|_| angles.area > 0.0).map(|fit| fit.replace_curvatures(angles));
         }
     }
     let extraordinary = vec![false; vertices.len()];

@@ -1,9 +1,9 @@
-//! Fits a subdivision surface to scattered points.
+//! Fitting of a subdivision surface to scattered points.
 
 pub use fit::{FittedSubdivision, fit_subdivision};
 pub use fit_subdivision_error::FitSubdivisionError;
 use maquette_base::scattered::Scattered;
-use maquette_node::{Carry, Context, Error, Fate, In, Node, Promise, Want};
+use maquette_node::{Carry, Context, Error, In, Node, Promise, Transfer, Want};
 use maquette_value::{Mesh, Trace};
 pub use moves::{Prices, fit_by_moves};
 use schemars::JsonSchema;
@@ -21,47 +21,47 @@ mod net;
 mod scan;
 mod surroundings;
 
-/// Moves the control points of a Loop subdivision surface until it is as near as possible to given points.
+/// Fits a Loop subdivision surface to points by moving its control points.
 ///
-/// Start with `Simplify` of a dense mesh of the points. Creases and borders stay sharp, so that the surface is smooth piece by piece. With
-/// `moves: ByEnergy()` the faces change, too: vertices go where the surface is simple and come where it is not, and edges become
-/// sharp or smooth wherever the scan is; what is smooth around the corner of a hole is cut by a sharp edge, as it would fold. Points
-/// whose nearest place is farther away than two edges of the control mesh are left out: they belong to parts that the mesh does not have.
+/// Start with a dense mesh of the points, reduced by `Simplify`. Creases and borders stay sharp, so that the surface is piecewise smooth.
+/// With `moves: ByEnergy()` the faces change, too: vertices are removed where the surface is simple and added where it is not, edges become
+/// sharp or smooth as the scan requires, and a smooth part that would fold at the corner of a hole is divided by a sharp edge. Points
+/// farther from the mesh than two edges of the control mesh are ignored: they belong to parts that the mesh does not have.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct FitSubdivision {
-    /// The control mesh to start with: triangles.
+    /// Control mesh to start with, of triangles.
     pub mesh: In<Mesh>,
-    /// What the surface is to be near: points, the cells of a range image, or the vertices of a mesh.
+    /// Points to approximate: points, the cells of a range image, or the vertices of a mesh.
     pub points: In<Scattered>,
-    /// Weight of smoothness beside nearness: more for noisy points.
+    /// Weight of smoothness relative to distance. Increase it for noisy points.
     #[schemars(range(min = 0.0, max = 1000.0))]
-    #[serde(default = "thousandth")]
+    #[serde(default = "default_smoothing")]
     pub smoothing: f64,
-    /// How often the nearest places are looked for anew.
+    /// Number of iterations. Each finds the nearest points of the surface again.
     #[schemars(range(max = 1000))]
-    #[serde(default = "six")]
+    #[serde(default = "default_iterations")]
     pub iterations: u32,
-    /// What may change beside the places of control points.
+    /// Changes other than positions of control points.
     #[serde(default)]
     pub moves: Moves,
 }
 
-/// What may change beside the places of control points.
+/// Changes other than positions of control points.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub enum Moves {
-    /// Nothing: the control mesh keeps its faces and creases.
+    /// None: the control mesh keeps its faces and creases.
     #[default]
     Nothing,
-    /// Edges are collapsed, split, swapped, made sharp and made smooth wherever that is worth its price. `points` must be a mesh, because
-    /// what lies between points counts, too; the result has no attributes.
+    /// Collapses, splits, swaps, sharpens or smooths edges wherever that lowers the energy. `points` must be a mesh, because the distance
+    /// is also measured between its vertices. The result has no attributes.
     ByEnergy(Prices),
 }
 
-fn thousandth() -> f64 {
+fn default_smoothing() -> f64 {
     1e-3
 }
 
-fn six() -> u32 {
+fn default_iterations() -> u32 {
     6
 }
 
@@ -79,18 +79,18 @@ impl Node for FitSubdivision {
     const PROMISES: &'static [Promise<Self>] = &[
         Promise::always("mesh", "Triangles"),
         Promise::from("mesh", "Closed", "mesh")
-            .when("without `moves`", |it| it.moves == Moves::Nothing),
+            .only_if("without `moves`", |it| it.moves == Moves::Nothing),
         Promise::from("mesh", "Manifold", "mesh")
-            .when("without `moves`", |it| it.moves == Moves::Nothing),
+            .only_if("without `moves`", |it| it.moves == Moves::Nothing),
         Promise::from("mesh", "Oriented", "mesh")
-            .when("without `moves`", |it| it.moves == Moves::Nothing),
+            .only_if("without `moves`", |it| it.moves == Moves::Nothing),
         Promise::from("mesh", "Unpinched", "mesh")
-            .when("without `moves`", |it| it.moves == Moves::Nothing),
+            .only_if("without `moves`", |it| it.moves == Moves::Nothing),
     ];
 
     const CARRIES: &'static [Carry] = &[
-        Carry::all("mesh", "mesh", Fate::Kept),
-        Carry::all("points", "mesh", Fate::Dropped).and_cells(Fate::Dropped),
+        Carry::uniform("mesh", "mesh", Transfer::Kept),
+        Carry::uniform("points", "mesh", Transfer::Dropped).and_cells(Transfer::Dropped),
     ];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
@@ -112,7 +112,9 @@ impl Node for FitSubdivision {
                     .iter()
                     .any(|all| all.iter().next().is_some())
                 {
-                    cx.warn("the attributes of the mesh are dropped: `moves` makes other faces");
+                    cx.warn(
+                        "the attributes of the mesh are dropped, because `moves` changes the faces",
+                    );
                 }
                 fit_by_moves(mesh, scan, smoothing, iterations, prices, cx.progress())?
             }
@@ -120,7 +122,7 @@ impl Node for FitSubdivision {
         };
         if 0 < fitted.left_out {
             let (count, all) = (fitted.left_out, points.len());
-            cx.warn(format!("{count} of {all} points are far from the mesh and were left out"));
+            cx.warn(format!("{count} of {all} points are too far from the mesh and were ignored"));
         }
         Ok((fitted.mesh, fitted.trace))
     }

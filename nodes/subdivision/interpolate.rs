@@ -1,123 +1,122 @@
 //! Finds the control mesh of a subdivision surface through given vertices.
 
 use maquette_node::{
-    Cancelled, Carry, Context, Error, Estimate, Fate, FieldError, In, Node, Progress, Promise,
-    TooMuch, Want,
+    CancelledError, Carry, Context, Error, Estimate, FieldError, In, LimitError, Node, Progress,
+    Promise, Transfer, Want,
 };
 use maquette_value::{Attribute, Mesh, MeshError, Trace};
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::limit::limit_rows::{Limit, LimitPlaces};
+use super::limit::limit_rows::{Limit, LimitPositions};
 use super::refine::topology::Topology;
 use super::solve::blocks::limit_matrix;
 use super::solve::control_points::control_points;
 use super::solve::extent::stray;
-use super::solve::geometric::Look;
-use super::solve::interpolation::{Direction, Foot, Interpolation, NotLinear, Solver};
+use super::solve::geometric::FootSearch;
+use super::solve::interpolation::{Direction, Foot, Interpolation, NonlinearError, Solver};
 use super::solve::least_squares::least_squares;
 use super::solve::limit_matrix::PRODUCTS;
-use super::solve::solution::{Diverged, End, Interpolated, Solution};
+use super::solve::solution::{DivergenceError, End, InterpolationResult, Solution};
 use super::surface::limit_feet::{ClosestFeet, vertex_feet};
 use super::{Boundary, Corners, Creases, Plan, Scheme, SubdivideError, Subdivision};
 
 /// Finds the control mesh whose subdivision surface passes through the vertices of a mesh.
 ///
-/// The control mesh has the same faces and attributes; only its vertices are elsewhere. Refine it with `Subdivide`, with
-/// `limit: true` for points on the surface itself: with `levels: 0` the given vertices come out again.
+/// The control mesh has the same faces and attributes, with other positions. Refine it with `Subdivide`, with `limit: true` for points on
+/// the surface itself; with `levels: 0` these are the given vertices.
 ///
-/// Borders and creases are curves of their own, and are met first. `Loop` and `DooSabin` have a control mesh for every closed mesh.
-/// `CatmullClark` has none for some: a pattern that alternates around vertices of three faces, as on a cube, is smoothed away whole.
+/// Borders and creases are independent curves, which are interpolated first. With `Loop` and `DooSabin` every closed mesh has a control
+/// mesh. With `CatmullClark` some have none: a pattern that alternates around vertices of three faces, as on a cube, vanishes in the limit.
 ///
-/// The form with `foot: Closest` is described in Japanese patent 4934789, filed on 2007-01-15; the default is the linear
-/// progressive form. With `foot: Closest` or `direction: Normal` the surface stays near the vertices, no farther from their bounding
-/// box than its diagonal, or there is an error. Control points may be farther away: where the vertices alternate between high and low, those of
-/// `CatmullClark` are nine times as high.
+/// The form with `foot: Closest` is described in Japanese patent 4934789, filed on 2007-01-15; the default is the linear progressive form.
+/// With `foot: Closest` or `direction: Normal` it is an error if the surface is farther from the vertices' bounding box than its diagonal.
+/// Control points may be farther away: if the vertices alternate between high and low, those of `CatmullClark` are nine times as high.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Interpolate {
-    /// The vertices to meet, and how they hang together.
+    /// Mesh whose vertices are interpolated. The control mesh has its faces.
     pub mesh: In<Mesh>,
-    /// The rules of the subdivision.
+    /// Subdivision scheme.
     pub scheme: Scheme,
-    /// How they are met.
+    /// Options of the interpolation.
     #[serde(flatten)]
     pub options: InterpolateOptions,
-    /// A vertex attribute of flags: the control points where it is set stay on their vertices, which the surface then misses. None
-    /// if left empty.
+    /// Vertex attribute of flags. Where it is set, control points stay at their vertices, which the surface then does not pass through.
+    /// Empty for none.
     #[serde(default)]
     pub fixed: String,
 }
 
-/// What to do if no control mesh has a surface through all vertices.
+/// Fallback if no control mesh has a surface through all vertices.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum OnSingular {
-    /// Fails, and says how far the surface stays away.
+    /// Fails and reports the remaining distance.
     #[default]
     Error,
-    /// Comes as near as possible with the least change of the control points.
+    /// Minimizes the distances, with the smallest change of the control points.
     LeastSquares,
-    /// Refines the mesh once, which makes enough control points, and moves them as little as possible.
+    /// Refines the mesh once, so that there are enough control points, and moves them as little as possible.
     RefineOnce,
 }
 
-/// Why there is no control mesh.
+/// An error of [`interpolate`].
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InterpolateError {
-    /// A solver for other feet or directions.
+    /// The solver does not support the foot (the point with which a given point is compared) or the direction.
     #[error(transparent)]
-    NotLinear(#[from] NotLinear),
-    /// A mesh that the scheme cannot refine.
+    NotLinear(#[from] NonlinearError),
+    /// The scheme cannot refine the mesh.
     #[error(transparent)]
     Subdivide(#[from] SubdivideError),
-    /// Faces at the border that the surface does not have.
+    /// The mesh has border faces, which the surface lacks with `boundary: None`.
     #[error(
-        "with `boundary: None` the surface ends before the border, whose vertices it therefore cannot meet"
+        "with `boundary: None` the surface ends before the border and cannot pass through the vertices there"
     )]
     NoBorder,
-    /// Vertices that no surface of this connectivity passes through.
+    /// No surface with this connectivity passes through all vertices.
     #[error(
-        "no control mesh of this connectivity has a surface through all vertices: {residual:.3e} mm stay at vertex {vertex}, a pattern \
-         that the scheme smooths away; move vertices, or take `on_singular: RefineOnce` or `LeastSquares`"
+        "no control mesh of this connectivity has a surface through all vertices: a distance of {residual:.3e} mm remains at vertex {vertex}, a pattern \
+         that vanishes in the limit; move vertices, or use `on_singular: RefineOnce` or `LeastSquares`"
     )]
     NotInterpolable {
-        /// The largest distance that no control points take away, in mm.
+        /// The largest remaining distance, in mm.
         residual: f64,
-        /// Where it is.
+        /// The vertex with the largest distance.
         vertex: usize,
-        /// What is left at each vertex, in mm.
+        /// The remaining offset at each vertex, in mm.
         mode: Vec<[f64; 3]>,
     },
-    /// No attribute of flags.
+    /// The attribute named by `fixed` does not exist.
     #[error("the mesh has no vertex attribute `{name}` of flags")]
     Fixed {
-        /// Its name.
+        /// The name of the attribute.
         name: String,
     },
-    /// Equations that would take too much memory and time.
+    /// The equations would need too much memory and time.
     #[error(transparent)]
-    TooMuch(#[from] TooMuch),
-    /// Control points out of all bounds.
+    TooMuch(#[from] LimitError),
+    /// A control point became infinite.
     #[error("the iteration diverged: {0}")]
     Mesh(#[from] MeshError),
-    /// The iteration leads away from the points.
+    /// The iteration diverged.
     #[error(transparent)]
-    Diverged(#[from] Diverged),
-    /// The evaluation was told to stop.
+    Diverged(#[from] DivergenceError),
+    /// The evaluation was cancelled.
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }
 
-/// How vertices are met.
+/// Options of the interpolation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct InterpolateOptions {
-    /// What happens at the border of an open mesh.
+    /// Treatment of the border of an open mesh.
     #[serde(default)]
     pub boundary: Boundary,
-    /// How control points are found.
+    /// Options of the solver.
     #[serde(flatten)]
     pub how: Interpolation,
-    /// What to do if no control mesh has a surface through all vertices.
+    /// Fallback if no control mesh has a surface through all vertices.
     #[serde(default)]
     pub on_singular: OnSingular,
 }
@@ -131,7 +130,7 @@ impl Node for Interpolate {
         Want::new("mesh", "Oriented"),
         Want::new("mesh", "Unpinched"),
         Want::new("mesh", "Triangles")
-            .when("with the scheme `Loop`", |it| it.scheme == Scheme::Loop),
+            .only_if("with the scheme `Loop`", |it| it.scheme == Scheme::Loop),
     ];
 
     const PROMISES: &'static [Promise<Self>] = &[
@@ -141,15 +140,16 @@ impl Node for Interpolate {
         Promise::from("mesh", "Unpinched", "mesh"),
         Promise::from("mesh", "NonEmpty", "mesh"),
         Promise::from("mesh", "Triangles", "mesh")
-            .when("with the scheme `Loop`", |it| it.scheme == Scheme::Loop),
+            .only_if("with the scheme `Loop`", |it| it.scheme == Scheme::Loop),
     ];
 
-    const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept)];
+    const CARRIES: &'static [Carry] = &[Carry::uniform("mesh", "mesh", Transfer::Kept)];
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let corners = cx.get(&self.mesh).faces().corners().len() as f64;
-        let how = self.options.how;
-        let (factors, feet) = (how.solver == Solver::Direct, how.foot == Foot::Closest);
+        let solver_options = self.options.how;
+        let (factors, feet) =
+            (solver_options.solver == Solver::Direct, solver_options.foot == Foot::Closest);
         let per_corner = 70.0 + if factors { 700.0 } else { 0.0 } + if feet { 150.0 } else { 0.0 };
         Some(Estimate {
             bytes: corners * per_corner,
@@ -167,7 +167,7 @@ impl Node for Interpolate {
         let (scheme, options) = (self.scheme, &self.options);
         let found =
             interpolate_with::<Error>(mesh, scheme, options, &fixed, cx.progress(), |topology| {
-                cx.memo(topology, LimitPlaces::memo)
+                cx.memo(topology, LimitPositions::memo)
             })?;
         Ok(found.outputs(cx, "surface"))
     }
@@ -183,40 +183,41 @@ fn fixed_vertices(mesh: &Mesh, name: &str) -> Result<Vec<bool>, InterpolateError
     }
 }
 
-/// The control mesh whose limit surface passes through the vertices of `mesh`, but for those whose flags in `fixed`, if there are
-/// any, say that their control points stay on them.
+/// Computes the control mesh whose limit surface passes through the vertices of `mesh`. If `fixed` is given, control points marked in it
+/// stay at their vertices, and the surface need not pass through these vertices.
 ///
-/// With `foot: Vertex` the distances are those of each vertex from its control point's limit, and the problem is linear: Halstead,
-/// Kass and DeRose, "Efficient, fair interpolation using Catmull-Clark surfaces" (1993), solved by conjugate gradients or by the
-/// progressive iteration of Cheng et al., "Loop subdivision surface based progressive interpolation" (2009). With `foot: Closest` they
-/// are those from the nearest point of the surface on the faces at the vertex: Maekawa, Matsumoto and Namiki, "Interpolation by
-/// geometric algorithm", Computer-Aided Design 39 (2007). Of this no proof is known that it converges; where it does not, the vertices
-/// that are missed by most go on with their control points' limits. At the border of an open mesh Doo's and Sabin's scheme has these alone.
+/// The *foot* of a vertex is the surface point with which the vertex is compared. With `foot: Vertex` the foot is the limit point of the
+/// vertex's own control point, and the problem is linear: Halstead, Kass and DeRose, "Efficient, fair interpolation using Catmull-Clark
+/// surfaces" (1993), solved by conjugate gradients or by the progressive iteration of Cheng et al., "Loop subdivision surface based
+/// progressive interpolation" (2009). With `foot: Closest` the foot is the nearest surface point on the faces at the vertex: Maekawa,
+/// Matsumoto and Namiki, "Interpolation by geometric algorithm", Computer-Aided Design 39 (2007). No proof of convergence is known for
+/// `Closest`; where the iteration does not converge, the vertices with the largest distances switch to `Vertex`. At the border of an open
+/// mesh the Doo-Sabin scheme always uses `Vertex`.
 ///
 /// # Errors
-/// If the scheme cannot refine the mesh, no control mesh has such a surface, the solver is not for this foot and direction, a
-/// nonlinear iteration diverges, or the evaluation is told to stop.
+/// If the scheme cannot refine the mesh, no control mesh has such a surface, the solver does not support the foot and direction, a
+/// nonlinear iteration diverges, or the evaluation is cancelled.
 pub fn interpolate(
     mesh: &Mesh,
     scheme: Scheme,
     options: &InterpolateOptions,
     fixed: &[bool],
     progress: &Progress<'_>,
-) -> Result<Interpolated<Mesh>, InterpolateError> {
+) -> Result<InterpolationResult<Mesh>, InterpolateError> {
     interpolate_with(mesh, scheme, options, fixed, progress, |topology| {
-        LimitPlaces::new(topology).map_err(InterpolateError::from)
+        LimitPositions::new(topology).map_err(InterpolateError::from)
     })
 }
 
-/// [`interpolate`] with limits from `limit`.
+/// Performs [`interpolate`]; `limit` computes (or looks up) the limit masks.
 fn interpolate_with<E: From<InterpolateError>>(
     mesh: &Mesh,
     scheme: Scheme,
     options: &InterpolateOptions,
     fixed: &[bool],
     progress: &Progress<'_>,
-    limit: impl Fn(&Topology) -> Result<LimitPlaces, E>,
-) -> Result<Interpolated<Mesh>, E> {
+    limit: impl Fn(&Topology) -> Result<LimitPositions, E>,
+) -> Result<InterpolationResult<Mesh>, E> {
     options.how.check().map_err(InterpolateError::from)?;
     if options.boundary == Boundary::None {
         return Err(InterpolateError::NoBorder.into());
@@ -230,9 +231,9 @@ fn interpolate_with<E: From<InterpolateError>>(
         corners: Corners::Linear,
     };
     let points = mesh.positions();
-    let how = &options.how;
-    let limits = limit(&Topology::of(mesh, subdivision))?;
-    if how.solver == Solver::Direct {
+    let solver_options = &options.how;
+    let limits = limit(&Topology::from_mesh(mesh, subdivision))?;
+    if solver_options.solver == Solver::Direct {
         let products = limits.positions.products();
         PRODUCTS
             .check("solving for the control points by factors", products)
@@ -240,31 +241,33 @@ fn interpolate_with<E: From<InterpolateError>>(
     }
     let matrix = || limit_matrix(&limits, mesh.faces(), fixed);
     let sample = |control: &[Point3<f64>]| sample(mesh, subdivision, control);
-    let solved = match how.foot {
+    let solved = match solver_options.foot {
         Foot::Closest => {
             let feet = ClosestFeet::new(mesh, subdivision, &limits.positions);
             let mut feet = feet.map_err(InterpolateError::from)?;
             control_points(
                 points,
-                how,
+                solver_options,
                 fixed,
                 progress,
-                |control, look: Look<'_>| feet.of(control, look.own),
+                |control, look: FootSearch<'_>| feet.find(control, look.own),
                 sample,
                 matrix,
             )
         }
         Foot::Vertex => {
-            let normals = how.direction == Direction::Normal;
+            let normals = solver_options.direction == Direction::Normal;
             let facing = normals.then(|| Limit::new(&limits.topology)).transpose();
             let facing = facing.map_err(InterpolateError::from)?;
             let rows = &limits.positions;
             control_points(
                 points,
-                how,
+                solver_options,
                 fixed,
                 progress,
-                |control, look: Look<'_>| vertex_feet(rows, facing.as_ref(), control, look.own),
+                |control, look: FootSearch<'_>| {
+                    vertex_feet(rows, facing.as_ref(), control, look.own)
+                },
                 sample,
                 matrix,
             )
@@ -274,10 +277,11 @@ fn interpolate_with<E: From<InterpolateError>>(
     let mut solution = match solved.filter(|solution| !solution.unreachable) {
         Some(solution) => solution,
         None if options.on_singular == OnSingular::RefineOnce && !scheme.is_dual() => {
-            return refined_once(mesh, subdivision, how, progress, limit);
+            return refined_once(mesh, subdivision, solver_options, progress, limit);
         }
         None => {
-            let nearest = least_squares(&limits.positions, points, points, fixed, how, progress);
+            let nearest =
+                least_squares(&limits.positions, points, points, fixed, solver_options, progress);
             let nearest = nearest.map_err(InterpolateError::from)?;
             if options.on_singular != OnSingular::LeastSquares && nearest.unreachable {
                 return Err(not_interpolable(&limits, points, &nearest).into());
@@ -285,19 +289,20 @@ fn interpolate_with<E: From<InterpolateError>>(
             nearest
         }
     };
-    if !how.is_linear()
-        && let Some(stray) = stray(&solution.found.control, points, sample)
+    if !solver_options.is_linear()
+        && let Some(stray) = stray(&solution.outcome.control, points, sample)
     {
-        let last = solution.found.trace.steps().last().map_or(0, |step| step.iteration as u32);
-        solution.found.end = End::Diverged(Diverged::strayed(last, stray));
+        let last = solution.outcome.trace.steps().last().map_or(0, |step| step.iteration as u32);
+        solution.outcome.end = End::Diverged(DivergenceError::from_stray(last, stray));
     }
     let found = solution
-        .found
-        .shaped(|control| mesh.with_positions(control).map_err(InterpolateError::from))?;
-    Ok(Interpolated { shape: found.shape.without("normal"), ..found })
+        .outcome
+        .try_map(|control| mesh.with_positions(control).map_err(InterpolateError::from))?;
+    Ok(InterpolationResult { shape: found.shape.without_attribute("normal"), ..found })
 }
 
-/// Points of the limit surface of `mesh` with other control points: at these and in the middle of edges and faces. `None` if they overflow.
+/// Samples the limit surface that `mesh` has with other control points: at the limit points of the control points, and in the middle of
+/// edges and faces. Returns `None` on overflow.
 fn sample(
     mesh: &Mesh,
     subdivision: Subdivision,
@@ -309,11 +314,11 @@ fn sample(
 }
 
 fn not_interpolable(
-    limits: &LimitPlaces,
+    limits: &LimitPositions,
     points: &[Point3<f64>],
     solution: &Solution,
 ) -> InterpolateError {
-    let surface = limits.positions.apply(&solution.found.control);
+    let surface = limits.positions.apply(&solution.outcome.control);
     let left = points.iter().zip(&surface).map(|(point, surface)| (point - surface).into());
     let mode: Vec<[f64; 3]> = left.collect();
     let worst = mode
@@ -325,23 +330,26 @@ fn not_interpolable(
     InterpolateError::NotInterpolable { residual, vertex, mode }
 }
 
-/// The control mesh after one refinement whose limit passes through the old vertices, with the least change of the refined one.
+/// Computes the control mesh, refined once, whose limit surface passes through the vertices of `mesh`, with the smallest change of the
+/// refined mesh.
 ///
-/// It has many more control points than there are vertices to meet, so that there is one even where the mesh itself has none.
+/// The refined mesh has many more control points than there are vertices to interpolate, so that there is a solution even if the mesh
+/// itself has none.
 fn refined_once<E: From<InterpolateError>>(
     mesh: &Mesh,
     subdivision: Subdivision,
-    how: &Interpolation,
+    options: &Interpolation,
     progress: &Progress<'_>,
-    limit: impl Fn(&Topology) -> Result<LimitPlaces, E>,
-) -> Result<Interpolated<Mesh>, E> {
+    limit: impl Fn(&Topology) -> Result<LimitPositions, E>,
+) -> Result<InterpolationResult<Mesh>, E> {
     let plan = Plan::new(mesh, Subdivision { levels: 1, ..subdivision });
     let refined = plan.and_then(|plan| plan.apply(mesh)).map_err(InterpolateError::from)?;
-    let limits = limit(&Topology::of(&refined, subdivision))?;
+    let limits = limit(&Topology::from_mesh(&refined, subdivision))?;
     let old = limits.positions.head(mesh.positions().len());
-    let solution = least_squares(&old, refined.positions(), mesh.positions(), &[], how, progress);
-    let found = solution.map_err(InterpolateError::from)?.found;
-    Ok(found.shaped(|control| refined.with_positions(control).map_err(InterpolateError::from))?)
+    let solution =
+        least_squares(&old, refined.positions(), mesh.positions(), &[], options, progress);
+    let found = solution.map_err(InterpolateError::from)?.outcome;
+    Ok(found.try_map(|control| refined.with_positions(control).map_err(InterpolateError::from))?)
 }
 
 #[cfg(test)]

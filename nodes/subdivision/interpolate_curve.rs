@@ -1,6 +1,6 @@
 //! Finds the control points of a smooth curve through given points.
 
-use maquette_node::{Cancelled, Context, Error, FieldError, In, Node, Progress};
+use maquette_node::{CancelledError, Context, Error, FieldError, In, Node, Progress};
 use maquette_value::{Curve, CurveError, KnotVectorError, Trace};
 use nalgebra::Point3;
 use schemars::JsonSchema;
@@ -9,53 +9,53 @@ use serde::{Deserialize, Serialize};
 use super::curve_basis::CurveBasis;
 use super::solve::control_curve::ControlCurve;
 use super::solve::control_points::control_points;
-use super::solve::geometric::{FootPoint, Look, Perpendicular};
-use super::solve::interpolation::{Foot, Interpolation, NotLinear};
+use super::solve::geometric::{FootPoint, FootSearch, Perpendicular};
+use super::solve::interpolation::{Foot, Interpolation, NonlinearError};
 use super::solve::limit_matrix::LimitMatrix;
-use super::solve::solution::{Diverged, Interpolated};
+use super::solve::solution::{DivergenceError, InterpolationResult};
 
 /// Finds the control points of a smooth curve through given points.
 ///
-/// The control points of `Chaikin` and `Cubic` are a polyline: refine it with `SubdivideCurve`. Those of `BSpline` come with knots
-/// and weights of 1, as a curve that is ready. An open curve begins and ends at its first and last point.
+/// The control points of `Chaikin` and `Cubic` are a polyline: refine it with `SubdivideCurve`. `BSpline` gives a complete B-spline with
+/// knots and weights of 1. An open curve begins and ends at its first and last point.
 ///
 /// The form with `foot: Closest` is described in Japanese patent 4934789, filed on 2007-01-15; the default is the linear
 /// progressive form.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct InterpolateCurve {
-    /// The points to meet: a polyline, open or closed.
+    /// Polyline whose points are interpolated, open or closed.
     pub curve: In<Curve>,
-    /// The kind of curve.
+    /// Kind of curve.
     pub scheme: CurveBasis,
-    /// How control points are found.
+    /// Options of the solver.
     #[serde(flatten)]
     pub how: Interpolation,
 }
 
-/// Why there is no curve through some points.
+/// An error of [`interpolate_curve`].
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InterpolateCurveError {
-    /// A B-spline, whose control points are not points to meet.
+    /// The input is a B-spline. Only the points of a polyline are interpolated.
     #[error("the curve is a B-spline; only the points of a polyline are interpolated")]
     Spline,
-    /// A solver for other feet or directions.
+    /// The solver does not support the foot (the point with which a given point is compared) or the direction.
     #[error(transparent)]
-    NotLinear(#[from] NotLinear),
-    /// Too few points for the degree, or points in one place.
+    NotLinear(#[from] NonlinearError),
+    /// There are too few points for the degree, or two points coincide.
     #[error(transparent)]
     Knots(#[from] KnotVectorError),
-    /// Equations without one solution.
-    #[error("the points do not determine the curve: some lie in one place")]
+    /// The system of equations is singular.
+    #[error("the points do not determine the curve: some coincide")]
     Singular,
-    /// Control points out of all bounds.
+    /// A control point became infinite.
     #[error("the iteration diverged: {0}")]
     Curve(#[from] CurveError),
-    /// The iteration leads away from the points.
+    /// The iteration diverged.
     #[error(transparent)]
-    Diverged(#[from] Diverged),
-    /// The evaluation was told to stop.
+    Diverged(#[from] DivergenceError),
+    /// The evaluation was cancelled.
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }
 
 impl Node for InterpolateCurve {
@@ -73,46 +73,47 @@ impl Node for InterpolateCurve {
     }
 }
 
-/// The control points of a curve through the points of a polyline.
+/// Computes the control points of a curve through the points of a polyline.
 ///
-/// Maekawa, Matsumoto and Namiki, "Interpolation by geometric algorithm", Computer-Aided Design 39 (2007), for B-splines; the same
-/// iteration on the limit curves of subdivisions. With `foot: Vertex` the distances are those at the points' own parameters.
+/// Maekawa, Matsumoto and Namiki, "Interpolation by geometric algorithm", Computer-Aided Design 39 (2007), for B-splines; their iteration
+/// is also used for limit curves of subdivisions. With `foot: Vertex` each distance is measured from a point to the curve point at the
+/// parameter of this point.
 ///
 /// # Errors
-/// If the curve is no polyline, has too few points for the degree or points in one place, if the solver is not for this foot and
-/// direction, or the evaluation is told to stop.
+/// If the curve is not a polyline, has too few points for the degree or coincident points, if the solver does not support the foot and
+/// direction, or the evaluation is cancelled.
 pub fn interpolate_curve(
     curve: &Curve,
     basis: CurveBasis,
-    how: &Interpolation,
+    options: &Interpolation,
     progress: &Progress<'_>,
-) -> Result<Interpolated<Curve>, InterpolateCurveError> {
+) -> Result<InterpolationResult<Curve>, InterpolateCurveError> {
     if curve.knots().is_some() {
         return Err(InterpolateCurveError::Spline);
     }
-    how.check()?;
+    options.check()?;
     let points = curve.points();
     let family = ControlCurve::new(basis, points, curve.is_closed())?;
-    let mut feet = Feet::new(&family, points, how.foot);
-    // A span has no more extremes than its degree.
+    let mut feet = Feet::new(&family, points, options.foot);
+    // Within a knot span a coordinate of the curve has at most as many extrema as its degree.
     let pieces = 4 * basis.degree();
     let solution = control_points(
         points,
-        how,
+        options,
         &[],
         progress,
-        |control, look: Look<'_>| feet.of(control, &look),
+        |control, look: FootSearch<'_>| feet.find(control, &look),
         |control| Some(family.curve(control).ok()?.sample(pieces)),
         || matrix(&family, basis, points.len(), curve.is_closed()),
     )?;
-    let found = solution.ok_or(InterpolateCurveError::Singular)?.found;
-    found.shaped(|control| match basis {
+    let found = solution.ok_or(InterpolateCurveError::Singular)?.outcome;
+    found.try_map(|control| match basis {
         CurveBasis::BSpline(_) => Ok(family.curve(&control)?),
         _ => Ok(curve.with_points(control)?),
     })
 }
 
-/// The equations of the control points: the ends of an open curve first.
+/// Creates the equations of the control points. Each end point of an open curve is a separate block of equations; these blocks come first.
 fn matrix(family: &ControlCurve, basis: CurveBasis, count: usize, closed: bool) -> LimitMatrix {
     let all = 0..count as u32;
     let blocks = match closed {
@@ -124,12 +125,12 @@ fn matrix(family: &ControlCurve, basis: CurveBasis, count: usize, closed: bool) 
     LimitMatrix { rows: family.collocation(), blocks, scale }
 }
 
-/// The feet of points on the curves of an iteration.
+/// Finds the foot points of the given points, their nearest points on the curve of each iteration.
 struct Feet<'a> {
     family: &'a ControlCurve,
     pub(super) points: &'a [Point3<f64>],
     foot: Foot,
-    /// The parameters of the last feet.
+    /// The curve parameters of the foot points in the previous iteration.
     parameters: Vec<f64>,
 }
 
@@ -138,8 +139,8 @@ impl<'a> Feet<'a> {
         Self { family, points, foot, parameters: family.parameters().to_vec() }
     }
 
-    fn of(&mut self, control: &[Point3<f64>], look: &Look<'_>) -> Vec<FootPoint> {
-        // A curve whose numbers overflowed has no feet; the iteration notes infinite distances and ends.
+    fn find(&mut self, control: &[Point3<f64>], look: &FootSearch<'_>) -> Vec<FootPoint> {
+        // A curve with overflowed coordinates has no foot points; the iteration records infinite distances and ends.
         let Ok(curve) = self.family.curve(control) else {
             return vec![FootPoint::nowhere(); self.points.len()];
         };

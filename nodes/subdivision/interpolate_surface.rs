@@ -2,69 +2,70 @@
 
 use maquette_base::linear::stencils::Stencils;
 use maquette_base::parameters::parameters;
-use maquette_node::{Cancelled, Context, Error, FieldError, In, Node, Progress};
+use maquette_node::{CancelledError, Context, Error, FieldError, In, Node, Progress};
 use maquette_value::parallel::*;
 use maquette_value::{
-    Along, ControlNet, ControlNetError, KnotVector, KnotVectorError, Surface, SurfaceError, Trace,
+    ControlNet, ControlNetError, KnotVector, KnotVectorError, ParameterDirection, Surface,
+    SurfaceError, Trace,
 };
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::solve::control_points::control_points;
-use super::solve::geometric::{FootPoint, Look, Perpendicular};
-use super::solve::interpolation::{Foot, Interpolation, NotLinear};
+use super::solve::geometric::{FootPoint, FootSearch, Perpendicular};
+use super::solve::interpolation::{Foot, Interpolation, NonlinearError};
 use super::solve::limit_matrix::LimitMatrix;
-use super::solve::solution::{Diverged, Interpolated};
+use super::solve::solution::{DivergenceError, InterpolationResult};
 
 /// Finds the control net of a B-spline surface through a grid of points.
 ///
-/// The surface has no weights; it begins and ends with the first and last rows and columns of points. Where it is to be written back
-/// into a scan by `Blend`, take `FitSurface`, which knows the scan's cells.
+/// The surface has no weights; it begins and ends at the first and last rows and columns of points. To write the surface back into a scan
+/// with `Blend`, use `FitSurface` instead, which keeps the relation to the scan's cells.
 ///
 /// The form with `foot: Closest` is described in Japanese patent 4934789, filed on 2007-01-15; the default is the linear
 /// progressive form.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct InterpolateSurface {
-    /// The points to meet, row by row.
+    /// Points to interpolate, row by row.
     pub points: In<ControlNet>,
-    /// Orders along u and v, one more than the degrees: 2 is straight, 3 quadratic, 4 cubic.
+    /// Orders along u and v, which are the degrees plus 1: 2 is linear, 3 quadratic, 4 cubic.
     #[schemars(inner(range(min = 2, max = 10)))]
-    #[serde(default = "fours")]
+    #[serde(default = "default_order")]
     pub order: [usize; 2],
-    /// How control points are found.
+    /// Options of the solver.
     #[serde(flatten)]
     pub how: Interpolation,
 }
 
-fn fours() -> [usize; 2] {
+fn default_order() -> [usize; 2] {
     [4, 4]
 }
 
-/// Why there is no surface through some points.
+/// An error of [`interpolate_surface`].
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InterpolateSurfaceError {
-    /// A solver for other feet or directions.
+    /// The solver does not support the foot (the point with which a given point is compared) or the direction.
     #[error(transparent)]
-    NotLinear(#[from] NotLinear),
-    /// Too few points for the order, or points in one place.
+    NotLinear(#[from] NonlinearError),
+    /// There are too few points for the order, or two points coincide.
     #[error(transparent)]
     Knots(#[from] KnotVectorError),
-    /// Equations without one solution.
-    #[error("the points do not determine the surface: some lie in one place")]
+    /// The system of equations is singular.
+    #[error("the points do not determine the surface: some coincide")]
     Singular,
-    /// Control points out of all bounds.
+    /// A control point became infinite.
     #[error("the iteration diverged: {0}")]
     Net(#[from] ControlNetError),
-    /// No surface.
+    /// The surface is invalid.
     #[error(transparent)]
     Surface(#[from] SurfaceError),
-    /// The iteration leads away from the points.
+    /// The iteration diverged.
     #[error(transparent)]
-    Diverged(#[from] Diverged),
-    /// The evaluation was told to stop.
+    Diverged(#[from] DivergenceError),
+    /// The evaluation was cancelled.
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }
 
 impl Node for InterpolateSurface {
@@ -85,61 +86,62 @@ impl Node for InterpolateSurface {
     }
 }
 
-/// The B-spline surface of these orders through the points of a net, with a control point for each.
+/// Computes the B-spline surface with the orders `order` through the points of a net. The surface has one control point per point.
 ///
-/// The parameters are centripetal in the mean over all lines, the knots averaged from them: Piegl and Tiller, *The NURBS Book*, 2nd
-/// ed. (1997), section 9.2.5. With `foot: Vertex` the distances are those at the points' own parameters: Lin, Bao and Wang, "Totally
-/// positive bases and progressive iteration approximation", Computers & Mathematics with Applications 50 (2005); with `Closest` those
-/// of Maekawa, Matsumoto and Namiki, "Interpolation by geometric algorithm" (2007). The matrix is not symmetric: `Solver::Pcg` runs on
-/// `A A^T`.
+/// The parameters are centripetal, averaged over all lines, and the knots are averages of the parameters: Piegl and Tiller, *The NURBS
+/// Book*, 2nd ed. (1997), section 9.2.5. With `foot: Vertex` each distance is measured from a point to the surface at the parameters of
+/// this point: Lin, Bao and Wang, "Totally positive bases and progressive iteration approximation", Computers & Mathematics with
+/// Applications 50 (2005). With `foot: Closest` it is measured to the nearest surface point: Maekawa, Matsumoto and Namiki, "Interpolation
+/// by geometric algorithm" (2007). The collocation matrix `A` is not symmetric, so `Solver::Pcg` works on `A A^T`.
 ///
 /// # Errors
-/// If there are fewer points than the order, or in one place, the solver is not for this foot and direction, or the evaluation is
-/// told to stop.
+/// If there are fewer points than the order, points coincide, the solver does not support the foot and direction, or the evaluation is
+/// cancelled.
 pub fn interpolate_surface(
     net: &ControlNet,
     order: [usize; 2],
-    how: &Interpolation,
+    options: &Interpolation,
     progress: &Progress<'_>,
-) -> Result<Interpolated<Surface>, InterpolateSurfaceError> {
-    how.check()?;
-    let sheet = Sheet::new(net, order)?;
-    let mut feet = Feet::new(&sheet, net.points(), how.foot);
+) -> Result<InterpolationResult<Surface>, InterpolateSurfaceError> {
+    options.check()?;
+    let surfaces = NetSurfaces::new(net, order)?;
+    let mut feet = Feet::new(&surfaces, net.points(), options.foot);
     let solution = control_points(
         net.points(),
-        how,
+        options,
         &[],
         progress,
-        |control, look: Look<'_>| feet.of(control, &look),
-        |control| sheet.sample(control),
+        |control, look: FootSearch<'_>| feet.find(control, &look),
+        |control| surfaces.sample(control),
         || {
             let blocks = vec![(0..net.points().len() as u32).collect()];
-            LimitMatrix { rows: sheet.collocation(), blocks, scale: None }
+            LimitMatrix { rows: surfaces.collocation(), blocks, scale: None }
         },
     )?;
     solution
         .ok_or(InterpolateSurfaceError::Singular)?
-        .found
-        .shaped(|control| sheet.surface(control))
+        .outcome
+        .try_map(|control| surfaces.surface(control))
 }
 
-/// The surfaces of a net's size.
-struct Sheet<'a> {
+/// The B-spline surfaces with the size, knots and parameters of a net of points. They differ only in their control points.
+struct NetSurfaces<'a> {
     net: &'a ControlNet,
     knots: [KnotVector; 2],
-    /// Where the points' parameters are.
+    /// The parameters of the rows and of the columns.
     parameters: [Vec<f64>; 2],
 }
 
-impl<'a> Sheet<'a> {
+impl<'a> NetSurfaces<'a> {
     fn new(net: &'a ControlNet, order: [usize; 2]) -> Result<Self, KnotVectorError> {
-        let parameters = [Along::U, Along::V].map(|along| parameters(net, along, f64::sqrt));
+        let parameters = [ParameterDirection::U, ParameterDirection::V]
+            .map(|along| parameters(net, along, f64::sqrt));
         fn knots(
             k: usize,
             parameters: &[Vec<f64>; 2],
             order: [usize; 2],
         ) -> Result<KnotVector, KnotVectorError> {
-            KnotVector::averaged(&parameters[k], order[k].saturating_sub(1))
+            KnotVector::from_parameters(&parameters[k], order[k].saturating_sub(1))
         }
         Ok(Self {
             net,
@@ -154,8 +156,8 @@ impl<'a> Sheet<'a> {
         Ok(Surface::new(net.with_frame(self.net.frame().copied()), u, v)?)
     }
 
-    /// Points of the surface of some control points: at the parameters of the net's points and half-way between them. `None` if the control
-    /// points overflowed.
+    /// Samples the surface with the control points `control` at the parameters of the net's points and halfway between them. Returns `None`
+    /// on overflow.
     fn sample(&self, control: &[Point3<f64>]) -> Option<Vec<Point3<f64>>> {
         let surface = self.surface(control.to_vec()).ok()?;
         let [us, vs] = self.parameters.each_ref().map(|parameters| {
@@ -165,12 +167,12 @@ impl<'a> Sheet<'a> {
         Some(surface.grid(&us, &vs))
     }
 
-    /// The points of the surface at the parameters of the net's points, in terms of the control points.
+    /// The collocation matrix: the surface points at the parameters of the net's points as weighted sums of the control points.
     fn collocation(&self) -> Stencils {
         let columns = self.net.columns();
         let bases = [0, 1].map(|k| {
             let at = self.parameters[k].iter().map(|&t| self.knots[k].basis(t));
-            Vec::from_iter(at)
+            at.collect::<Vec<_>>()
         });
         let (rows, _) = Stencils::build(self.net.points().len(), |_: &mut (), k, rows| {
             let ((first_u, us), (first_v, vs)) = (&bases[0][k / columns], &bases[1][k % columns]);
@@ -184,38 +186,38 @@ impl<'a> Sheet<'a> {
         rows
     }
 
-    /// The parameters of a point of the net.
-    fn at(&self, k: usize) -> [f64; 2] {
+    /// The parameters `(u, v)` of point `k` of the net.
+    fn point_parameters(&self, k: usize) -> [f64; 2] {
         let columns = self.net.columns();
         [self.parameters[0][k / columns], self.parameters[1][k % columns]]
     }
 }
 
-/// The feet of points on the surfaces of an iteration.
+/// Finds the foot points of the given points, their nearest points on the surface of each iteration.
 struct Feet<'a> {
-    sheet: &'a Sheet<'a>,
+    surfaces: &'a NetSurfaces<'a>,
     pub(super) points: &'a [Point3<f64>],
     foot: Foot,
-    /// The parameters of the last feet.
+    /// The surface parameters of the foot points in the previous iteration.
     parameters: Vec<[f64; 2]>,
 }
 
 impl<'a> Feet<'a> {
-    fn new(sheet: &'a Sheet<'a>, points: &'a [Point3<f64>], foot: Foot) -> Self {
-        let parameters = (0..points.len()).map(|k| sheet.at(k)).collect();
-        Self { sheet, points, foot, parameters }
+    fn new(surfaces: &'a NetSurfaces<'a>, points: &'a [Point3<f64>], foot: Foot) -> Self {
+        let parameters = (0..points.len()).map(|k| surfaces.point_parameters(k)).collect();
+        Self { surfaces, points, foot, parameters }
     }
 
-    fn of(&mut self, control: &[Point3<f64>], look: &Look<'_>) -> Vec<FootPoint> {
-        // A surface whose numbers overflowed has no feet; the iteration notes infinite distances and ends.
-        let Ok(surface) = self.sheet.surface(control.to_vec()) else {
+    fn find(&mut self, control: &[Point3<f64>], look: &FootSearch<'_>) -> Vec<FootPoint> {
+        // A surface with overflowed coordinates has no foot points; the iteration records infinite distances and ends.
+        let Ok(surface) = self.surfaces.surface(control.to_vec()) else {
             return vec![FootPoint::nowhere(); self.points.len()];
         };
         let [u, v] = [surface.u().domain(), surface.v().domain()];
         let points = self.points.par_iter().zip(&mut self.parameters).enumerate();
         let feet = points.map(|(k, (&to, at))| {
             if look.own[k] {
-                *at = self.sheet.at(k);
+                *at = self.surfaces.point_parameters(k);
                 let point = surface.point(at[0], at[1]);
                 return FootPoint { point, perpendicular: Perpendicular::Nowhere };
             }
@@ -257,22 +259,26 @@ mod tests {
         .unwrap()
     }
 
-    fn found(net: &ControlNet, order: [usize; 2], how: &Interpolation) -> Interpolated<Surface> {
-        interpolate_surface(net, order, how, &Progress::none()).unwrap()
+    fn interpolate_net(
+        net: &ControlNet,
+        order: [usize; 2],
+        options: &Interpolation,
+    ) -> InterpolationResult<Surface> {
+        interpolate_surface(net, order, options, &Progress::silent()).unwrap()
     }
 
     #[test]
     fn every_solver_finds_the_surface_through_the_points() {
         let net = waves(9, 12);
         for order in [[4, 4], [2, 3], [5, 4]] {
-            let sheet = Sheet::new(&net, order).unwrap();
+            let surfaces = NetSurfaces::new(&net, order).unwrap();
             for solver in [Solver::Pcg, Solver::Plain, Solver::Direct] {
                 let how = Interpolation { solver, tolerance: 1e-10, ..Interpolation::default() };
                 let how = Interpolation { iterations: 3000, ..how };
-                let found = found(&net, order, &how);
+                let found = interpolate_net(&net, order, &how);
                 assert!(found.settled, "{order:?} {solver:?}");
                 for (k, point) in net.points().iter().enumerate() {
-                    let [u, v] = sheet.at(k);
+                    let [u, v] = surfaces.point_parameters(k);
                     let distance = (found.shape.point(u, v) - point).norm();
                     assert!(distance <= 1e-8, "{order:?} {solver:?} {distance}");
                 }
@@ -280,9 +286,9 @@ mod tests {
         }
     }
 
-    // Of a B-spline surface: both norms stop where they say.
+    // Checked on a B-spline surface: the iteration ends at the tolerance in both norms.
     #[test]
-    fn nearest_feet_end_on_the_points_in_both_norms_and_directions() {
+    fn closest_feet_interpolate_in_both_norms_and_directions() {
         let net = waves(6, 7);
         for norm in [Norm::Max, Norm::Mean] {
             for direction in [Direction::Residual, Direction::Normal] {
@@ -295,7 +301,7 @@ mod tests {
                     tolerance: 1e-5,
                     iterations: 500,
                 };
-                let found = found(&net, [4, 4], &how);
+                let found = interpolate_net(&net, [4, 4], &how);
                 assert!(found.settled, "{norm:?} {direction:?}");
                 let allowed = 1e-5 * crate::solve::extent::diagonal(net.points());
                 let distances: Vec<f64> =
@@ -313,7 +319,7 @@ mod tests {
     }
 
     /// A grid of points that alternate between high and low, 1 mm apart.
-    fn checkered([rows, columns]: [usize; 2], amplitude: f64) -> ControlNet {
+    fn alternating_net([rows, columns]: [usize; 2], amplitude: f64) -> ControlNet {
         ControlNet::new(
             rows,
             columns,
@@ -329,11 +335,11 @@ mod tests {
     }
 
     #[test]
-    fn alternating_points_are_met_by_every_foot_and_direction() {
+    fn alternating_points_are_interpolated_with_every_foot_and_direction() {
         let mut far = 0;
         for size in [[5, 5], [5, 8]] {
             for amplitude in [0.2, 1.0, 5.0] {
-                let net = checkered(size, amplitude);
+                let net = alternating_net(size, amplitude);
                 for (foot, direction) in [
                     (Foot::Vertex, Direction::Residual),
                     (Foot::Vertex, Direction::Normal),
@@ -343,7 +349,7 @@ mod tests {
                     let name = format!("{size:?} {amplitude} {foot:?} {direction:?}");
                     let how = Interpolation { foot, direction, ..Interpolation::default() };
                     let how = Interpolation { solver: Solver::Plain, iterations: 500, ..how };
-                    let found = interpolate_surface(&net, [4, 4], &how, &Progress::none());
+                    let found = interpolate_surface(&net, [4, 4], &how, &Progress::silent());
                     let found = found.unwrap_or_else(|error| panic!("{name}: {error}"));
                     let diagonal = crate::solve::extent::diagonal(net.points());
                     let distances =
@@ -353,7 +359,7 @@ mod tests {
                     let control = found.shape.net().points();
                     let moved = control.iter().zip(net.points()).map(|(a, b)| (a - b).norm());
                     far += usize::from(moved.fold(0.0, f64::max) > diagonal);
-                    // The surface goes no farther than waves through the points do.
+                    // The surface is at most as high as smooth waves through the points would be.
                     let drawn = found.shape.tessellate(0, 0).unwrap();
                     let height = drawn.positions().iter().map(|p| p.z.abs()).fold(0.0, f64::max);
                     assert!(height <= 4.0 * amplitude, "{name}: {height}");
@@ -364,18 +370,18 @@ mod tests {
     }
 
     #[test]
-    fn points_in_one_place_and_too_few_are_refused() {
-        fn refused(
+    fn coincident_points_and_too_few_points_are_errors() {
+        fn interpolate_error(
             net: &ControlNet,
             order: [usize; 2],
-        ) -> Result<Interpolated<Surface>, InterpolateSurfaceError> {
-            interpolate_surface(net, order, &Interpolation::default(), &Progress::none())
+        ) -> Result<InterpolationResult<Surface>, InterpolateSurfaceError> {
+            interpolate_surface(net, order, &Interpolation::default(), &Progress::silent())
         }
         assert!(matches!(
-            refused(&waves(3, 5), [4, 4]),
+            interpolate_error(&waves(3, 5), [4, 4]),
             Err(InterpolateSurfaceError::Knots(KnotVectorError::TooFew { .. }))
         ));
         let flat = ControlNet::new(5, 5, vec![Point3::origin(); 25]).unwrap();
-        assert!(refused(&flat, [4, 4]).is_ok(), "one point is a surface of one point");
+        assert!(interpolate_error(&flat, [4, 4]).is_ok(), "one point is a surface of one point");
     }
 }

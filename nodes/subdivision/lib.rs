@@ -1,4 +1,4 @@
-//! Nodes on subdivision surfaces and curves: refinement, and what passes through or near given points.
+//! Nodes for subdivision surfaces and curves: refinement, and interpolation or approximation of given points.
 
 use maquette_node::{Pack, node};
 
@@ -48,20 +48,20 @@ pub use interpolate_surface::{InterpolateSurface, InterpolateSurfaceError, inter
 pub use maquette_base::scattered::Scattered;
 pub use options::Subdivision;
 pub use read_creases::{ReadCreases, ReadCreasesError, read_creases};
-pub use refine::live::Live;
+pub use refine::moving_vertices::MovingVertices;
 pub use refine::plan::Plan;
 pub use scheme::Scheme;
 pub use sharp_edges::crease;
 pub use simplify::{Simplify, SimplifyError, simplify};
-pub use solve::interpolation::{Direction, Foot, Interpolation, Norm, NotLinear, Solver};
-pub use solve::solution::{Diverged, Interpolated};
+pub use solve::interpolation::{Direction, Foot, Interpolation, NonlinearError, Norm, Solver};
+pub use solve::solution::{DivergenceError, InterpolationResult};
 pub use subdivide::{Subdivide, subdivide};
 pub use subdivide_curve::{CurveScheme, SubdivideCurve, SubdivideCurveError, subdivide_curve};
 pub use subdivide_error::SubdivideError;
 pub use surface::limit_point::LimitPoint;
 pub use surface::limit_surface::LimitSurface;
 
-/// Nodes on subdivision surfaces and curves.
+/// The nodes for subdivision surfaces and curves.
 pub static PACK: Pack = Pack {
     name: "subdivision",
     version: env!("CARGO_PKG_VERSION"),

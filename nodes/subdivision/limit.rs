@@ -1,4 +1,4 @@
-//! Where vertices go if a mesh is refined forever.
+//! Limit positions and tangents: the vertices of a mesh after infinitely many refinement steps.
 
 pub(super) mod composed;
 pub(super) mod dual_limit;

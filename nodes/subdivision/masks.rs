@@ -1,9 +1,9 @@
-//! Masks: what vertices of a refined mesh and their limits are made of, by the rules of each scheme.
+//! Masks: the weights of old vertices in refined vertices and in limit points, for each scheme.
 
 pub(super) mod catmull_clark;
 pub(super) mod closed_rows;
 pub(super) mod loop_masks;
 pub(super) mod regular_rules;
+pub(super) mod roots_of_unity;
 pub(super) mod sharpness;
-pub(super) mod stars;
-pub(super) mod turns;
+pub(super) mod vertex_rings;

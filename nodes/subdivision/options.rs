@@ -1,4 +1,4 @@
-//! How a mesh is to be refined.
+//! Options of a subdivision.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -9,33 +9,33 @@ use super::creases::Creases;
 use super::rules::Rules;
 use super::scheme::Scheme;
 
-/// How a mesh is to be refined.
+/// Options of a subdivision.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Subdivision {
-    /// The rules.
+    /// Subdivision scheme.
     pub scheme: Scheme,
-    /// How often each face is split; each step makes four times as many faces.
+    /// Number of refinement steps. Each step makes four times as many faces.
     #[schemars(
         range(max = 12),
         extend("limit" = "8 levels make 65536 faces of one already")
     )]
-    #[serde(default = "two")]
+    #[serde(default = "default_levels")]
     pub levels: u32,
-    /// Moves the vertices on to where they would be after endless steps, and adds the surface's normals.
+    /// Moves the vertices to their limit positions after infinitely many steps, and adds the normals of the limit surface.
     #[serde(default)]
     pub limit: bool,
-    /// What happens at the border of an open mesh.
+    /// Treatment of the border of an open mesh.
     #[serde(default)]
     pub boundary: Boundary,
-    /// How creases are treated.
+    /// Treatment of creases.
     #[serde(default)]
     pub creases: Creases,
-    /// How data at corners run, texture coordinates among them.
+    /// Interpolation of corner attributes, such as texture coordinates.
     #[serde(default)]
     pub corners: Corners,
 }
 
-fn two() -> u32 {
+fn default_levels() -> u32 {
     2
 }
 

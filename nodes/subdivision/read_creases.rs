@@ -2,43 +2,43 @@
 
 use std::collections::BTreeSet;
 
-use maquette_node::{Carry, Context, Error, Fate, FilePath, In, Node, Promise};
+use maquette_node::{Carry, Context, Error, FilePath, In, Node, Promise, Transfer};
 use maquette_value::Mesh;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::sharp_edges::merged;
+use super::sharp_edges::merge_creases;
 
-/// Makes edges of a mesh sharp as a JSON file says: `{"edges": [{"v": [0, 1], "sharpness": 2.5}, ..]}`.
+/// Reads the creases of a mesh from a JSON file: `{"edges": [{"v": [0, 1], "sharpness": 2.5}, ..]}`.
 ///
-/// Vertices count from 0. Edges may also stand in groups: `{"groups": [{"name": "rim", "edges": [..]}, ..]}`; any other word is for
-/// people. A crease that the mesh has already gets the new sharpness.
+/// Vertices count from 0. Edges may also be in groups: `{"groups": [{"name": "rim", "edges": [..]}, ..]}`. Other keys are ignored. An
+/// existing crease gets the new sharpness.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ReadCreases {
-    /// The mesh.
+    /// Mesh.
     pub mesh: In<Mesh>,
-    /// The file.
+    /// JSON file.
     pub path: FilePath,
 }
 
-/// Why a file holds no creases of a mesh.
+/// An error of [`read_creases`].
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ReadCreasesError {
-    /// The file is not what is expected.
-    #[error("no list of creases: {0}")]
+    /// The file is not valid JSON of the expected form.
+    #[error("expected a list of creases: {0}")]
     Json(String),
-    /// Two vertices without an edge between them.
+    /// There is no edge between the two vertices.
     #[error("there is no edge between the vertices {} and {}", ends[0], ends[1])]
     NoEdge {
         /// The vertices.
         ends: [u32; 2],
     },
-    /// A sharpness below 0.
-    #[error("the edge between the vertices {} and {} cannot have the sharpness {sharpness}", ends[0], ends[1])]
+    /// A sharpness is negative.
+    #[error("the edge between the vertices {} and {} has the sharpness {sharpness}, expected at least 0", ends[0], ends[1])]
     Sharpness {
-        /// The vertices.
+        /// The vertices of the edge.
         ends: [u32; 2],
-        /// The sharpness.
+        /// The negative sharpness.
         sharpness: f64,
     },
 }
@@ -68,17 +68,17 @@ impl Node for ReadCreases {
 
     const PROMISES: &'static [Promise<Self>] = &Promise::faces_kept("mesh", "mesh");
 
-    const CARRIES: &'static [Carry] = &[Carry::all("mesh", "mesh", Fate::Kept)];
+    const CARRIES: &'static [Carry] = &[Carry::uniform("mesh", "mesh", Transfer::Kept)];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
         Ok((read_creases(cx.get(&self.mesh), cx.file(&self.path)?.bytes())?,))
     }
 }
 
-/// `mesh` with the creases in a JSON file; the sharpness of the edges named there replaces theirs, 0 takes a crease away.
+/// Returns `mesh` with the creases of a JSON file. The sharpness in the file replaces the old one; 0 removes a crease.
 ///
 /// # Errors
-/// If the bytes are no list of creases, or it names what is no edge of the mesh.
+/// If the bytes are not a list of creases, or a listed edge does not exist in the mesh.
 pub fn read_creases(mesh: &Mesh, bytes: &[u8]) -> Result<Mesh, ReadCreasesError> {
     let file: File =
         serde_json::from_slice(bytes).map_err(|error| ReadCreasesError::Json(error.to_string()))?;
@@ -93,7 +93,7 @@ pub fn read_creases(mesh: &Mesh, bytes: &[u8]) -> Result<Mesh, ReadCreasesError>
             return Err(ReadCreasesError::Sharpness { ends: [a, b], sharpness });
         }
     }
-    Ok(merged(mesh, creases.iter().map(|edge| (edge.v, edge.sharpness)), |_, new| new))
+    Ok(merge_creases(mesh, creases.iter().map(|edge| (edge.v, edge.sharpness)), |_, new| new))
 }
 
 #[cfg(test)]
@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn edges_in_groups_and_without_become_sharp() {
+    fn edges_inside_and_outside_of_groups_become_creases() {
         let mesh = read(
             r#"{"mesh": "a word", "edges": [{"v": [2, 1], "sharpness": 1.5}], "groups": [{"name": "rim", "edges":
                 [{"v": [1, 3], "sharpness": 10}, {"v": [0, 1], "sharpness": 0}]}]}"#,
@@ -125,8 +125,11 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_crease_is_an_error() {
-        check("[", expect!["no list of creases: EOF while parsing a list at line 1 column 1"]);
+    fn an_invalid_crease_is_an_error() {
+        check(
+            "[",
+            expect!["expected a list of creases: EOF while parsing a list at line 1 column 1"],
+        );
         check(
             r#"{"edges": [{"v": [0, 3], "sharpness": 1}]}"#,
             expect!["there is no edge between the vertices 0 and 3"],
@@ -137,7 +140,9 @@ mod tests {
         );
         check(
             r#"{"edges": [{"v": [0, 1], "sharpness": -1}]}"#,
-            expect!["the edge between the vertices 0 and 1 cannot have the sharpness -1"],
+            expect![
+                "the edge between the vertices 0 and 1 has the sharpness -1, expected at least 0"
+            ],
         );
     }
 }

@@ -1,9 +1,9 @@
-//! The rules of a subdivision, with those of borders and creases.
+//! The rules of a subdivision: its scheme and the treatment of borders and creases.
 
 use super::scheme::PrimalScheme;
 use super::{Boundary, Creases, Scheme};
 
-/// The rules of a subdivision, of any scheme or of some of them.
+/// The rules of a subdivision. `S` is the type of the scheme, such as [`PrimalScheme`], or `()` for rules without a scheme.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Rules<S = Scheme> {
     pub(super) scheme: S,
@@ -12,20 +12,20 @@ pub(crate) struct Rules<S = Scheme> {
 }
 
 impl<S> Rules<S> {
-    /// Those of borders and creases alone.
+    /// Returns the rules for borders and creases, without the scheme.
     pub(super) fn of_edges(self) -> Rules<()> {
-        self.of(())
+        self.with_scheme(())
     }
 
-    /// The same for another scheme.
-    pub(super) fn of<T>(self, scheme: T) -> Rules<T> {
+    /// Replaces the scheme.
+    pub(super) fn with_scheme<T>(self, scheme: T) -> Rules<T> {
         Rules { scheme, boundary: self.boundary, creases: self.creases }
     }
 }
 
 impl Rules {
-    /// The same, if the scheme makes vertices for the old ones.
+    /// Returns these rules with the scheme converted to a [`PrimalScheme`]; `None` if the scheme is dual.
     pub(super) fn primal(self) -> Option<Rules<PrimalScheme>> {
-        Some(self.of(self.scheme.primal()?))
+        Some(self.with_scheme(self.scheme.primal()?))
     }
 }

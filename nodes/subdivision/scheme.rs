@@ -1,20 +1,20 @@
-//! The rules of a subdivision.
+//! Subdivision schemes.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// The rules of a subdivision.
+/// A subdivision scheme.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Scheme {
-    /// Loop (1987): triangles, which become box splines.
+    /// Loop (1987): for triangles; the limit consists of quartic box splines.
     Loop,
-    /// Catmull and Clark (1978): polygons, which become bicubic B-splines.
+    /// Catmull and Clark (1978): for polygons; the limit consists of bicubic B-splines.
     CatmullClark,
-    /// Doo and Sabin (1978): polygons, which become biquadratic B-splines. It knows no creases, and drops them.
+    /// Doo and Sabin (1978): for polygons; the limit consists of biquadratic B-splines. Creases are not supported and dropped.
     DooSabin,
 }
 
-/// A scheme whose step makes vertices for the old ones, on edges and in faces, so that a mesh may have creases.
+/// A primal scheme: a step makes a new vertex for each old vertex, each edge and, in some schemes, each face. Creases are supported.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum PrimalScheme {
     /// [`Scheme::Loop`].
@@ -24,7 +24,7 @@ pub(crate) enum PrimalScheme {
 }
 
 impl Scheme {
-    /// The same among those that make vertices for the old ones; none if it makes one for each corner of a face instead.
+    /// Converts the scheme to a primal scheme; returns `None` if it is dual.
     pub(crate) fn primal(self) -> Option<PrimalScheme> {
         match self {
             Self::Loop => Some(PrimalScheme::Loop),
@@ -33,19 +33,20 @@ impl Scheme {
         }
     }
 
-    /// Whether it refines triangles alone.
+    /// Returns true if the scheme requires all faces to be triangles.
     pub(crate) fn needs_triangles(self) -> bool {
         self.primal().is_some_and(PrimalScheme::needs_triangles)
     }
 
-    /// Whether a step makes a vertex for each corner of a face and none that stands for an old one, so that there are no creases.
+    /// Returns true for a dual scheme: a step makes a vertex for each corner of a face, but none for the old vertices. Creases are not
+    /// supported.
     pub(crate) fn is_dual(self) -> bool {
         self.primal().is_none()
     }
 }
 
 impl PrimalScheme {
-    /// Whether it refines triangles alone.
+    /// Returns true if the scheme requires all faces to be triangles.
     pub(crate) fn needs_triangles(self) -> bool {
         match self {
             Self::Loop => true,
@@ -53,7 +54,7 @@ impl PrimalScheme {
         }
     }
 
-    /// Whether a step makes a vertex in each face, beside those at vertices and on edges.
+    /// Returns true if a step also makes a vertex in each face.
     pub(crate) fn has_middles(self) -> bool {
         match self {
             Self::CatmullClark => true,

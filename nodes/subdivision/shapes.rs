@@ -29,7 +29,7 @@ pub(super) fn octahedron() -> Mesh {
     )
 }
 
-/// From -1 to 1.
+/// A cube from -1 to 1 along each axis.
 pub(super) fn cube() -> Mesh {
     fn corner(k: u32) -> [f64; 3] {
         [k & 1, k >> 1 & 1, k >> 2].map(|bit| 2.0 * f64::from(bit) - 1.0)
@@ -40,7 +40,7 @@ pub(super) fn cube() -> Mesh {
     polygons(faces, (0..8).map(|k| Point3::from(corner(k))).collect())
 }
 
-/// Over a polygon of `n` corners.
+/// Creates a prism whose base is a regular polygon with `n` corners.
 pub(super) fn prism(n: u32) -> Mesh {
     let sides = (0..n).map(|i| vec![i, (i + 1) % n, n + (i + 1) % n, n + i]);
     let ends = [(0..n).rev().collect(), (n..2 * n).collect()];
@@ -55,24 +55,24 @@ pub(super) fn prism(n: u32) -> Mesh {
     )
 }
 
-/// An icosahedron whose faces are cut in four this often, on the unit sphere.
+/// Creates a unit sphere: an icosahedron whose faces are divided into four, `cuts` times.
 pub(super) fn sphere(cuts: u32) -> Mesh {
     let golden = (1.0 + 5f64.sqrt()) / 2.0;
     let corners = (0..12).map(|k| {
         let [a, b] = [k & 1, k >> 1 & 1].map(|bit| 1.0 - 2.0 * f64::from(bit));
         let [a, b] = [a, b * golden];
-        let place = [[a, b, 0.0], [0.0, a, b], [b, 0.0, a]][k as usize / 4];
-        Point3::from(Vector3::from(place).normalize())
+        let position = [[a, b, 0.0], [0.0, a, b], [b, 0.0, a]][k as usize / 4];
+        Point3::from(Vector3::from(position).normalize())
     });
-    let mut points = Vec::from_iter(corners);
-    fn near(a: usize, b: usize, points: &[Point3<f64>]) -> bool {
+    let mut points: Vec<_> = corners.collect();
+    fn is_near(a: usize, b: usize, points: &[Point3<f64>]) -> bool {
         (points[a] - points[b]).norm() < 1.1
     }
     let mut faces = Vec::new();
     for a in 0..12 {
         for b in a + 1..12 {
             for c in b + 1..12 {
-                if near(a, b, &points) && near(b, c, &points) && near(a, c, &points) {
+                if is_near(a, b, &points) && is_near(b, c, &points) && is_near(a, c, &points) {
                     let [p, q, r] = [a, b, c].map(|k| points[k].coords);
                     let outward = (q - p).cross(&(r - p)).dot(&p) > 0.0;
                     faces.push(if outward { [a, b, c] } else { [a, c, b] }.map(|k| k as u32));
@@ -104,7 +104,7 @@ pub(super) fn sphere(cuts: u32) -> Mesh {
     Mesh::new(points, Faces::triangles(faces)).unwrap()
 }
 
-/// A torus of radii 2 and 0.7, of `n` by `m` quads, each cut in two if `cut`.
+/// Creates a torus of radii 2 and 0.7 from `n` by `m` quads. If `cut` is true, each quad is divided into two triangles.
 pub(super) fn torus(n: u32, m: u32, cut: bool) -> Mesh {
     fn name(i: u32, j: u32, n: u32, m: u32) -> u32 {
         i % n + j % m * n
@@ -129,14 +129,14 @@ pub(super) fn torus(n: u32, m: u32, cut: bool) -> Mesh {
     )
 }
 
-/// The same mesh with normally distributed noise on its vertices.
-pub(super) fn noisy(mesh: &Mesh, deviation: f64) -> Mesh {
+/// Adds normally distributed noise to the positions.
+pub(super) fn add_noise(mesh: &Mesh, deviation: f64) -> Mesh {
     let mut state = 12_345u32;
     fn uniform(state: &mut u32) -> f64 {
         *state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         (f64::from(*state >> 8) + 0.5) / f64::from(1 << 24)
     }
-    // Box and Muller.
+    // The Box-Muller transform.
     fn normal(state: &mut u32, deviation: f64) -> f64 {
         let radius = (-2.0 * libm::log(uniform(state))).sqrt();
         radius * libm::cos(TAU * uniform(state)) * deviation
@@ -151,8 +151,8 @@ pub(super) fn noisy(mesh: &Mesh, deviation: f64) -> Mesh {
     mesh.with_positions(moved.collect()).unwrap()
 }
 
-/// The same mesh on a bumpy surface.
-pub(super) fn bumpy(mesh: &Mesh) -> Mesh {
+/// Displaces each vertex radially by a smooth function of its position.
+pub(super) fn add_bumps(mesh: &Mesh) -> Mesh {
     let bump =
         |p: &Point3<f64>| p * (1.0 + 0.15 * libm::sin(3.0 * p.x) * libm::cos(2.0 * p.y + p.z));
     mesh.with_positions(mesh.positions().iter().map(bump).collect()).unwrap()

@@ -1,10 +1,10 @@
-//! Which edges of a mesh are creases.
+//! Detection of sharp edges.
 
 use maquette_value::Mesh;
 use nalgebra::Vector3;
 
-/// Makes the edges of `mesh` sharp whose two faces have normals more than `angle` degrees apart. Edges with another number of
-/// faces, or with a face without area, stay as they are.
+/// Marks the edges of `mesh` as creases where the normals of both faces differ by more than `angle` degrees. Edges that do not have exactly
+/// two faces, or have a face without area, do not change.
 pub fn crease(mesh: &Mesh, angle: f64, sharpness: f64) -> Mesh {
     let edges = mesh.edges();
     let normals: Vec<Vector3<f64>> =
@@ -24,7 +24,7 @@ pub fn crease(mesh: &Mesh, angle: f64, sharpness: f64) -> Mesh {
     let bent = (0..sums.len())
         .filter(|edge| {
             let [a, b] = sums[*edge];
-            // Normals of enormous or tiny faces have no cross product; their directions have.
+            // Normalize first: the cross product of the two unnormalized normals would overflow for huge faces and underflow for tiny ones.
             fn unit(v: Vector3<f64>) -> Vector3<f64> {
                 v.try_normalize(0.0).unwrap_or_default()
             }
@@ -32,11 +32,11 @@ pub fn crease(mesh: &Mesh, angle: f64, sharpness: f64) -> Mesh {
             edges.faces[*edge] == 2 && libm::atan2(a.cross(&b).norm(), a.dot(&b)) > limit
         })
         .map(|edge| (edges.vertices[edge], sharpness));
-    merged(mesh, bent, f64::max)
+    merge_creases(mesh, bent, f64::max)
 }
 
-/// The mesh with more creases; where an edge has one already, `choose` says how sharp it is, from the old and the new sharpness.
-pub(super) fn merged(
+/// Returns the mesh with additional creases. If an edge is a crease already, `choose` combines the old and the new sharpness.
+pub(super) fn merge_creases(
     mesh: &Mesh,
     more: impl Iterator<Item = ([u32; 2], f64)>,
     choose: fn(f64, f64) -> f64,

@@ -1,8 +1,8 @@
-//! Takes vertices out of a mesh where they matter least.
+//! Mesh simplification by edge collapses.
 
 use std::collections::BinaryHeap;
 
-use maquette_node::{Cancelled, Carry, Context, Error, Fate, In, Node, Progress, Promise};
+use maquette_node::{CancelledError, Carry, Context, Error, In, Node, Progress, Promise, Transfer};
 use maquette_value::{Mesh, MeshError};
 use net::{Collapse, Net};
 use schemars::JsonSchema;
@@ -12,33 +12,34 @@ mod net;
 mod quadric;
 mod wedges;
 
-/// Takes vertices out of a mesh where they matter least, until it has so many faces.
+/// Simplifies a mesh to a number of triangles by removing the vertices that matter least.
 ///
-/// Two ends of an edge become one vertex, in the place that is nearest to the planes of all faces around and where a texture slips least.
-/// On flat parts, where nothing is lost, the shortest edges go first: even triangles are left there, and of a mesh that bends elsewhere
-/// few. Borders, creases and the seams of a texture keep their shape: their vertices only move along them, and their ends stay. The result
-/// is triangles; vertex attributes are mixed as the vertices are, those of corners on each side of a seam by itself; face attributes stay
-/// with their faces, normals are dropped.
+/// The ends of an edge are merged into one vertex, at the position with the smallest error: the distance from the planes of the faces
+/// around and the shift of a texture. In flat parts, where edges cost nothing, the shortest edges are collapsed first, so that even
+/// triangles remain. Borders, creases and texture seams keep their shape: their vertices only move along them, and their ends do not move.
+/// The result has only triangles. Vertex attributes are blended with the vertices, corner attributes on each side of a seam separately;
+/// face attributes are kept, and normals are dropped.
 ///
 /// In other programs: decimate, PolyReduce.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Simplify {
-    /// What becomes coarser; polygons are cut into triangles first.
+    /// Mesh to simplify. Polygons are cut into triangles first.
     pub mesh: In<Mesh>,
-    /// Number of triangles to end with; 0 takes a twentieth. More may be left where shape and creases forbid to go on.
+    /// Target number of triangles; 0 stands for a twentieth. The result may have more if further collapses would fold the surface or damage
+    /// creases.
     #[serde(default)]
     pub faces: usize,
 }
 
-/// Why a mesh was not simplified.
+/// An error of [`simplify`].
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SimplifyError {
-    /// Places out of all bounds.
+    /// Positions that become infinite.
     #[error(transparent)]
     Mesh(#[from] MeshError),
-    /// The evaluation was told to stop.
+    /// The evaluation was cancelled.
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }
 
 impl Node for Simplify {
@@ -47,10 +48,10 @@ impl Node for Simplify {
 
     const PROMISES: &'static [Promise<Self>] = &[Promise::always("mesh", "Triangles")];
 
-    const CARRIES: &'static [Carry] = &[Carry::each(
+    const CARRIES: &'static [Carry] = &[Carry::per_domain(
         "mesh",
         "mesh",
-        [Fate::Interpolated, Fate::Interpolated, Fate::Kept, Fate::Kept],
+        [Transfer::Interpolated, Transfer::Interpolated, Transfer::Kept, Transfer::Kept],
     )];
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
@@ -60,7 +61,7 @@ impl Node for Simplify {
         let simple = simplify(mesh, target, cx.progress())?;
         if simple.faces().len() > target {
             cx.warn(format!(
-                "{} triangles are left instead of {target}: taking out more would fold the surface, its creases or seams",
+                "{} triangles are left instead of {target}: further collapses would fold the surface, its creases or seams",
                 simple.faces().len()
             ));
         }
@@ -68,27 +69,27 @@ impl Node for Simplify {
     }
 }
 
-/// `mesh` with about `target` triangles.
+/// Simplifies `mesh` to about `target` triangles.
 ///
-/// Edges are collapsed in the order of the squared distance that it costs from the planes of the faces: Garland and Heckbert,
-/// "Surface simplification using quadric error metrics" (1997). One is refused if the surface would no longer be one, the link
-/// condition of Dey, Edelsbrunner, Guha and Nekhayev, "Topology preserving edge contraction" (1999), if a face would turn by more than
-/// 75 degrees or lose its area, or if it joined two creases. Of edges that cost the same, as all in a plane, the shortest comes first: faces
-/// stay even, vertices have few neighbors, and the whole takes n log n.
+/// Edges are collapsed in the order of their cost, the squared distance of the new vertex from the planes of the faces: Garland and
+/// Heckbert, "Surface simplification using quadric error metrics" (1997). A collapse is rejected if the surface would no longer be manifold
+/// (the link condition of Dey, Edelsbrunner, Guha and Nekhayev, "Topology preserving edge contraction", 1999), if a face would rotate by
+/// more than 75 degrees or lose its area, or if it would join two creases. Among edges with equal cost, for example in a plane, the
+/// shortest is collapsed first. The faces thus stay evenly sized, vertices have few neighbors, and the time is O(n log n).
 ///
-/// Texture coordinates `uv` on corners count with the squared distance by which the texture slips on the surface, as Hoppe's metric measures
-/// it: "New quadric metric for simplifying meshes with appearance attributes" (1999). Edges whose sides differ in an attribute of corners are
-/// seams, which are held as borders are, but less: the slip holds them, too. What a side of a new vertex has is what was on the nearest place
-/// of that side before, so that a texture that lies evenly stays exactly where it is.
+/// Texture coordinates `uv` on corners add the squared distance by which the texture shifts on the surface: Hoppe, "New quadric metric for
+/// simplifying meshes with appearance attributes" (1999). An edge is a seam if its two sides differ in a corner attribute. Seams are
+/// preserved like borders, but with a smaller weight, because the cost of the texture shift preserves them as well. On each side of a seam
+/// a new vertex gets the attributes of the nearest point of the old surface on that side, so a linear texture does not move at all.
 ///
 /// # Errors
-/// If the evaluation is told to stop.
+/// If the evaluation is cancelled.
 pub fn simplify(
     mesh: &Mesh,
     target: usize,
     progress: &Progress<'_>,
 ) -> Result<Mesh, SimplifyError> {
-    let mut collapsing = Collapsing::new(mesh, progress)?;
+    let mut collapsing = Simplifier::new(mesh, progress)?;
     let begin = collapsing.net.n_faces;
     let mut done = 0usize;
     while target < collapsing.net.n_faces {
@@ -98,19 +99,19 @@ pub fn simplify(
             let share = (begin - collapsing.net.n_faces) as f64 / (begin - target) as f64;
             progress.tick(share)?;
         }
-        collapsing.make(&next);
+        collapsing.collapse(&next);
     }
     Ok(collapsing.net.into_mesh(mesh)?)
 }
 
-/// A mesh whose edges collapse, the cheapest first.
-struct Collapsing {
+/// The state of a simplification: a mesh and a priority queue of collapses, the cheapest first.
+struct Simplifier {
     net: Net,
     heap: BinaryHeap<Collapse>,
 }
 
-impl Collapsing {
-    fn new(mesh: &Mesh, progress: &Progress<'_>) -> Result<Self, Cancelled> {
+impl Simplifier {
+    fn new(mesh: &Mesh, progress: &Progress<'_>) -> Result<Self, CancelledError> {
         let net = Net::new(mesh);
         let mut heap = BinaryHeap::new();
         for (index, edge) in net.edges().into_iter().enumerate() {
@@ -122,8 +123,8 @@ impl Collapsing {
         Ok(Self { net, heap })
     }
 
-    /// Makes a collapse, if it still may be; returns how many edges were judged anew.
-    fn make(&mut self, next: &Collapse) -> usize {
+    /// Performs a collapse if it is still valid. Returns the number of edges whose cost was recomputed.
+    fn collapse(&mut self, next: &Collapse) -> usize {
         if !self.net.is_current(next) || !self.net.allows(next) {
             return 0;
         }

@@ -1,4 +1,4 @@
-//! Control points of what passes through points.
+//! Solvers for the control points of interpolating meshes, curves and surfaces.
 
 pub(super) mod blocks;
 pub(super) mod conjugate_gradients;

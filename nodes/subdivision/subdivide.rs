@@ -1,9 +1,9 @@
 //! Refines a mesh towards a smooth surface.
 //!
-//! The part of the work that depends on topology alone is in `refine/step.rs` and memoized: a mesh whose vertices have only moved is
-//! refined by products.
+//! The part of the work that depends only on the topology is in `refine/step.rs` and memoized. If only the positions of vertices change,
+//! the mesh is refined by matrix products with the memoized matrices.
 
-use maquette_node::{Carry, Context, Error, Estimate, Fate, In, Node, Previous, Promise, Want};
+use maquette_node::{Carry, Context, Error, Estimate, In, Node, Previous, Promise, Transfer, Want};
 use maquette_value::Mesh;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -12,27 +12,26 @@ use super::boundary::Boundary;
 use super::limit::limit_rows::Limit;
 use super::options::Subdivision;
 use super::refine::manifold::manifold;
-use super::refine::plan::{Before, EndLimit, Plan, bytes};
+use super::refine::plan::{EndLimit, Plan, PreviousStep, bytes};
 use super::refine::step::{LastLimit, Step};
 use super::scheme::Scheme;
 use super::subdivide_error::SubdivideError;
 
 /// Refines a mesh towards a smooth surface.
 ///
-/// New vertices stand behind the old ones, which keep their numbers, but for `DooSabin`, which has a vertex for each corner of a
-/// face. Vertex attributes (texture coordinates among them) run
-/// straight along old edges and corner attributes within old faces, so that a picture stays where it is; of indices the one
-/// at the lower end is taken, and a flag is set between two vertices if it is at one of them. Faces hand their attributes
-/// down to their parts. Normals are dropped, because they are no longer right.
+/// Old vertices keep their indices, and new ones come after them; only `DooSabin` has instead a vertex for each corner of a face. Vertex
+/// attributes (such as texture coordinates) are interpolated linearly along old edges, and corner attributes within old faces, so that a
+/// texture does not move. An index attribute takes the value at the end with the lower number; a flag is set if it is set at either end.
+/// The parts of a face inherit its attributes. Normals are dropped, because they are no longer valid.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Subdivide {
-    /// What is refined: a surface, of triangles only for `Loop`. Its creases stay sharp, or soften by 1 a step.
+    /// Mesh to refine. `Loop` needs triangles. A crease loses 1 of its sharpness per step; from sharpness 10 on it stays sharp.
     pub mesh: In<Mesh>,
-    /// How it is refined.
+    /// Options of the subdivision.
     #[serde(flatten)]
     pub how: Subdivision,
-    /// Cuts a mesh apart where it is no surface: at edges with more than two faces or with faces that disagree about their side,
-    /// and at vertices that join fans of faces. If left out, these are an error.
+    /// Cuts the mesh apart where it is not manifold: at edges with more than two faces or with faces of opposite orientation, and at
+    /// vertices that join several fans of faces. Without `split` these are errors.
     #[serde(default)]
     pub split: bool,
 }
@@ -42,30 +41,30 @@ impl Node for Subdivide {
     const OUTPUTS: [&'static str; 1] = ["mesh"];
 
     const WANTS: &'static [Want<Self>] = &[
-        Want::new("mesh", "Manifold").when("unless `split`", Self::wants_surface),
-        Want::new("mesh", "Oriented").when("unless `split`", Self::wants_surface),
-        Want::new("mesh", "Unpinched").when("unless `split`", Self::wants_surface),
-        Want::new("mesh", "Triangles").when("with the scheme `Loop`", Self::wants_triangles),
+        Want::new("mesh", "Manifold").only_if("unless `split`", Self::wants_surface),
+        Want::new("mesh", "Oriented").only_if("unless `split`", Self::wants_surface),
+        Want::new("mesh", "Unpinched").only_if("unless `split`", Self::wants_surface),
+        Want::new("mesh", "Triangles").only_if("with the scheme `Loop`", Self::wants_triangles),
     ];
 
     const PROMISES: &'static [Promise<Self>] = &[
-        Promise::from("mesh", "Closed", "mesh").when("unless `split`", |it| !it.split),
+        Promise::from("mesh", "Closed", "mesh").only_if("unless `split`", |it| !it.split),
         Promise::from("mesh", "Manifold", "mesh"),
         Promise::from("mesh", "Oriented", "mesh"),
         Promise::from("mesh", "Unpinched", "mesh")
-            .when("with a `boundary` and a scheme other than `DooSabin`", Self::keeps_fans),
+            .only_if("with a `boundary` and a scheme other than `DooSabin`", Self::keeps_fans),
         Promise::from("mesh", "Triangles", "mesh")
-            .when("with the scheme `Loop`", |it| it.how.scheme == Scheme::Loop),
-        Promise::never("mesh", "Triangles")
-            .when("with the scheme `CatmullClark`", Self::makes_quads),
+            .only_if("with the scheme `Loop`", |it| it.how.scheme == Scheme::Loop),
+        Promise::never_has("mesh", "Triangles")
+            .only_if("with the scheme `CatmullClark`", Self::makes_quads),
         Promise::from("mesh", "NonEmpty", "mesh")
-            .when("with a `boundary`", |it| it.how.boundary != Boundary::None),
+            .only_if("with a `boundary`", |it| it.how.boundary != Boundary::None),
     ];
 
-    const CARRIES: &'static [Carry] = &[Carry::each(
+    const CARRIES: &'static [Carry] = &[Carry::per_domain(
         "mesh",
         "mesh",
-        [Fate::Interpolated, Fate::Interpolated, Fate::Interpolated, Fate::Kept],
+        [Transfer::Interpolated, Transfer::Interpolated, Transfer::Interpolated, Transfer::Kept],
     )];
 
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
@@ -81,7 +80,7 @@ impl Node for Subdivide {
         Ok((plan.apply_within(mesh, cx.progress())?,))
     }
 
-    /// Where only vertices have moved, computes what they reach.
+    /// If only vertex positions have changed, recomputes the part of the result that depends on them.
     fn update(
         &self,
         cx: &Context<'_>,
@@ -101,7 +100,7 @@ impl Node for Subdivide {
 }
 
 impl Subdivide {
-    /// Tells what of the creases of `mesh` is not as it should be.
+    /// Warns about creases of `mesh` that the result does not respect.
     fn warn(&self, mesh: &Mesh, cx: &Context<'_>) {
         let Subdivision { scheme, levels, limit, .. } = self.how;
         if scheme.is_dual() && mesh.creases().len() > 0 {
@@ -118,23 +117,25 @@ impl Subdivide {
         }
     }
 
-    /// The plan for `mesh`, of which nothing is made twice.
+    /// Returns the subdivision plan for `mesh`. The steps and limit masks of the plan are memoized.
     fn plan(&self, mesh: &Mesh, cx: &Context<'_>) -> Result<Plan, Error> {
         let mut done = 0;
-        Plan::with(
+        Plan::new_with(
             mesh,
             self.how,
-            |before: Before<'_>| {
+            |before: PreviousStep<'_>| {
                 cx.tick(PLANNING * f64::from(done) / f64::from(self.how.levels.max(1)))?;
                 done += 1;
                 match before {
-                    Before::Nothing(topology) => cx.memo(topology, Step::memo_first),
-                    Before::Step(step) => cx.memo(step, Step::memo_next),
+                    PreviousStep::Nothing(topology) => cx.memo(topology, Step::memo_first),
+                    PreviousStep::Step(step) => cx.memo(step, Step::memo_next),
                 }
             },
-            |before: Before<'_>| match before {
-                Before::Nothing(topology) => Ok(EndLimit::Control(cx.memo(topology, Limit::memo)?)),
-                Before::Step(step) => {
+            |before: PreviousStep<'_>| match before {
+                PreviousStep::Nothing(topology) => {
+                    Ok(EndLimit::Control(cx.memo(topology, Limit::memo)?))
+                }
+                PreviousStep::Step(step) => {
                     cx.tick(PLANNING)?;
                     Ok(EndLimit::Refined(cx.memo(step, LastLimit::memo)?))
                 }
@@ -142,7 +143,7 @@ impl Subdivide {
         )
     }
 
-    /// Whether anything is done that asks for the surface around each vertex.
+    /// Returns true if the mesh must be manifold.
     fn wants_surface(&self) -> bool {
         !self.split && (0 < self.how.levels || self.how.limit)
     }
@@ -160,25 +161,25 @@ impl Subdivide {
     }
 }
 
-/// The share of the time that plans take; about.
+/// The approximate fraction of the total time that is spent on making the plan.
 const PLANNING: f64 = 0.7;
 
-/// Refines `mesh`. New vertices and faces have a fixed order, in terms of the old vertices, the faces, and the edges as
-/// [`Mesh::edges`] gives them; n steps at once give the same as n steps one after the other.
+/// Refines `mesh`. The order of new vertices and faces follows from the order of the old vertices, of the faces, and of the edges as
+/// returned by [`Mesh::edges`]. A call with n levels gives the same result as n calls with one level.
 ///
-/// - `Scheme::Loop`, `Scheme::CatmullClark`: the old vertices, those on the edges, and with the latter those in the faces.
-///   Loop makes four faces of each: those at corners 0, 1 and 2, each beginning there, then the one in the middle; Catmull and
-///   Clark one at each corner, beginning there. With `Boundary::None` the vertices and faces that are left out are skipped.
-/// - `Scheme::DooSabin`: a vertex at each corner of each face; then for each edge of the border, as its face runs, those at
-///   1/4 and 3/4 of it. The faces inside the old ones, those across the edges, those around the vertices.
+/// - `Scheme::Loop`, `Scheme::CatmullClark`: first the old vertices, then those on edges, then (Catmull-Clark) those in faces. Loop divides
+///   a face into four: first the faces at corners 0, 1 and 2, each beginning with its corner, then the middle one. Catmull-Clark makes one
+///   face at each corner, beginning with this corner. With `Boundary::None` removed vertices and faces are skipped.
+/// - `Scheme::DooSabin`: first a vertex for each corner of each face, then for each border edge two vertices at 1/4 and 3/4 of its length,
+///   in the direction of its face. The faces inside old faces come first, then the faces across edges, then the faces around vertices.
 ///
-/// Positions have the mesh's unit. With `limit` the vertex attribute `normal` holds unit normals, the mean of both sides on
-/// a crease. The masks and their sources are in `masks/` and `refine/doo_sabin.rs`.
+/// Positions are in mm. With `limit` the vertex attribute `normal` has unit normals; on a crease the normal is the mean of both sides. The
+/// masks and their sources are in `masks/` and `refine/doo_sabin.rs`.
 ///
 /// # Errors
 /// If the scheme cannot refine a face, the mesh is not manifold, or the result would be too large.
-pub fn subdivide(mesh: &Mesh, how: Subdivision) -> Result<Mesh, SubdivideError> {
-    Plan::new(mesh, how)?.apply(mesh)
+pub fn subdivide(mesh: &Mesh, options: Subdivision) -> Result<Mesh, SubdivideError> {
+    Plan::new(mesh, options)?.apply(mesh)
 }
 
 #[cfg(test)]

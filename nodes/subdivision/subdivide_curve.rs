@@ -1,6 +1,6 @@
 //! Refines a polyline towards a smooth curve.
 
-use maquette_node::{Context, Error, Estimate, In, Limit, Node, TooMuch};
+use maquette_node::{Context, Error, Estimate, In, Limit, LimitError, Node};
 use maquette_value::{Curve, CurveError};
 use nalgebra::{Point3, center};
 use schemars::JsonSchema;
@@ -8,49 +8,48 @@ use serde::{Deserialize, Serialize};
 
 /// Refines a polyline towards a smooth curve.
 ///
-/// The ends of an open one stay where they are. The new points run along the curve, beginning with those of the first point or
-/// edge.
+/// The ends of an open polyline do not move. The new points are in the order of the curve, beginning at the first point or edge.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct SubdivideCurve {
-    /// What is refined: a polyline, open or closed.
+    /// Polyline to refine, open or closed.
     pub curve: In<Curve>,
-    /// The rules.
+    /// Subdivision scheme.
     pub scheme: CurveScheme,
-    /// How often each edge is split in two.
+    /// Number of refinement steps. Each step divides each edge in two.
     #[schemars(range(max = 16))]
-    #[serde(default = "three")]
+    #[serde(default = "default_levels")]
     pub levels: u32,
 }
 
-fn three() -> u32 {
+fn default_levels() -> u32 {
     3
 }
 
-/// The rules of a curve's subdivision.
+/// A subdivision scheme for curves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum CurveScheme {
-    /// Chaikin (1974): corners are cut off; the limit is a quadratic B-spline, which touches every edge in its middle.
+    /// Chaikin (1974): cuts corners. The limit is a quadratic B-spline that touches the midpoint of every edge.
     Chaikin,
-    /// The limit is a cubic B-spline, whose curvature is continuous.
+    /// The limit is a cubic B-spline with continuous curvature.
     Cubic,
 }
 
-/// Why a curve cannot be refined.
+/// An error of [`subdivide_curve`].
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SubdivideCurveError {
-    /// A B-spline.
+    /// The curve is a B-spline.
     #[error("the curve is a B-spline and smooth already; only polylines are refined")]
     Spline,
-    /// A result that memory could not hold.
+    /// The result would be too large.
     #[error(transparent)]
-    TooMuch(#[from] TooMuch),
-    /// Points out of all bounds.
+    TooMuch(#[from] LimitError),
+    /// A point became infinite.
     #[error(transparent)]
     Curve(#[from] CurveError),
 }
 
-/// Points of a result: 100 MB.
-const POINTS: Limit = Limit { most: 1 << 22, of: "points", help: "choose fewer `levels`" };
+/// The maximum number of points in a result, which need about 100 MB.
+const POINTS: Limit = Limit { max: 1 << 22, items: "points", help: "choose fewer `levels`" };
 
 impl Node for SubdivideCurve {
     type Outputs = (Curve,);
@@ -68,9 +67,9 @@ impl Node for SubdivideCurve {
 
 /// Refines a polyline `levels` times.
 ///
-/// `Chaikin` puts `3/4 a + 1/4 b` and `1/4 a + 3/4 b` on each edge, n points become 2 n: Chaikin, "An algorithm for high-speed
+/// `Chaikin` places `3/4 a + 1/4 b` and `1/4 a + 3/4 b` on each edge, so that n points become 2 n: Chaikin, "An algorithm for high-speed
 /// curve generation", Computer Graphics and Image Processing 3 (1974). `Cubic` moves each point `b` with the neighbors `a`, `c` to
-/// `1/8 a + 3/4 b + 1/8 c` and puts a new one in the middle of each edge: n points become 2 n, in an open curve 2 n - 1: Lane and
+/// `1/8 a + 3/4 b + 1/8 c` and adds the midpoint of each edge, so that n points become 2 n, or 2 n - 1 in an open curve: Lane and
 /// Riesenfeld, "A theoretical development for the computer generation and display of piecewise polynomial surfaces" (1980).
 ///
 /// # Errors
@@ -95,7 +94,7 @@ pub fn subdivide_curve(
     Ok(Curve::polyline(refined, curve.is_closed())?)
 }
 
-/// How many points a curve has after so many levels.
+/// The number of points of a curve after `levels` steps.
 fn points_after(curve: &Curve, levels: u32) -> f64 {
     curve.points().len() as f64 * libm::exp2(f64::from(levels))
 }
@@ -137,7 +136,7 @@ mod tests {
         Curve::polyline(points.collect::<Vec<_>>(), closed).unwrap()
     }
 
-    fn refined(curve: &Curve, scheme: CurveScheme) -> Vec<[f64; 2]> {
+    fn refine_to_pairs(curve: &Curve, scheme: CurveScheme) -> Vec<[f64; 2]> {
         let refined = subdivide_curve(curve, scheme, 1).unwrap();
         refined.points().iter().map(|point| [point.x, point.y]).collect()
     }
@@ -146,11 +145,11 @@ mod tests {
     fn corners_are_cut_and_the_ends_of_an_open_curve_stay() {
         let corner = [[0., 0.], [4., 0.], [4., 4.]];
         assert_eq!(
-            refined(&curve(&corner, false), CurveScheme::Chaikin),
+            refine_to_pairs(&curve(&corner, false), CurveScheme::Chaikin),
             [[0., 0.], [1., 0.], [3., 0.], [4., 1.], [4., 3.], [4., 4.]]
         );
         assert_eq!(
-            refined(&curve(&corner, true), CurveScheme::Chaikin),
+            refine_to_pairs(&curve(&corner, true), CurveScheme::Chaikin),
             [[1., 0.], [3., 0.], [4., 1.], [4., 3.], [3., 3.], [1., 1.]]
         );
     }
@@ -159,17 +158,17 @@ mod tests {
     fn the_cubic_rule_moves_points_and_adds_the_middles() {
         let corner = [[0., 0.], [4., 0.], [4., 4.]];
         assert_eq!(
-            refined(&curve(&corner, false), CurveScheme::Cubic),
+            refine_to_pairs(&curve(&corner, false), CurveScheme::Cubic),
             [[0., 0.], [2., 0.], [3.5, 0.5], [4., 2.], [4., 4.]]
         );
         assert_eq!(
-            refined(&curve(&corner, true), CurveScheme::Cubic),
+            refine_to_pairs(&curve(&corner, true), CurveScheme::Cubic),
             [[1., 0.5], [2., 0.], [3.5, 0.5], [4., 2.], [3.5, 3.], [2., 2.]]
         );
     }
 
     #[test]
-    fn what_cannot_be_refined_is_refused() {
+    fn invalid_input_is_an_error() {
         let ring = curve(&[[0., 0.], [4., 0.], [4., 4.]], true);
         let error = subdivide_curve(&ring, CurveScheme::Cubic, 30).unwrap_err();
         assert_eq!(

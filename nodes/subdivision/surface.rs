@@ -1,6 +1,6 @@
-//! Limit surfaces at any place, and the places that are nearest to points.
+//! Evaluation of limit surfaces at any parameter, and closest points on them.
 
-pub(super) mod downhill;
+pub(super) mod closest_point_walk;
 pub(super) mod dual_surface;
 pub(super) mod face_point;
 pub(super) mod limit_feet;

@@ -1,4 +1,4 @@
-//! `maquette batch`: one graph over many scans and many values.
+//! `maquette batch`: runs one graph over many scans and parameter values.
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -10,23 +10,24 @@ use maquette_engine::session::Session;
 use maquette_golden::sweep::Sweep;
 use maquette_graph::catalog::Catalog;
 use maquette_node::CancelToken;
-use maquette_syntax::error::Problem;
+use maquette_syntax::error::Diagnostic;
 use maquette_syntax::{conflict_line, first_word};
-use maquette_value::plain;
+use maquette_value::fs;
 use serde_json::{Value as Json, json};
 
-use super::caching::{self, CacheOptions};
+use super::cache_options::{self, CacheOptions};
 use super::events::{EventFormat, Events, Listener};
 use super::openjd::JobProgress;
 use super::replay::ProvenanceOptions;
 use super::{
-    Exit, GraphOptions, assignment, counted, eprint, interrupt, print, print_json, put_problems,
-    report,
+    Exit, GraphOptions, eprint, format_count, interrupt, parse_assignment, print, print_json,
+    put_problems, report,
 };
-use crate::Shown;
+use crate::DisplayPath;
 use crate::tasks as batch;
 use crate::tasks::{
-    Batch as Tasks, Ended, Hearer, Record, Running, State, at_a_time, default_folder,
+    Batch as Tasks, ExecutionOptions, FinishedTask, Record, State, TaskObserver, default_folder,
+    job_count, text_field,
 };
 
 mod farm;
@@ -34,45 +35,47 @@ mod summary;
 
 use farm::FarmOptions;
 
-/// What tasks have in common is computed once. Each leaves a record in OUT/tasks; a task whose record still holds is not run again.
+/// Shared parts of the tasks are computed once. Each task writes a record to OUT/tasks; a task whose record is up to date does not run
+/// again.
 #[derive(Args)]
 pub(crate) struct Batch {
     /// A file with a Sweep(..), or a graph, with --sweep and --scans.
     #[arg(value_name = "SWEEP")]
     file: PathBuf,
-    /// Sweep a parameter or field of the graph over these values; may be given several times.
-    #[arg(long = "sweep", value_name = "NAME=VALUE,VALUE..", value_parser = assignment)]
+    /// Sweep a parameter or field of the graph over these values. May be repeated.
+    #[arg(long = "sweep", value_name = "NAME=VALUE,VALUE..", value_parser = parse_assignment)]
     values: Vec<(String, String)>,
-    /// Sweep the graph over these files or folders, in quotes: 'scans/*'. Each takes the place of the files that the graph reads.
+    /// Sweep the graph over these files or folders; quote the pattern: 'scans/*'. Each match replaces the files that the graph reads.
     #[arg(long, value_name = "PATTERN")]
     scans: Option<String>,
-    /// The folder of results; `out/SWEEP` if left out, `out/SWEEP-draft` with --draft.
+    /// The folder for the results [default: `out/SWEEP`, or `out/SWEEP-draft` with --draft].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// How many tasks to run at a time, each with its share of --memory; of a farm, how many jobs [default: 1, or as the farm has it].
+    /// The number of tasks to run at the same time; they divide --memory between them. With --emit, the number of jobs [default: 1, or the
+    /// farm's own limit].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
-    /// Run what failed again, though nothing has changed.
+    /// Run failed tasks again, even if nothing changed.
     #[arg(long)]
     retry: bool,
-    /// Only say what would run, and why.
+    /// Print which tasks would run, and why; run nothing.
     #[arg(short = 'n', long)]
     dry_run: bool,
-    /// Run these tasks alone, counted from 0, as a farm does. The last one that was handed over makes the contact sheet.
-    #[arg(long, value_name = "I|FIRST-LAST", value_parser = range, conflicts_with_all = ["dry_run", "report", "emit"])]
+    /// Run only these tasks, counted from 0. Jobs of a farm use this option; the job that finishes the last task writes the contact sheet.
+    #[arg(long, value_name = "I|FIRST-LAST", value_parser = parse_range, conflicts_with_all = ["dry_run", "report", "emit"])]
     task: Option<(usize, usize)>,
-    /// Run only if the tasks are still those that were handed over under this hash, as `--emit` writes it into each job.
-    #[arg(long, value_name = "HASH", value_parser = hash, conflicts_with_all = ["dry_run", "emit"])]
+    /// Run only if the tasks are those of the list with this hash. `--emit` writes the hash into each job.
+    #[arg(long, value_name = "HASH", value_parser = parse_hash, conflicts_with_all = ["dry_run", "emit"])]
     handover: Option<String>,
-    /// Run the first task, so that the others find in the cache what they share, and end well whatever comes of it.
+    /// Run the first task to fill the cache for the others. The command succeeds even if the task fails.
     #[arg(long, conflicts_with_all = ["task", "dry_run", "report", "emit"])]
     warm: bool,
-    /// Run nothing: make the contact sheet of the records that are there, and fail unless all tasks are done.
+    /// Run nothing; write the contact sheet of the existing records. Fails unless all tasks are done.
     #[arg(long, conflicts_with_all = ["dry_run", "emit"])]
     report: bool,
     #[command(flatten)]
     farm: FarmOptions,
-    /// How many threads to use; 0 is all.
+    /// The number of threads; 0 for all.
     #[arg(long, default_value_t = 0)]
     threads: usize,
     #[command(flatten)]
@@ -84,12 +87,13 @@ pub(crate) struct Batch {
     /// Print one JSON document.
     #[arg(long)]
     json: bool,
-    /// Print what happens as it happens: one JSON object a line, or, by `openjd`, lines for an agent of Open Job Description.
+    /// Print events while the command runs: one JSON object per line, or with `openjd` the lines that an agent of Open Job Description
+    /// reads.
     #[arg(long, value_name = "FORMAT", conflicts_with = "json", num_args = 0..=1, require_equals = true, default_missing_value = "json")]
     events: Option<EventFormat>,
 }
 
-fn range(text: &str) -> Result<(usize, usize), String> {
+fn parse_range(text: &str) -> Result<(usize, usize), String> {
     fn number(text: &str) -> Option<usize> {
         text.trim().parse::<usize>().ok()
     }
@@ -99,50 +103,51 @@ fn range(text: &str) -> Result<(usize, usize), String> {
     };
     range
         .filter(|(first, last)| first <= last)
-        .ok_or_else(|| "write I or FIRST-LAST, counted from 0".into())
+        .ok_or_else(|| "expected I or FIRST-LAST, counted from 0".into())
 }
 
-fn hash(text: &str) -> Result<String, String> {
-    // It becomes the name of a file.
-    let is_hash = text.len() == batch::DIGITS
+fn parse_hash(text: &str) -> Result<String, String> {
+    // The hash becomes part of a file name, so no other characters are allowed.
+    let is_hash = text.len() == batch::HASH_DIGITS
         && text.bytes().all(|c| c.is_ascii_hexdigit() && !c.is_ascii_uppercase());
     is_hash
         .then(|| text.to_owned())
-        .ok_or_else(|| format!("use the {} digits that `--emit` wrote", batch::DIGITS))
+        .ok_or_else(|| format!("expected the {} digits that `--emit` wrote", batch::HASH_DIGITS))
 }
 
 impl Batch {
     pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
         let start = Instant::now();
-        let (path, text) = match self.text() {
+        let (path, text) = match self.sweep_text() {
             Ok(found) => found,
             Err(why) => return Exit::Usage(why),
         };
-        let options = self.options.all();
-        // A farm runs each task by itself: trying all values for each would take as long as all of them squared.
+        let options = self.options.to_options();
+        // A farm calls this program once for each task. If each call checked all values of the sweep, the total time would grow with the
+        // square of the number of tasks.
         let is_part = self.task.is_some() || self.warm || self.report;
         let read = if is_part {
-            maquette_golden::sweep::read_untried
+            maquette_golden::sweep::read_without_trying
         } else {
             maquette_golden::sweep::read_text
         };
-        let (sweep, problems) = read(&path, &text, catalog, &options);
+        let (sweep, diagnostics) = read(&path, &text, catalog, &options);
         let Some(sweep) = sweep else {
-            self.tell_problems(&problems);
+            self.print_problems(&diagnostics);
             return Exit::Failed;
         };
         if !self.json {
-            report(&problems);
+            report(&diagnostics);
         }
         let default = default_folder(&path, options.draft);
         let out = self.out.as_deref().unwrap_or(&default);
         let tasks = Tasks {
             sweep: &sweep,
             out,
-            is_named: self.out.is_some(),
+            is_chosen_folder: self.out.is_some(),
             options: &options,
-            signs: self.provenance.signs(),
-            retries: self.retry,
+            has_provenance: self.provenance.signs(),
+            retries_failures: self.retry,
             time_limit: self.farm.time_limit,
             handover: self.handover.as_deref(),
             is_forecast: self.dry_run,
@@ -150,26 +155,27 @@ impl Batch {
         if let Some(engine) = self.farm.emit {
             return self.emit(engine, &tasks, catalog);
         }
-        // The page is made of a changed list, too, and its changes are reported then.
+        // With --report the page is written even if the list of tasks has changed since the handover; the command reports the changes
+        // afterwards.
         let handover = self.handover.as_deref().map_or(Ok(()), |hash| tasks.check_handover(hash));
         if self.report {
-            return self.report_records(&tasks, handover, &problems);
+            return self.report_records(&tasks, handover, &diagnostics);
         }
         if let Err(why) = handover {
             return Exit::Usage(why);
         }
-        let wanted = match self.wanted(sweep.tasks.len()) {
-            Ok(wanted) => wanted,
+        let task_indices = match self.task_indices(sweep.tasks.len()) {
+            Ok(task_indices) => task_indices,
             Err(why) => return Exit::Usage(why),
         };
         if self.dry_run {
-            return self.forecast(&tasks, &problems, catalog);
+            return self.forecast(&tasks, &diagnostics, catalog);
         }
-        self.work(&tasks, &wanted, &problems, catalog, start)
+        self.run_tasks(&tasks, &task_indices, &diagnostics, catalog, start)
     }
 
-    /// The numbers of the tasks to run, of all that there are.
-    fn wanted(&self, tasks: usize) -> Result<Vec<usize>, String> {
+    /// Returns the indices of the tasks that this command runs; `tasks` is the number of all tasks of the sweep.
+    fn task_indices(&self, tasks: usize) -> Result<Vec<usize>, String> {
         let Some((first, last)) = self.task.filter(|_| !self.warm) else {
             return Ok(Vec::from_iter(0..if self.warm { 1 } else { tasks }));
         };
@@ -177,42 +183,44 @@ impl Batch {
         let most = tasks.div_ceil(chunk).saturating_sub(1);
         if most < last {
             let what = if chunk == 1 { "task" } else { "chunk" };
-            return Err(format!("there is no {what} {last}: they are counted from 0 to {most}"));
+            return Err(format!("expected a {what} from 0 to {most}, found {last}"));
         }
         Ok(Vec::from_iter(first * chunk..tasks.min((last + 1) * chunk)))
     }
 
-    /// The text of the sweep, and where it stands: for a graph it is made of the options.
-    fn text(&self) -> Result<(PathBuf, String), String> {
-        let read = plain::read_text(&self.file);
-        let text = read.map_err(|error| format!("cannot read {}: {error}", self.file.shown()))?;
+    /// Returns the path and the text of the sweep file. For a graph the text of a sweep is generated from the options.
+    fn sweep_text(&self) -> Result<(PathBuf, String), String> {
+        let read = fs::read_text(&self.file);
+        let text =
+            read.map_err(|error| format!("cannot read {}: {error}", self.file.for_display()))?;
         let has_options = !self.values.is_empty() || self.scans.is_some();
-        fn is_named_so(has_options: bool, file: &std::path::Path) -> bool {
-            let name = file.to_string_lossy();
-            !has_options && name.ends_with(maquette_golden::sweep::ENDING)
-        }
-        // What is wrong with a sweep is said as of any other file.
+        let is_sweep_name =
+            self.file.to_string_lossy().ends_with(maquette_golden::sweep::EXTENSION);
+        // A sweep file with syntax errors is still read as a sweep, because the user needs the errors of the sweep.
         let is_sweep = first_word(&text) == "Sweep"
-            || is_named_so(has_options, &self.file)
+            || (is_sweep_name && !has_options)
             || conflict_line(&text).is_some();
         match (is_sweep, has_options) {
             (true, false) => return Ok((self.file.clone(), text)),
             (true, true) => {
-                return Err("--sweep and --scans are for graphs: change the sweep's file".into());
+                return Err(
+                    "--sweep and --scans need a graph, not a sweep; edit the sweep file instead"
+                        .into(),
+                );
             }
             (false, false) => {
                 return Err(format!(
-                    "{} is no Sweep(..): name what differs from task to task, `--sweep growth=5,12,20` or `--scans 'scans/*'`",
-                    self.file.shown()
+                    "{} is not a Sweep(..); add the values that differ between tasks: `--sweep growth=5,12,20` or `--scans 'scans/*'`",
+                    self.file.for_display()
                 ));
             }
             (false, true) => {}
         }
         let beside = self.file.with_extension("sweep.ron");
-        Ok((beside, batch::text_of(&self.file, self.scans.as_deref(), &self.values)?))
+        Ok((beside, batch::generate_sweep(&self.file, self.scans.as_deref(), &self.values)?))
     }
 
-    /// One of so many sessions that work at the same time.
+    /// Creates one of `jobs` sessions, which divide the threads and the memory between them.
     fn session(&self, jobs: usize, catalog: &Arc<Catalog>) -> Result<Session, String> {
         let threads = match (self.threads, jobs) {
             (0, 2..) => {
@@ -223,56 +231,57 @@ impl Batch {
         self.cache.session_of(jobs, threads, catalog)
     }
 
-    fn tell_problems(&self, problems: &[Problem]) {
+    fn print_problems(&self, diagnostics: &[Diagnostic]) {
         match self.json {
             true => {
                 let mut document = json!({ "tasks": [] });
-                put_problems(&mut document, problems);
+                put_problems(&mut document, diagnostics);
                 print_json(&document);
             }
-            false => report(problems),
+            false => report(diagnostics),
         }
     }
 
-    fn work(
+    fn run_tasks(
         &self,
         tasks: &Tasks<'_>,
-        wanted: &[usize],
-        problems: &[Problem],
+        task_indices: &[usize],
+        diagnostics: &[Diagnostic],
         catalog: &Arc<Catalog>,
         start: Instant,
     ) -> Exit {
         let cancel = CancelToken::default();
-        interrupt::cancels(&cancel);
+        interrupt::cancel_on_interrupt(&cancel);
         let events = Events::new(Listener::of_stdout(), cancel.clone());
-        let job = JobProgress::new(wanted.len(), cancel.clone());
+        let job = JobProgress::new(task_indices.len(), cancel.clone());
         let observer: &(dyn Observer + Sync) = match self.events {
             Some(EventFormat::Json) => &events,
             Some(EventFormat::Openjd) => &job,
             None => &(),
         };
         let is_openjd = self.events == Some(EventFormat::Openjd);
-        let teller = Teller::new(tasks.sweep, self.json, self.events, is_openjd.then_some(&job));
-        let jobs = at_a_time(self.jobs.map_or(1, usize::from), wanted.len());
+        let teller =
+            TaskReporter::new(tasks.sweep, self.json, self.events, is_openjd.then_some(&job));
+        let jobs = job_count(self.jobs.map_or(1, usize::from), task_indices.len());
         let ended = tasks.run_all(
-            wanted,
-            &Running {
+            task_indices,
+            &ExecutionOptions {
                 jobs,
                 session: &|| self.session(jobs, catalog),
-                finish: &caching::finish,
+                finish: &cache_options::finish,
                 observer,
-                hearer: &teller,
+                task_observer: &teller,
                 cancel: &cancel,
             },
         );
-        let Counts { done, failed, ran, ended: records } = teller.into_counts();
+        let Counts { done, failed, run_now: ran, records } = teller.into_counts();
         if let Err(why) = ended {
             return Exit::Usage(why);
         }
         if cancel.is_cancelled() {
             return Exit::Interrupted;
         }
-        // The page is not what a job was asked for.
+        // An error in writing the contact sheet is only a warning: the task itself succeeded.
         if self.task.is_some()
             && self.handover.is_some()
             && tasks.have_all_ended()
@@ -287,32 +296,32 @@ impl Batch {
             Err(why) => return Exit::Usage(why),
         };
         let seconds = start.elapsed().as_secs_f64();
-        let place = sheet.as_deref().map(|path| path.display().to_string());
+        let sheet_path = sheet.as_deref().map(|path| path.display().to_string());
         if self.json {
-            let mut document = json!({ "tasks": records, "sheet": place, "seconds": seconds });
-            put_problems(&mut document, problems);
+            let mut document = json!({ "tasks": records, "sheet": sheet_path, "seconds": seconds });
+            put_problems(&mut document, diagnostics);
             print_json(&document);
         } else if self.events == Some(EventFormat::Json) {
-            let fields = json!({ "done": done, "failed": failed, "ran": ran, "sheet": place, "seconds": seconds });
-            Listener::of_stdout().tell("batch", fields);
+            let fields = json!({ "done": done, "failed": failed, "ran": ran, "sheet": sheet_path, "seconds": seconds });
+            Listener::of_stdout().send("batch", fields);
         } else if is_openjd {
-            let all = counted(wanted.len(), "task");
+            let all = format_count(task_indices.len(), "task");
             job.status(&format!("{all}: {done} done, {failed} failed, {ran} run now"));
         } else {
             let failed = if failed == 0 { String::new() } else { format!(", {failed} failed") };
             print(&format!(
                 "{}: {done} done{failed}; {ran} run now; {seconds:.2} s\n{}",
-                counted(wanted.len(), "task"),
-                place.map_or(String::new(), |place| format!("{place}\n")),
+                format_count(task_indices.len(), "task"),
+                sheet_path.map_or(String::new(), |sheet_path| format!("{sheet_path}\n")),
             ));
         }
         if failed == 0 || self.warm { Exit::Done } else { Exit::Failed }
     }
 }
 
-/// A task that came to its end, as `--json` and `--events` have it.
+/// Returns the fields of a finished task for `--json` and `--events`.
 fn record_fields(index: usize, record: &Record, was_run: bool) -> Json {
-    let output = |it: &batch::Output| json!({ "name": it.name, "path": it.path, "bytes": it.bytes, "hash": it.hash.to_string() });
+    let outputs = record.outputs.iter().map(|it| json!({ "name": it.name, "path": it.path, "bytes": it.bytes, "hash": it.hash.to_string() }));
     let values = record.values.iter().map(|(name, value)| (name.clone(), value.clone().into()));
     json!({
         "task": index,
@@ -322,31 +331,31 @@ fn record_fields(index: usize, record: &Record, was_run: bool) -> Json {
         "values": values.collect::<serde_json::Map<_, _>>(),
         "seconds": record.seconds,
         "nodes": record.nodes,
-        "outputs": record.outputs.iter().map(output).collect::<Vec<_>>(),
+        "outputs": outputs.collect::<Vec<_>>(),
         "problems": record.problems,
     })
 }
 
-/// Why a task is not run.
-fn unchanged_in_words(state: State) -> &'static str {
+/// Returns the reason why an up-to-date task is not run.
+fn unchanged_reason(state: State) -> &'static str {
     match state {
         State::Done => "nothing has changed",
-        State::Failed => "nothing has changed: --retry runs it again",
+        State::Failed => "nothing has changed; use --retry to run it again",
     }
 }
 
-/// What became of tasks.
+/// Numbers of finished tasks.
 #[derive(Default)]
 struct Counts {
     done: usize,
     failed: usize,
-    ran: usize,
-    /// As `--json` has them.
-    ended: Vec<Json>,
+    run_now: usize,
+    /// The records of the finished tasks as JSON, in the form that `--json` prints.
+    records: Vec<Json>,
 }
 
-/// Tells what happens to tasks.
-struct Teller<'a> {
+/// Prints the progress of tasks.
+struct TaskReporter<'a> {
     sweep: &'a Sweep,
     json: bool,
     events: Option<EventFormat>,
@@ -355,7 +364,7 @@ struct Teller<'a> {
     counts: Mutex<Counts>,
 }
 
-impl<'a> Teller<'a> {
+impl<'a> TaskReporter<'a> {
     fn new(
         sweep: &'a Sweep,
         json: bool,
@@ -368,46 +377,46 @@ impl<'a> Teller<'a> {
 
     fn into_counts(self) -> Counts {
         let mut counts = self.counts.into_inner().unwrap_or_else(PoisonError::into_inner);
-        counts.ended.sort_by_key(|task| task["task"].as_u64());
+        counts.records.sort_by_key(|task| task["task"].as_u64());
         counts
     }
 }
 
-impl Hearer for Teller<'_> {
-    fn begins(&self, index: usize) {
+impl TaskObserver for TaskReporter<'_> {
+    fn on_begin(&self, index: usize) {
         if let Some(job) = self.job {
-            job.task_begins(&self.sweep.tasks[index].name);
+            job.begin_task(&self.sweep.tasks[index].name);
         } else if self.events.is_some() {
             let fields = json!({ "task": index, "name": self.sweep.tasks[index].name });
-            Listener::of_stdout().tell("task-started", fields);
+            Listener::of_stdout().send("task-started", fields);
         }
     }
 
-    fn ended(&self, Ended { index, record, was_run }: Ended) {
+    fn on_end(&self, FinishedTask { index, record, was_run }: FinishedTask) {
         let mut counts = self.counts.lock().unwrap_or_else(PoisonError::into_inner);
         match record.state {
             State::Done => counts.done += 1,
             State::Failed => counts.failed += 1,
         }
-        counts.ran += usize::from(was_run);
+        counts.run_now += usize::from(was_run);
         let problems = record.problems.iter().filter(|problem| problem["severity"] == "error");
         if self.json || self.events == Some(EventFormat::Json) {
             let fields = record_fields(index, &record, was_run);
             match self.json {
-                true => counts.ended.push(fields),
-                false => Listener::of_stdout().tell("task", fields),
+                true => counts.records.push(fields),
+                false => Listener::of_stdout().send("task", fields),
             }
             return;
         }
         let nodes = record.nodes.iter().map(|(word, count)| format!("{count} {word}"));
         let rest = match was_run {
             true => format!("{:7.2} s  {}", record.seconds, Vec::from_iter(nodes).join(", ")),
-            false => unchanged_in_words(record.state).to_owned(),
+            false => unchanged_reason(record.state).to_owned(),
         };
         let longest = self.longest;
         match self.job {
             Some(job) => {
-                job.task_ended();
+                job.end_task();
                 let mut messages = problems.clone().filter_map(|it| it["message"].as_str());
                 messages.next().into_iter().for_each(|why| job.fail(why));
             }
@@ -418,19 +427,15 @@ impl Hearer for Teller<'_> {
             )),
         }
         for problem in problems {
-            fn text(name: &str, problem: &Json) -> String {
-                problem[name].as_str().unwrap_or_default().to_owned()
-            }
-            let help = if text("help", problem).is_empty() {
-                String::new()
-            } else {
-                format!("; {}", text("help", problem))
+            let help = match text_field(problem, "help") {
+                "" => String::new(),
+                help => format!("; {help}"),
             };
             let (line, column) = (&problem["line"], &problem["column"]);
             eprint(&format!(
                 "error: {}:{line}:{column}: {}{help}\n",
-                text("file", problem),
-                text("message", problem)
+                text_field(problem, "file"),
+                text_field(problem, "message")
             ));
         }
     }

@@ -1,55 +1,55 @@
-//! `maquette cache`: what is kept on disk, and how to be rid of it.
+//! `maquette cache`: shows, checks and cleans the results on disk.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
-use maquette_engine::eval::{Diagnosis, Disk, DiskError, Fault, NodeSize, Sizes, Usage};
+use maquette_engine::eval::{CacheFault, Diagnosis, Disk, DiskError, NodeSize, Sizes, Usage};
 use maquette_engine::session::{CacheServer, default_folder, disk_size, size};
 use maquette_graph::catalog::Catalog;
-use serde_json::json;
+use serde_json::{Value as Json, json};
 
-use super::{Exit, column_width, counted, eprint, in_bytes, print, print_json};
-use crate::Shown;
+use super::{Exit, column_width, eprint, format_count, in_bytes, print, print_json};
+use crate::DisplayPath;
 
 #[derive(Args)]
 pub(crate) struct Cache {
     #[command(subcommand)]
     action: Action,
-    /// The folder [default: $MAQUETTE_CACHE, or `maquette` in the system's folder for caches].
+    /// The cache folder [default: $MAQUETTE_CACHE, or `maquette` in the system's folder for caches].
     #[arg(long = "cache", value_name = "DIR", global = true)]
     folder: Option<PathBuf>,
 }
 
 #[derive(Subcommand)]
 enum Action {
-    /// Print where the cache is and what it holds, and whether the server of results answers.
+    /// Print the folder, the contents and the size of the cache, and check that the cache server answers.
     Ls {
-        /// The server through which machines share results [default: $MAQUETTE_CACHE_REMOTE].
+        /// The URL of the cache server [default: $MAQUETTE_CACHE_REMOTE].
         #[arg(long, value_name = "URL")]
         cache_remote: Option<String>,
         /// Print one JSON document.
         #[arg(long)]
         json: bool,
     },
-    /// Print which nodes of which graphs the results are of, the largest first.
+    /// List the results by node and graph, the largest first.
     Du {
         /// Print one JSON document.
         #[arg(long)]
         json: bool,
     },
-    /// Drop what was not used for longest, until no more than a limit is left.
+    /// Remove the least recently used results until the cache is smaller than a limit.
     Gc {
         /// The limit, as 500MB or 2GB [default: $MAQUETTE_CACHE_SIZE, or 4GB].
         #[arg(long, value_name = "SIZE", value_parser = size)]
         limit: Option<u64>,
     },
-    /// Drop everything.
+    /// Remove all results.
     Clear,
-    /// Look at every file, of all builds, and drop those that are damaged, incomplete or of no use. Fails if something is wrong that
-    /// could not be mended. What is not ours is named and stays.
+    /// Check every file of all builds, and remove those that are damaged, incomplete or useless. Fails if a fault could not be repaired.
+    /// Foreign files are listed and stay.
     Doctor {
-        /// Only tell what is wrong.
+        /// List the faults; remove nothing.
         #[arg(long)]
         dry_run: bool,
         /// Print one JSON document.
@@ -62,23 +62,23 @@ impl Cache {
     pub(super) fn run(&self, _: &Catalog) -> Exit {
         let Some(folder) = self.folder.clone().or_else(default_folder) else {
             return Exit::Usage(
-                "this system has no folder for caches: name one with --cache".into(),
+                "this system has no folder for caches; choose one with --cache".into(),
             );
         };
         self.action(&folder).unwrap_or_else(Exit::Usage)
     }
 
     fn action(&self, folder: &Path) -> Result<Exit, String> {
-        fn wrong(error: DiskError) -> String {
+        fn disk_error(error: DiskError) -> String {
             error.to_string()
         }
         match &self.action {
             Action::Ls { cache_remote, json } => {
-                let usage = Disk::usage(folder).map_err(wrong)?;
-                print_usage(folder, &usage, server(cache_remote)?.as_ref(), *json);
+                let usage = Disk::usage(folder).map_err(disk_error)?;
+                print_usage(folder, &usage, reach_server(cache_remote)?.as_ref(), *json);
             }
             Action::Du { json } => {
-                print_sizes(folder, &Disk::sizes(folder).map_err(wrong)?, *json);
+                print_sizes(folder, &Disk::sizes(folder).map_err(disk_error)?, *json);
             }
             Action::Gc { limit } => {
                 let limit = limit.map_or_else(disk_size, Ok)?;
@@ -86,9 +86,9 @@ impl Cache {
             }
             Action::Clear => return drop_down_to(folder, 0),
             Action::Doctor { dry_run, json } => {
-                let diagnosis = Disk::doctor(folder, *dry_run).map_err(wrong)?;
+                let diagnosis = Disk::doctor(folder, *dry_run).map_err(disk_error)?;
                 print_diagnosis(folder, &diagnosis, *dry_run, *json);
-                let is_well = diagnosis.faults.iter().all(|fault| fault.mended);
+                let is_well = diagnosis.faults.iter().all(|fault| fault.is_repaired);
                 return Ok(if is_well { Exit::Done } else { Exit::Failed });
             }
         }
@@ -96,15 +96,15 @@ impl Cache {
     }
 }
 
-/// Drops results until at most `limit` bytes are left.
+/// Removes the least recently used results until at most `limit` bytes are left.
 fn drop_down_to(folder: &Path, limit: u64) -> Result<Exit, String> {
     match Disk::gc(folder, limit) {
         Ok(dropped) => {
             print(&format!("dropped {}\n", bytes(dropped)));
             Ok(Exit::Done)
         }
-        Err(error @ DiskError::Kept { .. }) => {
-            let help = "make the folder writable, or name another one with --cache";
+        Err(error @ DiskError::NotRemoved { .. }) => {
+            let help = "make the folder writable, or choose another one with --cache";
             eprint(&format!("error: {error}\n  = help: {help}\n"));
             Ok(Exit::Failed)
         }
@@ -112,16 +112,16 @@ fn drop_down_to(folder: &Path, limit: u64) -> Result<Exit, String> {
     }
 }
 
-/// The address of a server, and whether it answers; else why not.
+/// The address of a cache server, and the result of connecting to it.
 type Server = (String, Result<(), String>);
 
-/// The server that is named, if one is.
-fn server(named: &Option<String>) -> Result<Option<Server>, String> {
+/// Connects to the cache server that the option or the environment names. Returns `None` if neither names a server.
+fn reach_server(named: &Option<String>) -> Result<Option<Server>, String> {
     let server = named.clone().map_or(CacheServer::Default, CacheServer::At);
     server
         .address()
         .map(|(named, address): (&str, String)| {
-            Disk::reach(&address).map_err(|why| format!("{named}: {why}"))
+            Disk::check_server(&address).map_err(|why| format!("{named}: {why}"))
         })
         .transpose()
 }
@@ -147,36 +147,42 @@ fn print_usage(folder: &Path, usage: &Usage, server: Option<&Server>, json: bool
     }
     print(&format!(
         "{}\n{} of {}, {}, {}: {}\n",
-        folder.shown(),
-        counted(usage.entries, "result"),
-        counted(usage.programs, "build"),
-        counted(usage.columns, "large column"),
-        counted(usage.graphs, "graph"),
+        folder.for_display(),
+        format_count(usage.entries, "result"),
+        format_count(usage.programs, "build"),
+        format_count(usage.columns, "large column"),
+        format_count(usage.graphs, "graph"),
         bytes(usage.bytes)
     ));
     if let Some((address, answer)) = server {
-        let told = answer.as_ref().map_or_else(|why| &why[..], |()| "answers");
-        print(&format!("{address}: {told}\n"));
+        let state = answer.as_ref().map_or_else(|why| &why[..], |()| "answers");
+        print(&format!("{address}: {state}\n"));
     }
+}
+
+fn node_size_json(size: &NodeSize) -> Json {
+    let graph = size.graph.as_ref().map(|graph| graph.display().to_string());
+    json!({
+        "graph": graph,
+        "node": size.node,
+        "type": size.kind,
+        "results": size.results,
+        "bytes": size.bytes,
+    })
+}
+
+fn fault_json(fault: &CacheFault) -> Json {
+    let path = fault.path.display().to_string();
+    json!({ "path": path, "what": fault.description, "mended": fault.is_repaired })
 }
 
 fn print_sizes(folder: &Path, sizes: &Sizes, json: bool) {
     let results = sizes.nodes.iter().map(|size| size.results).sum::<usize>();
     let all = sizes.other + sizes.nodes.iter().map(|size| size.bytes).sum::<u64>();
     if json {
-        let node = |size: &NodeSize| {
-            let graph = size.graph.as_ref().map(|graph| graph.display().to_string());
-            json!({
-                "graph": graph,
-                "node": size.node,
-                "type": size.kind,
-                "results": size.results,
-                "bytes": size.bytes,
-            })
-        };
         return print_json(&json!({
             "folder": folder.display().to_string(),
-            "nodes": sizes.nodes.iter().map(node).collect::<Vec<_>>(),
+            "nodes": sizes.nodes.iter().map(node_size_json).collect::<Vec<_>>(),
             "results": results,
             "other": sizes.other,
             "bytes": all,
@@ -199,43 +205,38 @@ fn print_sizes(folder: &Path, sizes: &Sizes, json: bool) {
         let _ = writeln!(text, "{bytes:>9}  {graph:<graphs$}  {node:<nodes$}  {kind}");
     }
     if sizes.other > 0 {
-        let _ =
-            writeln!(text, "{:>9}  what is remembered of graphs and outputs", bytes(sizes.other));
+        let _ = writeln!(text, "{:>9}  notes about graphs and outputs", bytes(sizes.other));
     }
-    let _ = writeln!(text, "{:>9}  in all, {}", bytes(all), counted(results, "result"));
+    let _ = writeln!(text, "{:>9}  total, {}", bytes(all), format_count(results, "result"));
     print(&text);
 }
 
 fn print_diagnosis(folder: &Path, diagnosis: &Diagnosis, dry_run: bool, json: bool) {
     let Diagnosis { files, bytes: size, faults, foreign } = diagnosis;
     if json {
-        let fault = |fault: &Fault| {
-            let path = fault.path.display().to_string();
-            json!({ "path": path, "what": fault.what, "mended": fault.mended })
-        };
         return print_json(&json!({
             "folder": folder.display().to_string(),
             "files": files,
             "bytes": size,
-            "faults": faults.iter().map(fault).collect::<Vec<_>>(),
+            "faults": faults.iter().map(fault_json).collect::<Vec<_>>(),
             "foreign": foreign.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(),
         }));
     }
     let mut text = String::new();
-    for Fault { path, what, mended } in faults {
+    for CacheFault { path, description: what, is_repaired: mended } in faults {
         let word = match (mended, dry_run) {
             (true, _) => "mended",
             (false, true) => "wrong ",
             (false, false) => "stays ",
         };
-        let _ = writeln!(text, "{word}  {}: {what}", path.shown());
+        let _ = writeln!(text, "{word}  {}: {what}", path.for_display());
     }
     for path in foreign {
-        let _ = writeln!(text, "left    {}: it is not ours", path.shown());
+        let _ = writeln!(text, "left    {}: foreign file", path.for_display());
     }
-    let mended = faults.iter().filter(|fault| fault.mended).count();
-    let wrong = counted(faults.len(), "fault");
-    let (files, size) = (counted(*files, "file"), bytes(*size));
-    let _ = writeln!(text, "{}: {files}, {size}: {wrong}, {mended} mended", folder.shown());
+    let mended = faults.iter().filter(|fault| fault.is_repaired).count();
+    let wrong = format_count(faults.len(), "fault");
+    let (files, size) = (format_count(*files, "file"), bytes(*size));
+    let _ = writeln!(text, "{}: {files}, {size}: {wrong}, {mended} mended", folder.for_display());
     print(&text);
 }

@@ -1,29 +1,29 @@
-//! A condition on named numbers, such as `region == 7 and area > 2`: the language of `Expr`, with columns in place of parameters.
+//! Conditions on columns of numbers, such as `region == 7 and area > 2`, in the language of `Expr`.
 
 use std::collections::BTreeMap;
 
 use maquette_graph::expression::{Outcome, evaluate_any, named_parameters};
-use maquette_syntax::{Quantity, Unit, unknown};
+use maquette_syntax::{Quantity, Unit, unknown_name_message};
 
-/// A condition whose names are all known.
+/// A condition that names only known columns.
 pub(crate) struct Condition<'t> {
     text: &'t str,
     names: Vec<String>,
 }
 
 impl<'t> Condition<'t> {
-    /// The condition in a text, which may name these columns of `what`.
+    /// Parses a condition that may use the columns `known`; `what` names their owner in error messages.
     ///
     /// # Errors
-    /// In words, if it is none, or names another.
-    pub(crate) fn read(text: &'t str, known: &[&str], what: &str) -> Result<Self, String> {
-        fn wrong(why: &dyn std::fmt::Display, text: &str) -> String {
+    /// A message if the text is not a condition or names another column.
+    pub(crate) fn parse(text: &'t str, known: &[&str], what: &str) -> Result<Self, String> {
+        fn format_error(why: &dyn std::fmt::Display, text: &str) -> String {
             format!("`{text}`: {why}")
         }
         let is_known = |name: &str| known.contains(&name);
         let Some(places) = named_parameters(text, &is_known) else {
             let why = evaluate_any(text, &BTreeMap::new()).err();
-            return Err(wrong(&why.map_or_else(String::new, |why| why.to_string()), text));
+            return Err(format_error(&why.map_or_else(String::new, |why| why.to_string()), text));
         };
         let mut names: Vec<_> = places.into_iter().map(|place| text[place].to_owned()).collect();
         names.sort_unstable();
@@ -31,23 +31,23 @@ impl<'t> Condition<'t> {
         names.retain(|name| is_known(name) || !matches!(&name[..], "true" | "false"));
         if let Some(name) = names.iter().find(|name| !is_known(name)) {
             let message = format!("there is no column `{name}` of {what}");
-            return Err(unknown(message, name, "its columns", known));
+            return Err(unknown_name_message(message, name, "its columns", known));
         }
         let condition = Self { text, names };
-        condition.holds(|_| 1.0)?;
+        condition.evaluate(|_| 1.0)?;
         Ok(condition)
     }
 
-    /// The columns that it names.
-    pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
+    /// Returns the names of the columns in the condition.
+    pub(crate) fn column_names(&self) -> impl Iterator<Item = &str> {
         self.names.iter().map(String::as_str)
     }
 
-    /// Whether it holds for these numbers.
+    /// Evaluates the condition for one row; `number` returns the value of a column in that row.
     ///
     /// # Errors
-    /// In words, if it is no condition.
-    pub(crate) fn holds(&self, number: impl Fn(&str) -> f64) -> Result<bool, String> {
+    /// A message if the expression is not a condition.
+    pub(crate) fn evaluate(&self, number: impl Fn(&str) -> f64) -> Result<bool, String> {
         match evaluate_any(
             self.text,
             &self
@@ -71,11 +71,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn columns_are_named_as_parameters_are() {
+    fn conditions_use_the_syntax_of_parameters() {
         let known = ["region", "area", "k-1"];
         fn holds(text: &str, region: f64, known: &[&str; 3]) -> Result<bool, String> {
-            let condition = Condition::read(text, known, "faces")?;
-            condition.holds(|name| if name == "region" { region } else { 2.0 })
+            let condition = Condition::parse(text, known, "faces")?;
+            condition.evaluate(|name| if name == "region" { region } else { 2.0 })
         }
         assert_eq!(holds("region == 7 and k-1 * area > 3", 7.0, &known), Ok(true));
         assert_eq!(holds("region == 7", 6.0, &known), Ok(false));

@@ -1,4 +1,4 @@
-//! `maquette diff`: how two graphs differ in what they say.
+//! `maquette diff`: lists the differences between two graphs.
 
 use std::path::{Path, PathBuf};
 
@@ -6,18 +6,18 @@ use clap::Args;
 use maquette_graph::Graph;
 use maquette_graph::catalog::Catalog;
 use maquette_syntax::error::Source;
-use maquette_value::plain;
+use maquette_value::fs;
 use serde_json::json;
 
 use super::{Exit, print, print_json, report};
-use crate::Shown;
+use crate::DisplayPath;
 
-/// Graphs that they use are compared, too, where each of them has its own, as two checkouts of a project have.
+/// Used graphs are compared, too, if each of the two graphs has its own copy, as in two checkouts of a project.
 ///
 /// For git: `git difftool -y -x 'maquette diff'`, or `GIT_EXTERNAL_DIFF='maquette diff' git diff`.
 #[derive(Args)]
 pub(crate) struct Diff {
-    /// The old and the new graph; or the seven arguments that git gives to GIT_EXTERNAL_DIFF.
+    /// The old and the new graph, or the seven arguments that git passes to GIT_EXTERNAL_DIFF.
     #[arg(required = true, num_args = 2..=9, value_name = "GRAPH")]
     graphs: Vec<PathBuf>,
     /// Print one JSON document.
@@ -27,22 +27,22 @@ pub(crate) struct Diff {
 
 impl Diff {
     pub(super) fn run(&self, catalog: &Catalog) -> Exit {
-        // git: path, old file, hex, mode, new file, hex, mode; two more where the file is renamed.
+        // git passes seven arguments: path, old file, hash, mode, new file, hash, mode; for a renamed file it passes two more.
         let (old, new, title) = match &self.graphs[..] {
             [old, new] => (old, new, None),
             [path, old, _, _, new, _, _] | [path, old, _, _, new, _, _, _, _] => {
                 (old, new, Some(path))
             }
-            _ => return Exit::Usage("give two graphs: the old one and the new one".into()),
+            _ => return Exit::Usage("expected two graphs: the old one and the new one".into()),
         };
-        let (old, new) = match (source(old), source(new)) {
+        let (old, new) = match (read_source(old), read_source(new)) {
             (Ok(old), Ok(new)) => (old, new),
             (Err(why), _) | (_, Err(why)) => return Exit::Usage(why),
         };
         let differences = match Graph::differences_with_uses(&old, &new, catalog) {
             Ok(differences) => differences,
-            Err(problems) => {
-                report(&problems);
+            Err(diagnostics) => {
+                report(&diagnostics);
                 return Exit::Usage("the graphs cannot be compared".into());
             }
         };
@@ -56,22 +56,22 @@ impl Diff {
             }));
         } else {
             if let Some(path) = title {
-                print(&format!("{}\n", path.shown()));
+                print(&format!("{}\n", path.for_display()));
             }
             let indent = if title.is_some() { "    " } else { "" };
             differences.iter().for_each(|found| print(&format!("{indent}{found}\n")));
         }
-        // git takes anything but success of GIT_EXTERNAL_DIFF for a crash.
+        // git treats a failing exit code of GIT_EXTERNAL_DIFF as a crash.
         if differences.is_empty() || title.is_some() { Exit::Done } else { Exit::Failed }
     }
 }
 
-/// A graph file; what git names `/dev/null` is a graph of nothing.
-fn source(path: &Path) -> Result<Source, String> {
+/// Reads a graph file. `/dev/null`, which git passes for a missing file, is an empty graph.
+fn read_source(path: &Path) -> Result<Source, String> {
     let text = match path == Path::new("/dev/null") {
         true => Ok("Graph(format: 1)".to_owned()),
-        false => plain::read_text(path),
+        false => fs::read_text(path),
     };
-    let text = text.map_err(|error| format!("cannot read {}: {error}", path.shown()))?;
+    let text = text.map_err(|error| format!("cannot read {}: {error}", path.for_display()))?;
     Ok(Source { name: path.to_owned(), text })
 }

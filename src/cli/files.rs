@@ -1,4 +1,4 @@
-//! Which files a command means that takes several: a shell's pattern, `*.ron`, or a folder has more than graphs in it.
+//! Selects the files of commands that accept several paths. A folder may contain `.ron` files that are not graphs.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -8,42 +8,43 @@ use maquette_graph::{LOCK_ENDING, PINS_ENDING};
 
 use super::serve::LAYOUT_ENDING;
 
-/// The files of some paths, and what could not be read. Of folders all `.ron` files, in the order of their names, and those of the
-/// folders in them, hidden ones left out. What programs keep beside graphs is passed over, unless it is all that is named.
-pub(super) fn given(paths: &[PathBuf]) -> (Vec<PathBuf>, Vec<(PathBuf, io::Error)>) {
+/// Returns the files that some paths select, and the folders that could not be read. A folder selects all `.ron` files in it and its
+/// subfolders, sorted by name, without hidden folders. Companion files of graphs ([`is_companion`]) are skipped, unless a companion file is
+/// the only path.
+pub(super) fn find_files(paths: &[PathBuf]) -> (Vec<PathBuf>, Vec<(PathBuf, io::Error)>) {
     let (mut files, mut unread) = (Vec::new(), Vec::new());
-    for path in without(paths, is_beside) {
-        unread.extend(collect(path, &mut files).err());
+    for path in filter_paths(paths, is_companion) {
+        unread.extend(collect_files(path, &mut files).err());
     }
     (files, unread)
 }
 
-/// The paths without those that are not meant, if several are named.
-pub(super) fn without(
+/// Returns the paths, except those for which `is_other` is true. A single path is always returned.
+pub(super) fn filter_paths(
     paths: &[PathBuf],
     is_other: fn(&Path) -> bool,
 ) -> impl Iterator<Item = &PathBuf> {
     paths.iter().filter(move |path| paths.len() == 1 || !is_other(path))
 }
 
-/// Whether a program keeps the file beside a graph: a lock file, pins, or where an editor puts nodes.
-pub(super) fn is_beside(path: &Path) -> bool {
+/// Returns true if the file accompanies a graph: a lock file, a file of pins, or the node layout of an editor.
+pub(super) fn is_companion(path: &Path) -> bool {
     let name = path.to_string_lossy();
     [LOCK_ENDING, PINS_ENDING, LAYOUT_ENDING]
         .into_iter()
         .any(|ending| name.ends_with(&format!(".{ending}")))
 }
 
-/// Whether the file is no graph by its name: the same, a test or a sweep.
+/// Returns true if the file name shows that the file is not a graph: a companion file, a test or a sweep.
 pub(super) fn is_no_graph(path: &Path) -> bool {
     let name = path.to_string_lossy();
-    is_beside(path)
-        || [case::ENDING, maquette_golden::sweep::ENDING]
+    is_companion(path)
+        || [case::EXTENSION, maquette_golden::sweep::EXTENSION]
             .iter()
             .any(|ending| name.ends_with(ending))
 }
 
-fn collect(path: &Path, files: &mut Vec<PathBuf>) -> Result<(), (PathBuf, io::Error)> {
+fn collect_files(path: &Path, files: &mut Vec<PathBuf>) -> Result<(), (PathBuf, io::Error)> {
     if !path.is_dir() {
         files.push(path.to_owned());
         return Ok(());
@@ -56,10 +57,10 @@ fn collect(path: &Path, files: &mut Vec<PathBuf>) -> Result<(), (PathBuf, io::Er
         let kind = entry.file_type().map_err(unread)?;
         let is_hidden = entry.file_name().to_string_lossy().starts_with('.');
         let path = entry.path();
-        let is_ron = path.extension().is_some_and(|ending| ending == "ron") && !is_beside(&path);
-        // Links are not followed: they may lead in a circle, or to files of somebody else.
+        let is_ron = path.extension().is_some_and(|ending| ending == "ron") && !is_companion(&path);
+        // Symbolic links are not followed: they may form a cycle or lead out of the project.
         if (kind.is_dir() && !is_hidden) || (is_ron && kind.is_file()) {
-            collect(&path, files)?;
+            collect_files(&path, files)?;
         }
     }
     Ok(())

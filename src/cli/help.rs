@@ -1,21 +1,21 @@
-//! `maquette help`: a topic of the language of graphs, or a command as clap explains it.
+//! `maquette help`: prints a topic of the graph language, or the help of a command.
 
 use clap::{Args, CommandFactory};
 use maquette_graph::catalog::Catalog;
-use maquette_lsp::language::{TOPICS, plain, topic, topics_about};
-use maquette_syntax::unknown;
+use maquette_lsp::manual::{TOPICS, plain, topic, topics_about};
+use maquette_syntax::unknown_name_message;
 
-use super::{Cli, Exit, print, print_usage, program};
+use super::{Cli, Exit, print, print_usage, program, renamed_commands};
 
 #[derive(Args)]
 pub(crate) struct Help {
-    /// A topic of the language of graphs, or a command; without it, both are listed.
+    /// A topic of the graph language, or a command [default: list both].
     #[arg(value_name = "TOPIC|COMMAND")]
     words: Vec<String>,
 }
 
-/// Lines that are longer are tiring to read.
-const WIDEST: usize = 100;
+/// The maximum line width in columns, even on wider terminals. Longer lines are hard to read.
+const MAX_WIDTH: usize = 100;
 
 impl Help {
     pub(super) fn run(&self, catalog: &Catalog) -> Exit {
@@ -23,17 +23,19 @@ impl Help {
         if let [word] = &self.words[..]
             && let Some(topic) = topic(word)
         {
-            print(&plain(&topic.told(catalog), width()));
+            print(&plain(&topic.render(catalog), width()));
             if command.find_subcommand(word).is_some() {
                 print(&format!("\n`{} {word} --help` explains the command.\n", program()));
+            } else if let Some(words) = renamed_commands::help_words(word) {
+                print(&format!("\n`{} help {words}` explains the command.\n", program()));
             }
             return Exit::Done;
         }
-        let mut asked = &command;
+        let mut command_path = &command;
         for word in &self.words {
-            match asked.find_subcommand(word) {
-                Some(found) => asked = found,
-                None => return Exit::Usage(nothing_called(word, asked)),
+            match command_path.find_subcommand(word) {
+                Some(found) => command_path = found,
+                None => return Exit::Usage(unknown_message(word, command_path)),
             }
         }
         let words = [program()].into_iter().chain(self.words.iter().cloned());
@@ -44,8 +46,14 @@ impl Help {
     }
 }
 
-/// That there is no such topic or command, and what may have been meant.
-fn nothing_called(word: &str, command: &clap::Command) -> String {
+/// Returns the message for an unknown topic or command, with a suggestion.
+fn unknown_message(word: &str, command: &clap::Command) -> String {
+    if let Some(words) = renamed_commands::help_words(word) {
+        return format!(
+            "`{word}` has a new name\n  = help: use `{} help {words}` instead",
+            program()
+        );
+    }
     let message = format!("there is no topic or command `{word}`");
     if let about @ [_, ..] = &topics_about(word)[..] {
         let topics = about.iter().map(|name| format!("`{} help {name}`", program()));
@@ -53,10 +61,10 @@ fn nothing_called(word: &str, command: &clap::Command) -> String {
     }
     let topics = TOPICS.iter().map(|topic| topic.name);
     let commands = command.get_subcommands().map(clap::Command::get_name);
-    unknown(message, word, "there are", &topics.chain(commands).collect::<Vec<_>>())
+    unknown_name_message(message, word, "there are", &topics.chain(commands).collect::<Vec<_>>())
 }
 
 fn width() -> usize {
-    let (_, columns) = console::Term::stdout().size_checked().unwrap_or((0, WIDEST as u16));
-    WIDEST.min(columns.into()).max(20)
+    let (_, columns) = console::Term::stdout().size_checked().unwrap_or((0, MAX_WIDTH as u16));
+    MAX_WIDTH.min(columns.into()).max(20)
 }

@@ -1,4 +1,4 @@
-//! `--input NAME=FILE`: values for a graph that is a function of them.
+//! `--input NAME=FILE`: values for the inputs of a graph.
 
 use std::path::{Path, PathBuf};
 
@@ -6,79 +6,85 @@ use clap::Args;
 use maquette_engine::session::Session;
 use maquette_engine::writing::Sources;
 use maquette_graph::Graph;
-use maquette_syntax::error::Problem;
+use maquette_syntax::error::Diagnostic;
 
 use super::{Exit, report};
 
-/// What comes into a graph with inputs.
+/// Values for the inputs of a graph.
 #[derive(Args, Clone, Default)]
 pub(super) struct InputOptions {
-    /// Give an input of the graph the value in a file, which is read by its ending as a node of the input's type would read it. The
-    /// outputs of such a graph are written in the preferred formats of their types.
-    #[arg(long = "input", value_name = "NAME=FILE", value_parser = input)]
+    /// Set an input of the graph to the value in a file. The extension determines the reader. Outputs without an extension are written in
+    /// the preferred format of their type.
+    #[arg(long = "input", value_name = "NAME=FILE", value_parser = parse_input)]
     files: Vec<(String, PathBuf)>,
 }
 
-fn input(text: &str) -> Result<(String, PathBuf), String> {
-    let (name, file) = text.split_once('=').ok_or("write NAME=FILE")?;
+fn parse_input(text: &str) -> Result<(String, PathBuf), String> {
+    let (name, file) = text.split_once('=').ok_or("expected NAME=FILE")?;
     Ok((name.trim().to_owned(), PathBuf::from(file.trim())))
 }
 
 impl InputOptions {
-    /// One input with the value in a file.
-    pub(super) fn of(name: &str, file: &Path) -> Self {
+    /// Creates the options for one input.
+    pub(super) fn single(name: &str, file: &Path) -> Self {
         Self { files: vec![(name.to_owned(), file.to_owned())] }
     }
 
-    /// The graph with the values in the files at its inputs, and the warnings about these values.
-    pub(super) fn fed(
+    /// Returns the graph with the values from the files as its inputs, and the warnings from reading them.
+    pub(super) fn feed(
         &self,
         session: &Session,
         graph: &Graph,
-    ) -> Result<(Graph, Vec<Problem>), Vec<Problem>> {
+    ) -> Result<(Graph, Vec<Diagnostic>), Vec<Diagnostic>> {
         let (values, warnings) = session.read_inputs(graph, &self.files)?;
-        Ok((session.fed(graph, &values)?, warnings))
+        Ok((session.bind_inputs(graph, &values)?, warnings))
     }
 
-    /// The same for a forecast: large files are not read.
-    pub(super) fn foreseen(
+    /// Returns the graph for a forecast, and warnings. A forecast does not read large files.
+    pub(super) fn feed_for_forecast(
         &self,
         session: &Session,
         graph: &Graph,
-    ) -> Result<(Graph, Vec<Problem>), Vec<Problem>> {
+    ) -> Result<(Graph, Vec<Diagnostic>), Vec<Diagnostic>> {
         let (values, warnings) = session.known_inputs(graph, &self.files)?;
-        Ok((session.fed_with_known(graph, &values)?, warnings))
+        Ok((session.bind_known_inputs(graph, &values)?, warnings))
     }
 
-    /// The graph with the values in the files, where warnings and errors are printed at once.
-    pub(crate) fn told(&self, session: &Session, graph: &Graph) -> Result<Graph, Exit> {
-        Self::reported(self.fed(session, graph))
+    /// Calls [`Self::feed`] and prints its warnings and errors.
+    pub(crate) fn feed_and_report(&self, session: &Session, graph: &Graph) -> Result<Graph, Exit> {
+        Self::report_warnings(self.feed(session, graph))
     }
 
-    /// The same for a forecast.
-    pub(crate) fn told_foreseen(&self, session: &Session, graph: &Graph) -> Result<Graph, Exit> {
-        Self::reported(self.foreseen(session, graph))
+    /// Calls [`Self::feed_for_forecast`] and prints its warnings and errors.
+    pub(crate) fn feed_for_forecast_and_report(
+        &self,
+        session: &Session,
+        graph: &Graph,
+    ) -> Result<Graph, Exit> {
+        Self::report_warnings(self.feed_for_forecast(session, graph))
     }
 
-    fn reported(found: Result<(Graph, Vec<Problem>), Vec<Problem>>) -> Result<Graph, Exit> {
+    fn report_warnings(
+        found: Result<(Graph, Vec<Diagnostic>), Vec<Diagnostic>>,
+    ) -> Result<Graph, Exit> {
         match found {
             Ok((graph, warnings)) => {
                 report(&warnings);
                 Ok(graph)
             }
-            Err(problems) => {
-                report(&problems);
+            Err(diagnostics) => {
+                report(&diagnostics);
                 Err(Exit::Failed)
             }
         }
     }
 
-    /// What may not be replaced: the files.
+    /// Adds the input files to `sources`, the files that outputs must not overwrite.
     pub(super) fn protect(&self, sources: &mut Sources) {
         self.files().for_each(|file| sources.add(file, "it is an input"));
     }
 
-    /// The files.
+    /// Returns the paths of the input files.
     pub(super) fn files(&self) -> impl Iterator<Item = &Path> {
         self.files.iter().map(|(_, path)| &**path)
     }

@@ -1,14 +1,14 @@
-//! Ctrl-C, and the requests of the system to end.
+//! Handlers for Ctrl-C and termination signals.
 
 use std::sync::Mutex;
 
 use maquette_node::CancelToken;
 
-/// Cancels when the user, or the system, asks the program to end. Asked again, the program ends at once: a plugin's node may not
-/// listen.
-pub(super) fn cancels(token: &CancelToken) {
+/// Cancels `token` at the first Ctrl-C or termination signal. The second signal ends the program at once, because a node of a plugin
+/// may ignore the token.
+pub(super) fn cancel_on_interrupt(token: &CancelToken) {
     let token = token.clone();
-    handle(move || {
+    on_interrupt(move || {
         if token.is_cancelled() {
             std::process::exit(130);
         }
@@ -16,10 +16,10 @@ pub(super) fn cancels(token: &CancelToken) {
     });
 }
 
-/// Calls this whenever the program is asked to end.
-pub(super) fn handle(action: impl Fn() + Send + 'static) {
+/// Calls `action` at each Ctrl-C or termination signal.
+pub(super) fn on_interrupt(action: impl Fn() + Send + 'static) {
     let action = Mutex::new(action);
-    // Where there are no signals the program ends without being asked.
+    // Without a handler, a signal simply ends the program.
     let _ =
         ctrlc::set_handler(move || action.lock().unwrap_or_else(|broken| broken.into_inner())());
 }

@@ -1,14 +1,14 @@
-//! The commands of `maquette`, for a program with any packs.
+//! The commands of `maquette`, for a program that is built with any set of node packs.
 //!
-//! [`main`] is the program; one file has each subcommand. `tasks` runs the tasks of a batch and keeps their records; `listen` is what a
-//! watch listens to; `serve` is the protocol for hosts in other languages (`docs/serve.md`).
+//! [`main`] runs the program. Each command has one file. `tasks` runs the tasks of a batch and stores their records; `listen` receives the
+//! events of a watch; `serve` is the protocol for hosts in other languages (`docs/serve.md`).
 //!
-//! Begin reading in `program.rs`, then `run.rs`; a command is a file and a line in `commands!`. What a command does, the crates below do: here
-//! stand words, options, progress and what is printed.
+//! Read `program.rs` first, then `run.rs`. To add a command, add a file and a line in `commands!`. The crates below do the work of each
+//! command; this crate contains arguments, options, progress and printing.
 
 mod batch;
 mod cache;
-mod caching;
+mod cache_options;
 mod check;
 #[cfg(target_os = "linux")]
 mod closed_stdout;
@@ -19,21 +19,16 @@ mod diff;
 mod draw;
 mod edit;
 mod events;
-mod extract;
 mod files;
 mod fmt;
-mod gallery;
 mod help;
-mod inline;
 mod inputs;
 mod inspect;
 mod interrupt;
 mod listen;
 mod lock;
-mod look;
 mod lsp;
 mod merge;
-mod migrate;
 mod new;
 mod nodes;
 mod openjd;
@@ -44,24 +39,24 @@ mod pin;
 mod profile;
 mod program;
 mod progress;
+mod renamed_commands;
 mod render;
 mod replay;
 mod run;
 mod serve;
-mod set;
-mod sheet;
 mod tasks;
 mod terminal;
 mod test;
+mod viewpoint;
 mod watch;
 mod why;
 
 pub(crate) use condition::Condition;
-pub(crate) use options::{GraphOptions, assignment};
+pub(crate) use options::{GraphOptions, parse_assignment};
 pub(crate) use output::{
-    Exit, Shown, all_outputs, column_width, counted, eprint, in_bytes, print, print_as_it_is,
-    print_document, print_json, print_usage, program, put_problems, report, shows_color,
-    stdout_is_closed,
+    DisplayPath, Exit, all_outputs, column_width, count_severity, eprint, format_count, has_errors,
+    in_bytes, print, print_as_it_is, print_document, print_json, print_usage, program,
+    put_problems, report, shows_color, stdout_is_closed,
 };
 pub(crate) use program::Cli;
 pub use program::{main, run};

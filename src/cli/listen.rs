@@ -1,8 +1,8 @@
-//! What has to be known to run a graph again when something that it depends on changes.
+//! Watches the files that a graph depends on, and decides when to run the graph again.
 //!
-//! [`WatchList`] says which places of the file system matter, [`Sources`] tell when something happens there, [`Contents`] whether
-//! it changed what a file holds, [`Batch`] when to react, and [`Series`] when others may see what came of it. The order is always: watch, then read. So a change between the two
-//! is reported once too often rather than never.
+//! [`WatchList`] lists the watched paths, [`Sources`] report events, [`Contents`] detects which files have new contents, [`Batch`]
+//! decides when to evaluate, and [`Series`] when to write outputs. The watch on a file always begins before the file is read. So a change
+//! in between is reported twice rather than never.
 
 mod backend;
 mod batch;
@@ -14,6 +14,6 @@ mod sources;
 pub(crate) use backend::Event;
 pub(crate) use batch::Batch;
 pub(crate) use contents::Contents;
-pub(crate) use list::{WatchList, Wish};
+pub(crate) use list::{WatchList, WatchRequest};
 pub(crate) use series::Series;
 pub(crate) use sources::Sources;

@@ -1,4 +1,4 @@
-//! `maquette lsp`: graphs in editors.
+//! `maquette lsp`: the language server for editors.
 
 use std::io::ErrorKind;
 use std::path::PathBuf;
@@ -8,15 +8,15 @@ use clap::Args;
 use maquette_graph::catalog::Catalog;
 use maquette_lsp::{Setup, serve};
 
-use super::caching::CacheOptions;
+use super::cache_options::CacheOptions;
 use super::{Exit, eprint};
 
 #[derive(Args)]
 pub(crate) struct Lsp {
-    /// Speak over stdin and stdout, which is the only way there is.
+    /// Communicate over stdin and stdout. This is the default and the only way.
     #[arg(long)]
     stdio: bool,
-    /// Add every message between the editor and the server to the end of this file.
+    /// Append every message between the editor and the server to this file.
     #[arg(long, value_name = "FILE", env = "MAQUETTE_LSP_LOG")]
     log: Option<PathBuf>,
     #[command(flatten)]
@@ -25,14 +25,14 @@ pub(crate) struct Lsp {
 
 impl Lsp {
     pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
-        // It looks things up, which needs no more threads.
+        // The server only reads the cache, so one thread suffices.
         let session = match self.cache.session(1, catalog) {
             Ok(session) => session,
             Err(why) => return Exit::Usage(why),
         };
         if self.cache.hides_server() {
             eprint(
-                "warning: --cache-remote has a name or a password, and is left out of runs\n  = help: set MAQUETTE_CACHE_REMOTE instead\n",
+                "warning: --cache-remote contains a name or a password and is left out of runs\n  = help: set MAQUETTE_CACHE_REMOTE instead\n",
             );
         }
         let program = std::env::current_exe().unwrap_or_else(|_| PathBuf::from("maquette"));
@@ -40,12 +40,13 @@ impl Lsp {
             Ok(opened) => opened,
             Err(error) => return Exit::Usage(format!("cannot write the log: {error}")),
         };
-        let ended = serve(&connection, Setup { session, program, words: self.cache.words() });
+        let ended =
+            serve(&connection, Setup { session, program, arguments: self.cache.arguments() });
         drop(connection);
         let written = threads.join();
         match (ended, written) {
             (Ok(()), Err(error)) if error.kind() != ErrorKind::BrokenPipe => {
-                Exit::Usage(format!("cannot speak with the editor: {error}"))
+                Exit::Usage(format!("cannot communicate with the editor: {error}"))
             }
             (Ok(()), _) => Exit::Done,
             (Err(why), _) => {

@@ -1,4 +1,4 @@
-//! `maquette merge`: two people's edits of one graph, as git's merge driver.
+//! `maquette merge`: merges two edited versions of a graph, as git's merge driver.
 
 use std::path::PathBuf;
 
@@ -7,22 +7,22 @@ use maquette_edit::Merge as Merged;
 use maquette_engine::writing::rewrite;
 use maquette_graph::catalog::Catalog;
 use maquette_syntax::error::Source;
-use maquette_value::plain;
+use maquette_value::fs;
 
 use super::{Exit, eprint, print_document, report};
-use crate::Shown;
+use crate::DisplayPath;
 
 /// For git, in the project's `.gitattributes`: `*.ron merge=maquette`; and once for each user:
 /// `git config --global merge.maquette.driver "maquette merge %O %A %B --path %P"`.
 #[derive(Args)]
 pub(crate) struct Merge {
-    /// The graph that both have changed.
+    /// The common ancestor of both versions.
     base: PathBuf,
-    /// Ours, into which the result is written.
+    /// Our version, which is replaced by the result.
     ours: PathBuf,
-    /// Theirs.
+    /// Their version.
     theirs: PathBuf,
-    /// Where the graph belongs, if the three files lie elsewhere: the graphs that it uses are looked for from there.
+    /// The path of the graph in the project, if the three files are elsewhere. Used graphs are searched from this path.
     #[arg(long, value_name = "GRAPH")]
     path: Option<PathBuf>,
     /// Print the result; write nothing.
@@ -35,35 +35,35 @@ impl Merge {
         let path = self.path.as_ref().unwrap_or(&self.ours);
         let mut texts = Vec::new();
         for (file, side) in [(&self.base, "base"), (&self.ours, "ours"), (&self.theirs, "theirs")] {
-            let text = match plain::read_text(file) {
+            let text = match fs::read_text(file) {
                 Ok(text) => text,
                 Err(error) => {
-                    return Exit::Usage(format!("cannot read {}: {error}", file.shown()));
+                    return Exit::Usage(format!("cannot read {}: {error}", file.for_display()));
                 }
             };
-            // git gives files of a moment, whose names say nothing.
+            // git passes temporary files with meaningless names.
             let name = match &self.path {
-                Some(path) => format!("{} ({side})", path.shown()).into(),
+                Some(path) => format!("{} ({side})", path.for_display()).into(),
                 None => file.clone(),
             };
             texts.push(Source { name, text });
         }
         let merged = maquette_edit::merge(path, [&texts[0], &texts[1], &texts[2]], catalog);
-        let Merged { text, conflicts, problems, by_lines } = merged;
+        let Merged { text, conflicts, diagnostics, by_lines } = merged;
         if self.print {
             print_document(&text);
         } else if let Err(error) = rewrite(&self.ours, &text) {
-            return Exit::Usage(format!("cannot write {}: {error}", self.ours.shown()));
+            return Exit::Usage(format!("cannot write {}: {error}", self.ours.for_display()));
         }
-        let path = path.shown();
+        let path = path.for_display();
         if by_lines {
-            eprint(&format!("{path}: merged line by line, not by what it says\n"));
+            eprint(&format!("{path}: merged line by line, not by content\n"));
         }
         for place in &conflicts {
             let place = if place.is_empty() { "it" } else { place };
-            eprint(&format!("{path}: both changed {place}, differently\n"));
+            eprint(&format!("{path}: conflict: both sides changed {place}\n"));
         }
-        report(&problems);
-        if conflicts.is_empty() && problems.is_empty() { Exit::Done } else { Exit::Failed }
+        report(&diagnostics);
+        if conflicts.is_empty() && diagnostics.is_empty() { Exit::Done } else { Exit::Failed }
     }
 }

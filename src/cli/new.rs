@@ -1,7 +1,7 @@
-//! `maquette new`: looks at a folder of scans and writes a graph that runs on them.
+//! `maquette new`: writes a graph for a folder of scans.
 //!
-//! The command knows no node. A recipe of a pack is a whole graph file, and the fields of its first node that reads a scan say which files
-//! it needs. The readers determine what the files of the folder contain; names alone do not.
+//! The command contains no node names. A recipe of a pack is a complete graph file, and the fields of its first node that reads a scan
+//! determine which files it needs. The content of a file in the folder is determined by reading the file, not by its name.
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -12,31 +12,31 @@ use maquette_graph::catalog::Catalog;
 use maquette_graph::{Files, Graph, Options};
 use maquette_node::pack::Recipe;
 use maquette_syntax::paths::{MARKER, folder_of_new, project_root};
-use maquette_syntax::{parse, shell, unknown};
+use maquette_syntax::{parse, quote_for_shell, unknown_name_message};
 
 use super::{Exit, eprint, print, report};
 
+mod requirements;
 mod scans;
-mod wants;
 
+use requirements::ScanRequirements;
 use scans::Scans;
 pub(super) use scans::in_meters;
-use wants::Wants;
 
-use crate::Shown;
+use crate::DisplayPath;
 
 #[derive(Args)]
 pub(crate) struct New {
-    /// The folder of the scans: range images with their pictures, meshes or points. Or one such file.
+    /// The folder of the scans, or one scan: range images with their pictures, meshes or points.
     #[arg(required_unless_present = "list")]
     folder: Option<PathBuf>,
-    /// What the graph does; if left out, the first recipe whose files are there.
+    /// The recipe of the graph [default: the first recipe whose files exist].
     #[arg(long, value_name = "NAME")]
     recipe: Option<String>,
-    /// The graph's file; if left out, it lies in the folder and has its name.
+    /// The file of the graph [default: a file in the folder, with the name of the folder].
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Print the recipes, and what they are for.
+    /// List the recipes.
     #[arg(long)]
     list: bool,
 }
@@ -45,40 +45,40 @@ impl New {
     pub(super) fn run(&self, catalog: &Catalog) -> Exit {
         let Some(folder) = self.folder.as_ref().filter(|_| !self.list) else {
             catalog.recipes().iter().for_each(|recipe| {
-                print(&format!("{:<10} {}\n", recipe.name, what_for(recipe)));
+                print(&format!("{:<10} {}\n", recipe.name, recipe_doc(recipe)));
             });
             return Exit::Done;
         };
-        let made = Scans::of(folder, catalog).and_then(|scans| {
-            let (recipe, wants) = self.recipe(&scans, catalog)?;
+        let made = Scans::find(folder, catalog).and_then(|scans| {
+            let (recipe, wants) = self.choose_recipe(&scans, catalog)?;
             Ok((scans, recipe, wants))
         });
         let (scans, recipe, wants) = match made {
             Ok(made) => made,
             Err(why) => return Exit::Usage(why),
         };
-        let path = self.out.clone().unwrap_or_else(|| scans.folder.join(name_of(folder)));
+        let path = self.out.clone().unwrap_or_else(|| scans.folder.join(graph_name(folder)));
         let base = folder_of_new(&path);
         let set = wants.values(&scans.all, &base);
         let options = Options { files: Files::Ignored, ..Options::default() };
         let unread = scans.unread.iter().map(|why| format!("// Not used: {why}\n"));
         let text = String::from_iter(unread.chain([recipe.text.to_owned()]));
-        let edited = maquette_edit::edited(&path, &text, &set, catalog, &options);
-        let text = match edited.and_then(|edited| maquette_edit::formatted(&path, &edited.text)) {
+        let edited = maquette_edit::set_values(&path, &text, &set, catalog, &options);
+        let text = match edited.and_then(|edited| maquette_edit::format_text(&path, &edited.text)) {
             Ok(text) => text,
-            Err(problems) => {
-                report(&problems);
+            Err(diagnostics) => {
+                report(&diagnostics);
                 return Exit::Failed;
             }
         };
-        let file = path.shown();
-        // Its paths lead through its folder.
+        let file = path.for_display();
+        // The folder must exist before relative paths in the graph can be resolved.
         let is_new = !base.exists();
         if let Err(error) = make_folder(&base) {
             return Exit::Usage(format!("cannot write {file}: {error}"));
         }
         let checked = Graph::load_text(&path, text.clone(), catalog, &Options::default());
-        report(&checked.problems);
+        report(&checked.diagnostics);
         if checked.graph.is_none() {
             if is_new {
                 remove_empty(&base);
@@ -87,56 +87,65 @@ impl New {
         }
         match write_new(&path, &text) {
             Err(error) if error.kind() == ErrorKind::AlreadyExists => {
-                return Exit::Usage(format!("{file} is there already: --out names another file"));
+                return Exit::Usage(format!(
+                    "{file} already exists; choose another file with --out"
+                ));
             }
             Err(error) => return Exit::Usage(format!("cannot write {file}: {error}")),
             Ok(()) => {}
         }
-        print(&format!("{file}: {}\n", what_for(&recipe)));
+        print(&format!("{file}: {}\n", recipe_doc(&recipe)));
         set.iter().for_each(|(target, value)| print(&format!("  {target}: {value}\n")));
-        scans.unused(&wants.used(&scans.all)).iter().for_each(|(file, what)| {
+        scans.unused_files(&wants.usable_scans(&scans.all)).iter().for_each(|(file, what)| {
             print(&format!("  not used: {file}, {what}\n"));
         });
         scans.unread.iter().for_each(|why| eprint(&format!("warning: {why}\n")));
         if mark_root(&base) {
             let marker = path.with_file_name(MARKER);
-            print(&format!("{}: marks the root of the project\n", marker.shown()));
+            print(&format!("{}: marks the root of the project\n", marker.for_display()));
         }
-        print(&format!("`maquette watch {} --open` shows it\n", shell(&file.to_string())));
+        print(&format!(
+            "run `maquette watch {} --open` to see the result\n",
+            quote_for_shell(&file.to_string())
+        ));
         Exit::Done
     }
 
-    /// The recipe that is asked for, or the first one whose files are there.
-    fn recipe(&self, scans: &Scans, catalog: &Catalog) -> Result<(Recipe, Wants), String> {
+    /// Returns the recipe that `--recipe` names, or the first recipe for which all files exist.
+    fn choose_recipe(
+        &self,
+        scans: &Scans,
+        catalog: &Catalog,
+    ) -> Result<(Recipe, ScanRequirements), String> {
         let all = catalog
             .recipes()
             .iter()
-            .filter_map(|recipe| Some((*recipe, Wants::of(recipe, catalog)?)));
+            .filter_map(|recipe| Some((*recipe, ScanRequirements::for_recipe(recipe, catalog)?)));
         let mut all = Vec::from_iter(all);
-        // What is made of several is worth more than what is made of the first.
-        all.sort_by_key(|(_, wants)| !wants.many);
+        // Recipes for several scans come first, because the other recipes would use only the first scan.
+        all.sort_by_key(|(_, wants)| !wants.is_list);
         let Some(name) = &self.recipe else {
-            let found = all.into_iter().find(|(_, wants)| wants.fit(&scans.all));
-            return found.ok_or_else(|| scans.nothing());
+            let found = all.into_iter().find(|(_, wants)| wants.is_satisfied(&scans.all));
+            return found.ok_or_else(|| scans.no_scan_message());
         };
         let names: Vec<_> = all.iter().map(|(recipe, _)| recipe.name).collect();
         let found = all.iter().find(|(recipe, _)| recipe.name == name).cloned();
         let found = found.ok_or_else(|| {
-            unknown(format!("there is no recipe `{name}`"), name, "there are", &names)
+            unknown_name_message(format!("there is no recipe `{name}`"), name, "there are", &names)
         })?;
-        match found.1.fit(&scans.all) {
+        match found.1.is_satisfied(&scans.all) {
             true => Ok(found),
             false => Err(format!(
-                "the recipe `{name}` wants {}, but {} has {}",
+                "the recipe `{name}` needs {}, but {} has {}",
                 found.1.in_words(),
-                scans.folder.shown(),
-                scans.in_words()
+                scans.folder.for_display(),
+                scans.kind_in_words()
             )),
         }
     }
 }
 
-/// Marks a folder as the root of a project, unless it is in one.
+/// Marks a folder as the root of a project, unless it is already in a project.
 fn mark_root(folder: &Path) -> bool {
     const TEXT: &str =
         "# The root of a project: its graphs may read files anywhere under this folder.\n";
@@ -144,15 +153,15 @@ fn mark_root(folder: &Path) -> bool {
     !is_in_project && write_new(&folder.join(MARKER), TEXT).is_ok()
 }
 
-/// The file's own words of what it is for.
-fn what_for(recipe: &Recipe) -> String {
+/// Returns the description of a recipe, which is part of its graph.
+fn recipe_doc(recipe: &Recipe) -> String {
     let (tree, _) = parse(recipe.text);
     let doc = tree.fields().unwrap_or_default().iter().find(|field| field.name.text == "doc");
     doc.and_then(|doc| doc.value.text()).unwrap_or_default().to_owned()
 }
 
-/// The name of a graph's file: that of the folder or file of its scans, as names of files are written.
-fn name_of(scans: &Path) -> String {
+/// Returns the file name of the graph, derived from the folder or file of the scans.
+fn graph_name(scans: &Path) -> String {
     let scans = std::fs::canonicalize(scans).unwrap_or_else(|_| scans.to_owned());
     let name = if scans.is_file() { scans.file_stem() } else { scans.file_name() };
     let name = name.unwrap_or_default().to_string_lossy().to_lowercase();

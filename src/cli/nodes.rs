@@ -1,4 +1,4 @@
-//! `maquette nodes`: the reference, printed from the types themselves.
+//! `maquette nodes`: the reference of nodes, generated from their types.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -6,22 +6,21 @@ use std::path::Path;
 use clap::Args;
 use maquette_graph::catalog::{Catalog, Description, Entry, describe_default, describe_parameter};
 use maquette_graph::{Files, Graph, Options, Subgraph};
-use maquette_syntax::error::Severity;
-use maquette_syntax::{any_of, inside, nearest, unknown, variants};
+use maquette_syntax::{any_of, nearest, resolve_field, unknown_name_message, variants};
 use serde_json::{Value as Json, json};
 
-use super::{Exit, print, print_json, program, report};
-use crate::Shown;
+use super::{Exit, has_errors, print, print_json, program, report};
+use crate::DisplayPath;
 
 #[derive(Args)]
 pub(crate) struct Nodes {
-    /// Only this node, in full; or a graph file: the graphs that it uses, in full.
+    /// Print this node in full, or the graphs that a graph file uses [default: list all nodes].
     #[arg(value_name = "NODE|GRAPH")]
     node: Option<String>,
-    /// Of a graph's, only this node.
+    /// Print only this used graph.
     #[arg(value_name = "NODE")]
     of_graph: Option<String>,
-    /// Print every node in full, not only its first sentence.
+    /// Print all nodes in full, not only the first sentence of each.
     #[arg(long)]
     doc: bool,
     /// Print one JSON document.
@@ -39,7 +38,7 @@ impl Nodes {
                 false if self.doc => {
                     self.print(&catalog.entries().map(Entry::description).collect::<Vec<_>>());
                 }
-                false => print(&list(catalog)),
+                false => print(&node_list(catalog)),
             }
             return Exit::Done;
         };
@@ -52,7 +51,7 @@ impl Nodes {
             let described = catalog.described_with(name);
             return Exit::Usage(match nearest(name, names.iter().copied()).is_empty() {
                 true if !described.is_empty() => format!("{message}; {described}"),
-                _ => unknown(message, name, "node types", &names),
+                _ => unknown_name_message(message, name, "node types", &names),
             });
         };
         self.print(&[entry.description()]);
@@ -64,39 +63,35 @@ impl Nodes {
             let nodes = nodes.iter().map(Description::to_json).collect::<Vec<_>>();
             return print_json(&json!({ "nodes": nodes }));
         }
-        let nodes = nodes.iter().map(in_full);
+        let nodes = nodes.iter().map(describe_node);
         print(&Vec::from_iter(nodes).join("\n"));
     }
 
-    /// The graphs that a graph uses; itself first, if it is made to be used.
+    /// Prints the graphs that a graph uses. The graph itself comes first if it has inputs.
     fn graph(&self, path: &Path, catalog: &Catalog) -> Exit {
         let options = Options { files: Files::Ignored, ..Options::default() };
-        let (subgraphs, problems) = Graph::subgraphs(path, catalog, &options);
-        report(&problems);
+        let (subgraphs, diagnostics) = Graph::subgraphs(path, catalog, &options);
+        report(&diagnostics);
         let found: Vec<_> = subgraphs
             .iter()
             .filter(|it| self.of_graph.as_ref().is_none_or(|name| it.name == *name))
             .map(Subgraph::description)
             .collect();
         if let (true, Some(name)) = (found.is_empty(), &self.of_graph) {
-            let message = format!("{} uses no graph `{name}`", path.shown());
+            let message = format!("{} uses no graph `{name}`", path.for_display());
             let known: Vec<_> = subgraphs.iter().map(|it| &it.name[..]).collect();
-            return Exit::Usage(unknown(message, name, "it uses", &known));
+            return Exit::Usage(unknown_name_message(message, name, "it uses", &known));
         }
         self.print(&found);
-        if found.is_empty() && !self.json && problems.is_empty() {
-            print(&format!("{} uses no other graph\n", path.shown()));
+        if found.is_empty() && !self.json && diagnostics.is_empty() {
+            print(&format!("{} uses no other graph\n", path.for_display()));
         }
-        if problems.iter().any(|problem| problem.severity == Severity::Error) {
-            Exit::Failed
-        } else {
-            Exit::Done
-        }
+        if has_errors(&diagnostics) { Exit::Failed } else { Exit::Done }
     }
 }
 
-/// One line a node, by packs.
-fn list(catalog: &Catalog) -> String {
+/// Returns a line for each node, grouped by pack.
+fn node_list(catalog: &Catalog) -> String {
     let mut text = String::new();
     let mut pack = "";
     let longest = catalog.names().into_iter().map(str::len).max().unwrap_or(0);
@@ -113,7 +108,7 @@ fn list(catalog: &Catalog) -> String {
     let program = program();
     let _ = writeln!(
         text,
-        "\n`{program} nodes NODE` prints one in full, `{program} help graph` tells how a graph is made of them."
+        "\n`{program} nodes NODE` prints one in full, `{program} help graph` explains how to build a graph."
     );
     text
 }
@@ -122,8 +117,8 @@ fn doc(schema: &Json) -> &str {
     schema.get("description").and_then(Json::as_str).unwrap_or_default()
 }
 
-/// Everything that is known of a node.
-fn in_full(entry: &Description<'_>) -> String {
+/// Returns the complete reference of a node.
+fn describe_node(entry: &Description<'_>) -> String {
     let schema = entry.schema;
     let version = entry.version.map_or_else(String::new, |version| format!(" {version}"));
     let mut text =
@@ -138,7 +133,7 @@ fn in_full(entry: &Description<'_>) -> String {
         let optional = if port.optional { ", optional" } else { "" };
         let _ =
             writeln!(text, "  {}: {types}{many}{optional}\n{}", port.name, indent(&port.doc, 6));
-        for want in &port.wants {
+        for want in &port.requirements {
             let _ = writeln!(text, "      wants {want}");
         }
     }
@@ -149,17 +144,17 @@ fn in_full(entry: &Description<'_>) -> String {
         text += "\nParameters\n";
     }
     for (name, field) in parameters {
-        describe(&mut text, name, field, schema, 2);
+        describe_parameter_tree(&mut text, name, field, schema, 2);
     }
     text += "\nOutputs\n";
     for (name, types) in &entry.outputs {
-        let same = if types.len() > 1 { " (the type that came in)" } else { "" };
+        let same = if types.len() > 1 { " (the type of the input)" } else { "" };
         let _ = writeln!(text, "  {name}: {}{same}", any_of(types.iter().copied()));
-        for promise in entry.promised(name) {
+        for promise in entry.promises_of(name) {
             let _ = writeln!(text, "      promises {promise}");
         }
     }
-    let _ = writeln!(text, "\nExactness\n  {}", entry.exactness.in_words());
+    let _ = writeln!(text, "\nExactness\n  {}", entry.exactness.describe());
     if !entry.carries.is_empty() {
         text += "\nAttributes\n";
     }
@@ -168,72 +163,72 @@ fn in_full(entry: &Description<'_>) -> String {
         let fates = Vec::from_iter(fates).join(", ");
         let own = match carry.own {
             [] => String::new(),
-            own => format!(", but its own {}", own.join(", ")),
+            own => format!(", except its own {}", own.join(", ")),
         };
         let _ = writeln!(text, "  {} to {}: {fates}{own}", carry.port, carry.output);
     }
     text
 }
 
-/// Options in options go no deeper than this: a type may hold itself.
-const DEEPEST: usize = 24;
+/// The maximum indentation of nested parameters, because types may be recursive.
+const MAX_INDENT: usize = 24;
 
-/// A parameter with all that may be said in it, each with its own words below it.
-fn describe(text: &mut String, name: &str, field: &Json, root: &Json, by: usize) {
-    let schema = inside(field, root);
+/// Describes a parameter with its choices and nested fields.
+fn describe_parameter_tree(text: &mut String, name: &str, field: &Json, root: &Json, by: usize) {
+    let schema = resolve_field(field, root);
     let default = describe_default(field, root);
     let choices = choices(&schema);
-    let items = schema.get("items").map(|items| inside(items, root));
+    let items = schema.get("items").map(|items| resolve_field(items, root));
     let holder = if properties(&schema).is_some() { Some(&*schema) } else { items.as_deref() };
-    let fields = holder.and_then(properties).filter(|_| by < DEEPEST);
-    let kind = match (&fields, choices.is_empty() || by >= DEEPEST) {
+    let fields = holder.and_then(properties).filter(|_| by < MAX_INDENT);
+    let kind = match (&fields, choices.is_empty() || by >= MAX_INDENT) {
         (_, false) => "one of".to_owned(),
         (Some(_), _) if properties(&schema).is_some() => "(..)".to_owned(),
         (Some(_), _) => "[(..), ..]".to_owned(),
         _ => describe_parameter(field, root),
     };
     let _ = writeln!(text, "{:by$}{name}: {kind}{default}", "");
-    tell(text, doc(field), by + 4);
-    if by >= DEEPEST {
+    push_doc(text, doc(field), by + 4);
+    if by >= MAX_INDENT {
         return;
     }
     for choice in choices {
         describe_choice(text, choice, root, by + 2);
     }
     for (name, field) in fields.into_iter().flatten() {
-        describe(text, name, field, root, by + 4);
+        describe_parameter_tree(text, name, field, root, by + 4);
     }
 }
 
-/// One of the choices of a parameter: its name, and what stands in the parentheses behind it.
+/// Describes a choice of a parameter with its fields.
 fn describe_choice(text: &mut String, choice: &Json, root: &Json, by: usize) {
     let only = json!({ "oneOf": [choice] });
     let variants = variants(&only);
     for (name, content) in &variants {
-        let content = content.map(|content| inside(content, root));
+        let content = content.map(|content| resolve_field(content, root));
         let Some(fields) = content.as_deref().and_then(properties) else {
-            let whole = describe_parameter(&only, root);
-            let whole = if variants.len() == 1 { &whole } else { *name };
-            let _ = writeln!(text, "{:by$}{whole}", "");
-            tell(text, doc(choice), by + 4);
+            let description = describe_parameter(&only, root);
+            let description = if variants.len() == 1 { &description } else { *name };
+            let _ = writeln!(text, "{:by$}{description}", "");
+            push_doc(text, doc(choice), by + 4);
             continue;
         };
         let _ = writeln!(text, "{:by$}{name}(..)", "");
-        tell(text, doc(choice), by + 4);
+        push_doc(text, doc(choice), by + 4);
         for (name, field) in fields {
-            describe(text, name, field, root, by + 4);
+            describe_parameter_tree(text, name, field, root, by + 4);
         }
     }
 }
 
-/// What something is for, if there are words for it.
-fn tell(text: &mut String, doc: &str, by: usize) {
+/// Appends a description, if there is one.
+fn push_doc(text: &mut String, doc: &str, by: usize) {
     if !doc.is_empty() {
         let _ = writeln!(text, "{}", indent(doc, by));
     }
 }
 
-/// The choices of an enum that have words of their own.
+/// Returns the choices of an enum if the schema describes each choice separately.
 fn choices(schema: &Json) -> &[Json] {
     schema.get("oneOf").and_then(Json::as_array).map(Vec::as_slice).unwrap_or_default()
 }

@@ -1,51 +1,51 @@
-//! What shapes the reading of a graph, as words of a command.
+//! Options of commands that load a graph.
 
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 use maquette_engine::session::OutputFolder;
 use maquette_graph::catalog::Catalog;
-use maquette_graph::{Checked, Graph, Options};
+use maquette_graph::{CheckedGraph, Graph, Options};
 
-/// What shapes the reading of a graph.
+/// Options for loading a graph.
 #[derive(Args)]
 pub(crate) struct GraphOptions {
-    /// Put a value in place of a parameter's default (NAME=VALUE) or of a node's field (NODE.FIELD=VALUE). A value that is no
-    /// RON is text.
-    #[arg(long = "set", value_name = "NAME=VALUE", value_parser = assignment)]
+    /// Set a parameter (NAME=VALUE) or a field of a node (NODE.FIELD=VALUE). A value that is not RON is text.
+    #[arg(long = "set", value_name = "NAME=VALUE", value_parser = parse_assignment)]
     pub(crate) set: Vec<(String, String)>,
     /// Let the graph read files of this folder, too.
     #[arg(long = "root", value_name = "DIR")]
     pub(crate) roots: Vec<PathBuf>,
-    /// Take the draft of each `Draft(final: .., draft: ..)`, for a first look.
+    /// Use the draft value of each `Draft(final: .., draft: ..)` for a quick preview.
     #[arg(long)]
     pub(crate) draft: bool,
-    /// Refuse the graph if one that it uses is not what the lock file says.
+    /// Reject the graph if a used graph differs from the lock file.
     #[arg(long)]
     pub(crate) locked: bool,
-    /// Run the nodes that are pinned, too, as if there were no pins.
+    /// Ignore pins: run the pinned nodes, too.
     #[arg(long)]
     pub(crate) no_pins: bool,
 }
 
-pub(crate) fn assignment(text: &str) -> Result<(String, String), String> {
-    let (name, value) = text.split_once('=').ok_or("write NAME=VALUE or NODE.FIELD=VALUE")?;
+pub(crate) fn parse_assignment(text: &str) -> Result<(String, String), String> {
+    let (name, value) = text.split_once('=').ok_or("expected NAME=VALUE or NODE.FIELD=VALUE")?;
     Ok((name.trim().to_owned(), value.trim().to_owned()))
 }
 
 impl GraphOptions {
-    pub(crate) fn load(&self, path: &Path, catalog: &Catalog) -> Checked {
-        Graph::load(path, catalog, &self.all())
+    pub(crate) fn load(&self, path: &Path, catalog: &Catalog) -> CheckedGraph {
+        Graph::load(path, catalog, &self.to_options())
     }
 
-    pub(crate) fn all(&self) -> Options {
+    pub(crate) fn to_options(&self) -> Options {
         let (roots, set) = (self.roots.clone(), self.set.clone());
         let Self { draft, locked, no_pins, .. } = *self;
         Options { roots, set, draft, locked, pins: !no_pins, ..Options::default() }
     }
 
-    /// The folder for the outputs of a graph: the one that was named, else one that drafts have apart.
-    pub(crate) fn folder(&self, named: Option<&Path>, graph: &Path) -> OutputFolder {
+    /// Returns the folder for the outputs of a graph: `named` if it is given, otherwise the default folder, which has another name for
+    /// drafts.
+    pub(crate) fn output_folder(&self, named: Option<&Path>, graph: &Path) -> OutputFolder {
         if self.draft {
             OutputFolder::of_draft(named, graph)
         } else {

@@ -1,27 +1,27 @@
-//! What commands print, how they end, and what the program is called.
+//! Printing, exit codes and the name of the program.
 
 use std::ffi::OsString;
 use std::io::{self, ErrorKind, IsTerminal, Write};
 use std::path::Path;
 use std::sync::{Mutex, OnceLock, PoisonError};
 
-use maquette_engine::session::{Finished, Run, Session, Wanted};
+use maquette_engine::session::{Run, RunResult, Session, Targets};
 use maquette_graph::Graph;
-use maquette_syntax::error::{MOST_TOLD, Problem, code};
-use maquette_syntax::telling::{escaped, harmless, in_full, on_one_line};
+use maquette_syntax::diagnostics::{escape_json, render, sanitize, sanitize_line};
+use maquette_syntax::error::{Diagnostic, MAX_REPORTED, Severity, code};
 
-/// How a command ends.
+/// The result of a command.
 pub(crate) enum Exit {
     Done,
-    /// The graph, or something that it names, failed; the reasons have been printed.
+    /// The graph or one of its files failed; the errors have been printed.
     Failed,
-    /// The user stopped it.
+    /// The user interrupted the command.
     Interrupted,
-    /// The command line is wrong: why.
+    /// The command line is wrong; the field contains the message.
     Usage(String),
 }
 
-/// The name of this program: one with a stranger's packs has its own.
+/// Returns the name of this program, for instance `maquette`. A program that is built with other packs has another name.
 pub(crate) fn program() -> String {
     NAME.get_or_init(|| name_in(std::env::args_os().next().as_ref())).clone()
 }
@@ -33,32 +33,33 @@ pub(crate) fn name_in(word: Option<&OsString>) -> String {
     name.map_or_else(|| "maquette".into(), |name| name.to_string_lossy().into_owned())
 }
 
-/// What people read of a path.
-pub(crate) trait Shown {
-    /// The path on one line, without characters that a terminal would act on.
-    fn shown(&self) -> String;
+/// Formats paths for messages.
+pub(crate) trait DisplayPath {
+    /// Returns the path on one line, without control characters.
+    fn for_display(&self) -> String;
 }
 
-impl Shown for Path {
-    fn shown(&self) -> String {
-        on_one_line(&self.to_string_lossy()).into_owned()
+impl DisplayPath for Path {
+    fn for_display(&self) -> String {
+        sanitize_line(&self.to_string_lossy()).into_owned()
     }
 }
 
-/// The first error of a write to stdout. Nothing is written after it.
+/// The first error of a write to stdout. After an error nothing more is written.
 static STDOUT_ERROR: Mutex<Option<io::Error>> = Mutex::new(None);
 
-/// Writes words to stdout, in which names that others gave may stand.
+/// Writes text to stdout. Control characters, which may occur in file names, become visible symbols.
 pub(crate) fn print(text: &str) {
-    print_as_it_is(&harmless(text));
+    print_as_it_is(&sanitize(text));
 }
 
-/// Writes a document to stdout: a program that reads it gets every byte, a terminal what it shows.
+/// Writes a document to stdout. A pipe or file receives all bytes; a terminal receives visible symbols instead of control characters.
 pub(crate) fn print_document(text: &str) {
     if io::stdout().is_terminal() { print(text) } else { print_as_it_is(text) }
 }
 
-/// Writes to stdout. All commands do so here: the program fails at its end if something could not be written ([`stdout_error`]).
+/// Writes text to stdout without changes. All commands print with this function: it records a write error ([`stdout_error`]), and the
+/// program fails at the end.
 pub(crate) fn print_as_it_is(text: &str) {
     let mut stdout = io::stdout().lock();
     let mut failed = first_stdout_error();
@@ -67,7 +68,7 @@ pub(crate) fn print_as_it_is(text: &str) {
         *failed = Some(io::Error::from_raw_os_error(libc::EBADF));
     }
     if failed.is_none() {
-        // What stays in the buffer would be lost without a word.
+        // The text is flushed, because an error while flushing later would go unnoticed.
         *failed = stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()).err();
     }
 }
@@ -81,15 +82,15 @@ pub(crate) fn stdout_is_closed() -> bool {
     first_stdout_error().is_some()
 }
 
-/// Takes the error that kept text from being written to stdout. A reader that has read enough, as `head` does, is none.
+/// Takes the first error of a write to stdout. A pipe that the reader closed, as `head` does, is not an error.
 pub(crate) fn stdout_error() -> Option<io::Error> {
     first_stdout_error().take().filter(|error| error.kind() != ErrorKind::BrokenPipe)
 }
 
-/// Prints what clap has to say: help and versions to stdout, errors to stderr. Returns the exit code.
+/// Prints clap's messages: help and versions to stdout, errors to stderr. Returns the exit code.
 pub(crate) fn print_usage(message: &clap::Error) -> u8 {
     if message.use_stderr() {
-        // Nobody is left to hear of it if it cannot be printed.
+        // If stderr is closed, the error cannot be reported anywhere.
         let _ = message.print();
     } else {
         let text = message.render();
@@ -99,9 +100,9 @@ pub(crate) fn print_usage(message: &clap::Error) -> u8 {
     message.exit_code() as u8
 }
 
-/// Writes words to stderr.
+/// Writes text to stderr. Control characters become visible symbols.
 pub(crate) fn eprint(text: &str) {
-    eprint_as_it_is(&harmless(text));
+    eprint_as_it_is(&sanitize(text));
 }
 
 pub(crate) fn eprint_as_it_is(text: &str) {
@@ -109,72 +110,82 @@ pub(crate) fn eprint_as_it_is(text: &str) {
 }
 
 pub(crate) fn print_json(document: &serde_json::Value) {
-    print_as_it_is(&escaped(&format!("{document:#}\n")));
+    print_as_it_is(&escape_json(&format!("{document:#}\n")));
 }
 
-/// Whether a stream shows colors: a terminal, unless NO_COLOR is set (no-color.org).
+/// Returns true if colored text may be written to a stream: it is a terminal and NO_COLOR is not set (no-color.org).
 pub(crate) fn shows_color(stream: &impl IsTerminal) -> bool {
     stream.is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty())
 }
 
-/// The problems that are told, in their order, and how many are not: where there are too many, errors go before warnings.
-pub(crate) fn told(problems: &[Problem]) -> (Vec<&Problem>, usize) {
-    let mut told: Vec<_> = problems.iter().enumerate().collect();
-    told.sort_by_key(|(_, problem)| problem.severity);
-    told.truncate(MOST_TOLD);
-    told.sort_by_key(|(index, _)| *index);
-    let told: Vec<_> = told.into_iter().map(|(_, problem)| problem).collect();
-    let rest = problems.len() - told.len();
-    (told, rest)
+/// Selects the diagnostics to report, errors before warnings if there are too many, and keeps their order. Also returns the number of
+/// diagnostics that are not selected.
+pub(crate) fn split_for_report(diagnostics: &[Diagnostic]) -> (Vec<&Diagnostic>, usize) {
+    let mut reported: Vec<_> = diagnostics.iter().enumerate().collect();
+    reported.sort_by_key(|(_, diagnostic)| diagnostic.severity);
+    reported.truncate(MAX_REPORTED);
+    reported.sort_by_key(|(index, _)| *index);
+    let reported: Vec<_> = reported.into_iter().map(|(_, diagnostic)| diagnostic).collect();
+    let rest = diagnostics.len() - reported.len();
+    (reported, rest)
 }
 
-/// Prints problems to stderr as people read them.
-pub(crate) fn report(problems: &[Problem]) {
+/// Returns true if there is an error among diagnostics.
+pub(crate) fn has_errors(diagnostics: &[Diagnostic]) -> bool {
+    count_severity(diagnostics, Severity::Error) > 0
+}
+
+/// Returns the number of diagnostics with this severity.
+pub(crate) fn count_severity(diagnostics: &[Diagnostic], severity: Severity) -> usize {
+    diagnostics.iter().filter(|it| it.severity == severity).count()
+}
+
+/// Prints diagnostics to stderr in readable form.
+pub(crate) fn report(diagnostics: &[Diagnostic]) {
     let color = shows_color(&io::stderr());
-    let (told, rest) = told(problems);
-    for problem in told {
-        eprint_as_it_is(&format!("{}\n\n", in_full(problem, color, None)));
+    let (reported, rest) = split_for_report(diagnostics);
+    for diagnostic in reported {
+        eprint_as_it_is(&format!("{}\n\n", render(diagnostic, color, None)));
     }
     if rest > 0 {
-        eprint(&format!("and {} more\n\n", counted(rest, "problem")));
+        eprint(&format!("and {}\n\n", format_count(rest, "more diagnostic")));
     }
 }
 
-/// Evaluates all outputs of a graph, whatever it expects of them, and reports what is wrong; none if nothing could be run.
-pub(crate) fn all_outputs(session: &mut Session, graph: &Graph) -> Option<Finished> {
-    let wanted = Wanted::Named(graph.output_names().map(str::to_owned).collect());
-    match session.run(graph, &Run { wanted, ..Run::default() }) {
+/// Evaluates all outputs of a graph without its expectations, and reports diagnostics. Returns `None` if the graph could not run.
+pub(crate) fn all_outputs(session: &mut Session, graph: &Graph) -> Option<RunResult> {
+    let targets = Targets::Named(graph.output_names().map(str::to_owned).collect());
+    match session.run(graph, &Run { targets, ..Run::default() }) {
         Ok(finished) => {
-            // The check has told of nodes of unknown types, and other outputs may be there.
-            fn unknown(problem: &Problem) -> bool {
-                problem.code == code::UNKNOWN_NODE
-            }
-            let problems = finished.problems();
-            report(&problems.into_iter().filter(|it| !unknown(it)).collect::<Vec<_>>());
+            // The check has already reported nodes of unknown types. Outputs that do not depend on them can still be evaluated.
+            let mut diagnostics = finished.diagnostics();
+            diagnostics.retain(|it| it.code != code::UNKNOWN_NODE);
+            report(&diagnostics);
             Some(finished)
         }
-        Err(problems) => {
-            report(&problems);
+        Err(diagnostics) => {
+            report(&diagnostics);
             None
         }
     }
 }
 
-/// Problems as `--json` has them: the `problems` that are told and, if there are more, how many, as fields of a document.
-pub(crate) fn put_problems(document: &mut serde_json::Value, problems: &[Problem]) {
-    let (told, rest) = told(problems);
-    document["problems"] = told.into_iter().map(Problem::to_json).collect();
+/// Adds diagnostics to a document of `--json`: `problems` lists those that are reported, and `more_problems` is the number of the
+/// others.
+pub(crate) fn put_problems(document: &mut serde_json::Value, diagnostics: &[Diagnostic]) {
+    let (reported, rest) = split_for_report(diagnostics);
+    document["problems"] = reported.into_iter().map(Diagnostic::to_json).collect();
     if rest > 0 {
         document["more_problems"] = rest.into();
     }
 }
 
-/// How wide a column of names is, of these lengths. Very long ones stand out of it.
+/// Returns the width of a table column for names of these lengths. The width is limited; very long names exceed it.
 pub(crate) fn column_width(lengths: impl Iterator<Item = usize>) -> usize {
     lengths.max().unwrap_or(0).min(200)
 }
 
-/// `4.1 MB`.
+/// Formats a number of bytes: `4.1 MB`.
 pub(crate) fn in_bytes(bytes: usize) -> String {
     match bytes {
         0..1_000 => format!("{bytes} B"),
@@ -183,8 +194,8 @@ pub(crate) fn in_bytes(bytes: usize) -> String {
     }
 }
 
-/// `3 errors`, `1 error`, `9 900 problems`.
-pub(crate) fn counted(count: usize, what: &str) -> String {
+/// Formats a number with a noun: `3 errors`, `1 error`, `9 900 files`.
+pub(crate) fn format_count(count: usize, what: &str) -> String {
     let digits = count.to_string();
     let mut number = String::with_capacity(digits.len() + digits.len() / 3);
     for (index, digit) in digits.chars().enumerate() {

@@ -1,15 +1,15 @@
-//! What an editor's server runs ends with that server, even if it is killed.
+//! Ends this process when its parent ends, even if the parent is killed. The parent is the language server of an editor.
 
 #[cfg(unix)]
 use std::time::Duration;
 
-/// Ends this process soon after its parent has ended, if the parent asks for that.
+/// Ends this process soon after its parent has ended, if the parent requested that by an environment variable.
 #[cfg(unix)]
-pub(crate) fn end_with_it() {
-    const PERIOD: Duration = Duration::from_millis(250);
+pub(crate) fn end_with_parent() {
+    const CHECK_INTERVAL: Duration = Duration::from_millis(250);
     let parent = std::env::var(maquette_lsp::PARENT).ok();
     let Some(parent) = parent.and_then(|id| id.parse::<i32>().ok()) else { return };
-    // As if interrupted twice: files appear whole or not at all.
+    // Ends as after two interrupts. No file is incomplete, because each is written completely or not at all.
     fn end() -> ! {
         std::process::exit(130)
     }
@@ -18,18 +18,19 @@ pub(crate) fn end_with_it() {
     if is_there() {
         std::thread::spawn(move || {
             while is_there() {
-                std::thread::sleep(PERIOD);
+                std::thread::sleep(CHECK_INTERVAL);
             }
             end();
         });
         return;
     }
-    // A process further down inherits the variable and has another parent; or the parent has ended before this one began.
+    // Either this process is a grandchild, which inherits the variable but has another parent, or the parent ended before this process
+    // began.
     if maquette_lsp::has_ended(parent.unsigned_abs()) {
         end();
     }
 }
 
-/// Not known here: the server stops what it runs when it ends.
+/// Does nothing on this system: the server stops its processes when it ends.
 #[cfg(not(unix))]
 pub(crate) fn end_with_it() {}

@@ -1,28 +1,30 @@
-//! `maquette pin` and `maquette unpin`: results of nodes that are kept beside the graph.
+//! `maquette pin`: stores results of nodes beside the graph, and removes them (`--remove`).
 
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Args;
-use maquette_engine::session::{PinError, Run, Wanted, means, pinnable, unpin};
+use maquette_engine::session::{PinError, Run, Targets, matches_pin, pinnable, unpin};
 use maquette_graph::catalog::Catalog;
 use maquette_graph::{Graph, Options, Pins};
-use maquette_syntax::error::Severity;
-use maquette_syntax::unknown;
+use maquette_syntax::unknown_name_message;
 
-use super::caching::{self, CacheOptions};
-use super::{Exit, eprint, print, report};
-use crate::Shown;
+use super::cache_options::{self, CacheOptions};
+use super::{Exit, eprint, has_errors, print, report};
+use crate::DisplayPath;
 
 #[derive(Args)]
 pub(crate) struct Pin {
     /// The graph file.
     graph: PathBuf,
-    /// The node, which may be inside of a use (nose/mask), or a use of a graph: then the nodes that make its outputs.
-    #[arg(required_unless_present = "list")]
-    node: Option<String>,
-    /// Print which nodes are pinned, and which pins are stale.
-    #[arg(long, conflicts_with = "node")]
+    /// The nodes. NOSE/MASK is a node inside of a used graph. For a use of a graph, the nodes that compute its outputs are pinned.
+    #[arg(required_unless_present = "list", value_name = "NODE")]
+    nodes: Vec<String>,
+    /// Remove the pins of these nodes, or all pins inside of these uses: the nodes run again.
+    #[arg(long)]
+    remove: bool,
+    /// List the pinned nodes and the outdated pins.
+    #[arg(long, conflicts_with_all = ["nodes", "remove"])]
     list: bool,
     /// Let the graph read files of this folder, too.
     #[arg(long = "root", value_name = "DIR")]
@@ -31,101 +33,106 @@ pub(crate) struct Pin {
     cache: CacheOptions,
 }
 
-#[derive(Args)]
-pub(crate) struct Unpin {
-    /// The graph file.
-    graph: PathBuf,
-    /// The pinned nodes, or uses with pinned nodes in them.
-    #[arg(required = true)]
-    nodes: Vec<String>,
-}
-
 impl Pin {
     pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
         let options = Options { roots: self.roots.clone(), ..Options::default() };
-        let Some(name) = &self.node else { return self.print_list(catalog, options) };
-        // What is pinned is what the graph gives by itself, whatever else is pinned.
-        let checked = Graph::load(&self.graph, catalog, &options).as_far_as_known();
-        report(&checked.problems);
+        match (self.list, self.remove) {
+            (true, _) => self.print_list(catalog, options),
+            (false, true) => self.remove_pins(),
+            (false, false) => self.pin(catalog, &options),
+        }
+    }
+
+    /// Runs the nodes and stores their results.
+    fn pin(&self, catalog: &Arc<Catalog>, options: &Options) -> Exit {
+        // Existing pins are ignored: the stored results must come from the graph alone.
+        let checked = Graph::load(&self.graph, catalog, options).without_unknown_nodes();
+        report(&checked.diagnostics);
         let Some(graph) = checked.graph else { return Exit::Failed };
-        let names = match pinnable(&graph, name) {
-            Ok(names) => names,
-            Err(why) => return Exit::Usage(why),
-        };
+        let mut names = Vec::new();
+        for node in &self.nodes {
+            match pinnable(&graph, node) {
+                Ok(inner) => {
+                    let new: Vec<_> = inner.into_iter().filter(|it| !names.contains(it)).collect();
+                    names.extend(new);
+                }
+                Err(why) => return Exit::Usage(why),
+            }
+        }
         let mut session = match self.cache.session(0, catalog) {
             Ok(session) => session,
             Err(why) => return Exit::Usage(why),
         };
-        let wanted = Wanted::Nodes(vec![name.clone()]);
-        let finished = match session.run(&graph, &Run { wanted, ..Run::default() }) {
+        let wanted = Targets::Nodes(self.nodes.clone());
+        let finished = match session.run(&graph, &Run { targets: wanted, ..Run::default() }) {
             Ok(finished) => finished,
-            Err(problems) => {
-                report(&problems);
+            Err(diagnostics) => {
+                report(&diagnostics);
                 return Exit::Failed;
             }
         };
-        let problems = finished.problems();
-        report(&problems);
-        if problems.iter().any(|problem| problem.severity == Severity::Error) {
+        let diagnostics = finished.diagnostics();
+        report(&diagnostics);
+        if has_errors(&diagnostics) {
             return Exit::Failed;
         }
         let kept = finished.pin(&graph, &names);
-        caching::finish(&session);
+        cache_options::finish(&session);
         match kept {
             Ok(files) => {
                 for (name, file) in names.iter().zip(files) {
-                    print(&format!("pinned {name}  {}\n", file.shown()));
+                    print(&format!("pinned {name}  {}\n", file.for_display()));
                 }
                 Exit::Done
             }
-            Err(error) => failed(&error),
+            Err(error) => report_failure(&error),
         }
     }
 
     fn print_list(&self, catalog: &Catalog, options: Options) -> Exit {
-        match Pins::of(&self.graph) {
+        match Pins::read(&self.graph) {
             Ok(pins) => {
                 for (name, pin) in &pins.pins {
                     let kinds: Vec<_> = pin.outputs.iter().map(|(kind, _)| &kind[..]).collect();
                     print(&format!("{name}  {}\n", kinds.join(", ")));
                 }
             }
-            Err(problem) => {
-                report(&[*problem]);
+            Err(diagnostic) => {
+                report(&[*diagnostic]);
                 return Exit::Failed;
             }
         }
         let options = Options { pins: true, ..options };
-        let checked = Graph::load(&self.graph, catalog, &options).as_far_as_known();
-        report(&checked.problems);
+        let checked = Graph::load(&self.graph, catalog, &options).without_unknown_nodes();
+        report(&checked.diagnostics);
         if checked.graph.is_some() { Exit::Done } else { Exit::Failed }
     }
-}
 
-impl Unpin {
-    pub(super) fn run(&self, _: &Catalog) -> Exit {
-        let taken = match unpin(&self.graph, &self.nodes) {
-            Ok(taken) => taken,
-            Err(error) => return failed(&error),
+    fn remove_pins(&self) -> Exit {
+        let removed = match unpin(&self.graph, &self.nodes) {
+            Ok(removed) => removed,
+            Err(error) => return report_failure(&error),
         };
-        taken.iter().for_each(|name| print(&format!("unpinned {name}\n")));
-        fn is_taken(name: &&String, taken: &[String]) -> bool {
-            taken.iter().any(|pinned| means(name, pinned))
-        }
-        match self.nodes.iter().find(|name| !is_taken(name, &taken)) {
+        removed.iter().for_each(|name| print(&format!("unpinned {name}\n")));
+        match self.nodes.iter().find(|name| !removed.iter().any(|pin| matches_pin(name, pin))) {
             None => Exit::Done,
             Some(name) => {
-                let pins = Pins::of(&self.graph).unwrap_or_default();
+                let pins = Pins::read(&self.graph).unwrap_or_default();
                 let known: Vec<_> = pins.pins.keys().map(|name| &name[..]).collect();
-                Exit::Usage(unknown(format!("`{name}` is not pinned"), name, "pinned are", &known))
+                Exit::Usage(unknown_name_message(
+                    format!("`{name}` is not pinned"),
+                    name,
+                    "pinned are",
+                    &known,
+                ))
             }
         }
     }
 }
 
-fn failed(error: &PinError) -> Exit {
+fn report_failure(error: &PinError) -> Exit {
     match error {
-        PinError::Unread(problem) => report(std::slice::from_ref(&**problem)),
+        PinError::Unread(diagnostic) => report(std::slice::from_ref(&**diagnostic)),
         error => eprint(&format!("error: {error}\n")),
     }
     Exit::Failed

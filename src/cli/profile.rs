@@ -1,22 +1,22 @@
-//! `--profile`: where the time and the memory of a run went.
+//! `--profile`: the time and memory of each part of a run.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use maquette_engine::Exchange;
+use maquette_engine::RequestCounts;
 use maquette_engine::eval::RunTrace;
-use maquette_engine::session::Written;
-use maquette_engine::writing::{Destination, Refused};
+use maquette_engine::session::OutputFile;
+use maquette_engine::writing::{Destination, WriteError};
 
 use super::{column_width, in_bytes};
 
-/// How many seconds it took to read the graph, and the files of its nodes.
-pub(super) struct Read {
+/// The seconds that reading took: of the graph, and of the files that its nodes read.
+pub(super) struct ReadTimes {
     pub(super) graph: f64,
     pub(super) files: f64,
 }
 
-/// A line of the table.
+/// A line of the profile table.
 struct Row<'a> {
     name: &'a str,
     kind: &'a str,
@@ -26,8 +26,15 @@ struct Row<'a> {
     thread: String,
 }
 
-/// A table of the nodes, of what was read and of what was written, the slowest first. Times on several threads at once add up.
-pub(super) fn table(trace: &RunTrace, read: &Read, written: &[Written]) -> String {
+impl<'a> Row<'a> {
+    /// Creates the line for a file that was read or written.
+    fn for_file(name: &'a str, kind: &'a str, state: &'a str, seconds: f64) -> Self {
+        Self { name, kind, state, seconds, bytes: 0, thread: String::new() }
+    }
+}
+
+/// Returns a table of nodes, read files and written files, the slowest first. The total also adds times of nodes that ran in parallel.
+pub(super) fn profile_table(trace: &RunTrace, read: &ReadTimes, written: &[OutputFile]) -> String {
     let nodes = trace.0.iter().map(|node| Row {
         name: &node.name,
         kind: &node.node,
@@ -36,19 +43,14 @@ pub(super) fn table(trace: &RunTrace, read: &Read, written: &[Written]) -> Strin
         bytes: node.bytes,
         thread: node.thread.to_string(),
     });
-    let aside = |name, kind, state, seconds| Row {
-        name,
-        kind,
-        state,
-        seconds,
-        bytes: 0,
-        thread: String::new(),
-    };
     let outputs = written.iter().map(|file| match file.unchanged {
-        true => aside(&file.output, "output", "as it was", file.seconds),
-        false => aside(&file.output, "output", "written", file.seconds),
+        true => Row::for_file(&file.output, "output", "unchanged", file.seconds),
+        false => Row::for_file(&file.output, "output", "written", file.seconds),
     });
-    let reading = [aside("graph", "", "read", read.graph), aside("files", "", "read", read.files)];
+    let reading = [
+        Row::for_file("graph", "", "read", read.graph),
+        Row::for_file("files", "", "read", read.files),
+    ];
     let mut rows: Vec<_> = nodes.chain(reading).chain(outputs).collect();
     rows.sort_by(|a, b| b.seconds.total_cmp(&a.seconds));
     let total: f64 = rows.iter().map(|row| row.seconds).sum();
@@ -76,23 +78,23 @@ pub(super) fn table(trace: &RunTrace, read: &Read, written: &[Written]) -> Strin
     text
 }
 
-/// What the server of results was asked for.
-pub(super) fn exchange(exchange: &Exchange) -> String {
-    let Exchange { found, missing, damaged, .. } = exchange;
-    format!("server of results: {found} files found, {missing} missing, {damaged} damaged\n")
+/// Describes the requests to the cache server and their results.
+pub(super) fn describe_exchange(exchange: &RequestCounts) -> String {
+    let RequestCounts { found, missing, damaged, .. } = exchange;
+    format!("cache server: {found} files found, {missing} missing, {damaged} damaged\n")
 }
 
 fn milliseconds(seconds: f64) -> String {
     format!("{:.1} ms", seconds * 1e3)
 }
 
-/// Writes the trace for Chrome's tracing page or Perfetto: `GRAPH.trace.json` among the outputs.
+/// Writes the file `GRAPH.trace.json` into the output folder: the trace for Chrome's tracing page or Perfetto.
 pub(super) fn write_trace(
     trace: &RunTrace,
     graph: &Path,
     folder: &Path,
     destination: &Destination<'_>,
-) -> Result<PathBuf, Refused> {
+) -> Result<PathBuf, WriteError> {
     let name = graph.file_stem().unwrap_or_default().to_string_lossy();
     let path = folder.join(format!("{name}.trace.json"));
     destination.write(&path, trace.to_chrome().to_string().as_bytes())?;

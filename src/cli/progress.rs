@@ -9,14 +9,14 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use maquette_engine::eval::{Observer, State};
 
 use super::eprint;
-use super::events::does_not_stop;
+use super::events::unresponsive_message;
 
-/// Work shorter than this needs no bar.
-const PATIENCE: Duration = Duration::from_millis(500);
+/// The time after which the bar is shown.
+const SHOW_DELAY: Duration = Duration::from_millis(500);
 
 pub(super) struct Progress {
     bar: ProgressBar,
-    /// Ends the thread that waits to show the bar.
+    /// The thread that shows the bar after [`SHOW_DELAY`]; dropping the sender ends it.
     shower: Option<(Sender<()>, JoinHandle<()>)>,
 }
 
@@ -30,7 +30,7 @@ impl Progress {
             let (sender, receiver) = channel();
             let shown = bar.clone();
             let thread = std::thread::spawn(move || {
-                if receiver.recv_timeout(PATIENCE).is_err() {
+                if receiver.recv_timeout(SHOW_DELAY).is_err() {
                     shown.set_draw_target(ProgressDrawTarget::stderr());
                     shown.enable_steady_tick(Duration::from_millis(100));
                 }
@@ -40,7 +40,7 @@ impl Progress {
         Self { bar, shower }
     }
 
-    /// Takes the bar away.
+    /// Removes the bar.
     pub(super) fn end(self) {
         if let Some((sender, thread)) = self.shower {
             let _ = sender.send(());
@@ -51,24 +51,24 @@ impl Progress {
 }
 
 impl Observer for Progress {
-    fn started(&self, node: &str) {
+    fn on_start(&self, node: &str) {
         self.bar.set_message(format!("{node}, progress unknown"));
     }
 
-    fn progress(&self, node: &str, share: f64) {
+    fn on_progress(&self, node: &str, share: f64) {
         self.bar.set_message(format!("{node} {:.0} %", share * 100.0));
     }
 
-    fn does_not_stop(&self, node: &str, kind: &str, pack: &str) {
-        let words = does_not_stop(node, kind, pack);
+    fn on_unresponsive(&self, node: &str, kind: &str, pack: &str) {
+        let words = unresponsive_message(node, kind, pack);
         self.bar.suspend(|| eprint(&format!("{words}; Ctrl-C again ends the program\n")));
     }
 
-    fn unchanged(&self, count: usize) {
+    fn on_unchanged(&self, count: usize) {
         self.bar.inc(count as u64);
     }
 
-    fn finished(&self, _: &str, _: State, _: f64) {
+    fn on_finish(&self, _: &str, _: State, _: f64) {
         self.bar.inc(1);
     }
 }

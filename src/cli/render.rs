@@ -1,49 +1,74 @@
-//! `maquette render`: a picture of any value, from a graph or a file.
+//! `maquette render`: renders a value of a graph or a file, contact sheets, or a gallery.
 
-use std::path::PathBuf;
+mod gallery;
+mod sheet;
+
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use clap::Args;
-use maquette_engine::session::{Run, Wanted};
+use clap::{Args, Subcommand};
+use maquette_engine::session::{Run, Targets};
 use maquette_engine::writing::{Destination, Sources};
 use maquette_format::png;
 use maquette_graph::catalog::Catalog;
 use maquette_node::CancelToken;
-use maquette_render::{Kind, Projection, View};
+use maquette_render::{Projection, Representation, View};
 use maquette_value::Image;
-use maquette_value::plain::ending;
+use maquette_value::fs::extension;
 
-use super::caching::CacheOptions;
+use super::cache_options::CacheOptions;
 use super::inputs::InputOptions;
-use super::inspect::view;
-use super::look::{At, Over, Request, Source, at, place};
+use super::inspect::parse_view;
 use super::progress::Progress;
+use super::viewpoint::{
+    CameraTarget, OverOptions, PictureRequest, ValueSource, find_target, parse_camera_target,
+};
 use super::{Exit, GraphOptions, compare, report};
-use crate::Shown;
+use crate::DisplayPath;
 
 #[derive(Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub(crate) struct Render {
+    #[command(subcommand)]
+    overview: Option<Overview>,
+    #[command(flatten)]
+    picture: PictureOptions,
+}
+
+/// Renderings of whole graphs.
+#[derive(Subcommand)]
+enum Overview {
+    /// Render contact sheets: each graph from five sides, with the minimum and the maximum of each parameter.
+    Sheet(sheet::Sheet),
+    /// Write a page of all graphs of a folder, each with its picture.
+    Gallery(gallery::Gallery),
+}
+
+/// Options for a picture of one value.
+#[derive(Args)]
+struct PictureOptions {
     /// A graph file, or a file with a value: a mesh (ply, obj, glb, stl), points, a curve, a range image (pcd), a picture.
-    file: PathBuf,
-    /// The output of the graph, or a node of it, NODE[.OUTPUT]; for any other file the picture to be written.
-    #[arg(value_name = "OUTPUT")]
-    output: PathBuf,
-    /// The picture to be written, PNG.
+    #[arg(required = true)]
+    file: Option<PathBuf>,
+    /// The output of the graph, or a node: NODE[.OUTPUT]. For a file with a value, the picture to write.
+    #[arg(value_name = "OUTPUT", required = true)]
+    output: Option<PathBuf>,
+    /// The picture to write, PNG.
     #[arg(value_name = "PICTURE")]
     picture: Option<PathBuf>,
-    /// From where: how far to the right and above, in degrees, and how much nearer than what just fits.
-    #[arg(long, value_name = "YAW,PITCH[,ZOOM]", value_parser = view, allow_hyphen_values = true)]
+    /// The camera: degrees to the right and above, and the zoom relative to a value that fills the picture.
+    #[arg(long, value_name = "YAW,PITCH[,ZOOM]", value_parser = parse_view, allow_hyphen_values = true)]
     camera: Option<View>,
-    /// What is in the middle: a place, in mm, in the axes of what is shown, or a value of the graph, such as a region, which then just
-    /// fits into the picture. ZOOM goes nearer.
-    #[arg(long, value_name = "X,Y,Z|NODE[.OUTPUT]", value_parser = at_in_space, allow_hyphen_values = true)]
-    at: Option<At>,
+    /// The center of the picture: a point (in mm, in the axes of the value), or a value of the graph, such as a region, which fills the
+    /// picture. Use ZOOM to go nearer.
+    #[arg(long, value_name = "X,Y,Z|NODE[.OUTPUT]", value_parser = parse_space_target, allow_hyphen_values = true)]
+    at: Option<CameraTarget>,
     #[command(flatten)]
-    over: Over,
-    /// Width and height in pixels: 800x600 for what lies in space; as many as it has for what is a flat picture.
-    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
+    over: OverOptions,
+    /// Width and height in pixels [default: 800x600, or the size of a flat picture].
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = parse_size)]
     size: Option<[usize; 2]>,
-    /// Far things look as large as near ones.
+    /// Use orthographic projection.
     #[arg(long)]
     orthographic: bool,
     #[command(flatten)]
@@ -54,39 +79,53 @@ pub(crate) struct Render {
     cache: CacheOptions,
 }
 
-/// Larger pictures are a slip of the finger.
-const LARGEST: usize = 1 << 14;
+/// The maximum width and height in pixels; larger values are probably typing errors.
+const MAX_SIZE: usize = 1 << 14;
 
-pub(super) fn size(text: &str) -> Result<[usize; 2], String> {
+pub(super) fn parse_size(text: &str) -> Result<[usize; 2], String> {
     fn parse(part: &str) -> Option<usize> {
         part.trim().parse::<usize>().ok()
     }
     let parts = text.split_once('x').and_then(|(width, height)| parse(width).zip(parse(height)));
-    let (width, height) = parts.ok_or("write WIDTHxHEIGHT")?;
-    match [width, height].iter().all(|size| (1..=LARGEST).contains(size)) {
+    let (width, height) = parts.ok_or("expected WIDTHxHEIGHT")?;
+    match [width, height].iter().all(|size| (1..=MAX_SIZE).contains(size)) {
         true => Ok([width, height]),
-        false => Err(format!("a picture has 1 to {LARGEST} pixels each way")),
+        false => Err(format!("expected 1 to {MAX_SIZE} pixels in each direction")),
     }
 }
 
-/// A place in space or a name.
-fn at_in_space(text: &str) -> Result<At, String> {
-    match at(text)? {
-        At::Pixel(_) => Err("write X,Y,Z for a place, or NODE or NODE.OUTPUT".into()),
+/// Parses the target of the camera: a point in space, or the name of a value.
+fn parse_space_target(text: &str) -> Result<CameraTarget, String> {
+    match parse_camera_target(text)? {
+        CameraTarget::Pixel(_) => Err("expected X,Y,Z for a point, NODE or NODE.OUTPUT".into()),
         at => Ok(at),
     }
 }
 
 impl Render {
     pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
-        let picture = self.picture.as_ref().unwrap_or(&self.output);
-        if ending(picture) != "png" {
-            return Exit::Usage(format!("{} is no name of a PNG file", picture.shown()));
+        match &self.overview {
+            Some(Overview::Sheet(sheet)) => sheet.run(catalog),
+            Some(Overview::Gallery(gallery)) => gallery.run(catalog),
+            None => self.picture.run(catalog),
+        }
+    }
+}
+
+impl PictureOptions {
+    fn run(&self, catalog: &Arc<Catalog>) -> Exit {
+        // clap requires both if no subcommand is given.
+        let (Some(file), Some(output)) = (&self.file, &self.output) else {
+            return Exit::Usage("expected FILE, `sheet` or `gallery`".into());
+        };
+        let picture = self.picture.as_ref().unwrap_or(output);
+        if extension(picture) != "png" {
+            return Exit::Usage(format!("expected a PNG file, found {}", picture.for_display()));
         }
         let mut sources = Sources::default();
         let made = match &self.picture {
-            None => self.of_file(catalog, &mut sources),
-            Some(_) => self.of_graph(catalog, &mut sources),
+            None => self.render_file(file, catalog, &mut sources),
+            Some(_) => self.render_graph(file, &output.to_string_lossy(), catalog, &mut sources),
         };
         let image = match made {
             Ok(image) => image,
@@ -98,66 +137,76 @@ impl Render {
             .and_then(|bytes| destination.put(picture, &bytes).map_err(|error| error.to_string()))
         {
             Ok(()) => Exit::Done,
-            Err(error) => Exit::Usage(format!("cannot write {}: {error}", picture.shown())),
+            Err(error) => Exit::Usage(format!("cannot write {}: {error}", picture.for_display())),
         }
     }
 
-    /// What the options say of the picture.
-    fn request(&self) -> Request<'_> {
+    /// Returns the picture that the options describe.
+    fn request(&self) -> PictureRequest<'_> {
         let mut view = self.camera.unwrap_or_else(View::front);
         if self.orthographic {
             view.projection = Projection::Orthographic;
         }
         let is_aimed = self.camera.is_some() || self.at.is_some();
         let kind = match self.size {
-            _ if is_aimed => Kind::Space,
-            Some(_) => Kind::Fitted,
-            None => Kind::Own,
+            _ if is_aimed => Representation::Space,
+            Some(_) => Representation::Fitted,
+            None => Representation::Native,
         };
         view.size = self.size.unwrap_or(view.size);
-        Request { view, kind, at: self.at.as_ref(), over: &self.over, broken: &[] }
+        PictureRequest { view, kind, target: self.at.as_ref(), over: &self.over, broken: &[] }
     }
 
-    fn of_file(&self, catalog: &Arc<Catalog>, sources: &mut Sources) -> Result<Image, Exit> {
-        sources.add(&self.file, "this is the file that is shown");
+    fn render_file(
+        &self,
+        file: &Path,
+        catalog: &Arc<Catalog>,
+        sources: &mut Sources,
+    ) -> Result<Image, Exit> {
+        sources.add(file, "this is the file that is shown");
         self.request().check(None).map_err(Exit::Usage)?;
-        let value = compare::read(&self.file, catalog).map_err(Exit::Usage)?;
+        let value = compare::read_value(file, catalog).map_err(Exit::Usage)?;
         self.request().picture(&value, None)
     }
 
-    fn of_graph(&self, catalog: &Arc<Catalog>, sources: &mut Sources) -> Result<Image, Exit> {
-        let checked = self.options.load(&self.file, catalog).as_far_as_known();
-        report(&checked.problems);
+    fn render_graph(
+        &self,
+        file: &Path,
+        name: &str,
+        catalog: &Arc<Catalog>,
+        sources: &mut Sources,
+    ) -> Result<Image, Exit> {
+        let checked = self.options.load(file, catalog).without_unknown_nodes();
+        report(&checked.diagnostics);
         let graph = checked.graph.ok_or(Exit::Failed)?;
-        sources.extend(&Sources::of(&graph));
-        let name = self.output.to_string_lossy();
+        sources.extend(&Sources::of_graph(&graph));
         let is_whole = graph.loops().is_empty();
         let check = |graph| {
-            let (node, _) = place(graph, &name).map_err(Exit::Usage)?;
+            let (node, _) = find_target(graph, name).map_err(Exit::Usage)?;
             self.request().check(Some(graph)).map_err(Exit::Usage)?;
             Ok(node)
         };
         if is_whole {
             check(&graph)?;
         }
-        let mut session = self.cache.told_session(0, catalog).map_err(Exit::Usage)?;
+        let mut session = self.cache.reporting_session(0, catalog).map_err(Exit::Usage)?;
         self.inputs.protect(sources);
-        let graph = self.inputs.told(&session, &graph)?;
+        let graph = self.inputs.feed_and_report(&session, &graph)?;
         let progress = Progress::new(graph.nodes().len());
         let request = self.request();
-        let names = Vec::from_iter([&name[..]].into_iter().chain(request.names()));
-        let graph = session.resolved_for(&graph, &names, &progress, &CancelToken::default());
+        let names = Vec::from_iter([name].into_iter().chain(request.names()));
+        let graph = session.resolve_for(&graph, &names, &progress, &CancelToken::default());
         let node = check(&graph)?;
-        let wanted = Wanted::Named(vec![name.to_string()]);
-        let run = Run { wanted, observer: &progress, ..Run::default() };
-        let finished = session.run(&graph, &run).map_err(|problems| {
-            report(&problems);
+        let wanted = Targets::Named(vec![name.to_string()]);
+        let run = Run { targets: wanted, observer: &progress, ..Run::default() };
+        let finished = session.run(&graph, &run).map_err(|diagnostics| {
+            report(&diagnostics);
             Exit::Failed
         })?;
         progress.end();
-        report(&finished.problems());
-        let value = finished.value(&name).ok_or(Exit::Failed)?;
-        let source = Source { graph: &graph, node, session: &mut session };
+        report(&finished.diagnostics());
+        let value = finished.value(name).ok_or(Exit::Failed)?;
+        let source = ValueSource { graph: &graph, node, session: &mut session };
         self.request().picture(value, Some(source))
     }
 }

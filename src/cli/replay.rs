@@ -1,35 +1,35 @@
-//! `maquette replay`: makes an output again by what it tells of where it came from.
+//! `maquette replay`: computes an output again from the provenance in its file, and compares the result.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
-use maquette_engine::session::{OutputFolder, Run, Session, Wanted, sign};
+use maquette_engine::session::{OutputFolder, Run, Session, Targets, sign};
 use maquette_graph::catalog::Catalog;
 use maquette_graph::{Files, Graph, GraphOutput, Options};
-use maquette_node::provenance::{Found, Provenance, Signature, find};
+use maquette_node::provenance::{EmbeddedProvenance, Provenance, Signature, find};
 use maquette_syntax::paths::{folder_of_new, project_root};
-use maquette_syntax::unknown;
+use maquette_syntax::unknown_name_message;
 use maquette_value::Hash;
-use maquette_value::plain::{ending, read_own};
+use maquette_value::fs::{extension, read_no_follow};
 use serde_json::json;
 
-use super::caching::{CacheOptions, ToldSession};
+use super::cache_options::{CacheOptions, ReportingSession};
 use super::inputs::InputOptions;
 use super::progress::Progress;
-use super::{Exit, assignment, eprint, print, print_json, report};
-use crate::Shown;
+use super::{Exit, eprint, parse_assignment, print, print_json, report};
+use crate::DisplayPath;
 
-/// Whether files tell where they came from.
+/// Option for the provenance in written files.
 #[derive(Args, Clone, Default)]
 pub(super) struct ProvenanceOptions {
-    /// Do not let outputs tell of the graph, the parameters and the files that they were made of.
+    /// Do not write provenance (graph, parameters, input files) into outputs.
     #[arg(long)]
     no_provenance: bool,
 }
 
 impl ProvenanceOptions {
-    pub(super) fn applied(&self, folder: OutputFolder) -> OutputFolder {
+    pub(super) fn apply_to(&self, folder: OutputFolder) -> OutputFolder {
         if self.no_provenance { folder.without_provenance() } else { folder }
     }
 
@@ -37,31 +37,31 @@ impl ProvenanceOptions {
         !self.no_provenance
     }
 
-    /// The words that say the same.
-    pub(super) fn words(&self) -> Vec<String> {
+    /// Returns the arguments that give another process the same option.
+    pub(super) fn arguments(&self) -> Vec<String> {
         self.no_provenance.then(|| "--no-provenance".to_owned()).into_iter().collect()
     }
 }
 
 #[derive(Args)]
 pub(crate) struct Replay {
-    /// A file that a graph gave.
+    /// An output file with provenance.
     file: PathBuf,
-    /// The graph; if left out, that of the name that the file tells: in the project of the current folder, in that of the file, as the last run
-    /// noted it, or in a project below the current folder.
+    /// The graph [default: the graph named in the file, searched in the project of the current folder, in that of the file, in the notes of
+    /// the last run, and in projects below the current folder].
     #[arg(long, value_name = "GRAPH")]
     graph: Option<PathBuf>,
     #[command(flatten)]
     inputs: InputOptions,
-    /// The value of a parameter or field that the file does not tell whole: of a path out of the project it has the last name alone.
-    #[arg(long = "set", value_name = "NAME=VALUE", value_parser = assignment)]
+    /// Set a parameter or field that the file does not record completely: of a path outside of the project it has only the file name.
+    #[arg(long = "set", value_name = "NAME=VALUE", value_parser = parse_assignment)]
     set: Vec<(String, String)>,
     /// Let the graph read files of this folder, too.
     #[arg(long = "root", value_name = "DIR")]
     roots: Vec<PathBuf>,
     #[command(flatten)]
     cache: CacheOptions,
-    /// How many threads to use; 0 is all.
+    /// The number of threads; 0 for all.
     #[arg(long, default_value_t = 0)]
     threads: usize,
     /// Print one JSON document.
@@ -69,49 +69,52 @@ pub(crate) struct Replay {
     json: bool,
 }
 
-/// What the file tells, and all of its bytes.
-struct Told {
-    found: Found,
-    /// What there is to read of it.
+/// An output file and the provenance that it contains.
+struct SignedFile {
+    found: EmbeddedProvenance,
+    /// The part of the provenance that people can read: graph, parameters and input files.
     provenance: Provenance,
     bytes: Vec<u8>,
 }
 
 impl Replay {
     pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
-        let found = self.told().and_then(|told| {
-            let session = self.cache.told_session(self.threads, catalog)?;
-            Ok((self.graph(&told.provenance, &session)?, told, session))
+        let found = self.read_file().and_then(|signed| {
+            let session = self.cache.reporting_session(self.threads, catalog)?;
+            Ok((self.graph(&signed.provenance, &session)?, signed, session))
         });
         match found {
-            Ok((graph, told, session)) => self.replay(&graph, &told, session, catalog),
+            Ok((graph, signed, session)) => self.replay(&graph, &signed, session, catalog),
             Err(why) => Exit::Usage(why),
         }
     }
 
-    fn told(&self) -> Result<Told, String> {
-        let path = self.file.shown();
-        let bytes = read_own(&self.file).map_err(|why| format!("cannot read {path}: {why}"))?;
-        let found = find(&ending(&self.file), &bytes);
-        let found = found.ok_or_else(|| format!("{path} does not tell where it came from"))?;
+    fn read_file(&self) -> Result<SignedFile, String> {
+        let path = self.file.for_display();
+        let bytes =
+            read_no_follow(&self.file).map_err(|why| format!("cannot read {path}: {why}"))?;
+        let found = find(&extension(&self.file), &bytes);
+        let found = found.ok_or_else(|| format!("{path} contains no provenance"))?;
         let provenance = match &found {
-            Found::Words(words) => Provenance::read(words)
-                .ok_or_else(|| format!("{path} does not tell where it came from as we do"))?,
-            Found::Hash(_) => Provenance {
+            EmbeddedProvenance::Words(words) => Provenance::read(words)
+                .ok_or_else(|| format!("{path} contains no provenance of this program"))?,
+            EmbeddedProvenance::Hash(_) => Provenance {
                 output: self.file.file_name().unwrap_or_default().to_string_lossy().into_owned(),
                 ..Provenance::default()
             },
         };
-        Ok(Told { found, provenance, bytes })
+        Ok(SignedFile { found, provenance, bytes })
     }
 
-    /// The graph's file.
-    fn graph(&self, told: &Provenance, session: &Session) -> Result<PathBuf, String> {
+    /// Returns the path of the graph that computed the file.
+    fn graph(&self, signed: &Provenance, session: &Session) -> Result<PathBuf, String> {
         if let Some(graph) = &self.graph {
             return Ok(graph.clone());
         }
-        let name = match &told.graph[..] {
-            "" => return Err("the file has room for a hash alone: --graph names its graph".into()),
+        let name = match &signed.graph[..] {
+            "" => {
+                return Err("the file contains only a hash; specify its graph with --graph".into());
+            }
             name => name,
         };
         let folders = [PathBuf::from("."), folder_of_new(&self.file)];
@@ -133,7 +136,7 @@ impl Replay {
             several => {
                 let paths = several.iter().take(5).map(|path| format!("`{}`", path.display()));
                 let paths = Vec::from_iter(paths).join(", ");
-                Err(format!("several graphs may have made it: {paths}: choose one with --graph"))
+                Err(format!("several graphs match: {paths}; choose one with --graph"))
             }
         }
     }
@@ -141,82 +144,86 @@ impl Replay {
     fn replay(
         &self,
         path: &Path,
-        told: &Told,
-        mut session: ToldSession,
+        signed: &SignedFile,
+        mut session: ReportingSession,
         catalog: &Arc<Catalog>,
     ) -> Exit {
         let roots = self.roots.clone();
-        let mut set = values(path, &told.provenance, catalog);
+        let mut set = parameter_values(path, &signed.provenance, catalog);
         set.retain(|(name, _)| self.set.iter().all(|(other, _)| other != name));
         set.extend(self.set.iter().cloned());
-        let (draft, pins) = (told.provenance.draft, !told.provenance.pins.is_empty());
+        let (draft, pins) = (signed.provenance.draft, !signed.provenance.pins.is_empty());
         let options = Options { roots, set, draft, pins, ..Options::default() };
-        let checked = session.load(path, &options).as_far_as_known();
-        report(&checked.problems);
+        let checked = session.load(path, &options).without_unknown_nodes();
+        report(&checked.diagnostics);
         let Some(graph) = checked.graph else { return Exit::Failed };
-        let graph = match self.inputs.told(&session, &graph) {
+        let graph = match self.inputs.feed_and_report(&session, &graph) {
             Ok(graph) => graph,
             Err(exit) => return exit,
         };
-        let Some(output) = output(&graph, &told.provenance.output) else {
-            let name = &told.provenance.output;
+        let Some(output) = find_output(&graph, &signed.provenance.output) else {
+            let name = &signed.provenance.output;
             let known = Vec::from_iter(graph.output_names());
-            return Exit::Usage(unknown(
-                format!("the graph has no output `{name}` any more"),
+            return Exit::Usage(unknown_name_message(
+                format!("the graph no longer has an output `{name}`"),
                 name,
                 "its outputs",
                 &known,
             ));
         };
         let progress = Progress::new(graph.nodes().len());
-        let wanted = Wanted::Named(vec![output.name.clone()]);
-        let run = session.run(&graph, &Run { wanted, observer: &progress, ..Run::default() });
+        let wanted = Targets::Named(vec![output.name.clone()]);
+        let run =
+            session.run(&graph, &Run { targets: wanted, observer: &progress, ..Run::default() });
         progress.end();
         let run = match run {
             Ok(run) => run,
-            Err(problems) => {
-                report(&problems);
+            Err(diagnostics) => {
+                report(&diagnostics);
                 return Exit::Failed;
             }
         };
-        report(&run.problems());
-        // Only what was run has as many elements as the data have.
-        let Some(output) = self::output(run.graph(), &output.name) else { return Exit::Failed };
+        report(&run.diagnostics());
+        // The graph of the run is used, because it contains the elements of each `ForEach` over data. The loaded graph does not contain
+        // them.
+        let Some(output) = find_output(run.graph(), &output.name) else { return Exit::Failed };
         let now = run.provenance(output, catalog);
-        let (before, changes) = match &told.found {
-            Found::Words(_) => (sign(&told.provenance), told.provenance.changes(&now)),
-            Found::Hash(hash) => {
+        let (before, changes) = match &signed.found {
+            EmbeddedProvenance::Words(_) => {
+                (sign(&signed.provenance), signed.provenance.changes(&now))
+            }
+            EmbeddedProvenance::Hash(hash) => {
                 let signature = Signature { hash: hash.clone(), ..sign(&now) };
                 let is_same = sign(&now).hash == *hash;
-                let change = "something that it was made of, of which it has a hash alone, changed";
+                let change = "an input changed; the file contains only a hash of all inputs";
                 (signature, if is_same { Vec::new() } else { vec![change.to_owned()] })
             }
         };
-        // With the words that the file has: then the rest of the bytes tells whether the value is the same.
+        // The new output is written with the provenance from the file. So a difference in bytes can only come from the value.
         let bytes = match run.signed_files(output, Some(&before)) {
             Some(Ok(files)) => files.into_iter().next().map(|file| file.bytes).unwrap_or_default(),
             Some(Err(why)) => {
-                eprint(&format!("error: cannot make `{}` again: {why}\n", output.name));
+                eprint(&format!("error: cannot reproduce `{}`: {why}\n", output.name));
                 return Exit::Failed;
             }
             None => return Exit::Failed,
         };
-        let same_value = bytes == told.bytes;
+        let same_value = bytes == signed.bytes;
         let same = same_value && changes.is_empty();
-        let [before, now] = [&told.bytes, &bytes].map(|bytes| Hash::of(bytes).to_string());
+        let [before, now] = [&signed.bytes, &bytes].map(|bytes| Hash::compute(bytes).to_string());
         if self.json {
             print_json(&json!({
                 "same": same, "sameValue": same_value, "changes": changes, "hash": before, "now": now,
             }));
         } else {
-            let file = self.file.shown();
+            let file = self.file.for_display();
             let mut text = match (same, same_value) {
-                (true, _) => format!("{file} is made again with the same bytes: {before}\n"),
-                (_, true) => format!("{file} has the same value, but is made of something else:\n"),
-                _ => format!("{file} comes out different: {before} before, {now} now\n"),
+                (true, _) => format!("{file} is reproduced with the same bytes: {before}\n"),
+                (_, true) => format!("{file} has the same value, but its inputs changed:\n"),
+                _ => format!("{file} differs: {before} before, {now} now\n"),
             };
             if !same && changes.is_empty() {
-                text += "  nothing that it tells of changed: another build of the program made it, or somebody edited it\n";
+                text += "  no recorded input changed: another build of the program wrote the file, or the file was edited\n";
             }
             changes.iter().for_each(|change| text += &format!("  {change}\n"));
             print(&text);
@@ -225,18 +232,19 @@ impl Replay {
     }
 }
 
-/// Returns the graphs below a folder that are called `name` in their own project: `run` may have been started above the project.
+/// Returns the graphs below a folder whose path in their own project is `name`. They are searched because `run` may have been started
+/// above the project.
 fn graphs_below(folder: &Path, name: &str) -> Vec<PathBuf> {
-    /// How far projects may be below the folder, and how many folders are looked at.
+    /// `MAX_DEPTH` is the maximum depth of projects below the folder, `MAX_FOLDERS` the maximum number of searched folders.
     const MAX_DEPTH: usize = 5;
     const MAX_FOLDERS: usize = 10_000;
     let (mut found, mut count) = (Vec::new(), 0);
     let mut open = vec![(folder.to_owned(), 0)];
     while let Some((folder, depth)) = open.pop() {
         let graph = folder.join(name);
-        let is_root =
-            || std::fs::canonicalize(&folder).ok() == Some(project_root(&folder_of_new(&graph)));
-        if graph.is_file() && is_root() {
+        if graph.is_file()
+            && std::fs::canonicalize(&folder).ok() == Some(project_root(&folder_of_new(&graph)))
+        {
             found.push(graph);
         }
         count += 1;
@@ -245,7 +253,7 @@ fn graphs_below(folder: &Path, name: &str) -> Vec<PathBuf> {
         }
         for entry in std::fs::read_dir(&folder).into_iter().flatten().flatten() {
             let name = entry.file_name();
-            // Links may lead in a circle. What is built or installed has copies of graphs.
+            // Symbolic links are skipped because they may form a cycle, build and package folders because they contain copies of graphs.
             let is_own = entry.file_type().is_ok_and(|kind| kind.is_dir())
                 && !name.to_string_lossy().starts_with('.')
                 && name != "target"
@@ -259,13 +267,13 @@ fn graphs_below(folder: &Path, name: &str) -> Vec<PathBuf> {
     found
 }
 
-/// The values that the file was made with, as `--set` has them: of those parameters that the graph still declares. What the graph
-/// says itself stays as it is: a path that it takes from another graph is relative to that one.
-fn values(path: &Path, told: &Provenance, catalog: &Catalog) -> Vec<(String, String)> {
-    let options = Options { files: Files::Ignored, draft: told.draft, ..Options::default() };
-    let graph = Graph::load(path, catalog, &options).as_far_as_known().graph;
+/// Returns the recorded values of the parameters that the graph still declares, as arguments of `--set`. A value that equals the
+/// default is left out, because a path in a default is relative to the graph that declares the parameter.
+fn parameter_values(path: &Path, signed: &Provenance, catalog: &Catalog) -> Vec<(String, String)> {
+    let options = Options { files: Files::Ignored, draft: signed.draft, ..Options::default() };
+    let graph = Graph::load(path, catalog, &options).without_unknown_nodes().graph;
     let parameters =
-        told.parameters.iter().filter_map(|(name, value): (&String, &serde_json::Value)| {
+        signed.parameters.iter().filter_map(|(name, value): (&String, &serde_json::Value)| {
             let graph = graph.as_ref()?;
             let own =
                 graph.schema()["properties"].get(name).and_then(|declared| declared.get("default"));
@@ -275,13 +283,13 @@ fn values(path: &Path, told: &Provenance, catalog: &Catalog) -> Vec<(String, Str
             (!is_own).then(|| (name.clone(), value))
         });
     parameters
-        .chain(told.set.iter().filter_map(|(name, value): (&String, &serde_json::Value)| {
+        .chain(signed.set.iter().filter_map(|(name, value): (&String, &serde_json::Value)| {
             Some((name.clone(), value.as_str()?.to_owned()))
         }))
         .collect()
 }
 
-/// The output of this name.
-fn output<'g>(graph: &'g Graph, name: &str) -> Option<&'g GraphOutput> {
+/// Returns the output with this name.
+fn find_output<'g>(graph: &'g Graph, name: &str) -> Option<&'g GraphOutput> {
     graph.outputs().iter().find(|output| output.name == name)
 }

@@ -6,37 +6,37 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Args;
-use maquette_engine::Exchange;
+use maquette_engine::RequestCounts;
 use maquette_engine::eval::{Forecast, Observer, RunTrace, State};
-use maquette_engine::session::{Produced, Written};
+use maquette_engine::session::{OutputFile, OutputReport};
 use maquette_engine::writing::Sources;
 use maquette_graph::Graph;
 use maquette_graph::catalog::Catalog;
 use maquette_node::CancelToken;
-use maquette_syntax::error::{Problem, Severity, code, with_those_of_run};
+use maquette_syntax::error::{Diagnostic, Severity, code, merge_diagnostics};
 use serde_json::json;
 
-use super::caching::{self, CacheOptions};
-use super::events::{Ending, EventFormat, Events, Listener};
+use super::cache_options::{self, CacheOptions};
+use super::events::{EventFormat, Events, Listener, RunEnd};
 use super::inputs::InputOptions;
 use super::openjd::JobProgress;
 use super::profile;
 use super::progress::Progress;
 use super::replay::ProvenanceOptions;
 use super::{
-    Exit, GraphOptions, column_width, counted, eprint, in_bytes, interrupt, print, print_json,
-    put_problems, report,
+    Exit, GraphOptions, column_width, eprint, format_count, has_errors, in_bytes, interrupt, print,
+    print_json, put_problems, report,
 };
-use crate::Shown;
+use crate::DisplayPath;
 
 #[derive(Args)]
 pub(crate) struct Run {
     /// The graph file.
     graph: PathBuf,
-    /// The folder for the outputs; `out/GRAPH` if left out, `out/GRAPH-draft` with --draft.
+    /// The folder for the outputs [default: `out/GRAPH`, or `out/GRAPH-draft` with --draft].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Write only this output; may be given several times.
+    /// Write only this output. May be repeated.
     #[arg(long, value_name = "OUTPUT")]
     only: Vec<String>,
     #[command(flatten)]
@@ -47,19 +47,20 @@ pub(crate) struct Run {
     cache: CacheOptions,
     #[command(flatten)]
     provenance: ProvenanceOptions,
-    /// Only say what would run, and why.
+    /// Print which nodes would run, and why; run nothing.
     #[arg(short = 'n', long)]
     dry_run: bool,
-    /// How many threads to use; 0 is all.
+    /// The number of threads; 0 for all.
     #[arg(long, default_value_t = 0)]
     threads: usize,
-    /// Print where the time and the memory went, and write a trace for Chrome's tracing page beside the outputs.
+    /// Print the time and memory of each node, and write a trace for Chrome's tracing page beside the outputs.
     #[arg(long)]
     profile: bool,
     /// Print one JSON document.
     #[arg(long)]
     json: bool,
-    /// Print what happens as it happens: one JSON object a line, or, by `openjd`, lines for an agent of Open Job Description.
+    /// Print events while the command runs: one JSON object per line, or with `openjd` the lines that an agent of Open Job Description
+    /// reads.
     #[arg(long, value_name = "FORMAT", conflicts_with = "json", num_args = 0..=1, require_equals = true, default_missing_value = "json")]
     events: Option<EventFormat>,
 }
@@ -68,14 +69,14 @@ impl Run {
     pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
         let start = Instant::now();
         let cancel = CancelToken::default();
-        interrupt::cancels(&cancel);
+        interrupt::cancel_on_interrupt(&cancel);
         let events = Events::new(Listener::of_stdout(), cancel.clone());
         let job = JobProgress::new(1, cancel.clone());
         let checked = self.options.load(&self.graph, catalog).without_missing_files();
         let reading_graph = start.elapsed().as_secs_f64();
-        let mut problems = checked.problems;
+        let mut diagnostics = checked.diagnostics;
         let Some(graph) = checked.graph.or(checked.partial) else {
-            self.print(None, &[], &problems, start);
+            self.print(None, &[], &diagnostics, start);
             return Exit::Failed;
         };
         let mut session = match self.cache.session(self.threads, catalog) {
@@ -83,12 +84,12 @@ impl Run {
             Err(why) => return Exit::Usage(why),
         };
         let fed = match self.dry_run {
-            true => self.inputs.foreseen(&session, &graph),
-            false => self.inputs.fed(&session, &graph),
+            true => self.inputs.feed_for_forecast(&session, &graph),
+            false => self.inputs.feed(&session, &graph),
         };
         let graph = match fed {
             Ok((graph, warnings)) => {
-                problems.extend(warnings);
+                diagnostics.extend(warnings);
                 graph
             }
             Err(wrong) => {
@@ -96,17 +97,17 @@ impl Run {
                 return Exit::Failed;
             }
         };
-        let into = self.options.folder(self.out.as_deref(), &self.graph);
-        let into = self.provenance.applied(into.keeping(self.inputs.files()));
+        let into = self.options.output_folder(self.out.as_deref(), &self.graph);
+        let into = self.provenance.apply_to(into.keeping(self.inputs.files()));
         session.recall(&into);
         if self.dry_run {
-            let graph = session.as_last_known(&graph);
+            let graph = session.with_last_counts(&graph);
             return match session.dry_run(&graph, &self.only, &into) {
                 Ok(forecasts) => {
                     report(
-                        &problems
+                        &diagnostics
                             .iter()
-                            .filter(|problem| problem.code == code::MISSING_FILE)
+                            .filter(|diagnostic| diagnostic.code == code::MISSING_FILE)
                             .cloned()
                             .collect::<Vec<_>>(),
                     );
@@ -135,61 +136,69 @@ impl Run {
             Err(why) => return Exit::Usage(why),
         };
         if cancel.is_cancelled() {
-            caching::finish(&session);
+            cache_options::finish(&session);
             return Exit::Interrupted;
         }
-        problems = with_those_of_run(problems, produced.problems.clone());
-        self.print(Some((&produced, session.exchange())), &produced.written, &problems, start);
+        diagnostics = merge_diagnostics(diagnostics, produced.diagnostics.clone());
+        self.print(Some((&produced, session.exchange())), &produced.written, &diagnostics, start);
         if self.profile {
             let trace = produced.trace();
-            // With --json, stdout is for one document.
+            // With --json, stdout contains only the JSON document, so all other text goes to stderr.
             let tell: fn(&str) = if self.json { eprint } else { print };
-            let read = profile::Read { graph: reading_graph, files: produced.seconds_of_files() };
-            tell(&profile::table(&trace, &read, &produced.written));
-            session.exchange().into_iter().for_each(|exchange| tell(&profile::exchange(&exchange)));
+            let read =
+                profile::ReadTimes { graph: reading_graph, files: produced.seconds_of_files() };
+            tell(&profile::profile_table(&trace, &read, &produced.written));
+            session
+                .exchange()
+                .into_iter()
+                .for_each(|exchange| tell(&profile::describe_exchange(&exchange)));
             if let Err(error) = profile::write_trace(
                 &trace,
                 &self.graph,
                 into.path(),
-                &into.destination(&Sources::of(&graph)),
+                &into.destination(&Sources::of_graph(&graph)),
             ) {
                 eprint(&format!("error: cannot write the trace: {error}\n"));
             }
         }
-        caching::finish(&session);
-        // The process ends here; giving the memory back piece by piece would only take time.
+        cache_options::finish(&session);
+        // The process ends here; freeing the memory would only take time.
         std::mem::forget((session, produced, graph));
-        let failed = problems.iter().any(|problem| problem.severity == Severity::Error);
+        let failed = has_errors(&diagnostics);
         if failed { Exit::Failed } else { Exit::Done }
     }
 
     fn print(
         &self,
-        produced: Option<(&Produced, Option<Exchange>)>,
-        written: &[Written],
-        problems: &[Problem],
+        produced: Option<(&OutputReport, Option<RequestCounts>)>,
+        written: &[OutputFile],
+        diagnostics: &[Diagnostic],
         start: Instant,
     ) {
         let trace = produced.map(|(produced, _)| produced.trace()).unwrap_or_default();
         let traces = &trace.0;
         let seconds = start.elapsed().as_secs_f64();
         if self.events == Some(EventFormat::Openjd) {
-            report(problems);
+            report(diagnostics);
             let job = JobProgress::new(1, CancelToken::default());
-            match problems.iter().find(|problem| problem.severity == Severity::Error) {
-                Some(problem) => job.fail(&problem.message),
-                None => job.task_ended(),
+            match diagnostics.iter().find(|diagnostic| diagnostic.severity == Severity::Error) {
+                Some(diagnostic) => job.fail(&diagnostic.message),
+                None => job.end_task(),
             }
-            return job.status(&format!("{}: {}", counted(traces.len(), "node"), counts(&trace)));
+            return job.status(&format!(
+                "{}: {}",
+                format_count(traces.len(), "node"),
+                counts(&trace)
+            ));
         }
         if self.events == Some(EventFormat::Json) {
             let listener = Listener::of_stdout();
-            listener.tell_problems(problems);
+            listener.send_problems(diagnostics);
             let trace = produced.map(|_| &trace);
-            return listener.tell_end(&Ending { run: 1, trace, written, problems, seconds });
+            return listener.send_end(&RunEnd { run: 1, trace, written, diagnostics, seconds });
         }
         if self.json {
-            let outputs = written.iter().map(Written::to_json);
+            let outputs = written.iter().map(OutputFile::to_json);
             let mut document = json!({
                 "nodes": traces.iter().map(|node| node.to_json()).collect::<Vec<_>>(),
                 "outputs": outputs.collect::<Vec<_>>(),
@@ -197,15 +206,15 @@ impl Run {
                 "seconds": seconds,
             });
             if let Some((_, Some(exchange))) = produced {
-                let Exchange { found, missing, damaged, .. } = exchange;
+                let RequestCounts { found, missing, damaged, .. } = exchange;
                 document["server"] =
                     json!({ "found": found, "missing": missing, "damaged": damaged });
             }
-            put_problems(&mut document, problems);
+            put_problems(&mut document, diagnostics);
             print_json(&document);
             return;
         }
-        report(problems);
+        report(diagnostics);
         if produced.is_none() {
             return;
         }
@@ -225,34 +234,34 @@ impl Run {
             );
         }
         for file in written {
-            let word = if file.unchanged { "as it was" } else { "wrote    " };
-            let (path, bytes) = (file.path.shown(), in_bytes(file.bytes));
+            let word = if file.unchanged { "unchanged" } else { "wrote    " };
+            let (path, bytes) = (file.path.for_display(), in_bytes(file.bytes));
             let _ = writeln!(text, "{word} {path}  {bytes}");
         }
         let _ = match traces.len() {
             0 => writeln!(text, "nothing to do: the graph has no outputs"),
             nodes => {
                 let counts = counts(&trace);
-                writeln!(text, "{}: {counts}; {seconds:.2} s", counted(nodes, "node"))
+                writeln!(text, "{}: {counts}; {seconds:.2} s", format_count(nodes, "node"))
             }
         };
         print(&text);
     }
 }
 
-/// What each node would do, and why.
+/// Formats the forecast: for each node, what a run would do with the node, and why.
 fn forecast(graph: &Graph, forecasts: &[Forecast]) -> String {
-    let name = |forecast: &Forecast| &graph.nodes()[forecast.index].name;
-    let longest = column_width(forecasts.iter().map(|forecast| name(forecast).len()));
+    let names: Vec<_> = forecasts.iter().map(|it| &graph.nodes()[it.index].name).collect();
+    let longest = column_width(names.iter().map(|name| name.len()));
     let mut text = String::new();
-    for forecast in forecasts {
+    for (forecast, name) in forecasts.iter().zip(names) {
         let (word, reason) = (forecast.word(), forecast.reason_in(graph));
-        let _ = writeln!(text, "{word:<8}  {:<longest$}  {reason}", name(forecast));
+        let _ = writeln!(text, "{word:<8}  {:<longest$}  {reason}", name);
     }
     text
 }
 
-/// `2 computed, 12 cached`.
+/// Formats the number of nodes by state: `2 computed, 12 cached`.
 pub(super) fn counts(trace: &RunTrace) -> String {
     let states = [State::Computed, State::Equal, State::Cached, State::Failed, State::Skipped];
     let counts = states.into_iter().filter_map(|state| match trace.count(state) {

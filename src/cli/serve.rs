@@ -1,7 +1,7 @@
-//! `maquette serve --stdio`: graphs for another program, by lines of JSON on stdin and stdout. `docs/serve.md` has every message.
+//! `maquette serve --stdio`: runs graphs for another program, with lines of JSON on stdin and stdout. `docs/serve.md` has every message.
 //!
-//! One thread listens and answers what is quick; another one evaluates. Large columns of numbers go through files of a folder that both
-//! processes see.
+//! One thread reads requests and answers quick ones; another thread evaluates graphs. Large columns of numbers are exchanged as files in a
+//! shared folder.
 
 use std::collections::VecDeque;
 use std::io::{self, BufRead, BufReader, Read};
@@ -11,23 +11,23 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 use clap::Args;
-use maquette_diagram::Places;
-use maquette_edit::Edited;
-use maquette_engine::writing::Shelf;
+use maquette_diagram::RowPositions;
+use maquette_edit::EditedText;
+use maquette_engine::writing::ExchangeFolder;
 use maquette_graph::catalog::{Catalog, Entry};
 use maquette_graph::{Graph, Options, PINS_ENDING};
 use maquette_node::CancelToken;
 use maquette_value::ValueType;
-use maquette_value::plain;
+use maquette_value::fs;
 use serde_json::{Value as Json, json};
 
 use self::columns::Columns;
 pub(super) use self::layout::ENDING as LAYOUT_ENDING;
 use self::layout::Layout;
-use self::request::{EditWish, Line, Load, Outline, Wish};
-use self::runner::{Job, Refused, Runner, Runs, options};
-use super::caching::CacheOptions;
-use super::edit::{EditError, GraphFile};
+use self::request::{EditRequest, Line, Load, Outline, Request};
+use self::runner::{Job, RequestError, RunTokens, Runner, load_options};
+use super::cache_options::CacheOptions;
+use super::edit::graph_file::{EditError, GraphFile};
 use super::events::Listener;
 use super::{Exit, put_problems, stdout_is_closed};
 
@@ -37,24 +37,24 @@ mod materials;
 mod request;
 mod runner;
 
-/// The version of the protocol. New messages and fields do not change it.
+/// The version of the protocol. New messages and fields do not change the version.
 const PROTOCOL: u32 = 1;
 
-/// A line may have so many bytes: far more than any graph.
-const LONGEST: u64 = 64 << 20;
+/// The maximum length of a line in bytes. No graph is nearly as long.
+const MAX_LINE: u64 = 64 << 20;
 
-/// A run that was stopped has this long to end before the program ends without it.
-const PATIENCE: Duration = Duration::from_secs(2);
+/// The time that a cancelled run gets to end before the program exits.
+const STOP_TIMEOUT: Duration = Duration::from_secs(2);
 
 #[derive(Args)]
 pub(crate) struct Serve {
-    /// Hear requests on stdin and answer on stdout, one JSON object a line, until stdin ends.
+    /// Read requests from stdin and answer on stdout, one JSON object per line, until stdin ends.
     #[arg(long, required = true)]
     stdio: bool,
-    /// Put the folder for columns of numbers into this one; else it is in memory, where the system has such files.
+    /// The parent folder of the folder for columns of numbers [default: in memory, if the system has such files].
     #[arg(long = "folder", value_name = "DIR")]
-    shelf: Option<PathBuf>,
-    /// How many threads; 0 for as many as the machine has.
+    folder: Option<PathBuf>,
+    /// The number of threads; 0 for all.
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
     #[command(flatten)]
@@ -67,15 +67,15 @@ impl Serve {
             Ok(session) => session,
             Err(why) => return Exit::Usage(why),
         };
-        let shelf = match Shelf::new(self.shelf.as_deref()) {
-            Ok(shelf) => shelf,
+        let folder = match ExchangeFolder::new(self.folder.as_deref()) {
+            Ok(folder) => folder,
             Err(error) => {
-                return Exit::Usage(format!("there can be no folder for columns: {error}"));
+                return Exit::Usage(format!("cannot create the folder for columns: {error}"));
             }
         };
-        let columns = Columns::new(shelf);
+        let columns = Columns::new(folder);
         let listener = Listener::of_stdout();
-        listener.tell(
+        listener.send(
             "ready",
             json!({
                 "protocol": PROTOCOL,
@@ -85,7 +85,7 @@ impl Serve {
         );
         let (sender, jobs) = channel();
         let (over, ended) = channel::<()>();
-        let runs = Runs::default();
+        let runs = RunTokens::default();
         let runner = Runner {
             session,
             catalog: catalog.clone(),
@@ -102,8 +102,8 @@ impl Serve {
         server.listen();
         lock(&server.runs).values().for_each(CancelToken::cancel);
         drop(server.jobs);
-        // Ended, it has dropped its end.
-        let _ = ended.recv_timeout(PATIENCE);
+        // The thread drops its end of the channel when it ends, so this waits for the thread.
+        let _ = ended.recv_timeout(STOP_TIMEOUT);
         Exit::Done
     }
 }
@@ -111,92 +111,93 @@ impl Serve {
 struct Server<'a> {
     catalog: &'a Arc<Catalog>,
     listener: Listener,
-    runs: Runs,
+    runs: RunTokens,
     jobs: Sender<(Json, Job)>,
 }
 
 impl Server<'_> {
-    /// Hears all requests, until the host is gone.
+    /// Handles all requests until the host closes stdin.
     fn listen(&self) {
         let mut input = BufReader::new(io::stdin());
         let mut line = Vec::new();
         while !stdout_is_closed() {
             line.clear();
-            match input.by_ref().take(LONGEST).read_until(b'\n', &mut line) {
+            match input.by_ref().take(MAX_LINE).read_until(b'\n', &mut line) {
                 Ok(0) | Err(_) => return,
                 Ok(_) if line.trim_ascii().is_empty() => {}
-                Ok(count) if count as u64 == LONGEST && !line.ends_with(b"\n") => {
-                    let why = format!("a line has at most {LONGEST} bytes");
+                Ok(count) if count as u64 == MAX_LINE && !line.ends_with(b"\n") => {
+                    let why = format!("expected a line of at most {MAX_LINE} bytes");
                     self.listener.answer(&Json::Null, Err(why.into()));
-                    // What follows on this line is no request.
+                    // The line is too long. The rest of it is skipped.
                     if input.skip_until(b'\n').is_err() {
                         return;
                     }
                 }
-                Ok(_) => self.hear(Line::read(&line)),
+                Ok(_) => self.handle(Line::read(&line)),
             }
         }
     }
 
-    fn hear(&self, Line { id, wish }: Line) {
-        let answer = match wish {
-            Ok(Wish::Catalog {}) => {
+    fn handle(&self, Line { id, request }: Line) {
+        let answer = match request {
+            Ok(Request::Catalog {}) => {
                 let nodes: Vec<_> = self.catalog.entries().map(Entry::to_json).collect();
                 Ok(json!({ "nodes": nodes }))
             }
-            Ok(Wish::Load(load)) => Ok(self.load(&load)),
-            Ok(Wish::Outline(outline)) => self.outline(outline),
-            Ok(Wish::Layout { graph, layout }) => {
-                layout.keep(&graph).map(|()| json!({})).map_err(Refused::from)
+            Ok(Request::Load(load)) => Ok(self.load(&load)),
+            Ok(Request::Outline(outline)) => self.outline(outline),
+            Ok(Request::Layout { graph, layout }) => {
+                layout.write(&graph).map(|()| json!({})).map_err(RequestError::from)
             }
-            Ok(Wish::Edit(wish)) => self.edit(&wish),
-            Ok(Wish::Put { graph, was, text, theirs }) => self.put(&graph, was, text, theirs),
-            Ok(Wish::Cancel { run }) => match lock(&self.runs).get(&run.to_string()) {
+            Ok(Request::Edit(request)) => self.edit(&request),
+            Ok(Request::Put { graph, was, text, theirs }) => self.put(&graph, was, text, theirs),
+            Ok(Request::Cancel { run }) => match lock(&self.runs).get(&run.to_string()) {
                 Some(token) => {
                     token.cancel();
                     Ok(json!({ "found": true }))
                 }
-                // It may have ended meanwhile.
+                // The run may have ended before the request arrived.
                 None => Ok(json!({ "found": false })),
             },
-            Ok(Wish::Run(run)) => {
+            Ok(Request::Run(run)) => {
                 let token = CancelToken::default();
                 lock(&self.runs).insert(id.to_string(), token.clone());
-                return self.pass(id, Job::Run(run, token));
+                return self.enqueue(id, Job::Run(run, token));
             }
-            Ok(Wish::Input(input)) => return self.pass(id, Job::Input(input)),
-            Ok(Wish::Why { graph, roots, set, draft, pins, locked, node }) => {
+            Ok(Request::Input(input)) => return self.enqueue(id, Job::Input(input)),
+            Ok(Request::Why { graph, roots, set, draft, pins, locked, node }) => {
                 let load = Load { graph, roots, set, draft, pins, locked };
-                return self.pass(id, Job::Why(load, node));
+                return self.enqueue(id, Job::Why(load, node));
             }
             Err(why) => Err(why.into()),
         };
         self.listener.answer(&id, answer);
     }
 
-    fn pass(&self, id: Json, job: Job) {
-        // The thread lives as long as this.
+    fn enqueue(&self, id: Json, job: Job) {
+        // Sending cannot fail: the thread runs until the sender is dropped.
         let _ = self.jobs.send((id, job));
     }
 
     fn load(&self, load: &Load) -> Json {
-        let checked = Graph::load(&load.graph, self.catalog, &options(load)).as_far_as_known();
+        let checked =
+            Graph::load(&load.graph, self.catalog, &load_options(load)).without_unknown_nodes();
         let pins = load.graph.with_extension(PINS_ENDING);
         let files = checked.files.iter().map(|file| &file.path).chain([&pins]);
         let files = files.map(|path| path.display().to_string());
         let files = Vec::from_iter(files);
         let graphs = checked.subgraphs.iter().map(|path| path.display().to_string());
-        let mut told = json!({
+        let mut answer = json!({
             "ok": checked.graph.is_some(),
             "files": files,
             "graphs": Vec::from_iter(graphs),
         });
-        put_problems(&mut told, &checked.problems);
+        put_problems(&mut answer, &checked.diagnostics);
         if let Some(graph) = checked.graph {
-            told["doc"] = graph.doc().into();
-            told["text"] = graph.source_text().into();
-            told["schema"] = graph.schema().clone();
-            told["inputs"] = graph
+            answer["doc"] = graph.doc().into();
+            answer["text"] = graph.source_text().into();
+            answer["schema"] = graph.schema().clone();
+            answer["inputs"] = graph
                 .inputs()
                 .iter()
                 .map(|input| {
@@ -204,98 +205,98 @@ impl Server<'_> {
                     json!({ "name": input.name, "type": kind, "doc": input.doc })
                 })
                 .collect();
-            told["outputs"] = graph.results().map(|(name, kind): (&str, Option<&ValueType>)| json!({ "name": name, "type": kind.map(|kind| kind.name) })).collect();
-            told["nodes"] = graph.node_names().collect();
+            answer["outputs"] = graph.results().map(|(name, kind): (&str, Option<&ValueType>)| json!({ "name": name, "type": kind.map(|kind| kind.name) })).collect();
+            answer["nodes"] = graph.node_names().collect();
         }
-        told
+        answer
     }
 
-    fn outline(&self, Outline { graph, roots, text }: Outline) -> Result<Json, Refused> {
-        let read =
-            || plain::read_text(&graph).map_err(|error| EditError::Read(graph.clone(), error));
+    fn outline(&self, Outline { graph, roots, text }: Outline) -> Result<Json, RequestError> {
         let text = match text {
             Some(text) => text,
-            None => read().map_err(|error| error.to_string())?,
+            None => fs::read_text(&graph)
+                .map_err(|error| EditError::Read(graph.clone(), error).to_string())?,
         };
         let options = Options { roots, ..Options::default() };
         let (checked, outline) =
             maquette_diagram::outline(&graph, text.clone(), self.catalog, &options);
-        let checked = checked.as_far_as_known();
-        let mut told = json!({ "ok": checked.graph.is_some(), "text": text, "outline": outline });
-        match Layout::of(&graph) {
-            Ok(layout) => told["layout"] = json!(layout),
-            Err(why) => told["layout_why"] = why.into(),
+        let checked = checked.without_unknown_nodes();
+        let mut answer = json!({ "ok": checked.graph.is_some(), "text": text, "outline": outline });
+        match Layout::read(&graph) {
+            Ok(layout) => answer["layout"] = json!(layout),
+            Err(why) => answer["layout_why"] = why.into(),
         }
         if let Some(outline) = &outline {
-            told["outline"]["places"] = json!(Places::of(outline));
+            answer["outline"]["places"] = json!(RowPositions::from_outline(outline));
         }
-        put_problems(&mut told, &checked.problems);
-        Ok(told)
+        put_problems(&mut answer, &checked.diagnostics);
+        Ok(answer)
     }
 
-    fn edit(&self, wish: &EditWish) -> Result<Json, Refused> {
-        let EditWish { graph, roots, edits, dry } = wish;
+    fn edit(&self, request: &EditRequest) -> Result<Json, RequestError> {
+        let EditRequest { graph, roots, edits, dry } = request;
         let file = GraphFile { graph, roots, draft: false, dry_run: *dry };
-        told_edit(file.done(edits, self.catalog))
+        edit_answer(file.apply(edits, self.catalog))
     }
 
-    /// Replaces the text of a file, which must be `was`. If `theirs` is given, the file may differ: what others changed is merged into the text.
+    /// Replaces the text of a file, which must be `was`. If `theirs` is given, the file may have another text, and the changes `theirs`
+    /// by others are merged.
     fn put(
         &self,
         graph: &Path,
         was: String,
         text: String,
         theirs: Option<Vec<[String; 2]>>,
-    ) -> Result<Json, Refused> {
+    ) -> Result<Json, RequestError> {
         let file = GraphFile { graph, roots: &[], draft: false, dry_run: false };
-        told_edit(file.turn().and_then(|_turn| {
+        edit_answer(file.acquire_lock().and_then(|_turn| {
             let before = file.text()?;
             let text = match theirs {
                 Some(mut theirs) => {
                     theirs.push([was, before.clone()]);
-                    file.merged(text, theirs, self.catalog)?
+                    file.merge(text, theirs, self.catalog)?
                 }
                 None if before == was => text,
                 None => return Err(EditError::Changed(graph.to_owned())),
             };
-            let edited = Edited { text, before, changes: Vec::new() };
+            let edited = EditedText { text, before, changes: Vec::new() };
             file.write(&edited).map(|()| edited)
         }))
     }
 }
 
-fn told_edit(edited: Result<Edited, EditError>) -> Result<Json, Refused> {
+fn edit_answer(edited: Result<EditedText, EditError>) -> Result<Json, RequestError> {
     match edited {
-        Ok(Edited { text, before, .. }) => Ok(json!({ "text": text, "before": before })),
+        Ok(EditedText { text, before, .. }) => Ok(json!({ "text": text, "before": before })),
         Err(error) => {
             let why = error.to_string();
-            let problems = match error {
-                EditError::Refused(problems) => problems,
+            let diagnostics = match error {
+                EditError::Refused(diagnostics) => diagnostics,
                 _ => Vec::new(),
             };
-            Err(Refused { why, problems })
+            Err(RequestError { message: why, diagnostics })
         }
     }
 }
 
-/// How requests are answered.
+/// Answers requests.
 trait Answer {
-    /// Answers the request of this id.
-    fn answer(&self, id: &Json, answer: Result<Json, Refused>);
+    /// Sends the answer to the request with this id.
+    fn answer(&self, id: &Json, answer: Result<Json, RequestError>);
 }
 
 impl Answer for Listener {
-    fn answer(&self, id: &Json, answer: Result<Json, Refused>) {
+    fn answer(&self, id: &Json, answer: Result<Json, RequestError>) {
         let (event, mut fields) = match answer {
             Ok(fields) => ("answer", fields),
-            Err(Refused { why, problems }) => {
+            Err(RequestError { message: why, diagnostics }) => {
                 let mut fields = json!({ "why": why });
-                put_problems(&mut fields, &problems);
+                put_problems(&mut fields, &diagnostics);
                 ("refused", fields)
             }
         };
         fields["id"] = id.clone();
-        self.tell(event, fields);
+        self.send(event, fields);
     }
 }
 

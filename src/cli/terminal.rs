@@ -1,4 +1,4 @@
-//! The terminal's second screen, on which a text is drawn again and again, and the keys that are pressed meanwhile.
+//! The alternate screen of the terminal, on which text can be redrawn, and keyboard input.
 
 use std::io::{IsTerminal, Write, stdin, stdout};
 
@@ -9,37 +9,37 @@ use crossterm::terminal::{
 };
 use crossterm::{cursor, queue};
 
-/// What the user does.
+/// Input of the user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Input {
     Key(char),
-    /// The terminal has another size.
+    /// The terminal was resized.
     Resized,
-    /// Ctrl-C.
+    /// The user pressed Ctrl-C.
     Stop,
 }
 
-/// The terminal's second screen. The first one comes back, as it was, when this is dropped.
+/// The alternate screen of the terminal. Dropping it restores the normal screen.
 pub(super) struct Screen {
     open: bool,
 }
 
 impl Screen {
-    /// Whether there is a terminal that can be drawn on and asked for keys.
+    /// Returns true if a terminal is available for drawing and for keyboard input.
     pub(super) fn is_possible() -> bool {
         let dumb = std::env::var_os("TERM").is_some_and(|terminal| terminal == "dumb");
         stdin().is_terminal() && stdout().is_terminal() && !dumb && is_in_foreground()
     }
 
-    /// Takes the terminal; what the user does goes to `sink`, on a thread of its own.
-    pub(super) fn open(sink: impl Fn(Input) + Send + 'static) -> std::io::Result<Self> {
+    /// Switches to the alternate screen. A thread sends the user's input to `sink`.
+    pub(super) fn is_open(sink: impl Fn(Input) + Send + 'static) -> std::io::Result<Self> {
         enable_raw_mode()?;
         let screen = Self { open: true };
         queue!(stdout(), EnterAlternateScreen, cursor::Hide)?;
         stdout().flush()?;
         std::thread::spawn(move || {
             while let Ok(event) = read() {
-                if let Some(input) = meaning(&event) {
+                if let Some(input) = to_input(&event) {
                     sink(input);
                 }
             }
@@ -47,16 +47,16 @@ impl Screen {
         Ok(screen)
     }
 
-    /// Columns and rows; at least one of each.
+    /// Returns the size of the terminal as (columns, rows), each at least 1.
     pub(super) fn size(&self) -> (usize, usize) {
         let (columns, rows) = size().unwrap_or((80, 24));
         (usize::from(columns.max(1)), usize::from(rows.max(1)))
     }
 
-    /// Shows these rows and nothing else. Each must fit into the width, and all into the height.
+    /// Clears the screen and draws these rows. Each row must fit into the width of the screen, and all rows into its height.
     pub(super) fn draw(&self, rows: &[String]) {
         let mut bytes = Vec::new();
-        // Writing to memory does not fail; a terminal that has gone away is noticed by its keys.
+        // Writing to memory cannot fail. If the terminal is closed, keyboard input ends, which is noticed elsewhere.
         let _ = queue!(bytes, BeginSynchronizedUpdate, cursor::MoveTo(0, 0));
         for (index, row) in rows.iter().enumerate() {
             bytes.extend_from_slice(if index > 0 { b"\r\n" } else { b"" });
@@ -70,7 +70,7 @@ impl Screen {
 }
 
 impl Screen {
-    /// Gives the terminal back.
+    /// Restores the normal screen.
     pub(super) fn close(&mut self) {
         if !std::mem::take(&mut self.open) {
             return;
@@ -87,7 +87,7 @@ impl Drop for Screen {
     }
 }
 
-fn meaning(event: &Event) -> Option<Input> {
+fn to_input(event: &Event) -> Option<Input> {
     match event {
         Event::Resize(..) => Some(Input::Resized),
         Event::Key(key) if key.kind == KeyEventKind::Press => match key.code {
@@ -101,25 +101,25 @@ fn meaning(event: &Event) -> Option<Input> {
     }
 }
 
-/// Whether the program was not started with `&`: in the background it must not take the terminal.
+/// Returns true if the program is in the foreground. In the background (`&`) it must not use the terminal.
 #[cfg(target_os = "linux")]
 fn is_in_foreground() -> bool {
     rustix::termios::tcgetpgrp(stdin()).is_ok_and(|group| group == rustix::process::getpgrp())
 }
 
-/// Whether the program was not started with `&`: not asked on this system.
+/// Returns true. This system has no background processes that share the terminal.
 #[cfg(not(target_os = "linux"))]
 fn is_in_foreground() -> bool {
     true
 }
 
-/// The text in rows of at most `width` columns, broken between words where possible. Colors (escape sequences) take no room
-/// and hold over a break.
-pub(super) fn wrapped(text: &str, width: usize) -> Vec<String> {
-    text.lines().flat_map(|line| wrapped_line(line, width.max(1))).collect()
+/// Wraps text into rows of at most `width` columns, between words where possible. Escape sequences for colors have no width; a color
+/// continues in the next row.
+pub(super) fn wrap(text: &str, width: usize) -> Vec<String> {
+    text.lines().flat_map(|line| wrap_line(line, width.max(1))).collect()
 }
 
-fn wrapped_line(line: &str, width: usize) -> Vec<String> {
+fn wrap_line(line: &str, width: usize) -> Vec<String> {
     const RESET: &str = "\x1b[0m";
     let mut rows = vec![String::new()];
     let (mut used, mut style) = (0, String::new());
@@ -169,7 +169,7 @@ mod tests {
     use super::*;
 
     fn check(text: &str, width: usize, expected: &[&str]) {
-        assert_eq!(wrapped(text, width), expected);
+        assert_eq!(wrap(text, width), expected);
     }
 
     #[test]
@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn colors_take_no_room_and_hold_over_a_break() {
+    fn colors_have_no_width_and_continue_after_a_break() {
         check("\x1b[31mone two\x1b[0m", 4, &["\x1b[31mone \x1b[0m", "\x1b[31mtwo\x1b[0m"]);
     }
 

@@ -9,54 +9,54 @@ use std::sync::Arc;
 
 use clap::Args;
 use maquette_engine::eval::State as NodeState;
-use maquette_engine::six;
-use maquette_engine::writing::{Destination, Refused, Sources, remove};
+use maquette_engine::six_digits;
+use maquette_engine::writing::{Destination, Sources, WriteError, remove};
 use maquette_golden::case;
 use maquette_golden::compare::{Comparison, Verdict};
 use maquette_golden::store::Golden;
 use maquette_golden::suite;
-use maquette_golden::suite::{Case, Compared, Report, Settings, Shard, State, html, junit};
+use maquette_golden::suite::{Case, OutputComparison, Report, Settings, Shard, State, html, junit};
 use maquette_graph::catalog::Catalog;
-use maquette_syntax::error::{Problem, Severity};
+use maquette_syntax::error::{Diagnostic, Severity};
 use serde_json::json;
 
-use super::caching::{self, CacheOptions};
-use super::files::{is_beside, without};
-use super::{Exit, counted, eprint, print, print_json, report};
-use crate::Shown;
+use super::cache_options::{self, CacheOptions};
+use super::files::{filter_paths, is_companion};
+use super::{Exit, eprint, format_count, has_errors, print, print_json, report};
+use crate::DisplayPath;
 
 #[derive(Args)]
 pub(crate) struct Test {
-    /// Test files, graphs that have some, or folders that are searched for them; the current folder if left out.
+    /// Test files, graphs with tests, or folders to search for tests [default: the current folder].
     #[arg(value_name = "PATH")]
     paths: Vec<PathBuf>,
-    /// Only cases whose graph or name holds this.
+    /// Run only cases whose graph or name contains this text.
     #[arg(long, value_name = "TEXT")]
     filter: Option<String>,
-    /// Only part K of N of the cases: by name, so that the parts of N machines are together all cases.
+    /// Run only part K of N. The cases are divided by name, so that N machines together run all cases.
     #[arg(long, value_name = "K/N")]
     shard: Option<Shard>,
-    /// Accept all results as they are. Refused, as is --review, where CI is set and over goldens that are not committed.
+    /// Accept all results as goldens. Like --review, refused if CI is set or goldens have uncommitted changes.
     #[arg(long, conflicts_with = "review")]
     bless: bool,
-    /// Accept or refuse the results one by one.
+    /// Accept or reject the results one by one.
     #[arg(long)]
     review: bool,
-    /// Write a page for the browser, with pictures.
+    /// Write an HTML report with pictures.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
-    /// Write the results for CI systems.
+    /// Write a JUnit report for CI systems.
     #[arg(long, value_name = "FILE.xml")]
     junit: Option<PathBuf>,
-    /// Compute everything: nothing may come from the cache.
+    /// Compute everything; do not use the cache.
     #[arg(long)]
     cold: bool,
     #[command(flatten)]
     cache: CacheOptions,
-    /// Refuse graphs if one that they use is not what their lock file says.
+    /// Reject graphs if a used graph differs from the lock file.
     #[arg(long)]
     locked: bool,
-    /// How many cases to run at once; 0 is as many as the machine has threads.
+    /// The number of cases to run at the same time; 0 for the number of hardware threads.
     #[arg(long, default_value_t = 0)]
     threads: usize,
     /// Print one JSON document.
@@ -70,14 +70,14 @@ impl Test {
         let mut graphs: BTreeMap<PathBuf, BTreeSet<PathBuf>> = BTreeMap::new();
         let here = [PathBuf::from(".")];
         let paths = if self.paths.is_empty() { &here[..] } else { &self.paths };
-        for path in without(paths, is_beside) {
+        for path in filter_paths(paths, is_companion) {
             if !path.exists() {
-                return Exit::Usage(format!("there is no file or folder {}", path.shown()));
+                return Exit::Usage(format!("there is no file or folder {}", path.for_display()));
             }
-            if path.is_file() && !path.to_string_lossy().ends_with(case::ENDING) {
+            if path.is_file() && !path.to_string_lossy().ends_with(case::EXTENSION) {
                 let tests = case::tests_of(path);
                 if tests.is_empty() {
-                    return Exit::Usage(no_test(path));
+                    return Exit::Usage(no_test_message(path));
                 }
                 for test in tests {
                     let graph = case::graph_of(&test, path);
@@ -90,13 +90,16 @@ impl Test {
                 Err(_) => file,
             }));
         }
-        // Who names a test file, too, or its folder, means all of its graphs.
+        // A test file that is also selected by its own path or folder runs for all of its graphs, not only for the selected graphs.
         graphs.retain(|test, _| !files.contains(test));
         files.extend(graphs.keys().cloned());
         files.sort();
         files.dedup();
         if files.is_empty() {
-            return Exit::Usage(format!("no file ends in {}", case::ENDING));
+            return Exit::Usage(format!(
+                "no test file found: expected a name that ends in {}",
+                case::EXTENSION
+            ));
         }
         let threads = match self.threads {
             0 => std::thread::available_parallelism().map_or(1, usize::from),
@@ -114,7 +117,7 @@ impl Test {
                 true => suite::cold_session(catalog, self.cache.max_memory),
                 false => self.cache.session(1, catalog),
             },
-            finish: &caching::finish,
+            finish: &cache_options::finish,
         };
         let report = match suite::run(&files, &settings) {
             Ok(report) => report,
@@ -129,9 +132,9 @@ impl Test {
         if self.json {
             print_json(&to_json(&report));
         } else {
-            show(&report);
+            print_report(&report);
         }
-        exit(&report)
+        exit_code(&report)
     }
 
     fn write_reports(&self, report: &Report) -> Result<(), String> {
@@ -142,16 +145,16 @@ impl Test {
             None => Ok(()),
             Some(path) => destination
                 .put(path, make().as_bytes())
-                .map_err(|error| format!("cannot write {}: {error}", path.shown())),
+                .map_err(|error| format!("cannot write {}: {error}", path.for_display())),
         };
         write(&self.report, &|| html::page(report))?;
         write(&self.junit, &|| junit::document(report))
     }
 
-    /// Makes the results the goldens: all of them, or those that the user accepts. What cannot be accepted, or was not, fails.
+    /// Writes results as goldens: all results, or those that the user accepts. Fails if a result is wrong or was not accepted.
     fn accept(&self, report: &Report) -> Result<Exit, String> {
         if std::env::var_os("CI").is_some_and(|ci| !ci.is_empty()) {
-            return Err("refused where CI is set: goldens are accepted by people".into());
+            return Err("cannot accept goldens where CI is set: a person must accept them".into());
         }
         let cases: Vec<&Case> = report
             .cases
@@ -162,15 +165,13 @@ impl Test {
             })
             .collect();
         let paths = cases.iter().map(|case| &case.folder).chain(&report.orphans);
-        if let Some(path) = paths.filter_map(|path| uncommitted(path)).next() {
-            return Err(format!(
-                "{path} has changes that are not committed: commit or drop them first"
-            ));
+        if let Some(path) = paths.filter_map(|path| find_uncommitted_change(path)).next() {
+            return Err(format!("{path} has uncommitted changes; commit or discard them first"));
         }
-        let mut count = Count::default();
+        let mut count = Decisions::default();
         for case in cases {
             let done = self.accept_case(case, &mut count);
-            done.map_err(|error| format!("cannot write {}: {error}", case.folder.shown()))?;
+            done.map_err(|error| format!("cannot write {}: {error}", case.folder.for_display()))?;
             if count.quit {
                 break;
             }
@@ -179,46 +180,48 @@ impl Test {
             let gone = self.bless && remove(orphan).is_ok();
             count.refused += usize::from(!gone);
             let word = if gone { "removed " } else { "orphan  " };
-            print(&format!("{word}  {}\n", orphan.shown()));
+            print(&format!("{word}  {}\n", orphan.for_display()));
         }
-        print(&format!("{} blessed\n", counted(count.accepted, "golden")));
+        print(&format!("{} blessed\n", format_count(count.accepted, "golden")));
         let wrong: Vec<&Case> = report
             .cases
             .iter()
-            .filter(|case| {
-                !case.violations.is_empty()
-                    || case.problems.iter().any(|problem| problem.severity == Severity::Error)
-            })
+            .filter(|case| !case.violations.is_empty() || has_errors(&case.diagnostics))
             .collect();
-        let mut told = Told::default();
+        let mut reported = ReportedDiagnostics::default();
         for case in &wrong {
-            print(&format!("{}  {}\n", word(case), case.title()));
-            told.report(case);
+            print(&format!("{}  {}\n", state_word(case), case.title()));
+            reported.report(case);
         }
-        self::report(&report.problems);
-        if let Some(why) = broken(report) {
+        self::report(&report.diagnostics);
+        if let Some(why) = broken_message(report) {
             return Err(why);
         }
         let failed = count.quit || count.refused + wrong.len() > 0;
         Ok(if failed { Exit::Failed } else { Exit::Done })
     }
 
-    fn accept_case(&self, case: &Case, count: &mut Count) -> Result<(), Refused> {
-        let why = reason(case);
+    fn accept_case(&self, case: &Case, count: &mut Decisions) -> Result<(), WriteError> {
+        let why = describe_cause(case);
         let mut all = true;
         for output in case.changed_outputs() {
-            if !self.asks(count, case, &output.name, &reasons_of(output), &why) {
+            if !self.ask(count, case, &output.name, &main_reasons(output), &why) {
                 all = false;
                 continue;
             }
-            // The same value in another form is still there for the reason that it had.
+            // If the new value equals the old golden and only its encoding differs, the reason in the old golden is kept.
             let same = output.comparison.verdict == Verdict::Identical;
-            let before = output.golden.as_ref().ok().filter(|_| same).map(Golden::because);
+            let before = output.golden.as_ref().ok().filter(|_| same).map(Golden::reasons);
             let why = before.unwrap_or_else(|| why.clone());
             let size = case.bless(output, &why)?;
             count.accepted += 1;
-            print(&format!("blessed   {} {}: {}\n", case.title(), output.name, in_short(output)));
-            if size > LARGE {
+            print(&format!(
+                "blessed   {} {}: {}\n",
+                case.title(),
+                output.name,
+                first_reason(output)
+            ));
+            if size > LARGE_GOLDEN {
                 let size = size as f64 / 1e6;
                 print(&format!(
                     "          takes {size:.1} MB; `keep: Sampled(every: 8)` in the test file keeps less\n"
@@ -226,19 +229,19 @@ impl Test {
             }
             why.iter().for_each(|why| print(&format!("          because {why}\n")));
         }
-        let orphans = case.orphans.iter().map(|path| format!("{} goes", path.shown()));
+        let orphans = case.orphans.iter().map(|path| format!("{} goes", path.for_display()));
         let rest: Vec<String> = case.warnings.iter().cloned().chain(orphans).collect();
-        if all && (rest.is_empty() || self.asks(count, case, "the rest", &rest, &why)) {
+        if all && (rest.is_empty() || self.ask(count, case, "the rest", &rest, &why)) {
             case.bless_rest()?;
             rest.iter().for_each(|rest| print(&format!("          {rest}\n")));
         }
         Ok(())
     }
 
-    /// Asks whether a result is right, unless all are. No answer is no, and the end.
-    fn asks(
+    /// Asks the user to accept a result; with `--bless` always returns true. At the end of stdin, rejects the result and quits.
+    fn ask(
         &self,
-        count: &mut Count,
+        count: &mut Decisions,
         case: &Case,
         what: &str,
         reasons: &[String],
@@ -270,83 +273,93 @@ impl Test {
     }
 }
 
-/// A golden of so many bytes is worth a word: it is committed again with each change.
-const LARGE: usize = 1 << 20;
+/// The size in bytes from which a golden is reported as large. Each change of a golden adds a copy of the file to the repository.
+const LARGE_GOLDEN: usize = 1 << 20;
 
-fn no_test(graph: &Path) -> String {
+fn no_test_message(graph: &Path) -> String {
     let name = graph.file_name().unwrap_or_default().to_string_lossy();
     let test = graph.with_extension("test.ron");
     format!(
         "no test file beside or above {} tests it: write `Test(graph: \"{name}\")` to {}",
-        graph.shown(),
-        test.shown()
+        graph.for_display(),
+        test.for_display()
     )
 }
 
-/// What a user decided.
+/// The answers of the user to the questions of a review.
 #[derive(Default)]
-struct Count {
+struct Decisions {
     accepted: usize,
     refused: usize,
     quit: bool,
 }
 
-/// Why results are others than they were.
-fn reason(case: &Case) -> Vec<String> {
+/// Returns the changed nodes that explain why results differ.
+fn describe_cause(case: &Case) -> Vec<String> {
     let is_new = case.outputs.iter().all(|output| output.golden.is_err());
     match case.changed_nodes() {
         _ if is_new => Vec::new(),
         changed if changed.is_empty() => {
-            vec!["no node of the graph changed: the program gives another result".into()]
+            vec!["no node of the graph changed; the program computes another result".into()]
         }
         changed => changed,
     }
 }
 
-/// Some of what is to be said of an output: how far it differs first.
-fn reasons_of(output: &Compared) -> Vec<String> {
+/// Returns the main reasons for the verdict on an output, with the largest difference first.
+fn main_reasons(output: &OutputComparison) -> Vec<String> {
     let comparison = &output.comparison;
     let mut reasons = comparison.reasons.clone();
     if reasons.is_empty() {
-        let outdated = output.outdated.filter(|_| comparison.verdict == Verdict::Identical);
+        let outdated = output.outdated_reason.filter(|_| comparison.verdict == Verdict::Identical);
         let outdated = outdated.map(|why| format!("; the golden {why}"));
-        return vec![format!("{}{}", in_words(comparison), outdated.unwrap_or_default())];
+        return vec![format!(
+            "{}{}",
+            describe_comparison(comparison),
+            outdated.unwrap_or_default()
+        )];
     }
-    let worst = comparison.worst().filter(|worst| worst.broken.is_empty());
+    let worst = comparison.worst().filter(|worst| worst.failure.is_empty());
     if let Some(worst) = worst.filter(|worst| worst.unit == "mm") {
         reasons.insert(0, worst.in_words());
     }
-    let more = reasons.len().saturating_sub(MOST_REASONS);
-    reasons.truncate(MOST_REASONS);
+    let more = reasons.len().saturating_sub(MAX_REASONS);
+    reasons.truncate(MAX_REASONS);
     reasons.extend((more > 0).then(|| format!("and {more} more")));
-    if comparison.seen() < 1.0 {
-        reasons.push(seen(comparison));
+    if comparison.compared_fraction() < 1.0 {
+        reasons.push(describe_coverage(comparison));
     }
     reasons
 }
 
-/// The verdict, and how much differs within the tolerance.
-fn in_words(comparison: &Comparison) -> String {
+/// Formats the verdict and the largest difference.
+fn describe_comparison(comparison: &Comparison) -> String {
     let verdict = comparison.verdict.word();
     let worst = comparison.worst().map_or(String::new(), |worst| format!(": {}", worst.in_words()));
-    let some =
-        if comparison.seen() < 1.0 { format!("; {}", seen(comparison)) } else { String::new() };
+    let some = if comparison.compared_fraction() < 1.0 {
+        format!("; {}", describe_coverage(comparison))
+    } else {
+        String::new()
+    };
     format!("{verdict}{worst}{some}")
 }
 
-fn seen(comparison: &Comparison) -> String {
-    format!("{} % of the entries were kept and seen", six(100.0 * comparison.seen()))
+fn describe_coverage(comparison: &Comparison) -> String {
+    format!(
+        "{} % of the entries were kept and compared",
+        six_digits(100.0 * comparison.compared_fraction())
+    )
 }
 
-/// How many reasons of an output are told; the page tells all.
-const MOST_REASONS: usize = 6;
+/// The maximum number of printed reasons of an output; the HTML report has all.
+const MAX_REASONS: usize = 6;
 
-fn in_short(output: &Compared) -> String {
-    reasons_of(output).swap_remove(0)
+fn first_reason(output: &OutputComparison) -> String {
+    main_reasons(output).swap_remove(0)
 }
 
-/// The first file at a path, or below it, that git knows to be changed; none where there is no git.
-fn uncommitted(path: &Path) -> Option<String> {
+/// Returns the first file with uncommitted changes at or below a path. Returns `None` if there is none or git is not installed.
+fn find_uncommitted_change(path: &Path) -> Option<String> {
     let folder = path.ancestors().find(|folder| folder.is_dir() && !folder.as_os_str().is_empty());
     let folder = folder.unwrap_or(Path::new("."));
     let path = std::path::absolute(path).ok()?;
@@ -359,78 +372,95 @@ fn uncommitted(path: &Path) -> Option<String> {
     text.lines().next().map(|line| line.get(3..).unwrap_or(line).to_owned())
 }
 
-/// Why tests could not run, if some could not.
-fn broken(report: &Report) -> Option<String> {
+/// Returns the message for tests that could not run.
+fn broken_message(report: &Report) -> Option<String> {
     let broken = report.count(|case| case.state == State::Broken) + report.broken_files();
-    (broken > 0).then(|| format!("{} could not run", counted(broken, "test")))
+    (broken > 0).then(|| format!("{} could not run", format_count(broken, "test")))
 }
 
-fn exit(report: &Report) -> Exit {
-    match broken(report) {
+fn exit_code(report: &Report) -> Exit {
+    match broken_message(report) {
         Some(why) => Exit::Usage(why),
-        None if report.count(Case::failed) + report.orphans.len() > 0 => Exit::Failed,
+        None if report.count(Case::has_failed) + report.orphans.len() > 0 => Exit::Failed,
         None => Exit::Done,
     }
 }
 
-/// Problems that were told: those of a graph are the same in each of its cases.
+/// Diagnostics that were reported already. The cases of a graph share its diagnostics.
 #[derive(Default)]
-struct Told(Vec<Problem>);
+struct ReportedDiagnostics(Vec<Diagnostic>);
 
-impl Told {
-    /// Tells the problems of a case that were not told before.
+impl ReportedDiagnostics {
+    /// Reports the diagnostics of a case that are new, and the number of those that were already reported.
     fn report(&mut self, case: &Case) {
-        let problems = case.problems.iter().chain(case.violations.iter().map(|v| &v.problem));
-        let (known, new): (Vec<&Problem>, Vec<&Problem>) = problems.partition(|problem| {
-            self.0.iter().any(|known| {
-                (&known.source.name, known.span, &known.message)
-                    == (&problem.source.name, problem.span, &problem.message)
-            })
-        });
+        let diagnostics =
+            case.diagnostics.iter().chain(case.violations.iter().map(|v| &v.diagnostic));
+        let (known, new): (Vec<&Diagnostic>, Vec<&Diagnostic>) =
+            diagnostics.partition(|diagnostic| {
+                self.0.iter().any(|known| {
+                    (&known.source.name, known.span, &known.message)
+                        == (&diagnostic.source.name, diagnostic.span, &diagnostic.message)
+                })
+            });
         let new: Vec<_> = new.into_iter().cloned().collect();
         report(&new);
         if !known.is_empty() {
-            print(&format!("          {} as before\n", counted(known.len(), "problem")));
+            print(&format!("          {} (unchanged)\n", format_severities(&known)));
         }
         self.0.extend(new);
     }
 }
 
-/// The worst verdict of all outputs of a case, in words.
-fn verdict(case: &Case) -> String {
-    let worst = case.outputs.iter().map(|output| &output.comparison);
-    worst.max_by_key(|comparison| comparison.verdict).map_or("identical".into(), in_words)
+/// Formats numbers of errors and warnings: `1 error, 2 warnings`.
+fn format_severities(diagnostics: &[&Diagnostic]) -> String {
+    let counts =
+        [(Severity::Error, "error"), (Severity::Warning, "warning")].map(|(severity, word)| {
+            (diagnostics.iter().filter(|it| it.severity == severity).count(), word)
+        });
+    let counts = counts.iter().filter(|(count, _)| *count > 0);
+    counts.map(|(count, word)| format_count(*count, word)).collect::<Vec<_>>().join(", ")
 }
 
-fn computed(case: &Case) -> usize {
+/// Formats the worst verdict of all outputs of a case.
+fn worst_verdict(case: &Case) -> String {
+    let worst = case.outputs.iter().map(|output| &output.comparison);
+    worst
+        .max_by_key(|comparison| comparison.verdict)
+        .map_or("identical".into(), describe_comparison)
+}
+
+fn computed_count(case: &Case) -> usize {
     case.trace.count(NodeState::Computed)
 }
 
-fn show(result: &Report) {
-    report(&result.problems);
-    let (mut text, mut told) = (String::new(), Told::default());
+fn print_report(result: &Report) {
+    report(&result.diagnostics);
+    let (mut text, mut reported) = (String::new(), ReportedDiagnostics::default());
     for case in &result.cases {
-        let word = word(case);
-        let nodes =
-            format!("{} of {} computed", computed(case), counted(case.trace.0.len(), "node"));
+        let word = state_word(case);
+        let nodes = format!(
+            "{} of {} computed",
+            computed_count(case),
+            format_count(case.trace.0.len(), "node")
+        );
         let _ = match &case.state {
             State::Skipped(why) => writeln!(text, "{word}  {}: {why}", case.title()),
             State::Passed => writeln!(
                 text,
                 "{word}  {}  {}; {nodes}; {:.0} ms",
                 case.title(),
-                verdict(case),
+                worst_verdict(case),
                 case.seconds * 1e3
             ),
             State::Failed | State::Broken => writeln!(text, "{word}  {}", case.title()),
         };
-        if case.failed() {
+        if case.has_failed() {
             print(&std::mem::take(&mut text));
-            told.report(case);
+            reported.report(case);
             for output in
                 case.outputs.iter().filter(|output| output.comparison.verdict == Verdict::Different)
             {
-                for reason in reasons_of(output) {
+                for reason in main_reasons(output) {
                     let _ = writeln!(text, "          {}: {reason}", output.name);
                 }
             }
@@ -438,7 +468,7 @@ fn show(result: &Report) {
                 let _ = writeln!(text, "          {warning}");
             }
             for orphan in &case.orphans {
-                let _ = writeln!(text, "          {} belongs to no output", orphan.shown());
+                let _ = writeln!(text, "          {} belongs to no output", orphan.for_display());
             }
             for node in case.changed_nodes() {
                 let _ = writeln!(text, "          {node}");
@@ -449,18 +479,18 @@ fn show(result: &Report) {
         }
     }
     for orphan in &result.orphans {
-        let _ = writeln!(text, "failed    {} belongs to no test", orphan.shown());
+        let _ = writeln!(text, "failed    {} belongs to no test", orphan.for_display());
     }
     let passed = result.count(|case| case.state == State::Passed);
     let skipped = result.count(|case| matches!(case.state, State::Skipped(_)));
-    let failed = result.count(Case::failed) + result.orphans.len() + result.broken_files();
+    let failed = result.count(Case::has_failed) + result.orphans.len() + result.broken_files();
     let skips = if skipped > 0 { format!(", {skipped} skipped") } else { String::new() };
     let nodes = match result.node_seconds() {
         0.0 => String::new(),
         seconds => format!(
             " ({seconds:.2} s of nodes and {:.2} s of files on {})",
             result.file_seconds(),
-            counted(result.threads, "thread")
+            format_count(result.threads, "thread")
         ),
     };
     let seconds = result.seconds;
@@ -471,7 +501,7 @@ fn show(result: &Report) {
     }
 }
 
-fn word(case: &Case) -> &'static str {
+fn state_word(case: &Case) -> &'static str {
     match case.state {
         State::Passed => "passed  ",
         State::Failed => "failed  ",
@@ -489,27 +519,27 @@ fn to_json(report: &Report) -> serde_json::Value {
             json["type"] = output.value.kind().name.into();
             json
         });
-        let problems = case.problems.iter().chain(case.violations.iter().map(|v| &v.problem));
+        let diagnostics = case.diagnostics.iter().chain(case.violations.iter().map(|v| &v.diagnostic));
         json!({
             "graph": case.graph.display().to_string(),
             "case": case.name,
-            "state": word(case).trim(),
+            "state": state_word(case).trim(),
             "reasons": case.reasons(),
             "outputs": outputs.collect::<Vec<_>>(),
-            "changed": if case.failed() { case.changed_nodes() } else { Vec::new() },
-            "problems": problems.map(Problem::to_json).collect::<Vec<_>>(),
+            "changed": if case.has_failed() { case.changed_nodes() } else { Vec::new() },
+            "problems": diagnostics.map(Diagnostic::to_json).collect::<Vec<_>>(),
             "orphans": case.orphans.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(),
             "notes": case.notes,
             "nodes": case.trace.0.iter().map(|node| node.to_json()).collect::<Vec<_>>(),
             "seconds": case.seconds,
         })
     });
-    let errors = report.problems.iter().filter(|p| p.severity == Severity::Error);
+    let errors = report.diagnostics.iter().filter(|p| p.severity == Severity::Error);
     json!({
         "passed": report.count(|case| case.state == State::Passed),
-        "failed": report.count(Case::failed) + report.orphans.len() + report.problems.len(),
+        "failed": report.count(Case::has_failed) + report.orphans.len() + report.diagnostics.len(),
         "cases": cases.collect::<Vec<_>>(),
-        "problems": errors.map(Problem::to_json).collect::<Vec<_>>(),
+        "problems": errors.map(Diagnostic::to_json).collect::<Vec<_>>(),
         "orphans": report.orphans.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(),
         "seconds": report.seconds,
         "node_seconds": report.node_seconds(),

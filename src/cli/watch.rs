@@ -1,7 +1,7 @@
-//! `maquette watch`: evaluates a graph, and again on every change of anything that it depends on.
+//! `maquette watch`: evaluates a graph again whenever a file that it depends on changes.
 //!
-//! Whatever is wrong, the watch goes on, and outputs that cannot be made anew stay as they are. It ends by `q`, Ctrl-C or a
-//! signal, with exit code 0, or when nobody reads what it prints any more.
+//! The watch continues after errors, and outputs that cannot be computed stay as they are. It ends with `q`, Ctrl-C or a signal, with exit
+//! code 0, or when its standard output is closed.
 
 use std::iter;
 use std::path::{Path, PathBuf};
@@ -11,14 +11,14 @@ use std::sync::mpsc::{Sender, channel};
 use clap::Args;
 use maquette_format::camera;
 use maquette_graph::catalog::Catalog;
-use maquette_graph::files::named_in;
+use maquette_graph::files::companion_paths;
 use maquette_graph::{LOCK_ENDING, PINS_ENDING, ReadFile};
-use maquette_preview::{Page, Redirect, Wish};
-use maquette_syntax::error::{Problem, code};
+use maquette_preview::{Page, PageRequest, Redirect};
+use maquette_syntax::error::{Diagnostic, code};
 use maquette_syntax::paths::{MARKER, project_root};
 use serde_json::json;
 
-use super::caching::CacheOptions;
+use super::cache_options::CacheOptions;
 use super::events::Listener;
 use super::inputs::InputOptions;
 use super::replay::ProvenanceOptions;
@@ -37,21 +37,21 @@ mod session;
 mod view;
 mod worker;
 
-use on_done::{Ended, OnDone};
+use on_done::{CommandResult, OnDone};
 use session::Session;
-use view::{Lines, Program, Terminal, View, WithPage};
-use worker::{News, Wishes, Worker};
+use view::{EventView, LineView, PageView, TerminalView, View};
+use worker::{OutputOptions, Worker, WorkerEvent};
 
-use crate::Shown;
+use crate::DisplayPath;
 
 #[derive(Args)]
 pub(crate) struct Watch {
     /// The graph file.
     graph: PathBuf,
-    /// The folder for the outputs; `out/GRAPH` if left out, `out/GRAPH-draft` with --draft.
+    /// The folder for the outputs [default: `out/GRAPH`, or `out/GRAPH-draft` with --draft].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Write only this output; may be given several times.
+    /// Write only this output. May be repeated.
     #[arg(long, value_name = "OUTPUT")]
     only: Vec<String>,
     #[command(flatten)]
@@ -60,53 +60,53 @@ pub(crate) struct Watch {
     options: GraphOptions,
     #[command(flatten)]
     cache: CacheOptions,
-    /// How many threads to use; 0 is all.
+    /// The number of threads; 0 for all.
     #[arg(long, default_value_t = 0)]
     threads: usize,
     #[command(flatten)]
     provenance: ProvenanceOptions,
-    /// Evaluate once, as a watch does, and end.
+    /// Evaluate once and end.
     #[arg(long)]
     once: bool,
-    /// Print every path that would be watched, and why; run nothing.
+    /// List all watched paths with the reasons; run nothing.
     #[arg(long, conflicts_with = "once")]
     list: bool,
-    /// Run this command by the shell after each successful run. MAQUETTE_OUT is the folder of the outputs. The watch does not
-    /// wait for it (`--once` does); one that still runs is started again when it ends.
+    /// Run this shell command after each successful run. MAQUETTE_OUT is the folder of the outputs. The watch does not wait for the command
+    /// (`--once` does). If it is still running at the next run, it is started again when it ends.
     #[arg(long, value_name = "COMMAND")]
     on_done: Option<String>,
-    /// Look at the files twice a second instead of asking the system for changes.
+    /// Poll the files twice a second instead of using file events of the system.
     #[arg(long)]
     poll: bool,
-    /// Print what happens as it happens, one JSON object a line.
+    /// Print events while the command runs, one JSON object per line.
     #[arg(long)]
     events: bool,
-    /// Serve a live page of the graph to browsers on this machine, and print its link, which stays the same. The link is for your
-    /// eyes: who has it sees the graph, and changes its parameters.
+    /// Serve a live page of the graph to browsers on this machine, and print its permanent link. Keep the link secret: it gives access to
+    /// the graph and its parameters.
     #[arg(long, conflicts_with_all = ["once", "list"])]
     preview: bool,
-    /// The same, and open the page in your browser: $BROWSER, or the system's.
+    /// Serve the live page and open it in a browser: $BROWSER, or the default browser.
     #[arg(long, conflicts_with_all = ["once", "list"])]
     open: bool,
-    /// Let an editor on this machine show the live page in a frame of its own.
+    /// Let an editor on this machine embed the live page.
     #[arg(long, hide = true)]
     in_editor: bool,
 }
 
-/// What the listening thread hears.
+/// A message to the main thread of a watch.
 enum Message {
     Files(Event),
     Input(Input),
-    /// Somebody wants something on the live page.
-    Page(Wish),
-    /// What somebody wanted on the live page could not be done, and why.
+    /// A request from the live page.
+    Page(PageRequest),
+    /// The reason why a request from the live page failed.
     Refused(String),
-    /// The page was not opened in a browser, and why.
+    /// The reason why the page was not opened in a browser.
     NotOpened(String),
-    /// An evaluation has found something, or ended.
-    Evaluation(News),
-    /// The user's command ended.
-    CommandEnded(Ended),
+    /// An event of the evaluating thread.
+    Evaluation(WorkerEvent),
+    /// The user's command has ended.
+    CommandEnded(CommandResult),
 }
 
 impl Watch {
@@ -115,39 +115,39 @@ impl Watch {
             return self.print_list(catalog);
         }
         let (sender, receiver) = channel();
-        let outputs = self.options.folder(self.out.as_deref(), &self.graph);
-        let outputs = self.provenance.applied(outputs.keeping(self.inputs.files()));
+        let outputs = self.options.output_folder(self.out.as_deref(), &self.graph);
+        let outputs = self.provenance.apply_to(outputs.keeping(self.inputs.files()));
         let folder = outputs.path().to_owned();
         let stop = sender.clone();
-        interrupt::handle(move || drop(stop.send(Message::Input(Input::Stop))));
+        interrupt::on_interrupt(move || drop(stop.send(Message::Input(Input::Stop))));
         let page = match (self.preview || self.open).then(|| self.open_page(&sender)).transpose() {
             Ok(page) => page,
-            Err(why) => return Exit::Usage(format!("there can be no live page: {why}")),
+            Err(why) => return Exit::Usage(format!("cannot serve the live page: {why}")),
         };
         let link = page.as_ref().map(Page::link);
         let screen = !self.events && !self.once && Screen::is_possible();
         let input = sender.clone();
         let terminal = screen
             .then(|| {
-                Terminal::open(&self.graph, &folder, link.clone(), move |heard| {
-                    drop(input.send(Message::Input(heard)))
+                TerminalView::open(&self.graph, &folder, link.clone(), move |heard| {
+                    drop(input.send(Message::Input(heard)));
                 })
                 .ok()
             })
             .flatten();
         let quiet = terminal.is_some();
         if let Some(link) = link.as_ref().filter(|_| !quiet) {
-            self.tell_link(link);
+            self.print_link(link);
         }
-        // Gone with the watch.
+        // The file that redirects to the page exists until the watch ends.
         let _redirect = page.as_ref().filter(|_| self.open).map(|page| open_browser(page, &sender));
         let view: Box<dyn View> = match terminal {
             Some(terminal) => Box::new(terminal),
-            None if self.events => Box::new(Program(Listener::of_stdout())),
-            None => Box::new(Lines::default()),
+            None if self.events => Box::new(EventView(Listener::of_stdout())),
+            None => Box::new(LineView::default()),
         };
         let view: Box<dyn View> = match page {
-            Some(page) => Box::new(WithPage::new(page, catalog.clone(), view)),
+            Some(page) => Box::new(PageView::new(page, catalog.clone(), view)),
             None => view,
         };
         let done = sender.clone();
@@ -157,13 +157,13 @@ impl Watch {
         };
         let worker = Worker::new(
             session,
-            Wishes { folder: outputs, only: self.only.clone(), inputs: self.inputs.clone() },
+            OutputOptions { folder: outputs, only: self.only.clone(), inputs: self.inputs.clone() },
             view.observe(),
             move |news| drop(done.send(Message::Evaluation(news))),
         );
         let events = sender.clone();
         let sink = Arc::new(move |event| drop(events.send(Message::Files(event))));
-        let sources = if self.once { Sources::none() } else { Sources::new(sink, self.poll) };
+        let sources = if self.once { Sources::empty() } else { Sources::new(sink, self.poll) };
         let on_done = self.on_done.clone();
         let on_done = on_done.map(|command| OnDone::new(command, folder, quiet));
         Session::new(self, catalog, sources, worker, view, on_done, sender).run(&receiver)
@@ -172,13 +172,13 @@ impl Watch {
     fn open_page(&self, sender: &Sender<Message>) -> std::io::Result<Page> {
         let sender = sender.clone();
         Page::open(&self.graph, self.options.draft, self.in_editor, move |wish| {
-            drop(sender.send(Message::Page(wish)))
+            drop(sender.send(Message::Page(wish)));
         })
     }
 
-    fn tell_link(&self, link: &str) {
+    fn print_link(&self, link: &str) {
         if self.events {
-            Listener::of_stdout().tell("page", json!({ "link": link }));
+            Listener::of_stdout().send("page", json!({ "link": link }));
         } else {
             eprint(&format!("live page: {link}\n"));
         }
@@ -186,20 +186,20 @@ impl Watch {
 
     fn print_list(&self, catalog: &Catalog) -> Exit {
         let checked = self.options.load(&self.graph, catalog);
-        report(&checked.problems);
-        let outside = reads_outside(&checked.problems);
+        report(&checked.diagnostics);
+        let outside = reads_outside(&checked.diagnostics);
         let here = std::env::current_dir().unwrap_or_default();
         let list = self.watch_list(&here, &checked.files, &checked.subgraphs, outside, catalog);
         for file in list.files() {
             let path = file.path.strip_prefix(&here).unwrap_or(&file.path);
             let missing = if file.path.exists() { "" } else { " (not there)" };
-            print(&format!("{}{missing}  {}\n", path.shown(), file.why));
+            print(&format!("{}{missing}  {}\n", path.for_display(), file.reason));
         }
         Exit::Done
     }
 
-    /// Everything that the outcome depends on: the graph, those that it uses, the files that their nodes read (`files`), and what
-    /// says which files they may read. The watch was started in the folder `here`, which may have gone meanwhile.
+    /// Returns all files that the result depends on: the graph, used graphs, the input files of nodes (`files`), and the markers that
+    /// determine the root of the project. `here` is the folder in which the watch was started; it may have been deleted.
     fn watch_list(
         &self,
         here: &Path,
@@ -213,59 +213,58 @@ impl Watch {
         let folder = path.parent().unwrap_or(&path);
         let folder = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
         let root = project_root(&folder);
-        let mut wishes = vec![watch::Wish { path, why: "the graph".into() }];
-        wishes.extend(
-            subgraphs.iter().map(|path| watch::Wish {
-                path: here.join(path),
-                why: "a graph that it uses".into(),
-            }),
-        );
+        let mut requests = vec![watch::WatchRequest { path, reason: "the graph".into() }];
+        requests.extend(subgraphs.iter().map(|path| watch::WatchRequest {
+            path: here.join(path),
+            reason: "a graph that it uses".into(),
+        }));
         for (ending, why) in [(LOCK_ENDING, "its lock file"), (PINS_ENDING, "its pins")] {
             let path = here.join(self.graph.with_extension(ending));
-            wishes.push(watch::Wish { path, why: format!("{why} if there is one") });
+            requests.push(watch::WatchRequest { path, reason: format!("{why} if it exists") });
         }
-        wishes.extend(files.iter().map(|file| {
-            let optional = if file.optional { " if it is there" } else { "" };
-            watch::Wish {
+        requests.extend(files.iter().map(|file| {
+            let optional = if file.optional { " if it exists" } else { "" };
+            watch::WatchRequest {
                 path: here.join(&file.path),
-                why: format!("read by `{}`{optional}", file.node),
+                reason: format!("read by `{}`{optional}", file.node),
             }
         }));
         let roots = [root.clone()];
         for path in self.inputs.files() {
             let path = here.join(path);
             let beside = iter::once(path.with_file_name(camera::NAME));
-            let named = beside.chain(named_in(&path, &roots, readers));
-            fn why() -> String {
-                "read with an input if it is there".into()
-            }
-            wishes.extend(named.map(|path| watch::Wish { path, why: why() }));
-            wishes.push(watch::Wish { path, why: "an input".into() });
+            let named = beside.chain(companion_paths(&path, &roots, readers));
+            requests.extend(named.map(|path| watch::WatchRequest {
+                path,
+                reason: "read with an input if it exists".into(),
+            }));
+            requests.push(watch::WatchRequest { path, reason: "an input".into() });
         }
         for file in files {
             let name = file.path.file_name().unwrap_or_default().to_string_lossy();
             let why = format!("named by {name}");
-            let named = named_in(&file.path, &roots, readers).into_iter();
-            wishes.extend(named.map(|path| watch::Wish { path, why: why.clone() }));
+            let named = companion_paths(&file.path, &roots, readers).into_iter();
+            requests.extend(named.map(|path| watch::WatchRequest { path, reason: why.clone() }));
         }
-        // A marker that appears nearer, or goes away, makes another root. Where there is none it matters only to a graph that reads
-        // outside of its folder.
+        // The root of the project changes if a marker file is created nearer to the graph or deleted. If no marker exists, the root
+        // matters only if the graph reads files outside of its own folder.
         if outside || root.join(MARKER).is_file() {
             let above = folder.ancestors().take_while(|above| outside || above.starts_with(&root));
-            wishes.extend(above.map(|above| watch::Wish {
+            requests.extend(above.map(|above| watch::WatchRequest {
                 path: above.join(MARKER),
-                why: "marks the root of the project".into(),
+                reason: "marks the root of the project".into(),
             }));
         }
-        WatchList::new(&wishes, &root)
+        WatchList::new(&requests, &root)
     }
 }
 
-/// Opens the page in a browser, which is given a file that leads there: the link is nothing for lists of processes.
+/// Opens the page in a browser. The browser opens a file that redirects to the page, because the secret link must not appear in process
+/// lists.
 fn open_browser(page: &Page, sender: &Sender<Message>) -> Option<Redirect> {
     let (sender, link) = (sender.clone(), page.link());
     let failed = move |why: &str| {
-        let words = format!("no browser was opened ({why}): open {link} yourself");
+        let words = format!("no browser was opened ({why}); open {link} yourself");
         let _ = sender.send(Message::NotOpened(words));
     };
     match page.redirect() {
@@ -280,7 +279,7 @@ fn open_browser(page: &Page, sender: &Sender<Message>) -> Option<Redirect> {
     }
 }
 
-/// Whether a graph wants to read files that it may not read where the root of its project is now.
-fn reads_outside(problems: &[Problem]) -> bool {
-    problems.iter().any(|problem| problem.code == code::OUTSIDE)
+/// Returns true if diagnostics report that the graph reads files outside of the present root of its project.
+fn reads_outside(diagnostics: &[Diagnostic]) -> bool {
+    diagnostics.iter().any(|diagnostic| diagnostic.code == code::OUTSIDE)
 }

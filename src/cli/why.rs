@@ -1,4 +1,4 @@
-//! `maquette why`: why a node would run, or why not.
+//! `maquette why`: explains why a node would run, or why not.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -6,15 +6,15 @@ use std::sync::Arc;
 use clap::Args;
 use maquette_graph::catalog::Catalog;
 
-use super::caching::CacheOptions;
+use super::cache_options::CacheOptions;
 use super::inputs::InputOptions;
 use super::{Exit, GraphOptions, print, report};
 
 #[derive(Args)]
-pub(crate) struct Why {
+pub(crate) struct WhyCommand {
     /// The graph file.
     graph: PathBuf,
-    /// The node, or a use of a graph: then the nodes that make its outputs.
+    /// The node, or a use of a graph for the nodes that compute its outputs.
     node: String,
     #[command(flatten)]
     inputs: InputOptions,
@@ -24,20 +24,20 @@ pub(crate) struct Why {
     cache: CacheOptions,
 }
 
-impl Why {
+impl WhyCommand {
     pub(super) fn run(&self, catalog: &Arc<Catalog>) -> Exit {
-        let checked = self.options.load(&self.graph, catalog).as_far_as_known();
-        report(&checked.problems);
+        let checked = self.options.load(&self.graph, catalog).without_unknown_nodes();
+        report(&checked.diagnostics);
         let Some(graph) = checked.graph else { return Exit::Failed };
-        let mut session = match self.cache.told_session(1, catalog) {
+        let mut session = match self.cache.reporting_session(1, catalog) {
             Ok(session) => session,
             Err(why) => return Exit::Usage(why),
         };
-        let graph = match self.inputs.told_foreseen(&session, &graph) {
+        let graph = match self.inputs.feed_for_forecast_and_report(&session, &graph) {
             Ok(graph) => graph,
             Err(exit) => return exit,
         };
-        match session.why(&graph, &self.node) {
+        match session.explain(&graph, &self.node) {
             Some(reasons) => {
                 print(&reasons);
                 Exit::Done

@@ -1,23 +1,23 @@
-//! A drawing in Graphviz's language.
+//! Exports a drawing as DOT for Graphviz.
 
 use std::fmt::Write;
 
 use super::{Block, Drawing};
 
 impl Drawing {
-    /// The graph in the language of Graphviz: a cluster per pack, ports as the fields of records, types on the links.
+    /// Returns the graph as DOT. Each pack is a cluster, each node is a record with its ports as fields, and links are labeled with types.
     pub fn to_dot(&self) -> String {
         let mut text = String::from("digraph {\n");
         let _ = writeln!(text, "  graph [rankdir=LR, tooltip={}];", plain(&self.doc));
         text += "  node [shape=record, style=rounded, fontname=\"Helvetica\", fontsize=11];\n";
         text += "  edge [fontname=\"Helvetica\", fontsize=9, color=\"#767676\", fontcolor=\"#767676\"];\n";
         for (index, pack) in self.packs.iter().enumerate() {
-            let _ = writeln!(text, "  subgraph {} {{", quoted(&format!("cluster_{}", pack.name)));
+            let _ = writeln!(text, "  subgraph {} {{", quote(&format!("cluster_{}", pack.name)));
             let color = super::svg::color(pack.place);
-            let _ = writeln!(text, "    label={}; color=\"{color}\";", quoted(&pack.name));
+            let _ = writeln!(text, "    label={}; color=\"{color}\";", quote(&pack.name));
             for (place, block) in self.boxes.iter().enumerate() {
                 if block.node.as_ref().is_some_and(|node| node.pack == index) {
-                    let _ = writeln!(text, "    n{place} [label={}];", quoted(&record(block)));
+                    let _ = writeln!(text, "    n{place} [label={}];", quote(&record(block)));
                 }
             }
             text += "  }\n";
@@ -30,7 +30,7 @@ impl Drawing {
         }
         for wire in &self.wires {
             let ([from, output], [to, input]) = (wire.from, wire.to);
-            let kind = quoted(&self.boxes[from].outputs[output].kind);
+            let kind = quote(&self.boxes[from].outputs[output].kind);
             let port =
                 if self.boxes[to].node.is_some() { format!(":i{input}") } else { String::new() };
             let _ = writeln!(text, "  n{from}:o{output} -> n{to}{port} [label={kind}];");
@@ -39,10 +39,10 @@ impl Drawing {
     }
 }
 
-/// A node as the fields of a record: its ports left and right of its name and type.
+/// Returns the record label of a node: the inputs at the left, the outputs at the right, and the name and type between them.
 fn record(block: &Block) -> String {
     fn field((index, name): (usize, &str), letter: char) -> String {
-        format!("<{letter}{index}> {}", in_record(name))
+        format!("<{letter}{index}> {}", escape_record(name))
     }
     let inputs = block.inputs.iter().map(String::as_str).enumerate().map(|port| field(port, 'i'));
     let outputs = block.outputs.iter().map(|port| &port.name[..]);
@@ -50,14 +50,14 @@ fn record(block: &Block) -> String {
     let kind = block.node.as_ref().map_or("", |node| &node.kind);
     let inputs = match &block.inputs[..] {
         [] => String::new(),
-        _ => format!("{{{}}} | ", Vec::from_iter(inputs).join(" | ")),
+        _ => format!("{{{}}} | ", inputs.collect::<Vec<_>>().join(" | ")),
     };
-    let outputs = Vec::from_iter(outputs).join(" | ");
-    format!("{{{inputs}{}\\n{} | {{{outputs}}}}}", in_record(&block.name), in_record(kind))
+    let outputs = outputs.collect::<Vec<_>>().join(" | ");
+    format!("{{{inputs}{}\\n{} | {{{outputs}}}}}", escape_record(&block.name), escape_record(kind))
 }
 
-/// A text in which no character means anything to a record.
-fn in_record(text: &str) -> String {
+/// Escapes a text for a record label.
+fn escape_record(text: &str) -> String {
     let mut escaped = String::new();
     for letter in text.chars() {
         if matches!(letter, '{' | '}' | '|' | '<' | '>' | '\\' | ' ') {
@@ -68,13 +68,13 @@ fn in_record(text: &str) -> String {
     escaped
 }
 
-/// A text as it is, in quotes.
+/// Quotes and escapes a text.
 fn plain(text: &str) -> String {
-    quoted(&text.replace('\\', "\\\\"))
+    quote(&text.replace('\\', "\\\\"))
 }
 
-/// A label whose backslashes are Graphviz's, in quotes.
-fn quoted(label: &str) -> String {
+/// Quotes a label. Backslashes in the label are not escaped, because they are already Graphviz escapes.
+fn quote(label: &str) -> String {
     let label = label.replace(char::is_control, " ");
     format!("\"{}\"", label.replace('"', "\\\""))
 }

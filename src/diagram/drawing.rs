@@ -1,4 +1,4 @@
-//! What is drawn of a graph.
+//! The content of a diagram.
 
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
@@ -7,46 +7,46 @@ use maquette_graph::catalog::Catalog;
 use maquette_graph::{DraftField, ELEMENTS, Graph, GraphUse};
 use maquette_syntax::error::Source;
 
-/// What is drawn of a graph, without places.
+/// The content of a diagram, without positions.
 #[derive(Clone, Debug, Default)]
 pub struct Drawing {
-    /// What the graph is for.
+    /// The description of the graph, which its author has written.
     pub doc: String,
-    /// The packs of its nodes, in the program's order.
+    /// The packs of the nodes, in the order in which the program registers them.
     pub packs: Vec<Pack>,
-    /// Nodes, each after those that it hangs on, then output files.
+    /// The boxes of the nodes, each after its dependencies, then the boxes of the output files.
     pub boxes: Vec<Block>,
     pub wires: Vec<Wire>,
 }
 
-/// A pack that nodes come from.
+/// A pack that contains nodes of the drawing.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pack {
     pub name: String,
-    /// Its place among all packs of the program: what chooses its color, in every graph the same.
+    /// The index of the pack among all packs of the program. It determines the color, so a pack has one color in all diagrams.
     pub place: usize,
 }
 
-/// A node or an output file.
+/// A box of the diagram: a node or an output file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Block {
     pub name: String,
-    /// None for an output file.
+    /// The data of the node, or `None` for an output file.
     pub node: Option<NodeBlock>,
-    /// The linked ports.
+    /// The names of the input ports that have a link.
     pub inputs: Vec<String>,
     pub outputs: Vec<Port>,
-    /// The file in which it stands, and at which byte.
+    /// The file that contains the node, and the byte offset of the node in the file.
     pub(crate) at: Option<(Arc<Source>, usize)>,
-    /// What of its fields is a `Draft`.
+    /// The fields of the node whose value is a `Draft`.
     pub(crate) drafts: Vec<DraftField>,
 }
 
-/// What only a node has.
+/// The data that a box has only if it is a node.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NodeBlock {
     pub kind: String,
-    /// Index of its pack among those of the drawing.
+    /// The index of the pack in the list of the drawing.
     pub pack: usize,
 }
 
@@ -54,24 +54,24 @@ pub struct NodeBlock {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Port {
     pub name: String,
-    /// The name of its type.
+    /// The name of the value type.
     pub kind: String,
 }
 
-/// A link from an output of one box to an input of another one, by their indices.
+/// A link from an output of one box to an input of another box. Each end is given as [box index, port index].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Wire {
     pub from: [usize; 2],
     pub to: [usize; 2],
 }
 
-/// The graph as an SVG picture: boxes for nodes and output files, links with the types that they carry.
+/// Returns the diagram of a graph as SVG: boxes for nodes and output files, links with their types.
 pub fn to_svg(graph: &Graph, catalog: &Catalog) -> String {
     Drawing::new(graph, catalog).to_svg()
 }
 
 impl Drawing {
-    /// What is drawn of `graph`.
+    /// Creates the drawing of a graph.
     pub fn new(graph: &Graph, catalog: &Catalog) -> Self {
         let mut drawing = Self { doc: graph.doc().to_owned(), ..Self::default() };
         let mut places: Vec<(usize, &str)> = Vec::new();
@@ -80,13 +80,14 @@ impl Drawing {
                 places.push((places.len(), entry.pack));
             }
         }
-        let pack_of = |kind: &str| catalog.find(kind).map_or("", |entry| entry.pack);
         let boxes = boxes(graph);
         let kinds = boxes.iter().map(|part| match part {
-            BoxContent::Node(index) => pack_of(graph.nodes()[*index].kind()),
+            BoxContent::Node(index) => {
+                catalog.find(graph.nodes()[*index].kind()).map_or("", |entry| entry.pack)
+            }
             BoxContent::Use(..) => GRAPHS,
         });
-        let kinds = Vec::from_iter(kinds);
+        let kinds = kinds.collect::<Vec<_>>();
         places.push((places.len(), GRAPHS));
         let packs = places.into_iter().filter(|(_, name)| kinds.contains(name));
         drawing.packs = packs.map(|(place, name)| Pack { name: name.to_owned(), place }).collect();
@@ -98,7 +99,7 @@ impl Drawing {
                     let links = graph.nodes()[*node].links.iter();
                     links.map(|link| (&link.port[..], (link.node, link.output))).collect()
                 }
-                BoxContent::Use(given, _) => linked(graph, given),
+                BoxContent::Use(given, _) => linked_ports(graph, given),
             };
             let mut inputs: Vec<String> = Vec::new();
             for (port, target) in links {
@@ -109,10 +110,10 @@ impl Drawing {
                 let to = [index, inputs.len() - 1];
                 drawing.wires.extend(from.map(|from| Wire { from, to }));
             }
-            let (name, kind, outputs) = described(graph, part);
+            let (name, kind, outputs) = describe_box(graph, part);
             let node = Some(NodeBlock { kind, pack: pack.unwrap_or_default() });
             let at = Some(place(graph, part));
-            // An element of a list has those of the `ForEach`.
+            // An element of a `ForEach` over a list has the drafts of the `ForEach`.
             let drafts = drafts.get(name.split('/').next().unwrap_or_default());
             let drafts = drafts.cloned().unwrap_or_default();
             drawing.boxes.push(Block { name, node, inputs, outputs, at, drafts });
@@ -133,37 +134,41 @@ impl Drawing {
         drawing
     }
 
-    /// Whether some link begins at an output.
+    /// Returns true if an output, given as [box index, port index], has a link.
     pub fn is_linked(&self, output: [usize; 2]) -> bool {
         self.wires.iter().any(|wire| wire.from == output)
     }
 }
 
-/// The elements of a `ForEach` over data are drawn one by one, unless there are more than these.
-pub(crate) const MOST_ELEMENTS: usize = 50;
+/// The maximum number of elements of a `ForEach` over data that are drawn as separate boxes.
+pub(crate) const MAX_ELEMENTS: usize = 50;
 
-/// What graphs that are used are listed as, beside packs.
+/// The name under which used graphs appear in the list of packs.
 pub(crate) const GRAPHS: &str = "graphs";
 
-/// What one box of the drawing stands for: a node, or the use of a graph with all that is in it.
+/// The content of a box: a node, or the use of a graph with all its nodes.
 pub enum BoxContent<'g> {
     Node(usize),
-    /// With the index of its first node.
+    /// The use of a graph, and the index of its first node.
     Use(&'g GraphUse, usize),
 }
 
-/// The boxes of a graph: its own nodes and uses, each where the first of its nodes stands. A `ForEach` over data is one box if its
-/// elements are not known, or are very many.
+/// Returns the boxes of a graph: its nodes and its uses of other graphs. A use has the position of its first node. A `ForEach` over data is
+/// drawn as one box if the number of its elements is unknown or greater than [`MAX_ELEMENTS`].
 pub(crate) fn boxes(graph: &Graph) -> Vec<BoxContent<'_>> {
-    let is_whole = |given: &&GraphUse| match &given.kind[..] {
-        "Switch" => false,
-        kind if kind.starts_with("ForEach(") => {
-            given.is_open || elements(graph, given).is_some_and(|count| count > MOST_ELEMENTS)
-        }
-        _ => true,
-    };
     let mut uses: HashMap<&str, &GraphUse> = HashMap::new();
-    uses.extend(graph.uses().iter().filter(is_whole).map(|given| (&given.name[..], given)));
+    for given in graph.uses().iter() {
+        let is_one_box = match &given.kind[..] {
+            "Switch" => false,
+            kind if kind.starts_with("ForEach(") => {
+                given.is_open || elements(graph, given).is_some_and(|count| count > MAX_ELEMENTS)
+            }
+            _ => true,
+        };
+        if is_one_box {
+            uses.insert(&given.name, given);
+        }
+    }
     let mut boxes: Vec<BoxContent<'_>> = Vec::new();
     let mut begun: HashSet<&str> = HashSet::new();
     for (index, node) in graph.nodes().iter().enumerate() {
@@ -177,9 +182,12 @@ pub(crate) fn boxes(graph: &Graph) -> Vec<BoxContent<'_>> {
     boxes
 }
 
-/// The linked ports of a use with what they are linked to. The elements of a `ForEach` over data are taken apart inside of its box: their
-/// port is linked to the data.
-pub(crate) fn linked<'g>(graph: &'g Graph, given: &'g GraphUse) -> Vec<(&'g str, (usize, usize))> {
+/// Returns the linked ports of a use, with the targets of their links. A `ForEach` over data contains a node that splits the data into
+/// elements. That node is drawn inside of the box, so the port is linked to the data itself.
+pub(crate) fn linked_ports<'g>(
+    graph: &'g Graph,
+    given: &'g GraphUse,
+) -> Vec<(&'g str, (usize, usize))> {
     let apart = graph.loops().iter().find(|it| it.name == given.name).map(|it| it.node);
     let data = apart.and_then(|node| graph.nodes()[node].links.first());
     let mut links = Vec::with_capacity(given.inputs.len() + 1);
@@ -195,18 +203,18 @@ pub(crate) fn linked<'g>(graph: &'g Graph, given: &'g GraphUse) -> Vec<(&'g str,
     links
 }
 
-/// How many elements a `ForEach` over data has.
+/// Returns the number of elements of a `ForEach` over data, or `None` if it is not known before the evaluation.
 pub(crate) fn elements(graph: &Graph, given: &GraphUse) -> Option<usize> {
     let found = graph.loops().iter().find(|it| it.name == given.name && !it.is_open)?;
     Some(graph.nodes()[found.node].outputs.len())
 }
 
-/// Whether a node takes the data of a `ForEach` apart: its outputs are drawn as one.
+/// Returns true if the node splits the data of a `ForEach` into elements. All of its outputs are drawn as one.
 pub(crate) fn is_apart(graph: &Graph, node: usize) -> bool {
     graph.nodes()[node].kind() == ELEMENTS
 }
 
-/// For each value that boxes give, by its node and output: the box and the place among its outputs.
+/// Maps each value, given as (node, output), to its box and to the index of the output in the box.
 pub(crate) fn sources(
     graph: &Graph,
     boxes: &[BoxContent<'_>],
@@ -215,17 +223,14 @@ pub(crate) fn sources(
     for (index, part) in boxes.iter().enumerate() {
         match part {
             BoxContent::Node(node) => {
-                let outputs = 0..graph.nodes()[*node].outputs.len();
-                fn drawn(output: usize, graph: &Graph, node: usize) -> usize {
-                    if is_apart(graph, node) { 0 } else { output }
+                for output in 0..graph.nodes()[*node].outputs.len() {
+                    let drawn = if is_apart(graph, *node) { 0 } else { output };
+                    sources.insert((*node, output), [index, drawn]);
                 }
-                sources.extend(
-                    outputs.map(|output| ((*node, output), [index, drawn(output, graph, *node)])),
-                );
             }
             BoxContent::Use(given, _) => {
                 for (output, (_, targets)) in given.outputs.iter().enumerate() {
-                    // What only goes through comes from where it was made.
+                    // A use may return one of its inputs unchanged. A link to such a value is drawn from the box that computes it.
                     for target in targets {
                         sources.entry(*target).or_insert([index, output]);
                     }
@@ -236,19 +241,19 @@ pub(crate) fn sources(
     sources
 }
 
-/// The file in which a box stands, and at which byte.
+/// Returns the file that contains a box, and the byte offset in the file.
 pub(crate) fn place(graph: &Graph, part: &BoxContent<'_>) -> (Arc<Source>, usize) {
     let (BoxContent::Node(index) | BoxContent::Use(_, index)) = part;
     let node = &graph.nodes()[*index];
     if let (BoxContent::Use(..), Some(outermost)) = (part, node.uses.first()) {
         return (outermost.source.clone(), outermost.span.start);
     }
-    let (source, span) = node.sheet.place(node.span);
+    let (source, span) = node.source_map.locate(node.span);
     (source, span.start)
 }
 
-/// The name, type and outputs of a box.
-pub(crate) fn described(graph: &Graph, part: &BoxContent<'_>) -> (String, String, Vec<Port>) {
+/// Returns the name, type and outputs of a box.
+pub(crate) fn describe_box(graph: &Graph, part: &BoxContent<'_>) -> (String, String, Vec<Port>) {
     fn kind_of(node: usize, output: usize, graph: &Graph) -> String {
         let kind = graph.nodes()[node].types.get(output).copied().flatten();
         kind.map_or_else(String::new, |kind| kind.name.to_owned())
@@ -295,7 +300,7 @@ pub(crate) fn described(graph: &Graph, part: &BoxContent<'_>) -> (String, String
 pub(crate) mod tests {
     use super::*;
 
-    /// A scan of two outputs that a mask, a mesh and three files come from; texts that need escapes.
+    /// Returns the drawing of a graph for tests: a scan with two outputs, a mask, a mesh and three files. Some names need escapes.
     pub(crate) fn scan() -> Drawing {
         fn block(
             name: &str,

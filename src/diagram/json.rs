@@ -1,66 +1,70 @@
-//! A drawing as data, for viewers that draw it themselves.
+//! Exports a drawing as JSON, for viewers that draw it themselves.
 
 use maquette_graph::DraftField;
-use maquette_syntax::error::{Lines, Place};
+use maquette_syntax::error::{LineIndex, Position};
 use serde_json::{Value as Json, json};
 
 use super::svg::Picture;
 use super::{Block, Drawing};
 
 impl Drawing {
-    /// Boxes with their places and ports, links as paths of SVG, and the packs with their colors. Places are in pixels from the upper left
-    /// corner.
+    /// Returns the drawing as JSON: boxes with positions and ports, links as SVG paths, and packs with colors. Positions are in pixels from
+    /// the upper left corner.
     pub fn to_json(&self) -> Json {
-        let picture = self.placed();
+        let picture = self.arrange();
         let columns = picture.columns();
-        let mut lines = Lines::default();
-        let block = |(index, block): (usize, &Block)| {
-            let place = picture.place(index, &columns);
-            let mut boxed = boxed(&picture, index, block, place);
+        let mut lines = LineIndex::default();
+        let mut boxes = Vec::new();
+        for (index, block) in self.boxes.iter().enumerate() {
+            let mut json = box_to_json(&picture, index, block, picture.place(index, &columns));
             if let Some((source, at)) = &block.at {
-                let Place { line, column } = lines.place(source, *at);
-                boxed["file"] = source.name.display().to_string().into();
-                boxed["line"] = line.into();
-                boxed["column"] = column.into();
+                let Position { line, column } = lines.position(source, *at);
+                json["file"] = source.name.display().to_string().into();
+                json["line"] = line.into();
+                json["column"] = column.into();
             }
-            boxed
-        };
-        let link = |(from, path)| json!({ "from": from, "path": path });
-        let pack = |(index, pack): (usize, &super::Pack)| json!({ "name": pack.name, "color": picture.color(Some(index)) });
+            boxes.push(json);
+        }
+        let packs = self.packs.iter().enumerate();
+        let packs = packs
+            .map(|(index, pack)| json!({ "name": pack.name, "color": picture.color(Some(index)) }));
+        let links =
+            picture.paths(&columns).map(|(from, path)| json!({ "from": from, "path": path }));
         json!({
             "doc": self.doc,
             "size": picture.size(&columns),
-            "packs": self.packs.iter().enumerate().map(pack).collect::<Vec<_>>(),
-            "boxes": self.boxes.iter().enumerate().map(block).collect::<Vec<_>>(),
-            "links": picture.paths(&columns).map(link).collect::<Vec<_>>(),
+            "packs": packs.collect::<Vec<_>>(),
+            "boxes": boxes,
+            "links": links.collect::<Vec<_>>(),
         })
     }
 }
 
-/// A box: a node, or an output file, which has no `node`.
-fn boxed(picture: &Picture<'_>, index: usize, block: &Block, place: [f64; 4]) -> Json {
-    fn below(port: usize, place: [f64; 4], index: usize, picture_drawing: &Drawing) -> f64 {
+/// Returns the JSON of a box. Only a node has the field `node`; an output file does not.
+fn box_to_json(picture: &Picture<'_>, index: usize, block: &Block, place: [f64; 4]) -> Json {
+    fn port_y(port: usize, place: [f64; 4], index: usize, picture_drawing: &Drawing) -> f64 {
         place[1] + picture_drawing.port_below(index, port)
     }
     let inputs = block.inputs.iter().enumerate();
     let inputs = inputs.map(
-        |(port, name)| json!({ "name": name, "y": below(port, place, index, picture.drawing) }),
+        |(port, name)| json!({ "name": name, "y": port_y(port, place, index, picture.drawing) }),
     );
     let outputs = block.outputs.iter().enumerate().map(
-        |(port, output)| json!({ "name": output.name, "type": output.kind, "y": below(port, place, index, picture.drawing) }),
+        |(port, output)| json!({ "name": output.name, "type": output.kind, "y": port_y(port, place, index, picture.drawing) }),
     );
-    let draft =
-        |it: &DraftField| json!({ "field": it.field, "final": it.sides[0], "draft": it.sides[1] });
+    fn draft_to_json(it: &DraftField) -> Json {
+        json!({ "field": it.field, "final": it.sides[0], "draft": it.sides[1] })
+    }
     let mut boxed = json!({
         "name": block.name,
         "node": block.node.as_ref().map(|node| &node.kind),
         "pack": block.node.as_ref().map(|node| node.pack),
         "place": place,
-        "inputs": Vec::from_iter(inputs),
-        "outputs": Vec::from_iter(outputs),
+        "inputs": inputs.collect::<Vec<_>>(),
+        "outputs": outputs.collect::<Vec<_>>(),
     });
     if !block.drafts.is_empty() {
-        boxed["drafts"] = block.drafts.iter().map(draft).collect();
+        boxed["drafts"] = block.drafts.iter().map(draft_to_json).collect();
     }
     boxed
 }

@@ -1,15 +1,15 @@
-//! Where boxes stand and links run: in columns from left to right, with few crossings and links as straight as can be.
+//! Layout of boxes and links in columns from left to right, with few crossings and straight links.
 //!
-//! Sugiyama, Tagawa and Toda, "Methods for visual understanding of hierarchical system structures" (1981): a node's column is
-//! the longest path to it; the order in a column follows the mean places of the neighbors, sweep by sweep. A link over several
-//! columns has a *slot* of its own in each of them, which the links of one output share, so that it never runs below a box.
-//! Heights then are the nearest to the neighbors' that the order allows: a regression under monotonicity, solved exactly by
-//! pooling adjacent violators (Ayer, Brunk, Ewing, Reid and Silverman, "An empirical distribution function for sampling with
-//! incomplete information" (1955)), with the weights of Gansner, Koutsofios, North and Vo, "A technique for drawing directed
-//! graphs" (1993), section 4.
+//! Columns and order: Sugiyama, Tagawa and Toda, "Methods for visual understanding of hierarchical system structures" (1981). The column of
+//! a node is the length of the longest path to it. The order in a column follows the mean positions of the neighbors and is improved sweep
+//! by sweep. A link over several columns has a *slot* in each column that it crosses, so it never runs below a box; links of one output
+//! share their slots. Heights: each slot is placed as near to the heights of its neighbors as the order allows. This is an isotonic
+//! regression, solved exactly by pooling adjacent violators (Ayer, Brunk, Ewing, Reid and Silverman, "An empirical distribution function
+//! for sampling with incomplete information" (1955)), with the weights of Gansner, Koutsofios, North and Vo, "A technique for drawing
+//! directed graphs" (1993), section 4.
 //!
-//! Guaranteed: boxes and slots of a column do not overlap; the same graph gives the same picture. Not guaranteed: the least
-//! number of crossings, which is hard to find.
+//! Guarantees: the boxes and slots of a column do not overlap, and a graph always gets the same picture. The number of crossings is not
+//! guaranteed to be minimal, because finding the minimum is NP-hard.
 
 use std::collections::BTreeMap;
 
@@ -17,52 +17,52 @@ use petgraph::Incoming;
 use petgraph::algo::toposort;
 use petgraph::graph::{DiGraph, NodeIndex};
 
-/// A box to be placed.
+/// A box whose position is computed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Node {
     pub(super) height: f64,
-    /// Whether it stands in the last column.
-    pub(super) last: bool,
+    /// True if the box must be in the last column, as output files are.
+    pub(super) is_last: bool,
 }
 
 /// One end of a link: a port of a node.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct End {
+pub(super) struct LinkEnd {
     pub(super) node: usize,
     pub(super) port: usize,
-    /// How far below the node's top the port is.
+    /// The distance from the top of the node down to the port.
     pub(super) below: f64,
 }
 
-/// A link between nodes, the first of them before the second in the list of nodes.
+/// A link between two nodes. In the list of nodes, the source is before the target.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Link {
-    pub(super) from: End,
-    pub(super) to: End,
+    pub(super) from: LinkEnd,
+    pub(super) to: LinkEnd,
 }
 
-/// A part of a column: a box, or the passage of links.
+/// A part of a column: a box, or a passage through which links cross the column.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Slot {
     pub(super) column: usize,
     pub(super) top: f64,
     height: f64,
-    /// The node that stands here; none for a passage.
+    /// The index of the node; `None` for a passage.
     pub(super) node: Option<usize>,
 }
 
-/// A link, or a part of one, between neighboring columns.
+/// A link between adjacent columns, or the part of a longer link between two adjacent columns.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Segment {
     pub(super) from: usize,
     from_below: f64,
     pub(super) to: usize,
     to_below: f64,
-    /// The output that it comes from: node and port.
+    /// The source of the link as [node, port].
     pub(super) source: [usize; 2],
 }
 
-/// Where everything is. The first slots are those of the nodes, in their order.
+/// The computed positions. The first slots are those of the nodes, in the order of the nodes.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Layout {
     pub(super) slots: Vec<Slot>,
@@ -71,19 +71,20 @@ pub(super) struct Layout {
     pub(super) height: f64,
 }
 
-/// The least space between two slots of a column.
+/// The minimum space between two slots of a column.
 const GAP: f64 = 18.0;
 
 /// The height of a passage.
 const PASSAGE: f64 = 4.0;
 
-/// How often the columns are ordered to and fro; of all these orders the one with the fewest crossings is kept.
-const SWEEPS: usize = 12;
+/// The number of sweeps over the columns that reorder slots, alternately in both directions. The order with the fewest crossings is used.
+const ORDER_SWEEPS: usize = 12;
 
-/// How often they are moved to and fro: a long link passes its wishes on by one column a move.
-const MOVES: usize = 48;
+/// The number of sweeps over the columns that align slots, alternately in both directions. Each sweep propagates a position along a long
+/// link by one column.
+const ALIGN_SWEEPS: usize = 48;
 
-/// Places `nodes`, each of which stands before those that are linked to it.
+/// Computes the layout of `nodes`. Each node precedes the nodes that depend on it.
 pub(super) fn layout(nodes: &[Node], links: &[Link]) -> Layout {
     let mut layout = Layout::default();
     let columns = columns(nodes, links);
@@ -98,14 +99,15 @@ pub(super) fn layout(nodes: &[Node], links: &[Link]) -> Layout {
             node: Some(node),
         })
         .collect();
-    layout.run(links);
+    layout.route_links(links);
     let mut order = Order::new(&layout);
     order.sweep(&layout);
-    layout.place(&order);
+    layout.choose_tops(&order);
     layout
 }
 
-/// The column of each node: behind all that it is linked to, but a node without links to others right before its users.
+/// Returns the column of each node. A node is in a column after all its dependencies. A node without dependencies is in the column directly
+/// before the first node that uses it.
 fn columns(nodes: &[Node], links: &[Link]) -> Vec<usize> {
     let mut graph: DiGraph<(), ()> = DiGraph::with_capacity(nodes.len(), links.len());
     for _ in nodes {
@@ -116,7 +118,7 @@ fn columns(nodes: &[Node], links: &[Link]) -> Vec<usize> {
         graph.add_edge(from, to, ());
     }
     let mut columns = vec![0; nodes.len()];
-    // There is no cycle in a graph that is drawn.
+    // Sorting cannot fail, because the graph has no cycles.
     let order = toposort(&graph, None).unwrap_or_else(|_| graph.node_indices().collect());
     for node in order {
         let before = graph.neighbors_directed(node, Incoming).map(|before| columns[before.index()]);
@@ -129,32 +131,33 @@ fn columns(nodes: &[Node], links: &[Link]) -> Vec<usize> {
         }
     }
     let last = columns.iter().copied().max().unwrap_or_default();
-    let files_apart = (0..nodes.len()).any(|node| !nodes[node].last && columns[node] == last);
-    for node in (0..nodes.len()).filter(|&node| nodes[node].last) {
+    let files_apart = (0..nodes.len()).any(|node| !nodes[node].is_last && columns[node] == last);
+    for node in (0..nodes.len()).filter(|&node| nodes[node].is_last) {
         columns[node] = last + usize::from(files_apart);
     }
     columns
 }
 
 impl Layout {
-    /// Runs the links through the columns: the passages of one output are shared by its links.
-    fn run(&mut self, links: &[Link]) {
+    /// Routes each link through the columns between its ends. The links of one output share their passages.
+    fn route_links(&mut self, links: &[Link]) {
         let mut by_source: BTreeMap<[usize; 2], Vec<&Link>> = BTreeMap::new();
         for link in links {
             by_source.entry([link.from.node, link.from.port]).or_default().push(link);
         }
         for (source, mut links) in by_source {
             links.sort_by_key(|link| self.slots[link.to.node].column);
-            let mut at = (links[0].from.node, links[0].from.below);
+            let mut crossing_position = (links[0].from.node, links[0].from.below);
             for link in links {
                 let target = link.to.node;
-                for column in self.slots[at.0].column + 1..self.slots[target].column {
+                for column in self.slots[crossing_position.0].column + 1..self.slots[target].column
+                {
                     let (passage, middle) = (self.slots.len(), PASSAGE / 2.0);
                     self.slots.push(Slot { column, top: 0.0, height: PASSAGE, node: None });
-                    self.join(at, (passage, middle), source);
-                    at = (passage, middle);
+                    self.join(crossing_position, (passage, middle), source);
+                    crossing_position = (passage, middle);
                 }
-                self.join(at, (target, link.to.below), source);
+                self.join(crossing_position, (target, link.to.below), source);
             }
         }
     }
@@ -169,7 +172,7 @@ impl Layout {
         });
     }
 
-    /// Where a segment begins and ends, from the picture's top.
+    /// Returns the vertical positions of the start and end of a segment.
     pub(super) fn ends(&self, segment: &Segment) -> [f64; 2] {
         [
             self.slots[segment.from].top + segment.from_below,
@@ -177,8 +180,8 @@ impl Layout {
         ]
     }
 
-    /// Chooses the tops of all slots.
-    fn place(&mut self, order: &Order) {
+    /// Chooses the vertical positions of all slots.
+    fn choose_tops(&mut self, order: &Order) {
         for column in &order.columns {
             let mut top = 0.0;
             for &slot in column {
@@ -186,8 +189,9 @@ impl Layout {
                 top += self.slots[slot].height + GAP;
             }
         }
-        for sweep in 0..=MOVES {
-            let sides = if sweep == MOVES { [true; 2] } else { [sweep % 2 == 0, sweep % 2 == 1] };
+        for sweep in 0..=ALIGN_SWEEPS {
+            let sides =
+                if sweep == ALIGN_SWEEPS { [true; 2] } else { [sweep % 2 == 0, sweep % 2 == 1] };
             let mut columns: Vec<usize> = (0..self.columns).collect();
             if sides == [false, true] {
                 columns.reverse();
@@ -201,7 +205,7 @@ impl Layout {
         self.height = self.slots.iter().map(|slot| slot.top + slot.height).fold(0.0, f64::max);
     }
 
-    /// Moves the slots of a column as near as possible to where their neighbors to the left and right want them.
+    /// Moves the slots of a column as near as possible to the heights of their neighbors: those at the left, at the right, or both.
     fn move_column(&mut self, column: &[usize], order: &Order, [left, right]: [bool; 2]) {
         let mut wishes = Vec::with_capacity(column.len());
         let mut stacked = 0.0;
@@ -211,7 +215,7 @@ impl Layout {
             for &segment in before.chain(order.behind[slot].iter().filter(|_| right)) {
                 let segment = &self.segments[segment];
                 let ends = self.ends(segment);
-                // A long link is straight before a short one is.
+                // A segment between two passages gets the highest weight, so straight long links are preferred to straight short ones.
                 let share = match [segment.from, segment.to]
                     .map(|slot: usize| self.slots[slot].node.is_none())
                 {
@@ -236,9 +240,9 @@ impl Layout {
     }
 }
 
-/// The numbers, none below the one before it, that are the nearest to `wishes` (value, weight) in the sense of least squares.
+/// Returns the non-decreasing sequence that is nearest to `wishes`, pairs of (value, weight), in the least-squares sense.
 fn monotone(wishes: &[(f64, f64)]) -> Vec<f64> {
-    // Mean, weight and length of runs of one value each.
+    // Runs of equal values, each as (mean, weight, number of values).
     let mut runs: Vec<(f64, f64, usize)> = Vec::new();
     for &(value, weight) in wishes {
         let mut run = (value, weight, 1);
@@ -254,12 +258,12 @@ fn monotone(wishes: &[(f64, f64)]) -> Vec<f64> {
     runs.iter().flat_map(|&(mean, _, count)| std::iter::repeat_n(mean, count)).collect()
 }
 
-/// The slots of each column from top to bottom.
+/// The order of the slots in each column, from top to bottom.
 struct Order {
     columns: Vec<Vec<usize>>,
-    /// The place of each slot in its column.
+    /// The index of each slot in its column, from the top.
     places: Vec<usize>,
-    /// The segments that end at each slot, and those that begin there.
+    /// For each slot the segments that end at it (`before`) and those that begin at it (`behind`).
     before: Vec<Vec<usize>>,
     behind: Vec<Vec<usize>>,
 }
@@ -281,10 +285,10 @@ impl Order {
         Self { columns, places, before, behind }
     }
 
-    /// Orders the columns to and fro, and keeps the order with the fewest crossings.
+    /// Reorders the columns by sweeps in both directions, and keeps the order with the fewest crossings.
     fn sweep(&mut self, layout: &Layout) {
         let mut best = (usize::MAX, self.columns.clone());
-        for sweep in 0..SWEEPS {
+        for sweep in 0..ORDER_SWEEPS {
             let crossings = self.crossings(layout);
             if crossings < best.0 {
                 best = (crossings, self.columns.clone());
@@ -309,12 +313,14 @@ impl Order {
         }
     }
 
-    /// Where a segment meets a slot, in places of the column.
-    fn at(&self, slot: usize, below: f64, layout: &Layout) -> f64 {
+    /// Returns the vertical position where a segment meets a slot, as a fractional index in the column. `below` is the distance from the
+    /// top of the slot.
+    fn crossing_position(&self, slot: usize, below: f64, layout: &Layout) -> f64 {
         self.places[slot] as f64 + below / (layout.slots[slot].height + 1.0)
     }
 
-    /// Orders a column by the mean places of its neighbors on one side; slots without any stay where they are.
+    /// Orders a column by the mean positions of the neighbors at the left, or at the right if `left` is false. Slots without neighbors on
+    /// that side keep their positions.
     fn sort(&mut self, column: usize, layout: &Layout, left: bool) {
         let mean = |slot: usize| {
             let segments = if left { &self.before[slot] } else { &self.behind[slot] };
@@ -326,8 +332,8 @@ impl Order {
                 .map(|&index| {
                     let segment = &layout.segments[index];
                     match left {
-                        true => self.at(segment.from, segment.from_below, layout),
-                        false => self.at(segment.to, segment.to_below, layout),
+                        true => self.crossing_position(segment.from, segment.from_below, layout),
+                        false => self.crossing_position(segment.to, segment.to_below, layout),
                     }
                 })
                 .sum::<f64>()
@@ -342,22 +348,22 @@ impl Order {
         }
     }
 
-    /// How many pairs of segments cross.
+    /// Returns the number of times that segments cross each other.
     fn crossings(&self, layout: &Layout) -> usize {
         let mut gaps = vec![Vec::new(); self.columns.len()];
         for segment in &layout.segments {
-            let from = self.at(segment.from, segment.from_below, layout);
-            let to = self.at(segment.to, segment.to_below, layout);
+            let from = self.crossing_position(segment.from, segment.from_below, layout);
+            let to = self.crossing_position(segment.to, segment.to_below, layout);
             gaps[layout.slots[segment.from].column].push((from, to));
         }
         gaps.into_iter().map(inversions).sum()
     }
 }
 
-/// How many of these pairs are ordered one way by their first and the other way by their second numbers.
+/// Counts the inversions: the pairs of pairs whose first numbers and second numbers are in opposite order.
 fn inversions(mut pairs: Vec<(f64, f64)>) -> usize {
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
-    // The second numbers so far, sorted.
+    // The second numbers of the pairs that have been visited, sorted.
     let mut seen: Vec<f64> = Vec::with_capacity(pairs.len());
     let mut count = 0;
     for (_, second) in pairs {
@@ -373,17 +379,17 @@ mod tests {
     use super::*;
 
     fn link(from: usize, to: usize) -> Link {
-        fn end(node: usize, below: f64) -> End {
-            End { node, port: 0, below }
+        fn end(node: usize, below: f64) -> LinkEnd {
+            LinkEnd { node, port: 0, below }
         }
         Link { from: end(from, 10.0), to: end(to, 20.0) }
     }
 
     fn nodes(count: usize) -> Vec<Node> {
-        vec![Node { height: 40.0, last: false }; count]
+        vec![Node { height: 40.0, is_last: false }; count]
     }
 
-    /// A graph as random as a small generator makes it, the same every time.
+    /// Returns a pseudorandom graph for testing; `links_each` is the number of links per node.
     fn random(count: usize, links_each: u64) -> (Vec<Node>, Vec<Link>) {
         let mut state = 7u64;
         fn next(below: u64, state: &mut u64) -> u64 {
@@ -407,8 +413,9 @@ mod tests {
             let mut slots: Vec<&Slot> =
                 layout.slots.iter().filter(|slot| slot.column == column).collect();
             slots.sort_by(|a, b| a.top.total_cmp(&b.top));
-            let apart = |pair: &[&Slot]| pair[0].top + pair[0].height + GAP <= pair[1].top + 1e-9;
-            assert!(slots.windows(2).all(apart));
+            for pair in slots.windows(2) {
+                assert!(pair[0].top + pair[0].height + GAP <= pair[1].top + 1e-9);
+            }
             assert!(0.0 <= slots[0].top && slots[slots.len() - 1].top <= layout.height);
         }
     }
@@ -417,9 +424,10 @@ mod tests {
     fn segments_join_neighboring_columns_from_left_to_right() {
         let (nodes, links) = random(60, 2);
         let layout = layout(&nodes, &links);
-        let columns =
-            |segment: &Segment| [segment.from, segment.to].map(|slot| layout.slots[slot].column);
-        assert!(layout.segments.iter().map(columns).all(|[from, to]| from + 1 == to));
+        for segment in &layout.segments {
+            let [from, to] = [segment.from, segment.to].map(|slot| layout.slots[slot].column);
+            assert_eq!(from + 1, to);
+        }
         let ends = layout.segments.iter().filter(|s| layout.slots[s.to].node.is_some()).count();
         assert_eq!(ends, links.len());
     }
@@ -429,19 +437,18 @@ mod tests {
         let links: Vec<_> = (0..8).map(|k| link(k, 15 - k)).collect();
         let layout = layout(&nodes(16), &links);
         assert_eq!(Order::new(&layout).crossings(&layout), 28);
-        let straight = |segment: &Segment| {
+        for segment in &layout.segments {
             let [from, to] = layout.ends(segment);
-            (from - to).abs() < 1e-6
-        };
-        assert!(layout.segments.iter().all(straight));
+            assert!((from - to).abs() < 1e-6);
+        }
     }
 
     #[test]
     fn a_source_stands_right_before_its_user_and_files_stand_last() {
         let mut nodes = nodes(5);
-        nodes[4].last = true;
+        nodes[4].is_last = true;
         let links = [link(0, 1), link(1, 2), link(3, 2), link(0, 4)];
-        // The file stands behind the longest path, though its own is short.
+        // The output file is in the last column, although the longest path to it is short.
         assert_eq!(columns(&nodes, &links), [0, 1, 2, 1, 3]);
     }
 
@@ -454,7 +461,7 @@ mod tests {
     }
 
     #[test]
-    fn pooled_numbers_are_the_nearest_that_never_fall() {
+    fn monotone_regression_returns_the_nearest_numbers() {
         let wishes = [(1.0, 1.0), (4.0, 1.0), (2.0, 3.0), (2.0, 1.0), (9.0, 1.0)];
         assert_eq!(monotone(&wishes), [1.0, 2.4, 2.4, 2.4, 9.0]);
         assert!(monotone(&[]).is_empty());
@@ -467,7 +474,7 @@ mod tests {
     }
 
     #[test]
-    fn a_graph_of_nothing_has_a_layout() {
+    fn an_empty_graph_has_a_layout() {
         assert_eq!(layout(&[], &[]).height, 0.0);
     }
 }

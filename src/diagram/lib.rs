@@ -1,9 +1,9 @@
-//! Graphs as pictures: boxes for nodes and output files, links with the types that they carry.
+//! Diagrams of graphs: boxes for nodes and output files, and links with their types.
 //!
-//! A [`Drawing`] is what is drawn, without places; `layout` gives it places, and [`to_svg`], DOT and JSON print it. An [`Outline`] is
-//! what an editor lists of a text, however broken it is.
+//! A [`Drawing`] is the content of a diagram without positions. `layout` computes the positions; [`to_svg`], DOT and JSON export the
+//! drawing. An [`Outline`] lists the parts of a graph's text for editors, even if the text is invalid.
 //!
-//! Begin reading in `drawing.rs`, then `layout.rs`. This crate evaluates nothing.
+//! Read `drawing.rs` first, then `layout.rs`. This crate does not evaluate graphs.
 
 #![allow(missing_docs, reason = "what others may use is documented where `maquette` hands it on")]
 
@@ -17,4 +17,4 @@ mod svg;
 
 pub use drawing::{Block, BoxContent, Drawing, NodeBlock, Pack, Port, Wire, to_svg};
 pub use outline::{Node as OutlineNode, Outline, Target, outline};
-pub use rows::Places;
+pub use rows::RowPositions;

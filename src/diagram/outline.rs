@@ -1,56 +1,56 @@
-//! What stands in the text of a graph, part by part: for programs that show graphs as nodes and edit them there.
+//! The parts of a graph's text, for programs that show and edit graphs as nodes.
 //!
-//! It says what the text says, right or wrong: a link that leads nowhere and a node of an unknown type are parts like all others.
+//! Invalid parts are included, too, such as links without a target and nodes of unknown types.
 
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
 
 use maquette_edit::References;
+use maquette_graph::canonical::node_of_link;
 use maquette_graph::catalog::Catalog;
-use maquette_graph::definition::{Draft, What, Whole};
+use maquette_graph::definition::{NodeKind, ParsedFile, ParsedNode};
 use maquette_graph::describe::Subgraph;
-use maquette_graph::load::{first, judged};
-use maquette_graph::meaning::named_node;
-use maquette_graph::quality::has_draft;
+use maquette_graph::draft_value::has_draft;
+use maquette_graph::load::{check_file, finish_check};
 use maquette_graph::tree::entries;
-use maquette_graph::{Checked, Options};
-use maquette_syntax::error::{Lines, Place, Span};
-use maquette_syntax::{Body, Kind, Sheet, Token, Tree, tokens};
+use maquette_graph::{CheckedGraph, Options};
+use maquette_syntax::error::{LineIndex, Position, Span};
+use maquette_syntax::{Body, Kind, SourceMap, Token, Tree, tokens};
 use serde::Serialize;
 use serde_json::Value as Json;
 
-/// The parts of a graph's text, each section in the order of the text.
+/// The parts of a graph's text. The parts of each section are in the order of the text.
 #[derive(Debug, Serialize)]
 pub struct Outline {
     pub(crate) doc: String,
-    /// The graphs that it uses, described as types of nodes.
+    /// The graphs that the graph uses, each described as a node type.
     pub(crate) types: Vec<Json>,
     pub(crate) inputs: Vec<Entry>,
     pub(crate) params: Vec<Entry>,
     pub(crate) nodes: Vec<Node>,
-    pub(crate) outputs: Vec<Given>,
-    /// The nodes, each behind those that it hangs on as far as there is no circle.
+    pub(crate) outputs: Vec<OutputEntry>,
+    /// The indices of the nodes, sorted so that each node is after its dependencies. The nodes of a cycle come in any order.
     #[serde(skip)]
     pub(crate) order: Vec<usize>,
 }
 
-/// A named part of a section.
+/// An entry of a section: a name and a value.
 #[derive(Debug, Serialize)]
 pub(crate) struct Entry {
     pub(crate) name: String,
-    /// The name of its type; empty if it is no call.
+    /// The name of the call that is the value, such as the node type; empty if the value is not a call.
     #[serde(rename = "type")]
     pub(crate) kind: String,
-    /// Its value as it is written.
+    /// The text of the value as written in the file.
     pub(crate) text: String,
-    /// Whether a `Draft(..)` stands in it.
+    /// True if the value contains a `Draft(..)`.
     pub(crate) draft: bool,
-    /// The comment in the lines before it; empty if there is none.
+    /// The comment in the lines before the entry; empty if there is none.
     pub(crate) comment: String,
-    /// Entries with no blank line between them are of one paragraph; they are counted from 0.
+    /// The index of the entry's paragraph, from 0. Paragraphs are separated by blank lines.
     pub(crate) paragraph: usize,
-    /// Where its name stands, counted from 1.
+    /// The line and column at which the name begins, counted from 1.
     pub(crate) line: usize,
     pub(crate) column: usize,
 }
@@ -60,9 +60,9 @@ pub(crate) struct Entry {
 pub struct Node {
     #[serde(flatten)]
     pub(crate) entry: Entry,
-    /// The fields that are written, by name, with their values as these are written.
+    /// The fields that are written in the text, each as name and text of the value.
     pub(crate) fields: Vec<(String, String)>,
-    /// The names of the ports of its type; empty if the type is not known.
+    /// The names of the ports of the node type; empty if the type is not known.
     pub(crate) ports: Vec<String>,
     pub(crate) links: Vec<Link>,
     pub(crate) outputs: Vec<Output>,
@@ -71,70 +71,70 @@ pub struct Node {
 /// A link of a node.
 #[derive(Debug, Serialize)]
 pub(crate) struct Link {
-    /// The way to it through the node's fields, as edits name ports: `mask`, `images.2`.
+    /// The path to the port through the fields of the node, in the form that edits use: `mask`, `images.2`.
     pub(crate) port: String,
     #[serde(flatten)]
     pub(crate) target: Target,
 }
 
-/// What a link leads to.
+/// The target of a link.
 #[derive(Debug, Serialize)]
 pub struct Target {
-    /// As it is written: `scan.color`.
+    /// The text of the link as written: `scan.color`.
     pub(crate) to: String,
-    /// The node or input. That of an element of a `ForEach` is the `ForEach`.
+    /// The node or input that the link names. For an element of a `ForEach`, the `ForEach`.
     pub(crate) node: String,
-    /// The output, the first one where none is written; empty where nodes have one without a name.
+    /// The output that the link names, or the first output if it names none. Empty if the node has a single output without a name.
     pub(crate) output: String,
 }
 
 /// An output of a node.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Output {
-    /// Its name; that of an input and of a `Switch` is empty.
+    /// The name of the output; empty for an input and for a `Switch`.
     pub(crate) name: String,
-    /// The name of the type of its values, if that is known.
+    /// The name of the value type, if it is known.
     #[serde(rename = "type")]
     pub(crate) kind: Option<&'static str>,
 }
 
 /// An output of the graph.
 #[derive(Debug, Serialize)]
-pub(crate) struct Given {
+pub(crate) struct OutputEntry {
     #[serde(flatten)]
     pub(crate) entry: Entry,
-    /// None if the text says no link here.
+    /// The target of the output; `None` if the value is not a link.
     pub(crate) link: Option<Target>,
 }
 
-/// What is known of the graph file at `path` with this text, and the text's parts; those of a patch are the graph's that it
-/// patches. No parts if it cannot be said what stands in it.
+/// Returns the facts about the graph file at `path` with this text, and the parts of the text. For a patch, returns the parts of the
+/// patched graph. If the text cannot be parsed, there are no parts.
 pub fn outline(
     path: &Path,
     text: String,
     catalog: &Catalog,
     options: &Options,
-) -> (Checked, Option<Outline>) {
-    let (world, whole) = first(path, text, catalog, options);
+) -> (CheckedGraph, Option<Outline>) {
+    let (world, whole) = check_file(path, text, catalog, options);
     let outline = whole.as_ref().map(|whole| {
-        let used = world.listed.iter().filter(|(depth, ..)| *depth == 1);
+        let used = world.node_types.iter().filter(|(depth, ..)| *depth == 1);
         let used = used.map(|(_, name, graph)| Subgraph::new(name, graph));
         Outliner::new(whole).outline(used.map(|used| used.description().to_json()).collect())
     });
-    (judged(world, whole.map(Arc::new)), outline)
+    (finish_check(world, whole.map(Arc::new)), outline)
 }
 
 /// Reads the parts of a text.
 struct Outliner<'w> {
-    whole: &'w Whole,
-    sheet: &'w Sheet,
+    whole: &'w ParsedFile,
+    sheet: &'w SourceMap,
     references: References,
 }
 
 impl<'w> Outliner<'w> {
-    fn new(whole: &'w Whole) -> Self {
-        let sheet = &*whole.definition.sheet;
-        let references = References::within(&whole.definition);
+    fn new(whole: &'w ParsedFile) -> Self {
+        let sheet = &*whole.definition.source_map;
+        let references = References::of_definition(&whole.definition);
         Self { whole, sheet, references }
     }
 
@@ -149,7 +149,7 @@ impl<'w> Outliner<'w> {
             params: self.section("params"),
             nodes: nodes.map(|(entry, (_, call))| self.node(entry, call)).collect(),
             outputs: outputs
-                .map(|(entry, (_, value)): (Entry, (&str, &Tree))| Given {
+                .map(|(entry, (_, value)): (Entry, (&str, &Tree))| OutputEntry {
                     entry,
                     link: value.text().map(|text| self.target(text)),
                 })
@@ -160,12 +160,12 @@ impl<'w> Outliner<'w> {
         outline
     }
 
-    /// The places of the nodes among each other.
+    /// Returns the indices of the nodes, sorted so that each node is after its dependencies.
     fn order(&self, nodes: &[Node]) -> Vec<usize> {
         let definition = &self.whole.definition;
         let ranks = definition.order.iter().enumerate();
         let ranks: HashMap<&str, usize> = ranks
-            .map(|(rank, &draft)| (named_node(&definition.drafts[draft].name.text), rank))
+            .map(|(rank, &draft)| (node_of_link(&definition.parsed_nodes[draft].name.text), rank))
             .collect();
         let mut order = Vec::from_iter(0..nodes.len());
         order.sort_by_key(|&node| ranks.get(&nodes[node].entry.name[..]).copied());
@@ -176,31 +176,31 @@ impl<'w> Outliner<'w> {
         &self.sheet.source.text
     }
 
-    fn written(&self, span: Span) -> String {
+    fn source_text(&self, span: Span) -> String {
         self.text()[span.start..span.end].to_owned()
     }
 
-    /// The entries of a section.
+    /// Returns the entries of a section.
     fn section(&self, section: &str) -> Vec<Entry> {
         let fields = self.whole.definition.tree.fields().unwrap_or_default().iter();
         let maps = fields.filter(|field| field.name.text == section).map(|field| &field.value);
-        let mut lines = Lines::default();
+        let mut lines = LineIndex::default();
         let mut found = Vec::new();
         for map in maps {
             let Kind::Map(entries) = &map.kind else { continue };
             let (mut behind, mut paragraph) = (map.span.start + 1, 0);
             for (key, value) in entries {
-                let Before { comment, has_blank_line } =
-                    Before::of(&self.text()[behind..key.span.start]);
+                let Gap { comment, has_blank_line } =
+                    Gap::parse(&self.text()[behind..key.span.start]);
                 paragraph += usize::from(has_blank_line && !found.is_empty());
                 behind = value.span.end;
                 let Some(name) = key.text() else { continue };
-                let (source, place) = self.sheet.place(key.span);
-                let Place { line, column } = lines.place(&source, place.start);
+                let (source, place) = self.sheet.locate(key.span);
+                let Position { line, column } = lines.position(&source, place.start);
                 found.push(Entry {
                     name: name.to_owned(),
                     kind: value.name().map_or_else(String::new, |kind| kind.text),
-                    text: self.written(value.span),
+                    text: self.source_text(value.span),
                     draft: has_draft(value),
                     comment,
                     paragraph,
@@ -214,7 +214,8 @@ impl<'w> Outliner<'w> {
 
     fn node(&self, entry: Entry, call: &Tree) -> Node {
         let fields = call.fields().unwrap_or_default().iter();
-        let fields = fields.map(|field| (field.name.text.clone(), self.written(field.value.span)));
+        let fields =
+            fields.map(|field| (field.name.text.clone(), self.source_text(field.value.span)));
         let ports = self.references.ports.get(&entry.name).into_iter().flatten();
         let mut links = Vec::new();
         self.links(call, &mut Vec::new(), &mut links);
@@ -227,35 +228,35 @@ impl<'w> Outliner<'w> {
         }
     }
 
-    /// The links in a part of a node, which this way leads to.
+    /// Collects the links in the value `tree`, a part of a node. `way` is the path from the node to the value.
     fn links(&self, tree: &Tree, way: &mut Vec<String>, found: &mut Vec<Link>) {
-        let mut inside = |step: Option<String>, part: &Tree| {
-            let steps = way.len();
-            way.extend(step);
-            self.links(part, way, found);
-            way.truncate(steps);
-        };
+        // The parts of the value, each with the path segment that leads to it (`None` if the path does not change).
+        let mut parts: Vec<(Option<String>, &Tree)> = Vec::new();
         match &tree.kind {
             Kind::Text(text) if self.references.is_link(tree.span) => {
                 found.push(Link { port: way.join("."), target: self.target(text) });
             }
             Kind::Call { body: Body::Fields(fields), .. } => {
-                fields.iter().for_each(|it| inside(Some(it.name.text.clone()), &it.value));
+                parts.extend(fields.iter().map(|it| (Some(it.name.text.clone()), &it.value)));
             }
             Kind::Map(entries) => {
-                for (key, value) in entries {
-                    inside(key.text().map(str::to_owned), value);
-                }
+                let entries = entries.iter();
+                parts.extend(entries.map(|(key, value)| (key.text().map(str::to_owned), value)));
             }
             Kind::Call { body: Body::Items(items), .. } if tree.call_of("Some").is_some() => {
-                items.iter().for_each(|item| inside(None, item));
+                parts.extend(items.iter().map(|item| (None, item)));
             }
             Kind::Call { body: Body::Items(items), .. } | Kind::List(items) => {
-                for (index, item) in items.iter().enumerate() {
-                    inside(Some(index.to_string()), item);
-                }
+                let items = items.iter().enumerate();
+                parts.extend(items.map(|(index, item)| (Some(index.to_string()), item)));
             }
             _ => {}
+        }
+        for (step, part) in parts {
+            let steps = way.len();
+            way.extend(step);
+            self.links(part, way, found);
+            way.truncate(steps);
         }
     }
 
@@ -264,7 +265,7 @@ impl<'w> Outliner<'w> {
             Some((node, output)) => (node, Some(output.to_owned())),
             None => (text, None),
         };
-        let node = named_node(node).to_owned();
+        let node = node_of_link(node).to_owned();
         let output = output.or_else(|| {
             let first = self.drafts(&node).next()?;
             first.what.outputs().first().map(|&name| name.to_owned())
@@ -272,10 +273,10 @@ impl<'w> Outliner<'w> {
         Target { to: text.to_owned(), node, output: output.unwrap_or_default() }
     }
 
-    /// The drafts of a node: several of a `ForEach`.
-    fn drafts(&self, name: &str) -> impl Iterator<Item = &'w Draft> {
-        let drafts = self.whole.definition.drafts.iter();
-        drafts.filter(move |draft| named_node(&draft.name.text) == name)
+    /// Returns the parsed nodes with this name. A `ForEach` may consist of several parsed nodes.
+    fn drafts(&self, name: &str) -> impl Iterator<Item = &'w ParsedNode> {
+        let drafts = self.whole.definition.parsed_nodes.iter();
+        drafts.filter(move |draft| node_of_link(&draft.name.text) == name)
     }
 
     fn outputs(&self, name: &str) -> Vec<Output> {
@@ -283,22 +284,22 @@ impl<'w> Outliner<'w> {
             Output { name: name.to_owned(), kind: None }
         }
         let Some(draft) = self.drafts(name).next() else {
-            let eaches = &self.whole.definition.eaches;
+            let eaches = &self.whole.definition.for_each_nodes;
             let each = eaches.iter().find(|each| each.name == name);
             let names = each.and_then(|each| each.outputs.as_ref()).into_iter().flatten();
             return names.map(|name| unknown(name)).collect();
         };
         let types = || draft.types.iter().map(|kind| kind.map(|kind| kind.name));
         match draft.what {
-            What::Input | What::Switch(_) => {
+            NodeKind::Input | NodeKind::Switch(_) => {
                 let kind = types().next().flatten();
                 vec![Output { name: String::new(), kind }]
             }
-            // Those that are named.
-            What::Unknown(_) => {
-                let named = self.references.links().filter(|text| named_node(text) == name);
+            // The outputs of a node of an unknown type are those that links name.
+            NodeKind::Unknown(_) => {
+                let named = self.references.links().filter(|text| node_of_link(text) == name);
                 let named = named.map(|text| text.split_once('.').map_or("", |(_, output)| output));
-                let mut names = Vec::from_iter(named);
+                let mut names = named.collect::<Vec<_>>();
                 names.sort_unstable();
                 names.dedup();
                 names.into_iter().map(unknown).collect()
@@ -314,15 +315,15 @@ impl<'w> Outliner<'w> {
     }
 }
 
-/// What stands between two entries.
-struct Before {
+/// The text between two entries.
+struct Gap {
     comment: String,
     has_blank_line: bool,
 }
 
-impl Before {
-    /// Comments on the line of the entry before are that one's.
-    fn of(text: &str) -> Self {
+impl Gap {
+    /// Parses the text between two entries. A comment on the same line as the previous entry belongs to that entry.
+    fn parse(text: &str) -> Self {
         let (mut lines, mut comment, mut has_blank_line) = (0, Vec::new(), false);
         for (token, span) in tokens(text) {
             let part = &text[span.start..span.end];

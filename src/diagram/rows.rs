@@ -1,45 +1,45 @@
-//! Places for the boxes of an outline, whose programs draw them with a row for each part.
+//! Positions for the boxes of an outline, for programs that draw each box as rows, one for each port or field.
 
 use std::collections::HashMap;
 
 use serde::Serialize;
 
-use super::layout::{End, Layout, Link, Node, layout};
+use super::layout::{Layout, Link, LinkEnd, Node, layout};
 use super::{Outline, OutlineNode, Target};
 
-/// Where boxes may stand: column from the left, and rows below the highest one.
+/// Proposed positions of boxes. Each is the column, counted from the left, and the distance from the top in rows.
 ///
-/// A box has a title as high as one and a half rows, then a row for each of its outputs, ports and other fields. All inputs are one box, and
-/// all outputs of the graph.
+/// A box has a title that is one and a half rows high, and a row for each output, port and other field. All inputs of the graph form one
+/// box, and all outputs of the graph form another one.
 #[derive(Debug, Default, Serialize)]
-pub struct Places {
+pub struct RowPositions {
     pub(crate) inputs: (usize, f64),
-    /// In the order of the nodes.
+    /// The positions of the nodes, in the order of the outline.
     pub(crate) nodes: Vec<(usize, f64)>,
     pub(crate) outputs: (usize, f64),
 }
 
-/// The height of a row.
+/// The height of a row in the units of `layout`.
 const ROW: f64 = 22.0;
 
-/// The height of a title, in rows.
+/// The height of a box's title, in rows.
 const TITLE: f64 = 1.5;
 
-/// A row of a box: the box's place in the list of all, and the row.
+/// A row of a box as (index of the box, index of the row).
 type Row = (usize, usize);
 
-impl Places {
-    /// Places for the boxes of an outline.
-    pub fn of(outline: &Outline) -> Self {
+impl RowPositions {
+    /// Computes positions for the boxes of an outline.
+    pub fn from_outline(outline: &Outline) -> Self {
         let Outline { inputs, nodes, outputs, order, .. } = outline;
-        let mut boxes = vec![boxed(inputs.len(), false)];
+        let mut boxes = vec![layout_node(inputs.len(), false)];
         let mut places = HashMap::new();
         for &node in order {
             places.insert(&nodes[node].entry.name[..], (boxes.len(), node));
-            boxes.push(boxed(rows(&nodes[node]), false));
+            boxes.push(layout_node(rows(&nodes[node]), false));
         }
         let last = boxes.len();
-        boxes.push(boxed(outputs.len(), true));
+        boxes.push(layout_node(outputs.len(), true));
         let source = |target: &Target| -> Option<Row> {
             if let Some(input) = inputs.iter().position(|input| input.name == target.node) {
                 return Some((0, input));
@@ -63,20 +63,24 @@ impl Places {
             let from = given.link.as_ref().and_then(source);
             links.extend(from.map(|from| [from, (last, row)]));
         }
-        // A circle, which is a mistake, is drawn without one of its links.
+        // A cycle is an error in the graph. It is drawn without the links that lead backwards.
         links.retain(|[(from, _), (to, _)]| from < to);
         let links = links.iter().map(|&[from, to]| Link { from: end(from), to: end(to) });
         let layout = layout(&boxes, &Vec::from_iter(links));
         let mut found = vec![(0, 0.0); nodes.len()];
         for (place, &node) in order.iter().enumerate() {
-            found[node] = at(&layout, place + 1);
+            found[node] = box_position(&layout, place + 1);
         }
-        Self { inputs: at(&layout, 0), nodes: found, outputs: at(&layout, last) }
+        Self {
+            inputs: box_position(&layout, 0),
+            nodes: found,
+            outputs: box_position(&layout, last),
+        }
     }
 }
 
-fn boxed(rows: usize, last: bool) -> Node {
-    Node { height: ROW * (rows as f64 + TITLE), last }
+fn layout_node(rows: usize, last: bool) -> Node {
+    Node { height: ROW * (rows as f64 + TITLE), is_last: last }
 }
 
 fn rows(node: &OutlineNode) -> usize {
@@ -87,11 +91,11 @@ fn rows(node: &OutlineNode) -> usize {
     node.outputs.len() + node.ports.len() + fields.count()
 }
 
-fn end((node, port): Row) -> End {
-    End { node, port, below: ROW * (port as f64 + 0.5 + TITLE) }
+fn end((node, port): Row) -> LinkEnd {
+    LinkEnd { node, port, below: ROW * (port as f64 + 0.5 + TITLE) }
 }
 
-fn at(layout: &Layout, place: usize) -> (usize, f64) {
+fn box_position(layout: &Layout, place: usize) -> (usize, f64) {
     let slot = layout.slots[place];
     (slot.column, slot.top / ROW)
 }

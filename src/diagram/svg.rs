@@ -1,78 +1,84 @@
-//! A drawing as SVG: its own picture, without scripts and without files beside it.
+//! Exports a drawing as a self-contained SVG without scripts.
 //!
-//! Boxes bring their own ground, and what lies between them is of middle lightness: it can be read on white and on black.
+//! Boxes have a background and links have a medium lightness, so the diagram is readable on a white and on a black page.
 
 use std::fmt::Write;
 
-use super::layout::{End, Layout, Link, Node, layout};
+use super::layout::{Layout, Link, LinkEnd, Node, layout};
 use super::{Block, Drawing};
 
-/// Width of a character of the fonts below, in their sizes: 0.602 in most, less in some.
+/// The assumed width of a character relative to the font size. In all fonts of the diagram it is 0.602 or less.
 const ADVANCE: f64 = 0.61;
 const NAME: f64 = 13.0;
 const SMALL: f64 = 10.5;
 
 const FONTS: &str = "ui-monospace, 'DejaVu Sans Mono', Menlo, Consolas, monospace";
 
-/// From the top of a node to its first port, and from port to port.
+/// `HEADER` is the distance from the top of a node to its first port, `ROW` the distance between two ports.
 const HEADER: f64 = 38.0;
 const ROW: f64 = 18.0;
 const PADDING: f64 = 10.0;
 const FILE_HEIGHT: f64 = 28.0;
 const LEGEND: f64 = 34.0;
 
-/// Space between columns, in which links turn, and around the picture.
+/// `GUTTER` is the space between columns, `MARGIN` the space around the picture.
 const GUTTER: f64 = 64.0;
 const MARGIN: f64 = 16.0;
 
-/// One color per pack: dark enough for white letters on it, light enough to be seen as a line on black.
+/// The colors of packs. They are dark enough for white text on them, and light enough for lines on black.
 const COLORS: [&str; 10] = [
     "#2f6fb0", "#2b7f62", "#9a5b1e", "#7a55b3", "#b04a5a", "#3d7680", "#71752a", "#a04a97",
     "#5566b5", "#8a6150",
 ];
 
-/// The color of the pack at this place of the program's list.
+/// Returns the color of the pack with this index among all packs of the program.
 pub(super) fn color(place: usize) -> &'static str {
     COLORS[place % COLORS.len()]
 }
 
-/// The measures of one box.
-struct Measure {
+/// The dimensions of a box.
+struct BoxSize {
     width: f64,
     height: f64,
-    /// The widest type of its linked outputs, as it stands on the link.
+    /// The width of the longest type label of the outputs that have a link.
     label: f64,
 }
 
 impl Drawing {
-    /// The graph as an SVG picture.
+    /// Returns the diagram as SVG.
     pub fn to_svg(&self) -> String {
-        self.placed().draw()
+        self.arrange().draw()
     }
 
-    /// The graph with places for all that is drawn of it.
-    pub(super) fn placed(&self) -> Picture<'_> {
-        let measures: Vec<Measure> = (0..self.boxes.len()).map(|k| self.measure(k)).collect();
+    /// Computes the positions of boxes and links.
+    pub(super) fn arrange(&self) -> Picture<'_> {
+        let measures: Vec<BoxSize> = (0..self.boxes.len()).map(|k| self.measure(k)).collect();
         let nodes: Vec<Node> = self
             .boxes
             .iter()
             .zip(&measures)
-            .map(|(block, measure): (&Block, &Measure)| Node {
+            .map(|(block, measure): (&Block, &BoxSize)| Node {
                 height: measure.height,
-                last: block.node.is_none(),
+                is_last: block.node.is_none(),
             })
             .collect();
-        let end = |[node, port]: [usize; 2]| End { node, port, below: self.port_below(node, port) };
-        let links: Vec<Link> =
-            self.wires.iter().map(|wire| Link { from: end(wire.from), to: end(wire.to) }).collect();
+        let links = self.wires.iter().map(|wire| {
+            let [from, to] = [wire.from, wire.to].map(|[node, port]| LinkEnd {
+                node,
+                port,
+                below: self.port_below(node, port),
+            });
+            Link { from, to }
+        });
+        let links: Vec<Link> = links.collect();
         Picture { drawing: self, layout: layout(&nodes, &links), measures }
     }
 
-    fn measure(&self, index: usize) -> Measure {
+    fn measure(&self, index: usize) -> BoxSize {
         let block = &self.boxes[index];
         let Some(node) = &block.node else {
             let width = text_width(&block.name, SMALL) + 2.0 * PADDING;
-            return Measure { width, height: FILE_HEIGHT, label: 0.0 };
+            return BoxSize { width, height: FILE_HEIGHT, label: 0.0 };
         };
         let rows = block.inputs.len().max(block.outputs.len());
         let header = text_width(&block.name, NAME).max(text_width(&node.kind, SMALL));
@@ -87,14 +93,14 @@ impl Drawing {
             + 2.0 * PADDING;
         let linked = (0..block.outputs.len()).filter(|&output| self.is_linked([index, output]));
         let label = linked.map(|output| label_width(&block.outputs[output].kind));
-        Measure {
+        BoxSize {
             width: width.ceil(),
             height: HEADER + ROW * rows as f64 + 4.0,
             label: label.fold(0.0, f64::max).ceil(),
         }
     }
 
-    /// How far below its box's top a port is.
+    /// Returns the distance from the top of a box down to a port.
     pub(super) fn port_below(&self, node: usize, port: usize) -> f64 {
         match self.boxes[node].node {
             Some(_) => HEADER + ROW * (port as f64 + 0.5),
@@ -103,18 +109,18 @@ impl Drawing {
     }
 }
 
-/// A text's width in a font of this size. Letters beyond Latin, Greek and Cyrillic may be as wide as high.
+/// Estimates the width of a text in this font size. Characters from U+1100 on (after Latin, Greek, Cyrillic and others) count as square.
 fn text_width(text: &str, size: f64) -> f64 {
     text.chars().map(|letter: char| if letter < '\u{1100}' { ADVANCE } else { 1.05 }).sum::<f64>()
         * size
 }
 
-/// The width of a type on a link.
+/// Returns the width of the type label of a link, including the space around it.
 fn label_width(kind: &str) -> f64 {
     if kind.is_empty() { 0.0 } else { text_width(kind, SMALL) + 12.0 }
 }
 
-/// How a text begins: where, how large, and in which color.
+/// The style of a text: its position, size and color.
 struct Style<'a> {
     at: [f64; 2],
     size: f64,
@@ -122,11 +128,11 @@ struct Style<'a> {
     more: &'a str,
 }
 
-/// A drawing with places.
+/// A drawing with the computed positions of its boxes and links.
 pub(super) struct Picture<'a> {
     pub(super) drawing: &'a Drawing,
     layout: Layout,
-    measures: Vec<Measure>,
+    measures: Vec<BoxSize>,
 }
 
 impl Picture<'_> {
@@ -140,7 +146,7 @@ impl Picture<'_> {
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
              viewBox=\"0 0 {width} {height}\" role=\"img\" font-family=\"{FONTS}\">\n"
         );
-        let _ = writeln!(svg, "<title>{}</title>", escaped(&self.drawing.doc));
+        let _ = writeln!(svg, "<title>{}</title>", escape_xml(&self.drawing.doc));
         self.links(&columns, &mut svg);
         for index in 0..self.drawing.boxes.len() {
             self.block(index, self.place(index, &columns), &mut svg);
@@ -149,7 +155,7 @@ impl Picture<'_> {
         svg + "</svg>\n"
     }
 
-    /// The left and the right end of each column, types on the links included.
+    /// Returns the left and right end of each column. A column includes the type labels of the links that begin in it.
     pub(super) fn columns(&self) -> Vec<[f64; 2]> {
         let mut widths = vec![0f64; self.layout.columns];
         for (slot, measure) in self.layout.slots.iter().zip(&self.measures) {
@@ -166,8 +172,8 @@ impl Picture<'_> {
             .collect()
     }
 
-    /// The links, each by the box that it comes from and its path: curves between columns, straight through passages and to the right
-    /// of narrow boxes.
+    /// Returns the links, each with the index of its source box and an SVG path. The path is a curve between columns. It is a straight line
+    /// through a passage, and from a narrow box to the right end of its column.
     pub(super) fn paths(&self, columns: &[[f64; 2]]) -> impl Iterator<Item = (usize, String)> {
         self.layout.segments.iter().map(|segment| {
             let [from, to] = [segment.from, segment.to].map(|slot| &self.layout.slots[slot]);
@@ -194,13 +200,13 @@ impl Picture<'_> {
         }
     }
 
-    /// Left, top, width and height of a box.
+    /// Returns the position and size of a box as [left, top, width, height].
     pub(super) fn place(&self, index: usize, columns: &[[f64; 2]]) -> [f64; 4] {
         let (slot, measure) = (&self.layout.slots[index], &self.measures[index]);
         [columns[slot.column][0], slot.top + MARGIN, measure.width, measure.height]
     }
 
-    /// Width and height of all boxes and links.
+    /// Returns the width and height of the diagram.
     pub(super) fn size(&self, columns: &[[f64; 2]]) -> [f64; 2] {
         let right = columns.last().map_or(0.0, |[_, right]| *right);
         [right + MARGIN, self.layout.height + 2.0 * MARGIN]
@@ -244,7 +250,7 @@ impl Picture<'_> {
         }
     }
 
-    /// The type of a link, on the link where it begins.
+    /// Draws the type label of a link at the start of the link.
     fn label(&self, kind: &str, color: &str, [x, y]: [f64; 2], svg: &mut String) {
         if kind.is_empty() {
             return;
@@ -288,12 +294,12 @@ fn text(text: &str, style: &Style<'_>, svg: &mut String) {
     let _ = writeln!(
         svg,
         "<text x=\"{x:.1}\" y=\"{y:.1}\" font-size=\"{size}\" fill=\"{fill}\" {more}>{}</text>",
-        escaped(text)
+        escape_xml(text)
     );
 }
 
-/// A text for XML, in which control characters have no place.
-fn escaped(text: &str) -> String {
+/// Escapes a text for XML. Control characters, which XML does not allow, become spaces.
+fn escape_xml(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for letter in text.chars() {
         match letter {
@@ -314,7 +320,7 @@ mod tests {
     use crate::Drawing;
     use crate::drawing::tests::scan;
 
-    /// All numbers of an attribute.
+    /// Returns the values of a numeric attribute in all elements of an SVG.
     fn numbers(svg: &str, attribute: &str) -> Vec<f64> {
         let name = format!(" {attribute}=\"");
         let parts = svg.split(&name).skip(1);
@@ -338,7 +344,7 @@ mod tests {
     }
 
     #[test]
-    fn everything_lies_inside_of_the_picture() {
+    fn everything_is_inside_of_the_picture() {
         let svg = scan().to_svg();
         let [width, height] = ["width", "height"].map(|size| numbers(&svg, size));
         let [x, y] = ["x", "y"].map(|place| numbers(&svg, place));
@@ -349,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn a_graph_of_nothing_is_a_picture() {
+    fn an_empty_graph_has_a_diagram() {
         assert!(Drawing::default().to_svg().ends_with("</svg>\n"));
     }
 }

@@ -1,4 +1,4 @@
-//! Edits of a graph's text, and how they are judged.
+//! Edits of the text of a graph, and checks of the edited texts.
 
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -7,11 +7,14 @@ use std::sync::Arc;
 
 use maquette_graph::catalog::Catalog;
 use maquette_graph::load::load_text;
-use maquette_graph::migrate::{ready_for, renewed_target, renewed_text};
-use maquette_graph::{Checked, Files, Options, Refusal, apply, patch, place, written};
-use maquette_syntax::error::{Problem, Severity, Source, code};
+use maquette_graph::migrate::{migrate_target, migrated_text, prepare_for};
+use maquette_graph::{
+    CheckedGraph, EditError, Files, Options, apply, patch, place_value, target_in_file,
+};
+use maquette_syntax::error::{Diagnostic, Severity, Source, code};
 use maquette_syntax::{
-    Kind, Token, commas_behind, parse, quoted, syntax_problems, tokens, with_commas_behind,
+    Kind, Token, edit_with_trailing_commas, parse, quote, syntax_diagnostics, tokens,
+    with_trailing_commas,
 };
 use serde::Deserialize;
 
@@ -19,78 +22,78 @@ use super::structure::Structure;
 
 /// One edit of a graph.
 ///
-/// What is added is written in the canonical form, on lines of its own or behind its neighbors as these stand. What is taken away
-/// takes the comments inside of it along and those behind it on its line; those above it stay.
+/// New parts are written in the canonical form. They are on lines of their own or after their neighbors, in the layout that the neighbors
+/// have. Removing a part also removes the comments inside of it and those that follow it on its line. Comments above the part are kept.
 ///
-/// A name of a node, an input or a parameter may have its section before it, `nodes.nose` or `params.nose`, and must where both
-/// have the name.
+/// The name of a node, an input or a parameter may be prefixed with its section: `nodes.nose` or `params.nose`. The prefix is required if
+/// the name occurs in both sections.
 ///
-/// As JSON it is an object of one entry: `{"add": {"name": "spots", "node": "Threshold", "fields": [["image", "scan.color"]]}}`.
+/// The JSON form is an object of one entry: `{"add": {"name": "spots", "node": "Threshold", "fields": [["image", "scan.color"]]}}`.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase", deny_unknown_fields)]
 pub enum Edit {
-    /// A new node.
+    /// Adds a node.
     Add {
-        /// Its name.
+        /// The name of the new node.
         name: String,
-        /// Its type: a node of the catalog, a graph under `use`, `ForEach` or `Switch`.
+        /// The type of the new node: a node type of the catalog, a graph under `use`, `ForEach` or `Switch`.
         node: String,
-        /// Its fields in order: names, and values as RON. What is no RON is text; links may do without quotes.
+        /// The fields of the new node in order, as names and values in RON. A value that is not RON is a text. Links need no quotes.
         #[serde(default)]
         fields: Vec<(String, String)>,
-        /// The node behind which it stands; the last one if there is none.
+        /// The node after which the new node is inserted. By default the last node.
         #[serde(default)]
         after: Option<String>,
     },
-    /// Takes away a node, an input or a parameter.
+    /// Removes a node, an input or a parameter.
     Remove {
-        /// Its name.
+        /// The name of the part to be removed.
         name: String,
-        /// Whether what names it goes along: links to ports that can do without, entries of lists of links, outputs and
-        /// expectations. Else it is refused while something names it.
+        /// If true, references to the removed part are removed too: links at optional ports, entries in lists of links, outputs and
+        /// expectations. Otherwise the edit fails if the part is referred to.
         #[serde(default)]
         and_links: bool,
     },
-    /// Gives a node, an input or a parameter another name, with all that names it in this file. What names it in others, as a
-    /// `Patch` or a use of this graph does, is not known here.
+    /// Renames a node, an input or a parameter, and all references to it in the same file. References in other files are not updated; such
+    /// files are patches of the graph and graphs that use it.
     Rename {
-        /// Its name.
+        /// The old name.
         from: String,
-        /// The new one.
+        /// The new name.
         to: String,
     },
-    /// Links a port, which may have been linked before.
+    /// Links a port. If the port has a link, the new link replaces it.
     Link {
-        /// `node.port`; a port that takes many gets one more. `node.port.2` is the third link of the list. The ports of a `ForEach`
-        /// are those of its nodes, and those of a `Switch` its cases.
+        /// The port, `node.port`. A port that takes a list gets one more link. `node.port.2` is the third link of the list. The ports of a
+        /// `ForEach` are those of its nodes, and the ports of a `Switch` are its cases.
         port: String,
-        /// `node` or `node.output`.
+        /// The source of the link, `node` or `node.output`.
         to: String,
     },
-    /// Takes away the link at a port; all of them at one that takes many.
+    /// Removes the link at a port. At a port that takes a list, all links are removed.
     Unlink {
-        /// `node.port`, or `node.port.2` for the third link of the list.
+        /// The port, `node.port`. `node.port.2` is the third link of a list.
         port: String,
     },
-    /// Puts a value in place of a literal; a field that is not there is added as its author writes fields.
+    /// Replaces a literal value. If the field is missing, it is added in the style of its neighbors.
     Set {
-        /// `name` for a parameter's default, or `node.field.field`.
+        /// The place of the value: `name` for the default of a parameter, or `node.field.field`.
         target: String,
-        /// The value as RON. What is no RON is text.
+        /// The new value in RON. A value that is not RON is a text.
         value: String,
     },
-    /// Adds, changes or takes away an output.
+    /// Adds, changes or removes an output.
     Output {
-        /// Its name: a file, or a port of a graph that others use.
+        /// The name of the output: a file, or a port if other graphs use this graph.
         name: String,
-        /// What it gives, `node` or `node.output`; none takes it away.
+        /// The link of the output, `node` or `node.output`. If it is `None`, the output is removed.
         #[serde(default)]
         to: Option<String>,
     },
 }
 
 impl Edit {
-    /// Its values, which may be meant as RON or as text.
+    /// Returns the values that the edit contains. Each may be RON or text.
     fn values(&self) -> Vec<&str> {
         match self {
             Self::Add { fields, .. } => fields.iter().map(|(_, value)| &value[..]).collect(),
@@ -100,99 +103,104 @@ impl Edit {
     }
 }
 
-/// A graph file's text after some edits.
+/// The text of a graph file after some edits.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Edited {
-    /// The new text.
+pub struct EditedText {
+    /// The text after the edits.
     pub text: String,
-    /// The text as it was: who puts it back has undone all of the edits.
+    /// The text before the edits, which undoes all of them.
     pub before: String,
-    /// What was put where by [`Edit::Set`], in order.
-    pub changes: Vec<Put>,
+    /// The changes that [`Edit::Set`] has made, in order.
+    pub changes: Vec<ValueChange>,
 }
 
-/// A value that was put into a graph file.
+/// A value that was written into a graph file.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Put {
-    /// `name` or `node.field`, under the name that it has now.
+pub struct ValueChange {
+    /// The target, `name` or `node.field`, with the current names.
     pub target: String,
-    /// What stood there; none if nothing did.
+    /// The previous value. `None` if the target had no value.
     pub before: Option<String>,
-    /// What stands there now.
+    /// The new value.
     pub after: String,
 }
 
-/// The text of the graph file at `path` after some edits, one after the other.
+/// Applies edits to the text of the graph file at `path`, one after the other.
 ///
-/// What the edits do not speak of keeps every byte. The new text is checked as [`Graph::load`](maquette_graph::Graph::load) checks it, behind the last edit,
-/// except that the files that the graph reads need not be there; so edits that are right together may be given together.
+/// All parts that the edits do not mention keep every byte. The final text is checked as [`Graph::load`](maquette_graph::Graph::load)
+/// checks it, except that files that the graph reads may be missing. The text must be valid after the last edit, but not after each single
+/// edit.
 ///
 /// # Errors
-/// The text cannot be read, an edit speaks of what is not there or takes away what is needed, or the new text has problems
-/// that the old one does not have. Then nothing is edited. Places are those in the text that an edit was about to change, or
-/// in the new one, which each problem has with it.
+/// The text cannot be parsed, an edit refers to a missing part or removes a required part, or the new text has errors that the old text
+/// does not have. In these cases nothing is edited. Positions are those in the text before the failing edit, or those in the new text. Each
+/// diagnostic contains the text to which its position refers.
 pub fn edit(
     path: &Path,
     text: &str,
     edits: &[Edit],
     catalog: &Catalog,
     options: &Options,
-) -> Result<Edited, Vec<Problem>> {
-    let (tree, mistakes) = parse(text);
-    if !mistakes.is_empty() {
-        return Err(syntax_problems(path, text, mistakes));
+) -> Result<EditedText, Vec<Diagnostic>> {
+    let (tree, errors) = parse(text);
+    if !errors.is_empty() {
+        return Err(syntax_diagnostics(path, text, errors));
     }
-    // Which of both an edit means is not known.
+    // If names occurred twice, an edit would be ambiguous.
     let twice = patch::duplicates(&tree);
     if !twice.is_empty() {
         let source = Arc::new(Source { name: path.to_owned(), text: text.to_owned() });
-        return Err(twice.into_iter().map(|finding| finding.at(&source)).collect());
+        return Err(twice
+            .into_iter()
+            .map(|diagnostic| diagnostic.into_diagnostic(&source))
+            .collect());
     }
-    let judge = Judge { path, catalog, options };
-    if matches!(commas_behind(text), Cow::Borrowed(_)) {
-        return judge.edited(text, edits);
+    let editor = Editor { path, catalog, options };
+    if matches!(with_trailing_commas(text), Cow::Borrowed(_)) {
+        return editor.edit(text, edits);
     }
-    // Names and values that are replaced leave commas alone.
+    // Commas need not be moved to replace names and values.
     if edits.iter().all(|edit| matches!(edit, Edit::Rename { .. } | Edit::Set { .. }))
-        && let Ok(edited) = judge.edited(text, edits)
-        && commas(&edited.text) == commas(text)
+        && let Ok(edited) = editor.edit(text, edits)
+        && comma_count(&edited.text) == comma_count(text)
     {
         return Ok(edited);
     }
-    Edited::with_commas_behind(text, |text| judge.edited(text, edits))
+    EditedText::with_commas_behind(text, |text| editor.edit(text, edits))
 }
 
-fn commas(text: &str) -> usize {
+fn comma_count(text: &str) -> usize {
     tokens(text).iter().filter(|(token, _)| *token == Token::Comma).count()
 }
 
-impl Edited {
-    /// Runs an edit on a text with its commas behind values, and moves them back to the beginnings of lines.
+impl EditedText {
+    /// Runs an edit on a text whose leading commas are moved to the ends of the previous values. Afterwards the commas are moved back to
+    /// the beginnings of lines.
     pub(super) fn with_commas_behind(
         text: &str,
-        edit: impl FnOnce(&str) -> Result<Self, Vec<Problem>>,
-    ) -> Result<Self, Vec<Problem>> {
+        edit: impl FnOnce(&str) -> Result<Self, Vec<Diagnostic>>,
+    ) -> Result<Self, Vec<Diagnostic>> {
         let mut changes = Vec::new();
-        let new = with_commas_behind(text, |text| {
+        let new = edit_with_trailing_commas(text, |text| {
             let edited = edit(text)?;
             changes = edited.changes;
-            Ok::<_, Vec<Problem>>(edited.text)
+            Ok::<_, Vec<Diagnostic>>(edited.text)
         })?;
         Ok(Self { text: new, before: text.to_owned(), changes })
     }
 }
 
-/// The text of the graph file at `path` with values put into it: (`name` or `node.field.field`, RON) each.
+/// Writes values into the text of the graph file at `path`. Each is a pair of a target, `name` or `node.field.field`, and a value in RON.
 ///
 /// # Errors
-/// As [`edit()`] with [`Edit::Set`].
-pub fn edited(
+/// The errors of [`edit()`] with [`Edit::Set`].
+pub fn set_values(
     path: &Path,
     text: &str,
     set: &[(String, String)],
     catalog: &Catalog,
     options: &Options,
-) -> Result<Edited, Vec<Problem>> {
+) -> Result<EditedText, Vec<Diagnostic>> {
     edit(
         path,
         text,
@@ -204,8 +212,8 @@ pub fn edited(
     )
 }
 
-/// A text with another name of a node, an input or a parameter in it; none if there is no such thing. What comes of it is not judged.
-pub(super) fn renamed_in(
+/// Renames a node, an input or a parameter in a text, without checking the result. Returns `None` if the text does not have that name.
+pub(super) fn rename_in(
     path: &Path,
     text: &str,
     from: &str,
@@ -213,34 +221,35 @@ pub(super) fn renamed_in(
     catalog: &Catalog,
 ) -> Option<String> {
     let options = Options { files: Files::Ignored, ..Options::default() };
-    let judge = Judge { path, catalog, options: &options };
+    let editor = Editor { path, catalog, options: &options };
     let edit = Edit::Rename { from: from.to_owned(), to: to.to_owned() };
-    Some(judge.done(text, &[edit], std::iter::empty()).ok()?.text)
+    Some(editor.apply_unchecked(text, &[edit], std::iter::empty()).ok()?.text)
 }
 
-/// Edits a text and judges what comes of it.
-pub(super) struct Judge<'a> {
+/// Edits the text of one file, and checks the edited text.
+pub(super) struct Editor<'a> {
     pub(super) path: &'a Path,
     pub(super) catalog: &'a Catalog,
     pub(super) options: &'a Options,
 }
 
-impl Judge<'_> {
-    fn edited(&self, text: &str, edits: &[Edit]) -> Result<Edited, Vec<Problem>> {
-        let known = self.problems(text);
+impl Editor<'_> {
+    fn edit(&self, text: &str, edits: &[Edit]) -> Result<EditedText, Vec<Diagnostic>> {
+        let known = self.errors(text);
         let (mut spelled, mut chosen): (Vec<Vec<String>>, Vec<usize>) = (Vec::new(), Vec::new());
         for edit in edits {
             for value in edit.values() {
                 let spellings = spellings(value);
-                // A word in place of a text is meant as a text.
+                // A bare word that replaces a text is itself a text.
                 let is_text = match edit {
                     Edit::Set { target, .. } => {
                         let draft = self.options.draft;
-                        let target = written(&parse(text).0, target, draft);
-                        let put =
-                            |target: String| place(text, &target, &spellings[0], false, draft);
-                        let old = target.and_then(put).ok().and_then(|(_, before)| before);
-                        old.is_some_and(|old| old.starts_with('"'))
+                        let target = target_in_file(&parse(text).0, target, draft);
+                        let placed = target.and_then(|target| {
+                            place_value(text, &target, &spellings[0], false, draft)
+                        });
+                        placed
+                            .is_ok_and(|(_, before)| before.is_some_and(|old| old.starts_with('"')))
                     }
                     _ => false,
                 };
@@ -251,75 +260,76 @@ impl Judge<'_> {
         let only_names = edits.iter().all(|edit| matches!(edit, Edit::Rename { .. }));
         let attempt = |chosen: &[usize]| {
             let values = spelled.iter().zip(chosen).map(|(spellings, &k)| &spellings[k][..]);
-            let edited = self.done(text, edits, values)?;
-            let problems = news(&known, self.problems(&edited.text), only_names);
-            Ok::<_, Vec<Problem>>((edited, problems))
+            let edited = self.apply_unchecked(text, edits, values)?;
+            let diagnostics = new_errors(&known, self.errors(&edited.text), only_names);
+            Ok::<_, Vec<Diagnostic>>((edited, diagnostics))
         };
-        let (mut best, mut problems) = attempt(&chosen)?;
+        let (mut best, mut diagnostics) = attempt(&chosen)?;
         for index in 0..spelled.len() {
-            if problems.is_empty() || spelled[index].len() < 2 {
+            if diagnostics.is_empty() || spelled[index].len() < 2 {
                 continue;
             }
             chosen[index] = 1 - chosen[index];
             let (other, others) = attempt(&chosen)?;
-            // A word that stands where a text stood is better only if all is well with it.
-            if others.is_empty() || (chosen[index] == 1 && others.len() < problems.len()) {
-                (best, problems) = (other, others);
+            // The reading as RON, in place of a text, is accepted only if it causes no errors.
+            if others.is_empty() || (chosen[index] == 1 && others.len() < diagnostics.len()) {
+                (best, diagnostics) = (other, others);
             } else {
                 chosen[index] = 1 - chosen[index];
             }
         }
-        if problems.is_empty() { Ok(best) } else { Err(problems) }
+        if diagnostics.is_empty() { Ok(best) } else { Err(diagnostics) }
     }
 
-    /// The text after the edits, with these spellings of their values; nothing is judged yet.
-    pub(super) fn done<'s>(
+    /// Applies the edits with their values in these spellings, without checking the result.
+    pub(super) fn apply_unchecked<'s>(
         &self,
         text: &str,
         edits: &[Edit],
         mut values: impl Iterator<Item = &'s str>,
-    ) -> Result<Edited, Vec<Problem>> {
+    ) -> Result<EditedText, Vec<Diagnostic>> {
         let before = text.to_owned();
-        let mut edited = Edited { text: before.clone(), before, changes: Vec::new() };
+        let mut edited = EditedText { text: before.clone(), before, changes: Vec::new() };
         for edit in edits {
             let values: Vec<_> = values.by_ref().take(edit.values().len()).collect();
             if let Edit::Set { target, value: given } = edit {
                 let (mut target, mut value) = (
-                    self.written(&edited.text, target).map_err(|refusal: Refusal| {
-                        let message = format!("{target}={given}: {}", refusal.message);
-                        vec![self.refused(&edited.text, Refusal { message, ..refusal })]
+                    self.target_in_file(&edited.text, target).map_err(|error: EditError| {
+                        let message = format!("{target}={given}: {}", error.message);
+                        vec![self.diagnostic(&edited.text, EditError { message, ..error })]
                     })?,
                     values.concat(),
                 );
                 let (graph, tree) = (parse(&edited.text).0, parse(&value).0);
-                if let Some((now, put)) = renewed_target(&graph, &target, &tree, self.catalog) {
-                    (target, value) = (now, renewed_text(&tree, &put.value, &value));
+                if let Some((now, migrated)) = migrate_target(&graph, &target, &tree, self.catalog)
+                {
+                    (target, value) = (now, migrated_text(&tree, &migrated.value, &value));
                 }
-                let text = ready_for(edited.text.clone(), &target, self.catalog);
-                let value = self.beside_default(&text, &target, &value);
-                let put = value.and_then(|value| {
-                    let (splices, before) = self.put(&text, &target, &value)?;
+                let text = prepare_for(edited.text.clone(), &target, self.catalog);
+                let value = self.with_default(&text, &target, &value);
+                let placed = value.and_then(|value| {
+                    let (splices, before) = self.put_value(&text, &target, &value)?;
                     Ok((value, splices, before))
                 });
-                let (value, splices, before) = put.map_err(|refusal| {
-                    let message = format!("{target}={given}: {}", refusal.message);
-                    vec![self.refused(&text, Refusal { message, ..refusal })]
+                let (value, splices, before) = placed.map_err(|error| {
+                    let message = format!("{target}={given}: {}", error.message);
+                    vec![self.diagnostic(&text, EditError { message, ..error })]
                 })?;
-                // What was no `Draft` has become one.
+                // The value that was a plain value may have become a `Draft`.
                 let draft = before.as_ref().filter(|_| self.options.draft);
                 let draft = draft.map(|before| format!("Draft(final: {before}, draft: {value})"));
                 let after = draft
                     .filter(|after| splices.iter().any(|(_, text)| text.contains(after)))
                     .unwrap_or(value);
                 edited.text = apply(&text, splices);
-                edited.changes.push(Put { target, before, after });
+                edited.changes.push(ValueChange { target, before, after });
             } else {
                 let structure = Structure::read(self, &edited.text)?;
                 edited.text =
-                    structure.edited(edit, &values).map_err(|refusals: Vec<Refusal>| {
-                        refusals
+                    structure.apply(edit, &values).map_err(|errors: Vec<EditError>| {
+                        errors
                             .into_iter()
-                            .map(|refusal| self.refused(&edited.text, refusal))
+                            .map(|error| self.diagnostic(&edited.text, error))
                             .collect::<Vec<_>>()
                     })?;
             }
@@ -327,64 +337,76 @@ impl Judge<'_> {
         Ok(edited)
     }
 
-    /// The problems of a text, except for files that are not there.
-    fn problems(&self, text: &str) -> Vec<Problem> {
-        self.checked(text, self.options.draft).problems
+    /// Returns the errors of a text. Missing files do not count as errors.
+    fn errors(&self, text: &str) -> Vec<Diagnostic> {
+        self.check(text, self.options.draft).diagnostics
     }
 
-    /// What a text says, for drafts or for final results, and its errors; files need not be there.
-    pub(super) fn checked(&self, text: &str, draft: bool) -> Checked {
-        let check = |files| {
-            let options = Options { files, draft, ..self.options.clone() };
-            load_text(self.path, text.to_owned(), self.catalog, &options)
-        };
-        let mut checked = check(Files::Inside);
-        // A file outside hides what would be wrong with values.
-        if checked.problems.iter().any(|problem| problem.code == code::OUTSIDE) {
-            let others = check(Files::Ignored).problems.into_iter();
-            let others = others.filter(|problem| !checked.problems.contains(problem));
+    /// Checks a text, for drafts or for final results, and returns only the errors. Files may be missing.
+    pub(super) fn check(&self, text: &str, draft: bool) -> CheckedGraph {
+        let mut checked = self.check_with(Files::Inside, text, draft);
+        // The check stops at a file outside of the project. To find the errors of values, the text is then checked again without files.
+        if checked.diagnostics.iter().any(|diagnostic| diagnostic.code == code::OUTSIDE) {
+            let others = self.check_with(Files::Ignored, text, draft).diagnostics.into_iter();
+            let others = others.filter(|diagnostic| !checked.diagnostics.contains(diagnostic));
             let others = Vec::from_iter(others);
-            checked.problems.extend(others);
+            checked.diagnostics.extend(others);
         }
-        checked.problems.retain(|problem| problem.severity == Severity::Error);
+        checked.diagnostics.retain(|diagnostic| diagnostic.severity == Severity::Error);
         checked
     }
 
-    pub(super) fn refused(&self, text: &str, refusal: Refusal) -> Problem {
+    /// Returns true if a file exists, or if the options have a text that replaces it.
+    pub(super) fn has_file(&self, path: &Path) -> bool {
+        self.options.has_text(path) || path.symlink_metadata().is_ok()
+    }
+
+    fn check_with(&self, files: Files, text: &str, draft: bool) -> CheckedGraph {
+        let options = Options { files, draft, ..self.options.clone() };
+        load_text(self.path, text.to_owned(), self.catalog, &options)
+    }
+
+    pub(super) fn diagnostic(&self, text: &str, error: EditError) -> Diagnostic {
         let source = Arc::new(Source { name: self.path.to_owned(), text: text.to_owned() });
-        let Refusal { code, span, message, help } = refusal;
-        Problem { help, ..Problem::new(Severity::Error, code, (source, span), message) }
+        let EditError { code, span, message, help } = error;
+        Diagnostic { help, ..Diagnostic::new(Severity::Error, code, (source, span), message) }
     }
 }
 
-/// The problems that are not among those that were known. With `other_names`, the same may be said of other names.
-fn news(known: &[Problem], problems: Vec<Problem>, other_names: bool) -> Vec<Problem> {
-    let key = |problem: &Problem| (problem.code, (!other_names).then(|| problem.message.clone()));
-    let mut counts: HashMap<_, usize> = HashMap::new();
-    for problem in known {
-        *counts.entry(key(problem)).or_default() += 1;
+/// Returns the diagnostics that are not among the `known` ones. If `other_names` is set, messages that differ only in names count as equal.
+fn new_errors(
+    known: &[Diagnostic],
+    diagnostics: Vec<Diagnostic>,
+    other_names: bool,
+) -> Vec<Diagnostic> {
+    fn key(diagnostic: &Diagnostic, other_names: bool) -> (&'static str, Option<String>) {
+        (diagnostic.code, (!other_names).then(|| diagnostic.message.clone()))
     }
-    let mut news = problems;
-    news.retain(|problem| match counts.get_mut(&key(problem)) {
+    let mut counts: HashMap<_, usize> = HashMap::new();
+    for diagnostic in known {
+        *counts.entry(key(diagnostic, other_names)).or_default() += 1;
+    }
+    let mut new = diagnostics;
+    new.retain(|diagnostic| match counts.get_mut(&key(diagnostic, other_names)) {
         Some(count) if 0 < *count => {
             *count -= 1;
             false
         }
         _ => true,
     });
-    news
+    new
 }
 
-/// How a value may be meant: as RON, and as a text or a list of texts that was given without quotes, for bare words may be either.
+/// Returns the ways to read a value: as RON, and as a text or a list of texts without quotes. A bare word can be either.
 fn spellings(value: &str) -> Vec<String> {
-    let (tree, mistakes) = parse(value);
-    if !mistakes.is_empty() {
-        return vec![list_of_texts(value).unwrap_or_else(|| quoted(value))];
+    let (tree, errors) = parse(value);
+    if !errors.is_empty() {
+        return vec![list_of_texts(value).unwrap_or_else(|| quote(value))];
     }
-    // Without comments and spaces around it.
+    // The value, without the comments and spaces around it.
     let plain = value[tree.span.start..tree.span.end].to_owned();
     let texts = match tree.kind {
-        Kind::Word(_) => Some(quoted(value)),
+        Kind::Word(_) => Some(quote(value)),
         Kind::List(items) if items.iter().any(|item| matches!(item.kind, Kind::Word(_))) => {
             list_of_texts(&plain)
         }
@@ -393,14 +415,17 @@ fn spellings(value: &str) -> Vec<String> {
     std::iter::once(plain).chain(texts).collect()
 }
 
-/// `[scan.color, "mask"]` with all in quotes; none if it is no list of such words.
+/// Returns a list such as `[scan.color, "mask"]` with quotes around all items. `None` if the value is not a list of words that can be
+/// links.
 fn list_of_texts(value: &str) -> Option<String> {
     let items = value.trim().strip_prefix('[')?.strip_suffix(']')?.trim();
     let items = items.strip_suffix(',').unwrap_or(items).split(',').map(str::trim);
-    let written = |item: &str| {
-        let word = item.strip_prefix('"').and_then(|item| item.strip_suffix('"')).unwrap_or(item);
-        (!word.is_empty() && word.chars().all(|c: char| c.is_alphanumeric() || "_-.".contains(c)))
-            .then(|| quoted(word))
-    };
-    Some(format!("[{}]", items.map(written).collect::<Option<Vec<_>>>()?.join(", ")))
+    Some(format!("[{}]", items.map(quoted_word).collect::<Option<Vec<_>>>()?.join(", ")))
+}
+
+/// Returns a word in quotes. `None` if the word has characters that a name or link cannot have.
+fn quoted_word(item: &str) -> Option<String> {
+    let word = item.strip_prefix('"').and_then(|item| item.strip_suffix('"')).unwrap_or(item);
+    (!word.is_empty() && word.chars().all(|c: char| c.is_alphanumeric() || "_-.".contains(c)))
+        .then(|| quote(word))
 }

@@ -1,38 +1,33 @@
-//! Problems with one answer: each edit that is one is made, if its problem goes away by it.
+//! Automatic fixes: applies suggested edits, as long as each removes the diagnostic that suggests it.
 
 use std::collections::BTreeSet;
 use std::path::Path;
 
 use maquette_graph::catalog::Catalog;
 use maquette_graph::{Graph, Options};
-use maquette_syntax::error::{Problem, code};
+use maquette_syntax::error::{Diagnostic, code};
 
-/// A text for the file at `path` in which problems with one answer are gone, and what was wrong, in the order in which it was mended.
-/// Problems of other files stay: their texts are not these.
-pub fn fixed(
+/// Applies the fixes of those diagnostics that have exactly one fix. Returns the new text, and the fixed diagnostics in order. Diagnostics
+/// of other files are not fixed.
+pub fn apply_fixes(
     path: &Path,
     text: &str,
     catalog: &Catalog,
     options: &Options,
-) -> (String, Vec<Problem>) {
-    fn check(text: &str, path: &Path, catalog: &Catalog, options: &Options) -> Vec<Problem> {
-        let checked = Graph::load_text(path, text.to_owned(), catalog, options);
-        let unused = checked.graph.as_ref().map(Graph::unused).unwrap_or_default().to_vec();
-        [checked.problems, unused].concat()
-    }
-    let (mut text, mut mended, mut problems) =
+) -> (String, Vec<Diagnostic>) {
+    let (mut text, mut mended, mut diagnostics) =
         (text.to_owned(), Vec::new(), check(text, path, catalog, options));
-    // What one mistake has hidden is put right as well; what came out before does not come again.
+    // Errors that become visible only after a fix are fixed too. A fix that leads back to an earlier text is not applied.
     let mut seen = BTreeSet::from([text.clone()]);
     let mut next = 0;
-    while let Some(problem) = problems.get(next) {
-        let better = problem.fixed().filter(|_| problem.source.name == path);
+    while let Some(diagnostic) = diagnostics.get(next) {
+        let better = diagnostic.apply_fix().filter(|_| diagnostic.source.name == path);
         let better = better.filter(|text| seen.insert(text.clone()));
         let better = better.map(|text| (check(&text, path, catalog, options), text));
-        match better.filter(|(now, _)| is_gone(problem, &problems, now)) {
+        match better.filter(|(now, _)| is_fixed(diagnostic, &diagnostics, now)) {
             Some((now, better)) => {
-                mended.push(problems.swap_remove(next));
-                (text, problems, next) = (better, now, 0);
+                mended.push(diagnostics.swap_remove(next));
+                (text, diagnostics, next) = (better, now, 0);
             }
             None => next += 1,
         }
@@ -40,12 +35,21 @@ pub fn fixed(
     (text, mended)
 }
 
-/// Whether there is one less of a problem, and the text is no worse a text.
-fn is_gone(problem: &Problem, before: &[Problem], now: &[Problem]) -> bool {
-    let of_it = |other: &&Problem| (other.code, &other.message) == (problem.code, &problem.message);
-    fn of_text(other: &&Problem) -> bool {
-        other.code == code::SYNTAX
-    }
-    now.iter().filter(of_it).count() < before.iter().filter(of_it).count()
-        && now.iter().filter(of_text).count() <= before.iter().filter(of_text).count()
+fn check(text: &str, path: &Path, catalog: &Catalog, options: &Options) -> Vec<Diagnostic> {
+    let checked = Graph::load_text(path, text.to_owned(), catalog, options);
+    let unused = checked.graph.as_ref().map(Graph::unused_warnings).unwrap_or_default().to_vec();
+    [checked.diagnostics, unused].concat()
+}
+
+/// Returns true if the number of diagnostics of this kind has decreased by one, and there is no new syntax error.
+fn is_fixed(diagnostic: &Diagnostic, before: &[Diagnostic], now: &[Diagnostic]) -> bool {
+    let [same_before, same_now] = [before, now].map(|all| {
+        let same = all
+            .iter()
+            .filter(|it| (it.code, &it.message) == (diagnostic.code, &diagnostic.message));
+        same.count()
+    });
+    let [syntax_before, syntax_now] =
+        [before, now].map(|all| all.iter().filter(|it| it.code == code::SYNTAX).count());
+    same_now < same_before && syntax_now <= syntax_before
 }

@@ -1,71 +1,73 @@
 //! The canonical form of a graph file.
 //!
-//! It hangs on the words, the comments and the blank lines of the text alone, and not on how the author broke its lines: two
-//! texts that differ in spaces and line breaks have one form. Every comment, the author's order and the spelling of every
-//! literal are kept. What is on one line stays there as long as it fits; otherwise a list or map in last place is opened
-//! behind what stands before it, and anything else is broken into one entry a line. Lists of short values are filled. The
-//! entries of `nodes` and the rows of a list of lists are always on lines of their own.
+//! The form depends on the words, the comments and the blank lines of the text, but not on its line breaks. Two texts that differ only in
+//! spaces and line breaks have the same form. The comments, the order, and the spelling of literals are kept. An entry is on one line if it
+//! fits. Otherwise, if its last field is a list or map, that value is opened and the fields before it remain on the first line; any other
+//! value is broken into one entry per line. The lines of a list of short values are filled. The entries of `nodes`, and the rows of a list
+//! of lists, always begin on lines of their own.
 //!
-//! The printed text is compared with the text that was read before it is returned.
+//! Before the formatted text is returned, it is compared with the original text.
 
 use std::mem::take;
 use std::path::Path;
 use std::sync::Arc;
 
-use maquette_syntax::error::{Problem, Severity, Source, Span, code};
-use maquette_syntax::{Ends, Token, commas_behind, parse, syntax_problems, tokens};
+use maquette_syntax::error::{Diagnostic, Severity, Source, Span, code};
+use maquette_syntax::{LineEnding, Token, parse, syntax_diagnostics, tokens, with_trailing_commas};
 
-/// Columns of the longest line that is not broken. The graphs that the form was taken from have nodes of up to 146 columns on
-/// one line; at 120 every fifth of the long ones would become a block of five to ten lines.
-const WIDTH: usize = 150;
+/// The maximum line width in columns. The graphs for which the form was designed have nodes of up to 146 columns on one line. With a limit
+/// of 120, one in five of these long nodes would become a block of five to ten lines.
+const MAX_WIDTH: usize = 150;
 
-/// Columns of a step to the right.
-const STEP: usize = 4;
+/// The number of columns per level of indentation.
+const INDENT: usize = 4;
 
-/// A map with more entries than this is broken, even if it would fit.
-const MOST_IN_LINE: usize = 4;
+/// The maximum number of entries that a map on one line can have.
+const MAX_INLINE_ENTRIES: usize = 4;
 
-/// A value of at most so many columns is short: many of them share a line.
-const SHORT: usize = 30;
+/// The maximum width in columns of a value that shares its line with other values.
+const MAX_SHORT_WIDTH: usize = 30;
 
-/// A graph file's text in its canonical form; problems if it cannot be read. `name` is for the problems.
+/// Returns the text of a graph file in its canonical form, or diagnostics if the text cannot be parsed. `name` is the name of the file in
+/// the diagnostics.
 ///
-/// Every comment is kept, and the order; the form of a canonical text is the text itself. Lines end as all of them do in the text;
-/// with `\n` if they end differently.
-pub fn formatted(name: &Path, text: &str) -> Result<String, Vec<Problem>> {
-    let (_, mistakes) = parse(text);
-    if !mistakes.is_empty() {
-        return Err(syntax_problems(name, text, mistakes));
+/// The comments and the order are kept. If a text is in the canonical form already, it is not changed. If the line endings are uniform,
+/// they are kept; otherwise they become `\n`.
+pub fn format_text(name: &Path, text: &str) -> Result<String, Vec<Diagnostic>> {
+    let (_, errors) = parse(text);
+    if !errors.is_empty() {
+        return Err(syntax_diagnostics(name, text, errors));
     }
-    let ends = Ends::of(text);
-    let plain = ends.map_or_else(|| text.to_owned(), |ends| ends.plain(text));
-    let form = Printer::default().file(&Parts::new(&commas_behind(&plain)).file());
+    let ends = LineEnding::detect(text);
+    let plain = ends.map_or_else(|| text.to_owned(), |ends| ends.normalize(text));
+    let form =
+        Printer::default().write_file(&Reader::new(&with_trailing_commas(&plain)).read_file());
     if inventory(&plain) == inventory(&form) {
-        return Ok(ends.unwrap_or(Ends::Unix).put(form));
+        return Ok(ends.unwrap_or(LineEnding::Unix).apply(form));
     }
-    Err(vec![fault(name, text, "the canonical form")])
+    Err(vec![internal_error(name, text, "the canonical form")])
 }
 
-/// What is made of a text, and would not say the same.
-pub(super) fn fault(name: &Path, text: &str, what: &str) -> Problem {
+/// Returns the error for a formatted text that does not have the meaning of the original text.
+pub(super) fn internal_error(name: &Path, text: &str, what: &str) -> Diagnostic {
     let source = Arc::new(Source { name: name.to_owned(), text: text.to_owned() });
-    let message = format!("{what} would not say the same");
-    let help = "this is a fault of the formatter: the file is left as it is".into();
+    let message = format!("{what} would change the meaning of the file");
+    let help = "this is a bug in the formatter; the file is unchanged".into();
     let place = (source, Span::default());
-    Problem { help, ..Problem::new(Severity::Error, code::SYNTAX, place, message) }
+    Diagnostic { help, ..Diagnostic::new(Severity::Error, code::SYNTAX, place, message) }
 }
 
-/// An entry, `name: value`, in its canonical form, as it stands behind so many columns. Its other lines begin with as many spaces.
-pub(super) fn entry_form(entry: &str, indent: usize) -> String {
-    let group = Parts::new(entry).group("", 1);
+/// Formats an entry, `name: value`, whose first line starts at the column `indent`. Its other lines begin with the same number of spaces.
+pub(super) fn format_entry(entry: &str, indent: usize) -> String {
+    let group = Reader::new(entry).read_group("", 1);
     let mut printer = Printer { text: String::new(), column: indent };
     for entry in &group.entries {
-        printer.pieces(&entry.pieces, indent, 1);
+        printer.write_pieces(&entry.pieces, indent, 1);
     }
     if inventory(entry) == inventory(&printer.text) { printer.text } else { entry.to_owned() }
 }
 
-/// All that a form must keep: the words in their order, without commas that mean nothing, and the comments.
+/// Returns what formatting must keep: the words in order, without redundant commas, and the sorted comments.
 fn inventory(text: &str) -> (Vec<&str>, Vec<&str>) {
     let (mut words, mut comments): (Vec<&str>, Vec<&str>) = (Vec::new(), Vec::new());
     for (part, span) in tokens(text) {
@@ -84,22 +86,22 @@ fn inventory(text: &str) -> (Vec<&str>, Vec<&str>) {
     (words, comments)
 }
 
-/// What stands between two commas, with the comments that go with it.
+/// An entry: the text between two commas, with its comments.
 #[derive(Default)]
 struct Entry<'t> {
     above: Vec<Note<'t>>,
-    /// Whether a blank line stands before it, behind the comments above.
-    gap: bool,
+    /// True if there is a blank line before the entry and the comments above it.
+    has_blank_line: bool,
     pieces: Vec<Piece<'t>>,
-    /// Comments behind it on its last line.
-    behind: Vec<&'t str>,
+    /// The comments that follow the entry on its last line.
+    trailing: Vec<&'t str>,
 }
 
-/// A comment on a line of its own.
+/// A comment that is on a line of its own.
 struct Note<'t> {
     text: &'t str,
-    /// Whether a blank line stands before it.
-    gap: bool,
+    /// True if a blank line precedes the comment.
+    has_blank_line: bool,
 }
 
 enum Piece<'t> {
@@ -109,24 +111,24 @@ enum Piece<'t> {
     Group(Group<'t>),
 }
 
-/// What stands between two brackets.
+/// A group: the text between two brackets.
 struct Group<'t> {
     open: &'t str,
     close: &'t str,
     entries: Vec<Entry<'t>>,
-    /// Comments before the closing bracket.
+    /// The comments directly before the closing bracket.
     last: Vec<Note<'t>>,
-    /// How many columns it has on one line; none if it must be broken.
-    flat: Option<usize>,
-    /// Whether it is the graph itself.
+    /// The width of the group in columns, if it is on one line. `None` if the group must be broken into lines.
+    inline_width: Option<usize>,
+    /// True for the outermost call of the file, such as `Graph(..)`.
     is_top: bool,
 }
 
 impl<'t> Entry<'t> {
-    /// How many columns it has on one line; none if it needs more than one.
-    fn flat(&self) -> Option<usize> {
-        let plain = self.above.is_empty() && self.behind.is_empty();
-        plain.then(|| flat(&self.pieces)).flatten()
+    /// Returns the width of the entry in columns, if it is on one line. `None` if it needs several lines.
+    fn inline_width(&self) -> Option<usize> {
+        let plain = self.above.is_empty() && self.trailing.is_empty();
+        plain.then(|| inline_width(&self.pieces)).flatten()
     }
 
     fn has_colon(&self) -> bool {
@@ -140,36 +142,36 @@ impl<'t> Entry<'t> {
         }
     }
 
-    /// Whether it is a list and nothing else.
+    /// Returns true if the entry is a list without a name.
     fn is_list(&self) -> bool {
         self.pieces.len() == 1 && self.last_group().is_some_and(|group| group.open == "[")
     }
 
-    /// Whether it is a value that shares its line with others of its list.
+    /// Returns true if the entry may be on one line with other items of its list.
     fn is_short(&self) -> bool {
-        let has_names =
-            |group: &Group<'t>| group.open != "(" || group.entries.iter().any(Self::has_colon);
         !self.has_colon()
-            && !self.last_group().is_some_and(has_names)
-            && flat(&self.pieces).is_some_and(|columns| columns <= SHORT)
+            && self
+                .last_group()
+                .is_none_or(|group| group.open == "(" && !group.entries.iter().any(Self::has_colon))
+            && inline_width(&self.pieces).is_some_and(|columns| columns <= MAX_SHORT_WIDTH)
     }
 }
 
-fn flat(pieces: &[Piece<'_>]) -> Option<usize> {
+fn inline_width(pieces: &[Piece<'_>]) -> Option<usize> {
     let mut columns = 0;
     for (index, piece) in pieces.iter().enumerate() {
-        columns += usize::from(index > 0 && is_apart(&pieces[index - 1], piece));
+        columns += usize::from(index > 0 && needs_space(&pieces[index - 1], piece));
         columns += match piece {
             Piece::Word(text) | Piece::Comment(text) => text.chars().count(),
             Piece::Colon => 1,
-            Piece::Group(group) => group.flat?,
+            Piece::Group(group) => group.inline_width?,
         };
     }
     Some(columns)
 }
 
-/// Whether a space stands between two pieces.
-fn is_apart(before: &Piece<'_>, after: &Piece<'_>) -> bool {
+/// Returns true if a space must be between two pieces.
+fn needs_space(before: &Piece<'_>, after: &Piece<'_>) -> bool {
     match (before, after) {
         (_, Piece::Colon) => false,
         (Piece::Colon | Piece::Comment(_), _) | (_, Piece::Comment(_)) => true,
@@ -179,8 +181,8 @@ fn is_apart(before: &Piece<'_>, after: &Piece<'_>) -> bool {
 
 impl<'t> Group<'t> {
     fn new(open: &'t str, close: &'t str, entries: Vec<Entry<'t>>, last: Vec<Note<'t>>) -> Self {
-        let mut group = Self { open, close, entries, last, flat: None, is_top: false };
-        group.flat = group.measure();
+        let mut group = Self { open, close, entries, last, inline_width: None, is_top: false };
+        group.inline_width = group.measure();
         group
     }
 
@@ -188,7 +190,7 @@ impl<'t> Group<'t> {
         if !self.last.is_empty() || self.is_long_map() || self.is_matrix() {
             return None;
         }
-        let columns = self.entries.iter().map(Entry::flat).sum::<Option<usize>>()?;
+        let columns = self.entries.iter().map(Entry::inline_width).sum::<Option<usize>>()?;
         let commas = 2 * self.entries.len().saturating_sub(1);
         Some(self.open.len() + columns + commas + self.close.len() + 2 * self.padding().len())
     }
@@ -198,69 +200,71 @@ impl<'t> Group<'t> {
         fn has_calls(entries: &[Entry<'_>]) -> bool {
             entries.iter().any(|entry| entry.last_group().is_some())
         }
-        self.open == "{" && (count > MOST_IN_LINE || (count > 1 && has_calls(&self.entries)))
+        self.open == "{" && (count > MAX_INLINE_ENTRIES || (count > 1 && has_calls(&self.entries)))
     }
 
     fn is_matrix(&self) -> bool {
         self.open == "[" && self.entries.len() > 1 && self.entries.iter().all(Entry::is_list)
     }
 
-    /// What stands inside of the brackets on one line.
+    /// Returns the padding inside of the brackets of a group that is on one line.
     fn padding(&self) -> &'static str {
         if self.open == "{" && !self.entries.is_empty() { " " } else { "" }
     }
 
-    /// Whether its lines hold as many values as fit.
+    /// Returns true if as many values are written on each line of the group as fit.
     fn is_filled(&self) -> bool {
         self.open != "{" && self.entries.len() > 1 && self.entries.iter().all(Entry::is_short)
     }
 
-    /// The list or map in last place that can be opened behind all that stands before it, and the columns up to there.
-    fn opened_last(&self) -> Option<(&Self, usize)> {
+    /// Returns the last entry, if it is a list or map that can be opened after the entries before it, and the number of columns up to its
+    /// bracket.
+    fn last_opened(&self) -> Option<(&Self, usize)> {
         let (last, before) = self.entries.split_last()?;
         let group = last.last_group()?;
-        let is_plain = last.above.is_empty() && last.behind.is_empty() && self.last.is_empty();
+        let is_plain = last.above.is_empty() && last.trailing.is_empty() && self.last.is_empty();
         if self.open != "(" || self.is_top || group.open == "(" || !is_plain {
             return None;
         }
-        let columns = before.iter().map(Entry::flat).sum::<Option<usize>>()? + 2 * before.len();
-        let name = flat(&last.pieces[..last.pieces.len() - 1])?;
+        let columns =
+            before.iter().map(Entry::inline_width).sum::<Option<usize>>()? + 2 * before.len();
+        let name = inline_width(&last.pieces[..last.pieces.len() - 1])?;
         Some((group, self.open.len() + columns + name + 1 + group.open.len()))
     }
 }
 
-/// Reads the pieces of a text into entries. The text has no mistakes.
-struct Parts<'t> {
+/// Groups the tokens of a text into entries. The text must have no syntax errors.
+struct Reader<'t> {
     text: &'t str,
     parts: Vec<(Token, Span)>,
     at: usize,
 }
 
-/// An entry as far as it has been read.
+/// An entry that is still being read.
 #[derive(Default)]
-struct Draft<'t> {
+struct PartialEntry<'t> {
     entry: Entry<'t>,
-    /// Comments behind the last piece, and whether each is on its own line.
-    late: Vec<(Note<'t>, bool)>,
+    /// The comments after the last piece of the entry. The flag of each is true if the comment is on a line of its own.
+    pending: Vec<(Note<'t>, bool)>,
 }
 
-impl<'t> Parts<'t> {
+impl<'t> Reader<'t> {
     fn new(text: &'t str) -> Self {
         Self { text, parts: tokens(text), at: 0 }
     }
 
-    /// The whole file: its top level is a group without brackets.
-    fn file(mut self) -> Group<'t> {
-        self.group("", 0)
+    /// Reads a whole file, as a group without brackets.
+    fn read_file(mut self) -> Group<'t> {
+        self.read_group("", 0)
     }
 
     fn slice(&self, span: Span) -> &'t str {
         &self.text[span.start..span.end]
     }
 
-    fn group(&mut self, open: &'t str, depth: usize) -> Group<'t> {
+    fn read_group(&mut self, open: &'t str, depth: usize) -> Group<'t> {
         let (mut entries, mut last) = (Vec::new(), Vec::new());
-        let mut draft = Draft::default();
+        let mut partial = PartialEntry::default();
         let mut newlines = 0;
         let mut close = "";
         while let Some(&(part, span)) = self.parts.get(self.at) {
@@ -272,47 +276,48 @@ impl<'t> Parts<'t> {
                     continue;
                 }
                 Token::Comma => {
-                    draft.finish(&mut entries, None);
+                    partial.finish(&mut entries, None);
                 }
                 Token::Close => {
                     close = text;
                     break;
                 }
                 Token::LineComment | Token::BlockComment => {
-                    if depth == 0 && newlines > 0 && !draft.entry.pieces.is_empty() {
-                        draft.finish(&mut entries, None);
+                    if depth == 0 && newlines > 0 && !partial.entry.pieces.is_empty() {
+                        partial.finish(&mut entries, None);
                     }
                     let is_inline = part == Token::BlockComment
                         && !text.contains('\n')
-                        && (!draft.entry.pieces.is_empty() || self.word_follows());
-                    let note = Note { text: text.trim_end(), gap: newlines > 1 };
-                    draft.comment(note, newlines > 0, is_inline, entries.last_mut());
+                        && (!partial.entry.pieces.is_empty() || self.word_follows());
+                    let note = Note { text: text.trim_end(), has_blank_line: newlines > 1 };
+                    partial.push_comment(note, newlines > 0, is_inline, entries.last_mut());
                 }
-                Token::Colon => draft.push(Piece::Colon, false),
+                Token::Colon => partial.push(Piece::Colon, false),
                 Token::Word => {
-                    // What is behind an attribute of the file is not behind it on its line.
-                    if depth == 0 && draft.entry.last_group().is_some() {
-                        draft.finish(&mut entries, None);
+                    // A value that follows an attribute of the file begins a new entry.
+                    if depth == 0 && partial.entry.last_group().is_some() {
+                        partial.finish(&mut entries, None);
                     }
-                    draft.push(Piece::Word(text), newlines > 1);
+                    partial.push(Piece::Word(text), newlines > 1);
                 }
                 Token::Open => {
-                    let mut group = self.group(text, depth + 1);
+                    let mut group = self.read_group(text, depth + 1);
                     group.is_top = depth == 0;
-                    if group.is_top || (depth == 1 && draft.is_nodes() && !group.entries.is_empty())
+                    if group.is_top
+                        || (depth == 1 && partial.is_nodes_section() && !group.entries.is_empty())
                     {
-                        group.flat = None;
+                        group.inline_width = None;
                     }
-                    draft.push(Piece::Group(group), newlines > 1);
+                    partial.push(Piece::Group(group), newlines > 1);
                 }
             }
             newlines = 0;
         }
-        draft.finish(&mut entries, Some(&mut last));
+        partial.finish(&mut entries, Some(&mut last));
         Group::new(open, close, entries, last)
     }
 
-    /// Whether a value begins on the line of the comment that has just been read.
+    /// Returns true if, after the comment that was read last, a value begins on the line of the comment.
     fn word_follows(&self) -> bool {
         let rest = &self.parts[self.at..];
         let next = rest
@@ -322,21 +327,21 @@ impl<'t> Parts<'t> {
     }
 }
 
-impl<'t> Draft<'t> {
-    fn is_nodes(&self) -> bool {
+impl<'t> PartialEntry<'t> {
+    fn is_nodes_section(&self) -> bool {
         matches!(self.entry.pieces.first(), Some(Piece::Word("nodes")))
     }
 
     fn push(&mut self, piece: Piece<'t>, gap: bool) {
-        // Comments in the middle of an entry are put above it.
-        self.entry.above.extend(take(&mut self.late).into_iter().map(|(note, _)| note));
+        // A comment inside of an entry is moved above the entry.
+        self.entry.above.extend(take(&mut self.pending).into_iter().map(|(note, _)| note));
         if self.entry.pieces.is_empty() {
-            self.entry.gap = gap;
+            self.entry.has_blank_line = gap;
         }
         self.entry.pieces.push(piece);
     }
 
-    fn comment(
+    fn push_comment(
         &mut self,
         note: Note<'t>,
         own_line: bool,
@@ -344,24 +349,24 @@ impl<'t> Draft<'t> {
         before: Option<&mut Entry<'t>>,
     ) {
         if is_inline {
-            self.push(Piece::Comment(note.text), note.gap);
+            self.push(Piece::Comment(note.text), note.has_blank_line);
         } else if !self.entry.pieces.is_empty() {
-            self.late.push((note, own_line));
+            self.pending.push((note, own_line));
         } else if let Some(before) = before.filter(|_| !own_line && self.entry.above.is_empty()) {
-            before.add_behind(note);
+            before.add_trailing(note);
         } else {
             self.entry.above.push(note);
         }
     }
 
-    /// Puts the entry behind the others, and comments that stand before the closing bracket into `last`.
+    /// Adds the entry to `entries`. Comments before the closing bracket are added to `last`.
     fn finish(&mut self, entries: &mut Vec<Entry<'t>>, last: Option<&mut Vec<Note<'t>>>) {
-        let Self { mut entry, late } = take(self);
+        let Self { mut entry, pending: late } = take(self);
         let Some(last) = last else {
             for (note, own_line) in late {
                 match own_line {
                     true => entry.above.push(note),
-                    false => entry.add_behind(note),
+                    false => entry.add_trailing(note),
                 }
             }
             if !entry.pieces.is_empty() || !entry.above.is_empty() {
@@ -376,7 +381,7 @@ impl<'t> Draft<'t> {
         for (note, own_line) in late {
             match own_line {
                 true => last.push(note),
-                false => entry.add_behind(note),
+                false => entry.add_trailing(note),
             }
         }
         entries.push(entry);
@@ -384,12 +389,12 @@ impl<'t> Draft<'t> {
 }
 
 impl<'t> Entry<'t> {
-    /// A line holds one comment that runs to its end; what stood there before goes above.
-    fn add_behind(&mut self, note: Note<'t>) {
-        if let Some(text) = self.behind.pop_if(|text| text.starts_with("//")) {
-            self.above.push(Note { text, gap: false });
+    /// Adds a comment after the entry. A line can hold only one line comment, so an earlier line comment is moved above the entry.
+    fn add_trailing(&mut self, note: Note<'t>) {
+        if let Some(text) = self.trailing.pop_if(|text| text.starts_with("//")) {
+            self.above.push(Note { text, has_blank_line: false });
         }
-        self.behind.push(note.text);
+        self.trailing.push(note.text);
     }
 }
 
@@ -400,22 +405,22 @@ struct Printer {
 }
 
 impl Printer {
-    fn file(mut self, file: &Group<'_>) -> String {
+    fn write_file(mut self, file: &Group<'_>) -> String {
         for (index, entry) in file.entries.iter().enumerate() {
-            self.above(entry, 0, index == 0);
+            self.write_above(entry, 0, index == 0);
             if !entry.pieces.is_empty() {
-                self.pieces(&entry.pieces, 0, 0);
-                self.behind(entry);
-                self.line(0);
+                self.write_pieces(&entry.pieces, 0, 0);
+                self.write_trailing(entry);
+                self.end_line(0);
             }
         }
         for (index, note) in file.last.iter().enumerate() {
-            self.note(note, 0, index == 0 && file.entries.is_empty());
+            self.write_note(note, 0, index == 0 && file.entries.is_empty());
         }
         self.text
     }
 
-    fn put(&mut self, text: &str) {
+    fn write(&mut self, text: &str) {
         self.text.push_str(text);
         self.column = match text.rfind('\n') {
             Some(newline) => text[newline + 1..].chars().count(),
@@ -423,8 +428,8 @@ impl Printer {
         };
     }
 
-    /// Ends the line, unless it is empty; the next one begins at `indent`.
-    fn line(&mut self, indent: usize) {
+    /// Ends the present line, unless it is empty, and indents the next line.
+    fn end_line(&mut self, indent: usize) {
         let kept = self.text.trim_end_matches(' ').len();
         self.text.truncate(kept);
         if !self.text.is_empty() && !self.text.ends_with('\n') {
@@ -435,111 +440,111 @@ impl Printer {
     }
 
     fn blank_line(&mut self, indent: usize) {
-        self.line(0);
+        self.end_line(0);
         self.text.push('\n');
-        self.line(indent);
+        self.end_line(indent);
     }
 
-    fn note(&mut self, note: &Note<'_>, indent: usize, is_first: bool) {
-        match note.gap && !is_first {
+    fn write_note(&mut self, note: &Note<'_>, indent: usize, is_first: bool) {
+        match note.has_blank_line && !is_first {
             true => self.blank_line(indent),
-            false => self.line(indent),
+            false => self.end_line(indent),
         }
-        self.put(note.text);
-        self.line(0);
+        self.write(note.text);
+        self.end_line(0);
     }
 
-    /// The comments above an entry, and the beginning of its own line.
-    fn above(&mut self, entry: &Entry<'_>, indent: usize, is_first: bool) {
+    /// Writes the comments above an entry, and begins the line of the entry.
+    fn write_above(&mut self, entry: &Entry<'_>, indent: usize, is_first: bool) {
         for (index, note) in entry.above.iter().enumerate() {
-            self.note(note, indent, is_first && index == 0);
+            self.write_note(note, indent, is_first && index == 0);
         }
-        match entry.gap && !(is_first && entry.above.is_empty()) {
+        match entry.has_blank_line && !(is_first && entry.above.is_empty()) {
             true => self.blank_line(indent),
-            false => self.line(indent),
+            false => self.end_line(indent),
         }
     }
 
-    fn behind(&mut self, entry: &Entry<'_>) {
-        for comment in &entry.behind {
-            self.put(" ");
-            self.put(comment);
+    fn write_trailing(&mut self, entry: &Entry<'_>) {
+        for comment in &entry.trailing {
+            self.write(" ");
+            self.write(comment);
         }
     }
 
-    /// `tail` is how many columns follow on the last line.
-    fn pieces(&mut self, pieces: &[Piece<'_>], indent: usize, tail: usize) {
+    /// Writes pieces of text. `tail` is the number of columns that follow on the last line.
+    fn write_pieces(&mut self, pieces: &[Piece<'_>], indent: usize, tail: usize) {
         for (index, piece) in pieces.iter().enumerate() {
-            if index > 0 && is_apart(&pieces[index - 1], piece) {
-                self.put(" ");
+            if index > 0 && needs_space(&pieces[index - 1], piece) {
+                self.write(" ");
             }
             match piece {
-                Piece::Word(text) | Piece::Comment(text) => self.put(text),
-                Piece::Colon => self.put(":"),
-                Piece::Group(group) => self.group(group, indent, tail),
+                Piece::Word(text) | Piece::Comment(text) => self.write(text),
+                Piece::Colon => self.write(":"),
+                Piece::Group(group) => self.write_group(group, indent, tail),
             }
         }
     }
 
-    fn group(&mut self, group: &Group<'_>, indent: usize, tail: usize) {
-        if group.flat.is_some_and(|columns| self.column + columns + tail <= WIDTH) {
-            return self.flat(group);
+    fn write_group(&mut self, group: &Group<'_>, indent: usize, tail: usize) {
+        if group.inline_width.is_some_and(|columns| self.column + columns + tail <= MAX_WIDTH) {
+            return self.write_inline(group);
         }
-        if let Some((last, columns)) = group.opened_last()
-            && self.column + columns <= WIDTH
+        if let Some((last, columns)) = group.last_opened()
+            && self.column + columns <= MAX_WIDTH
             && let Some((entry, before)) = group.entries.split_last()
         {
-            self.put(group.open);
+            self.write(group.open);
             for entry in before {
-                self.pieces(&entry.pieces, indent, 0);
-                self.put(", ");
+                self.write_pieces(&entry.pieces, indent, 0);
+                self.write(", ");
             }
             let (name, list) = entry.pieces.split_at(entry.pieces.len() - 1);
-            self.pieces(name, indent, 0);
-            if name.last().is_some_and(|name| is_apart(name, &list[0])) {
-                self.put(" ");
+            self.write_pieces(name, indent, 0);
+            if name.last().is_some_and(|name| needs_space(name, &list[0])) {
+                self.write(" ");
             }
-            self.broken(last, indent);
-            return self.put(group.close);
+            self.write_multiline(last, indent);
+            return self.write(group.close);
         }
-        self.broken(group, indent);
+        self.write_multiline(group, indent);
     }
 
-    fn flat(&mut self, group: &Group<'_>) {
-        self.put(group.open);
-        self.put(group.padding());
+    fn write_inline(&mut self, group: &Group<'_>) {
+        self.write(group.open);
+        self.write(group.padding());
         for (index, entry) in group.entries.iter().enumerate() {
             if index > 0 {
-                self.put(", ");
+                self.write(", ");
             }
-            self.pieces(&entry.pieces, 0, 0);
+            self.write_pieces(&entry.pieces, 0, 0);
         }
-        self.put(group.padding());
-        self.put(group.close);
+        self.write(group.padding());
+        self.write(group.close);
     }
 
-    fn broken(&mut self, group: &Group<'_>, indent: usize) {
-        self.put(group.open);
-        let inner = indent + STEP;
+    fn write_multiline(&mut self, group: &Group<'_>, indent: usize) {
+        self.write(group.open);
+        let inner = indent + INDENT;
         let is_filled = group.is_filled();
         let mut must_end = true;
         for (index, entry) in group.entries.iter().enumerate() {
-            let columns = flat(&entry.pieces).map_or(WIDTH, |columns| columns + 2);
-            let is_alone = !is_filled || !entry.above.is_empty() || entry.gap;
-            if must_end || is_alone || self.column + columns > WIDTH {
-                self.above(entry, inner, index == 0);
+            let columns = inline_width(&entry.pieces).map_or(MAX_WIDTH, |columns| columns + 2);
+            let is_alone = !is_filled || !entry.above.is_empty() || entry.has_blank_line;
+            if must_end || is_alone || self.column + columns > MAX_WIDTH {
+                self.write_above(entry, inner, index == 0);
             } else {
-                self.put(" ");
+                self.write(" ");
             }
-            self.pieces(&entry.pieces, inner, 1);
-            self.put(",");
-            self.behind(entry);
-            must_end = !entry.behind.is_empty();
+            self.write_pieces(&entry.pieces, inner, 1);
+            self.write(",");
+            self.write_trailing(entry);
+            must_end = !entry.trailing.is_empty();
         }
         for (index, note) in group.last.iter().enumerate() {
-            self.note(note, inner, index == 0 && group.entries.is_empty());
+            self.write_note(note, inner, index == 0 && group.entries.is_empty());
         }
-        self.line(indent);
-        self.put(group.close);
+        self.end_line(indent);
+        self.write(group.close);
     }
 }

@@ -1,41 +1,43 @@
-//! From text to text: graphs that are changed as their author would change them.
+//! Edits of graph texts that keep the author's formatting.
 //!
-//! [`edit`](edit()) makes single [`Edit`]s: values, nodes, names, links, outputs; [`formatted`] and [`minimal`](minimal()) bring a text into its form;
-//! [`extract`](extract()) and [`inline`](inline()) make a graph of some nodes and bring them back, both on `moved`; [`merge`](merge()) joins the edits of two people;
-//! [`fixed`] does what has one answer. What an edit does not speak of keeps every byte, and an edited text is checked again.
+//! [`edit`](edit()) applies single [`Edit`]s of values, nodes, names, links and outputs. [`format_text`] and [`minimal`](minimal()) rewrite
+//! a text in the canonical form. [`extract`](extract()) moves nodes to a new graph file, and [`inline`](inline()) moves them back; both are
+//! based on `relocate`. [`merge`](merge()) merges the edits of two people. [`apply_fixes`] applies suggested fixes. All parts of a text
+//! that an edit does not mention keep every byte. Every edited text is checked again.
 //!
-//! Begin reading in `edit.rs`, then `structure.rs`.
+//! Start reading in `edit.rs`, then `structure.rs`.
 //!
 //! This crate evaluates nothing and draws nothing.
 
 #![allow(missing_docs, reason = "what others may use is documented where `maquette` hands it on")]
 
+mod default_value;
 mod edit;
 mod extract;
 mod fix;
 mod format;
 mod inline;
-mod left_out;
 mod merge;
 mod minimal;
-mod moved;
 mod names;
-mod part;
+mod patch_values;
 mod references;
+mod relocate;
 mod structure;
 
-pub use edit::{Edit, Edited, Put, edit, edited};
-pub(crate) use edit::{Judge, renamed_in};
-pub use extract::{Extracted, Extraction, extract};
-pub use fix::fixed;
-pub use format::formatted;
+pub use edit::{Edit, EditedText, ValueChange, edit, set_values};
+pub(crate) use edit::{Editor, rename_in};
+pub use extract::{ExtractedGraph, Extraction, extract};
+pub use fix::apply_fixes;
+pub use format::format_text;
 pub use inline::inline;
-/// The text as its syntax tree prints it: the same bytes, however broken the text is.
-pub use maquette_syntax::printed;
+/// Parses a text and prints its syntax tree. The result has the same bytes, even if the text has syntax errors.
+pub use maquette_syntax::reprint;
 pub use merge::{Merge, merge};
 pub use minimal::minimal;
 pub use names::{
-    Named, NamesOf, Symbol, SymbolSort, names_in, names_in_sweep, names_in_test, real,
+    FileNames, NameOccurrence, Symbol, SymbolSort, names_in, names_in_sweep, names_in_test,
+    resolve_path,
 };
-pub use references::{Names, Reference, References};
-pub(crate) use structure::may_name;
+pub use references::{Reference, ReferenceKind, References};
+pub(crate) use structure::check_name;

@@ -1,8 +1,8 @@
-//! Two people's edits of one graph, put together by what they say.
+//! Merges the edits that two people have made to one graph, by structure.
 //!
-//! Texts are merged part by part: fields of the graph, entries of its sections, fields of nodes, as deep as parts have names. What
-//! one of them changed is taken; both must have changed the same part, differently, for a conflict. What has another name on one
-//! side gets it everywhere first.
+//! Texts are merged part by part: fields of the graph, entries of its sections, fields of nodes, and so on to the deepest part with a name.
+//! If only one side changed a part, its version is taken. A conflict arises only if both sides changed the same part in different ways. If
+//! one side renamed a part, the part is first renamed in all three texts.
 
 use std::collections::BTreeSet;
 use std::convert::Infallible;
@@ -12,108 +12,116 @@ use maquette_graph::catalog::Catalog;
 use maquette_graph::diff::Change;
 use maquette_graph::tree::entries;
 use maquette_graph::{Difference, Files, Graph, Options};
-use maquette_syntax::error::{Problem, Severity, Source};
-use maquette_syntax::{Ends, Tree, commas_behind, parse, syntax_problems, with_commas_behind};
+use maquette_syntax::error::{Diagnostic, Severity, Source};
+use maquette_syntax::{
+    LineEnding, Tree, edit_with_trailing_commas, parse, syntax_diagnostics, with_trailing_commas,
+};
 
-use super::minimal::cuts;
-use super::renamed_in;
+use super::minimal::removable_fields;
+use super::rename_in;
 
 mod align;
+mod changed_expressions;
+mod comments;
 mod lines;
-mod notes;
 mod parts;
-mod readings;
 mod sides;
 mod units;
 
-use lines::by_lines;
-use notes::{around, comments, is_amiss};
-use parts::{Means, Value};
-use readings::{entries_of, turned};
+use changed_expressions::{changed_expressions, entries_of};
+use comments::{comments, has_wrong_comments, merge_gaps};
+use lines::merge_lines;
+use parts::{Interpretation, Value};
 use sides::{Merger, RenamedTwice};
 use units::plain_numbers;
 
-/// What two people's edits of a graph file give.
+/// The result of merging two edits of a graph file.
 #[derive(Clone, Debug)]
 pub struct Merge {
-    /// The text, with conflicts marked as git marks them.
+    /// The merged text. Conflicts are marked as in git.
     pub text: String,
-    /// Where both changed the same, differently: `nodes.red.select.distance`; empty for the whole text.
+    /// The paths of the conflicts, such as `nodes.red.select.distance`. The empty path stands for the whole text.
     pub conflicts: Vec<String>,
-    /// Errors of the new text that neither of both has, which is checked if there are no conflicts; expressions in conflicts that would
-    /// say something else; mistakes in the texts that could not be read.
-    pub problems: Vec<Problem>,
-    /// Whether lines were merged, as git does, because a text cannot be read, or comments cannot be put where they belong.
+    /// Errors of the merged text that neither side has (checked only if there are no conflicts), expressions in conflicts whose meaning
+    /// would change, and syntax errors of texts that cannot be parsed.
+    pub diagnostics: Vec<Diagnostic>,
+    /// True if the texts were merged by lines, as in git. That happens if one of them cannot be parsed, or if comments could not be placed.
     pub by_lines: bool,
 }
 
-/// What was renamed: the section, the old name, and the new one.
-type Renamed = (&'static str, String, String);
+/// An entry that one of the sides renamed.
+#[derive(PartialEq)]
+struct Renaming {
+    section: &'static str,
+    old: String,
+    new: String,
+}
 
-/// What `ours` and `theirs` have made of `base`, as one text. `path` is where the file belongs, for the graphs that it uses.
+/// Merges the versions `ours` and `theirs` of the text `base`. `path` is the path of the file, from which the graphs that it uses are
+/// found.
 ///
-/// Names, comments and the form of our text stay; what they changed and added is as they wrote it. If one of the texts is no RON,
-/// lines are merged.
+/// The names, comments and formatting of our text are kept. Parts that the other side changed or added are taken as they are in its text.
+/// If one of the texts is not RON, the texts are merged by lines.
 pub fn merge(path: &Path, [base, ours, theirs]: [&Source; 3], catalog: &Catalog) -> Merge {
-    let named = Named { path, catalog };
+    let named = MergeContext { path, catalog };
     let texts = [base, ours, theirs].map(|source| &source.text[..]);
-    let ends = match Ends::of(texts[0]) == Ends::of(texts[1]) {
-        true => Ends::of(texts[2]),
-        false => Ends::of(texts[1]),
+    let ends = match LineEnding::detect(texts[0]) == LineEnding::detect(texts[1]) {
+        true => LineEnding::detect(texts[2]),
+        false => LineEnding::detect(texts[1]),
     };
     let texts = texts.map(|text| match ends {
-        Some(_) => Ends::of(text).unwrap_or(Ends::Windows).plain(text),
+        Some(_) => LineEnding::detect(text).unwrap_or(LineEnding::Windows).normalize(text),
         None => text.to_owned(),
     });
     let texts = texts.each_ref().map(|text| &text[..]);
-    let behind = texts.map(commas_behind);
+    let behind = texts.map(with_trailing_commas);
     let behind = behind.each_ref().map(|text| &text[..]);
-    let mut mistakes = Vec::new();
+    let mut errors = Vec::new();
     for source in [ours, theirs] {
-        mistakes.extend(syntax_problems(&source.name, &source.text, parse(&source.text).1));
+        errors.extend(syntax_diagnostics(&source.name, &source.text, parse(&source.text).1));
     }
-    let mut merged = match named.by_meaning(behind) {
-        Ok(merged) if mistakes.is_empty() => merged,
-        Err(problems) if mistakes.is_empty() => by_lines(texts, problems),
-        _ => by_lines(texts, mistakes),
+    let mut merged = match named.merge_by_structure(behind) {
+        Ok(merged) if errors.is_empty() => merged,
+        Err(diagnostics) if errors.is_empty() => merge_lines(texts, diagnostics),
+        _ => merge_lines(texts, errors),
     };
     if !merged.by_lines && merged.conflicts.is_empty() {
-        let text = with_commas_behind(texts[1], |_| Ok::<_, Infallible>(merged.text));
+        let text = edit_with_trailing_commas(texts[1], |_| Ok::<_, Infallible>(merged.text));
         merged.text = text.unwrap_or_else(|never| match never {});
     }
     if let Some(ends) = ends {
-        merged.text = ends.put(merged.text);
+        merged.text = ends.apply(merged.text);
     }
-    if merged.conflicts.is_empty() && merged.problems.is_empty() {
-        merged.problems = named.new_problems(&merged.text, [ours, theirs].map(|it| &it.text[..]));
+    if merged.conflicts.is_empty() && merged.diagnostics.is_empty() {
+        merged.diagnostics = named.new_errors(&merged.text, [ours, theirs].map(|it| &it.text[..]));
     }
     merged
 }
 
-/// Three texts in which what was renamed has one name.
-struct SameNames {
+/// The three texts, in which a renamed part has the same name.
+struct UnifiedNames {
     texts: [String; 3],
     renamed_twice: Vec<RenamedTwice>,
-    /// Entries under a name that one side gave to another entry, and the other side to a new one: `nodes.red`.
+    /// Names such as `nodes.red` that one side gives to a renamed entry and the other side gives to a new entry.
     taken: BTreeSet<String>,
 }
 
-/// Names that one side gives to what it renames, and the other side to something else.
+/// Returns the names that one side gives to a renamed entry, and the other side to another entry.
 fn taken_names(
     [base, ours, theirs]: [&str; 3],
-    by_us: &[Renamed],
-    by_them: &[Renamed],
+    by_us: &[Renaming],
+    by_them: &[Renaming],
 ) -> BTreeSet<String> {
     fn has(text: &str, section: &str, name: &str) -> bool {
         let (tree, _) = parse(text);
         let fields = tree.fields().unwrap_or_default();
-        // Nodes and inputs share their names.
+        // Nodes and inputs share one namespace, so they are compared together.
         let sections: &[_] = if section == "params" { &["params"] } else { &["nodes", "inputs"] };
         sections.iter().any(|section| entries(fields, section).any(|(known, _)| known == name))
     }
     let mut taken = BTreeSet::new();
     for (renamed, others, other) in [(by_us, by_them, theirs), (by_them, by_us, ours)] {
-        for it @ (section, _, new) in renamed {
+        for it @ Renaming { section, new, .. } in renamed {
             if !others.contains(it) && !has(base, section, new) && has(other, section, new) {
                 taken.insert(format!("{section}.{new}"));
             }
@@ -122,112 +130,114 @@ fn taken_names(
     taken
 }
 
-/// Where texts of a graph belong, and what their words mean.
+/// The path of the file and the catalog of node types.
 #[derive(Clone, Copy)]
-struct Named<'a> {
+struct MergeContext<'a> {
     path: &'a Path,
     catalog: &'a Catalog,
 }
 
-impl Named<'_> {
-    /// The texts as one by what they say. The result is not checked yet.
+impl MergeContext<'_> {
+    /// Merges the texts by structure. The result is not checked yet.
     ///
     /// # Errors
-    /// One of them cannot be read, or comments cannot be put where they belong, with the problems that are known by then.
-    fn by_meaning(self, texts: [&str; 3]) -> Result<Merge, Vec<Problem>> {
+    /// One of the texts cannot be parsed, or comments cannot be placed. The error contains the diagnostics that are known at that point.
+    fn merge_by_structure(self, texts: [&str; 3]) -> Result<Merge, Vec<Diagnostic>> {
         if texts.iter().any(|text| !parse(text).1.is_empty()) {
             return Err(Vec::new());
         }
-        let SameNames { texts: same, renamed_twice: twice, taken } =
-            self.same_names(texts).map_err(|_| Vec::new())?;
+        let UnifiedNames { texts: same, renamed_twice: twice, taken } =
+            self.unify_names(texts).map_err(|_| Vec::new())?;
         let texts = same.each_ref().map(|text| &text[..]);
-        let (mut text, mut conflicts) = self.put_together(texts, &twice, &taken);
-        let mut problems = Vec::new();
+        let (mut text, mut conflicts) = self.merge_texts(texts, &twice, &taken);
+        let mut diagnostics = Vec::new();
         if conflicts.is_empty() {
             let trees = texts.map(|text| parse(text).0);
-            let turned = turned(trees.each_ref(), &parse(&text).0);
+            let turned = changed_expressions(trees.each_ref(), &parse(&text).0);
             if !turned.is_empty() {
-                (text, conflicts) = self.put_together(texts, &twice, &entries_of(&turned));
-                problems = turned.iter().map(|it| it.problem(self.path, &text)).collect();
+                (text, conflicts) = self.merge_texts(texts, &twice, &entries_of(&turned));
+                diagnostics = turned.iter().map(|it| it.diagnostic(self.path, &text)).collect();
             }
         }
-        if is_amiss(texts, &text, !conflicts.is_empty()) {
-            return Err(problems);
+        if has_wrong_comments(texts, &text, !conflicts.is_empty()) {
+            return Err(diagnostics);
         }
-        Ok(Merge { text, conflicts, problems, by_lines: false })
+        Ok(Merge { text, conflicts, diagnostics, by_lines: false })
     }
 
-    /// The texts, which have the same names, as one, and where both do not agree. Some entries are kept apart in any case.
-    fn put_together(
+    /// Merges texts in which renamed parts have the same names. Returns the merged text and the conflicts. The entries in `kept_separate`
+    /// are always conflicts.
+    fn merge_texts(
         self,
         texts: [&str; 3],
         renamed_twice: &[RenamedTwice],
-        kept_apart: &BTreeSet<String>,
+        kept_separate: &BTreeSet<String>,
     ) -> (String, Vec<String>) {
         let trees = texts.map(|text| parse(text).0);
-        let means = [0, 1, 2].map(|k| Means {
-            defaults: self.defaults(texts[k]),
+        let means = [0, 1, 2].map(|k| Interpretation {
+            defaults: self.default_offsets(texts[k]),
             numbers: plain_numbers(self.path, texts[k], &trees[k], self.catalog),
         });
         let [before, left, right] =
-            [0, 1, 2].map(|k| Value { text: texts[k], tree: &trees[k], means: &means[k] });
+            [0, 1, 2].map(|k| Value { text: texts[k], tree: &trees[k], interpretation: &means[k] });
         let known = BTreeSet::from_iter(comments(texts[0]));
-        let mut merger = Merger { renamed_twice, kept_apart, known, conflicts: Vec::new() };
-        let whole = merger.whole(before, left, right);
-        fn outside(
+        let mut merger = Merger { renamed_twice, kept_separate, known, conflicts: Vec::new() };
+        let whole = merger.merge_root(before, left, right);
+        fn merge_outside(
             part: fn(&str, &Tree) -> String,
             texts: &[&str; 3],
             trees: &[Tree; 3],
         ) -> String {
             let [base, ours, theirs] = [0, 1, 2].map(|k| part(texts[k], &trees[k]));
-            around(&base, &ours, &theirs)
+            merge_gaps(&base, &ours, &theirs)
         }
-        let above = outside(|text, tree| text[..tree.span.start].to_owned(), &texts, &trees);
-        let below = outside(|text, tree| text[tree.span.end..].to_owned(), &texts, &trees);
+        let above = merge_outside(|text, tree| text[..tree.span.start].to_owned(), &texts, &trees);
+        let below = merge_outside(|text, tree| text[tree.span.end..].to_owned(), &texts, &trees);
         let mut conflicts = merger.conflicts;
         conflicts.dedup();
         (format!("{above}{whole}{below}"), conflicts)
     }
 
-    /// Where the fields of a text begin that would say the same if they were left out.
-    fn defaults(self, text: &str) -> BTreeSet<usize> {
+    /// Returns the offsets of the fields whose values equal their defaults.
+    fn default_offsets(self, text: &str) -> BTreeSet<usize> {
         let options = Options { files: Files::Ignored, ..Options::default() };
-        let cuts = cuts(self.path, text, self.catalog, &options);
+        let cuts = removable_fields(self.path, text, self.catalog, &options);
         cuts.into_iter().map(|cut| cut.start).collect()
     }
 
-    /// Gives what one side has renamed its new name in all texts.
-    fn same_names(self, texts: [&str; 3]) -> Result<SameNames, Vec<Problem>> {
+    /// Applies the renames of each side to all three texts.
+    fn unify_names(self, texts: [&str; 3]) -> Result<UnifiedNames, Vec<Diagnostic>> {
         let [mut base, mut ours, mut theirs] = texts.map(str::to_owned);
-        let (mut by_us, mut by_them) = (self.renamed(&base, &ours)?, self.renamed(&base, &theirs)?);
+        let (mut by_us, mut by_them) =
+            (self.find_renames(&base, &ours)?, self.find_renames(&base, &theirs)?);
         let mut twice = Vec::new();
         let taken = taken_names(texts, &by_us, &by_them);
-        let is_free = |(section, _, new): &Renamed| !taken.contains(&format!("{section}.{new}"));
-        by_us.retain(is_free);
-        by_them.retain(is_free);
-        for (section, old, new) in &by_them {
-            let other = by_us.iter().find(|other| other.0 == *section && other.1 == *old);
-            let known = other.map_or(old, |(_, _, name)| name);
+        for renames in [&mut by_us, &mut by_them] {
+            renames.retain(|it| !taken.contains(&format!("{}.{}", it.section, it.new)));
+        }
+        for Renaming { section, old, new } in &by_them {
+            let other = by_us.iter().find(|other| other.section == *section && other.old == *old);
+            let known = other.map_or(old, |other| &other.new);
             if known != new {
-                ours = self.with_name(ours, section, known, new);
+                ours = self.rename_entry(ours, section, known, new);
             }
-            base = self.with_name(base, section, old, new);
+            base = self.rename_entry(base, section, old, new);
             if other.is_some() && known != new {
                 let (old, theirs, ours) = (old.clone(), new.clone(), known.clone());
                 twice.push(RenamedTwice { section, old, theirs, ours });
             }
         }
-        for (section, old, new) in &by_us {
-            if by_them.iter().all(|other| other.0 != *section || other.1 != *old) {
-                base = self.with_name(base, section, old, new);
-                theirs = self.with_name(theirs, section, old, new);
+        for Renaming { section, old, new } in &by_us {
+            if by_them.iter().all(|other| other.section != *section || other.old != *old) {
+                base = self.rename_entry(base, section, old, new);
+                theirs = self.rename_entry(theirs, section, old, new);
             }
         }
-        Ok(SameNames { texts: [base, ours, theirs], renamed_twice: twice, taken })
+        Ok(UnifiedNames { texts: [base, ours, theirs], renamed_twice: twice, taken })
     }
 
-    /// What has another name in the new text.
-    fn renamed(self, old: &str, new: &str) -> Result<Vec<Renamed>, Vec<Problem>> {
+    /// Returns the names that differ between two texts.
+    fn find_renames(self, old: &str, new: &str) -> Result<Vec<Renaming>, Vec<Diagnostic>> {
         fn source(text: &str, path: &Path) -> Source {
             Source { name: path.to_owned(), text: text.to_owned() }
         }
@@ -243,34 +253,36 @@ impl Named<'_> {
                     _ => return None,
                 };
                 let is_renamed = found.change == Change::Renamed;
-                is_renamed.then_some((section, found.before?, found.after?))
+                is_renamed.then_some(Renaming { section, old: found.before?, new: found.after? })
             })
             .collect())
     }
 
-    /// The text with another name of something in it; as it is if it has no such thing, or has the new name already.
-    fn with_name(self, text: String, section: &str, old: &str, new: &str) -> String {
+    /// Renames an entry in a text. If the text has no such entry, or if the new name is already in use, returns the text unchanged.
+    fn rename_entry(self, text: String, section: &str, old: &str, new: &str) -> String {
         let (tree, _) = parse(&text);
         let mut known = entries(tree.fields().unwrap_or_default(), section);
         if known.any(|(name, _)| name == new) {
             return text;
         }
         let from = format!("{section}.{old}");
-        renamed_in(self.path, &text, &from, new, self.catalog).unwrap_or(text)
+        rename_in(self.path, &text, &from, new, self.catalog).unwrap_or(text)
     }
 
-    /// The errors of a text that none of two others has.
-    fn new_problems(self, text: &str, others: [&str; 2]) -> Vec<Problem> {
+    fn diagnostics(self, text: &str) -> Vec<Diagnostic> {
         let options = Options { files: Files::Ignored, ..Options::default() };
-        let problems = |text: &str| {
-            Graph::load_text(self.path, text.to_owned(), self.catalog, &options).problems
-        };
-        let known: Vec<_> = others.into_iter().flat_map(problems).collect();
-        let mut found = problems(text);
-        found.retain(|problem| {
-            let is_known =
-                |it: &Problem| (it.code, &it.message) == (problem.code, &problem.message);
-            problem.severity == Severity::Error && !known.iter().any(is_known)
+        Graph::load_text(self.path, text.to_owned(), self.catalog, &options).diagnostics
+    }
+
+    /// Returns the errors of a text that neither of two other texts has.
+    fn new_errors(self, text: &str, others: [&str; 2]) -> Vec<Diagnostic> {
+        let known: Vec<_> = others.into_iter().flat_map(|other| self.diagnostics(other)).collect();
+        let mut found = self.diagnostics(text);
+        found.retain(|diagnostic| {
+            diagnostic.severity == Severity::Error
+                && known
+                    .iter()
+                    .all(|it| (it.code, &it.message) != (diagnostic.code, &diagnostic.message))
         });
         found
     }

@@ -1,88 +1,91 @@
-//! A graph's text without what would be the same if it were left out: `maquette fmt --minimal`.
+//! Removes values that equal their defaults, for `maquette fmt --minimal`.
 
 use std::collections::HashMap;
 use std::path::Path;
 
+use maquette_graph::canonical::{
+    OMITTABLE_FIELDS, is_default, is_default_most, is_empty, node_of_link,
+};
 use maquette_graph::catalog::Catalog;
-use maquette_graph::fitting::in_plain_numbers;
-use maquette_graph::load::{first, load_text};
-use maquette_graph::meaning::{EMPTY, is_default, is_empty, is_usual_most, named_node};
+use maquette_graph::constants::in_plain_numbers;
+use maquette_graph::load::{check_file, load_text};
 use maquette_graph::tree::entries;
 use maquette_graph::{Files, Options};
-use maquette_syntax::error::{Problem, Span};
-use maquette_syntax::{Body, Expected, Field, Kind, Token, Tree, parse, tokens};
+use maquette_syntax::error::{Diagnostic, Span};
+use maquette_syntax::{Body, ExpectedValue, Field, Kind, Token, Tree, parse, tokens};
 use serde_json::Value as Json;
 
-use super::format::{fault, formatted};
+use super::format::{format_text, internal_error};
 
-/// A graph file's text in its canonical form, without values that are their defaults. Every comment is kept. What is no graph of its
-/// own, as a `Patch` or a test, is only brought into its form.
+/// Returns the text of a graph file in its canonical form, without values that equal their defaults. All comments are kept. Other files,
+/// such as a `Patch` or a test, are only formatted.
 ///
 /// # Errors
-/// If the text cannot be read.
+/// The text cannot be parsed.
 pub fn minimal(
     path: &Path,
     text: &str,
     catalog: &Catalog,
     options: &Options,
-) -> Result<String, Vec<Problem>> {
-    let form = formatted(path, text)?;
+) -> Result<String, Vec<Diagnostic>> {
+    let form = format_text(path, text)?;
     let options = Options { files: Files::Ignored, ..options.clone() };
     let mut short = form.clone();
-    // What has nothing left in it may be a default itself.
+    // If all fields of a value have been removed, the value itself may equal its default.
     loop {
-        let cuts = cuts(path, &short, catalog, &options);
+        let cuts = removable_fields(path, &short, catalog, &options);
         if cuts.is_empty() {
             break;
         }
-        short = formatted(path, &without(&short, &cuts))?;
+        short = format_text(path, &remove_fields(&short, &cuts))?;
     }
     if short == form {
         return Ok(form);
     }
-    fn load(
-        text: &str,
-        options: &Options,
-        path: &Path,
-        catalog: &Catalog,
-    ) -> maquette_graph::Checked {
-        load_text(path, text.to_owned(), catalog, options)
-    }
-    let (before, after) =
-        (load(&form, &options, path, catalog), load(&short, &options, path, catalog));
+    let [before, after] =
+        [&form, &short].map(|text| load_text(path, text.clone(), catalog, &options));
     let is_same = match (&before.graph, &after.graph) {
         (Some(before), Some(after)) => before.has_the_same_parts(after),
-        (None, None) => before.problems.len() == after.problems.len(),
+        (None, None) => before.diagnostics.len() == after.diagnostics.len(),
         _ => false,
     };
-    if is_same && comments(&form) == comments(&short) {
+    if is_same && sorted_comments(&form) == sorted_comments(&short) {
         return Ok(short);
     }
-    Err(vec![fault(path, text, "the shorter text")])
+    Err(vec![internal_error(path, text, "the shorter text")])
 }
 
-/// The fields that can be left out, by the places of their names and values.
-pub(super) fn cuts(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> Vec<Span> {
+/// Returns the spans of the fields that can be removed. A span extends from the name of the field to its value.
+pub(super) fn removable_fields(
+    path: &Path,
+    text: &str,
+    catalog: &Catalog,
+    options: &Options,
+) -> Vec<Span> {
     let (tree, _) = parse(text);
     let is_graph = tree.name().is_some_and(|name| name.text == "Graph");
-    let (_, whole) = first(path, text.to_owned(), catalog, options);
+    let (_, whole) = check_file(path, text.to_owned(), catalog, options);
     let Some(whole) = whole.filter(|_| is_graph) else { return Vec::new() };
-    let drafts = whole.definition.drafts.iter();
-    // The nodes of a `ForEach` have one type.
-    let schemas = drafts.filter_map(|it| Some((named_node(&it.name.text), it.what.schema()?)));
+    let parsed_nodes = whole.definition.parsed_nodes.iter();
+    // All nodes of a `ForEach` have the same type.
+    let schemas =
+        parsed_nodes.filter_map(|it| Some((node_of_link(&it.name.text), it.what.schema()?)));
     let schemas: HashMap<&str, &Json> = schemas.collect();
     let mut search = Search { catalog, cuts: Vec::new() };
     let fields = tree.fields().unwrap_or_default();
-    search.empty(fields, &EMPTY);
+    search.cut_empty(fields, &OMITTABLE_FIELDS);
     for (_, declaration) in ["inputs", "params"].into_iter().flat_map(|it| entries(fields, it)) {
         let declaration = declaration.call_of("Optional").unwrap_or(declaration);
-        search.empty(declaration.fields().unwrap_or_default(), &["doc"]);
+        search.cut_empty(declaration.fields().unwrap_or_default(), &["doc"]);
     }
     for (name, node) in entries(fields, "nodes") {
         let Some(schema) = schemas.get(name) else { continue };
         match node.name() {
-            Some(kind) if kind.text == "ForEach" => search.each(node, schema),
-            _ => search.value(&in_plain_numbers(node, schema), &Expected::of_node("", schema)),
+            Some(kind) if kind.text == "ForEach" => search.search_for_each(node, schema),
+            _ => search.search_value(
+                &in_plain_numbers(node, schema),
+                &ExpectedValue::for_node("", schema),
+            ),
         }
     }
     search.cuts
@@ -98,8 +101,8 @@ impl Search<'_> {
         self.cuts.push(Span { start: field.name.span.start, end: field.value.span.end });
     }
 
-    /// Those of the fields with these names that hold nothing.
-    fn empty(&mut self, fields: &[Field], names: &[&str]) {
+    /// Removes those of the fields with these names that are empty.
+    fn cut_empty(&mut self, fields: &[Field], names: &[&str]) {
         for field in fields.iter().filter(|field| names.contains(&&field.name.text[..])) {
             if is_empty(&field.value) {
                 self.cut(field);
@@ -107,7 +110,7 @@ impl Search<'_> {
         }
     }
 
-    fn is_default(&self, field: &Field, expected: &Expected<'_>) -> bool {
+    fn is_default(&self, field: &Field, expected: &ExpectedValue<'_>) -> bool {
         let name = &field.name.text[..];
         let required = expected.schema.get("required").and_then(Json::as_array);
         let is_required = required.into_iter().flatten().any(|it| it.as_str() == Some(name));
@@ -117,78 +120,82 @@ impl Search<'_> {
             .is_some_and(|schema| is_default(&field.value, schema, expected.root, self.catalog))
     }
 
-    /// The defaults within a value; its numbers are plain.
-    fn value(&mut self, tree: &Tree, expected: &Expected<'_>) {
+    /// Finds the fields that equal their defaults, within a value in plain numbers.
+    fn search_value(&mut self, tree: &Tree, expected: &ExpectedValue<'_>) {
         match &tree.kind {
-            Kind::List(items) => self.items(items, |k| expected.item(k)),
+            Kind::List(items) => self.search_items(items, |k| expected.item(k)),
             Kind::Map(entries) => {
                 if let Some(expected) = expected.entry() {
-                    entries.iter().for_each(|(_, value)| self.value(value, &expected));
+                    entries.iter().for_each(|(_, value)| self.search_value(value, &expected));
                 }
             }
             Kind::Call { name, body } => {
                 let inside = match name {
-                    Some(name) => expected.behind(&name.text),
+                    Some(name) => expected.variant_content(&name.text),
                     None => Some(expected.clone()),
                 };
                 let Some(inside) = inside else { return };
                 match body {
                     Body::Empty => {}
                     Body::Items(items) if name.is_some() => {
-                        self.items(items, |k| inside.argument(k));
+                        self.search_items(items, |k| inside.argument(k));
                     }
-                    Body::Items(items) => self.items(items, |k| inside.item(k)),
-                    Body::Fields(fields) => self.fields(fields, &inside, |_| false),
+                    Body::Items(items) => self.search_items(items, |k| inside.item(k)),
+                    Body::Fields(fields) => self.search_fields(fields, &inside, |_| false),
                 }
             }
             _ => {}
         }
     }
 
-    fn items<'e>(&mut self, items: &[Tree], expected: impl Fn(usize) -> Option<Expected<'e>>) {
+    fn search_items<'e>(
+        &mut self,
+        items: &[Tree],
+        expected: impl Fn(usize) -> Option<ExpectedValue<'e>>,
+    ) {
         for (index, item) in items.iter().enumerate() {
             if let Some(expected) = expected(index) {
-                self.value(item, &expected);
+                self.search_value(item, &expected);
             }
         }
     }
 
-    fn fields(
+    fn search_fields(
         &mut self,
         fields: &[Field],
-        expected: &Expected<'_>,
+        expected: &ExpectedValue<'_>,
         is_kept: impl Fn(&Field) -> bool,
     ) {
         for field in fields {
             if !is_kept(field) && self.is_default(field, expected) {
                 self.cut(field);
             } else if let Some(expected) = expected.field(&field.name.text) {
-                self.value(&field.value, &expected);
+                self.search_value(&field.value, &expected);
             }
         }
     }
 
-    /// The defaults of the nodes of a `ForEach`.
-    fn each(&mut self, tree: &Tree, schema: &Json) {
+    /// Finds the fields that equal their defaults in a `ForEach`.
+    fn search_for_each(&mut self, tree: &Tree, schema: &Json) {
         let fields = tree.fields().unwrap_or_default();
-        let expected = Expected::of_node("", schema);
+        let expected = ExpectedValue::for_node("", schema);
         fn group(name: &str, fields: &[Field], schema: &Json) -> Option<Tree> {
             let field = fields.iter().find(|field| field.name.text == name);
             field.map(|field| in_plain_numbers(&field.value, schema))
         }
-        self.empty(fields, &["with", "links", "carry"]);
-        fields.iter().filter(|field| is_usual_most(field)).for_each(|field| self.cut(field));
+        self.cut_empty(fields, &["with", "links", "carry"]);
+        fields.iter().filter(|field| is_default_most(field)).for_each(|field| self.cut(field));
         let with = group("with", fields, schema);
         let with = with.as_ref().and_then(Tree::fields).unwrap_or_default();
-        self.fields(with, &expected, |_| false);
-        // An element says a default where all others have something else.
+        self.search_fields(with, &expected, |_| false);
+        // An element must state a default explicitly if `with` gives the field another value.
         let others: Vec<_> = with.iter().filter(|it| !self.is_default(it, &expected)).collect();
         if let Some(Kind::List(elements)) =
             fields.iter().find(|field| field.name.text == "over").map(|field| &field.value.kind)
         {
             for element in elements {
                 let element = in_plain_numbers(element, schema);
-                self.fields(element.fields().unwrap_or_default(), &expected, |field| {
+                self.search_fields(element.fields().unwrap_or_default(), &expected, |field| {
                     others.iter().any(|it| it.name.text == field.name.text)
                 });
             }
@@ -196,10 +203,10 @@ impl Search<'_> {
     }
 }
 
-/// The text without these fields, the commas behind them and their lines, but with the comments in them.
-fn without(text: &str, cuts: &[Span]) -> String {
+/// Returns the text without these fields, their commas and their lines. The comments inside of the fields are kept.
+fn remove_fields(text: &str, cuts: &[Span]) -> String {
     let mut result = String::with_capacity(text.len());
-    // Whether a field has just ended whose comma goes along, and whether its line is still empty.
+    // True after a removed field, while its comma must still be removed and its line is empty.
     let (mut is_behind, mut is_blank) = (false, false);
     for (token, span) in tokens(text) {
         let word = &text[span.start..span.end];
@@ -231,8 +238,7 @@ fn without(text: &str, cuts: &[Span]) -> String {
     result
 }
 
-/// The comments of a text, in the order of their words.
-fn comments(text: &str) -> Vec<&str> {
+fn sorted_comments(text: &str) -> Vec<&str> {
     let comments = tokens(text)
         .into_iter()
         .filter(|(token, _)| matches!(token, Token::LineComment | Token::BlockComment));

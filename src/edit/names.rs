@@ -1,29 +1,30 @@
-//! Every name in the text of a graph, a patch, a test or a sweep, and what it names, there or in another file.
+//! Finds all names in the text of a graph, a patch, a test or a sweep. Each is resolved to the declaration to which it refers, in the same
+//! file or in another file.
 
 use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use maquette_graph::canonical::node_of_link;
 use maquette_graph::catalog::Catalog;
-use maquette_graph::definition::{Definition, Whole};
+use maquette_graph::definition::{Definition, ParsedFile};
 use maquette_graph::expectation::Expectation;
 use maquette_graph::expression::named_parameters;
-use maquette_graph::load::first;
-use maquette_graph::meaning::named_node;
+use maquette_graph::header::name_of;
+use maquette_graph::load::check_file;
 use maquette_graph::options::folder_of;
-use maquette_graph::top::name_of;
 use maquette_graph::tree::entries;
 use maquette_graph::{Files, Options};
 use maquette_syntax::error::Span;
 use maquette_syntax::{Body, Field, Kind, Name, Tree, parse};
 
-use super::{Names, Reference, References};
+use super::{Reference, ReferenceKind, References};
 
-/// What has a name of its author.
+/// A declaration that gives something a name.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Symbol {
-    /// The file that declares it, without links and dots.
+    /// The file that contains the declaration, as a path without symbolic links and dots.
     pub file: PathBuf,
     pub sort: SymbolSort,
     pub name: String,
@@ -31,109 +32,111 @@ pub struct Symbol {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum SymbolSort {
-    /// A node or an input.
+    /// Returns the declaration of the node or input of this name.
     Node,
     Parameter,
     Output,
-    /// A type of nodes that `use` makes of a graph.
+    /// A node type that `use` declares for a graph.
     Type,
 }
 
-/// A name in a text.
+/// An occurrence of a name in a text, with the declaration to which it refers.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Named {
-    /// Where it stands, without quotes and what stands beside it.
+pub struct NameOccurrence {
+    /// The position of the name itself, without quotes and adjacent text.
     pub span: Span,
     pub symbol: Symbol,
-    /// Whether it is the place that declares it.
-    pub declares: bool,
-    /// Whether it is written as a field.
+    /// True if the occurrence is the declaration itself.
+    pub is_declaration: bool,
+    /// True if the name is written as the name of a field.
     pub is_field: bool,
 }
 
-/// The names in a file, and the files of graphs that it names, without links and dots.
+/// The names in a file, and the files of the graphs that the file uses. Files are given as paths without symbolic links and dots.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct NamesOf {
-    /// In the order of their places.
-    pub all: Vec<Named>,
-    /// The graph of each type of nodes that `use` makes.
+pub struct FileNames {
+    /// The names, in the order of their positions.
+    pub all: Vec<NameOccurrence>,
+    /// For each node type that `use` declares, the file of its graph.
     pub types: HashMap<String, PathBuf>,
 }
 
-/// The names in the text of a graph or a patch; none if it cannot be read.
-pub fn names_in(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> NamesOf {
-    let Some((known, Whole { definition, .. })) = Known::of(path, text, catalog, options) else {
-        return NamesOf::default();
+/// Returns the names in the text of a graph or a patch. Empty if the text cannot be parsed.
+pub fn names_in(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> FileNames {
+    let Some((known, ParsedFile { definition, .. })) =
+        KnownNames::load(path, text, catalog, options)
+    else {
+        return FileNames::default();
     };
     let mut search = Search { text, found: Vec::new() };
     match definition.is_patched() {
         true => search.patch(parse(text).0.fields().unwrap_or_default(), &known),
         false => {
             let fields = definition.tree.fields().unwrap_or_default();
-            search.graph(fields, &known, &References::within(&definition));
+            search.graph(fields, &known, &References::of_definition(&definition));
         }
     }
     search.found.sort_by_key(|found| found.span);
     search.found.dedup();
     let types = known.types.iter().map(|(name, inner)| (name.clone(), inner.file.clone()));
-    NamesOf { types: types.collect(), all: search.found }
+    FileNames { types: types.collect(), all: search.found }
 }
 
-/// The names in the text of a test of these graphs.
+/// Returns the names in the text of a test of these graphs.
 pub fn names_in_test(
     text: &str,
     graphs: &[PathBuf],
     catalog: &Catalog,
     options: &Options,
-) -> NamesOf {
+) -> FileNames {
     let (tree, _) = parse(text);
     let mut search = Search { text, found: Vec::new() };
     for path in graphs {
         let Ok(graph) = options.text(path) else { continue };
-        let Some((known, _)) = Known::of(path, &graph, catalog, options) else { continue };
+        let Some((known, _)) = KnownNames::load(path, &graph, catalog, options) else { continue };
         search.test(tree.fields().unwrap_or_default(), &known);
     }
     search.found.sort_by(|a, b| (a.span, &a.symbol).cmp(&(b.span, &b.symbol)));
     search.found.dedup();
-    NamesOf { all: search.found, types: HashMap::new() }
+    FileNames { all: search.found, types: HashMap::new() }
 }
 
-/// The names in the text of a sweep that stands, or will stand, in this file.
-pub fn names_in_sweep(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> NamesOf {
+/// Returns the names in the text of a sweep. The sweep is at `path`, which need not exist.
+pub fn names_in_sweep(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> FileNames {
     let (tree, _) = parse(text);
     let fields = tree.fields().unwrap_or_default();
     let named = fields.iter().find(|field| field.name.text == "graph");
     let Some(named) = named.and_then(|field| field.value.text()) else {
-        return NamesOf::default();
+        return FileNames::default();
     };
     let graph = folder_of(path).join(named);
     let known = options.text(&graph).ok();
-    let known = known.and_then(|text| Known::of(&graph, &text, catalog, options));
-    let Some((known, _)) = known else { return NamesOf::default() };
+    let known = known.and_then(|text| KnownNames::load(&graph, &text, catalog, options));
+    let Some((known, _)) = known else { return FileNames::default() };
     let mut search = Search { text, found: Vec::new() };
     search.sweep(fields, &known);
     search.found.sort_by_key(|found| found.span);
-    NamesOf { all: search.found, types: HashMap::new() }
+    FileNames { all: search.found, types: HashMap::new() }
 }
 
-/// What a graph declares, for who names it from outside.
-struct Inner {
+/// The declarations of a graph that other files can name.
+struct UsedGraph {
     file: PathBuf,
     params: Vec<String>,
     inputs: Vec<String>,
 }
 
-impl Inner {
-    fn of(definition: &Definition) -> Self {
-        let inputs = definition.drafts[..definition.inputs].iter();
+impl UsedGraph {
+    fn from_definition(definition: &Definition) -> Self {
+        let inputs = definition.parsed_nodes[..definition.inputs].iter();
         Self {
             file: file_of(definition),
             params: definition.declared.iter().map(|declared| declared.name.clone()).collect(),
-            inputs: inputs.map(|draft| draft.name.text.clone()).collect(),
+            inputs: inputs.map(|parsed| parsed.name.text.clone()).collect(),
         }
     }
 
-    /// The input or parameter that a field stands for.
+    /// Returns the input or parameter that a field names.
     fn field(&self, field: &str) -> Option<Symbol> {
         let name = name_of(field);
         let sort = match () {
@@ -145,48 +148,54 @@ impl Inner {
     }
 }
 
-/// The file of a definition; of what a patch makes, that of the graph.
+/// Returns the file of a definition. For a patch, returns the file of the patched graph.
 fn file_of(definition: &Definition) -> PathBuf {
-    let sheet = &definition.sheet;
-    let (folder, source) = match sheet.parts.first() {
+    let source_map = &definition.source_map;
+    let (folder, source) = match source_map.parts.first() {
         Some(first) => (&first.folder, &first.source),
-        None => (&sheet.folder, &sheet.source),
+        None => (&source_map.folder, &source_map.source),
     };
     folder.join(source.name.file_name().unwrap_or_default())
 }
 
-/// What a graph declares, and what the graphs do that its nodes use.
-struct Known {
-    own: Inner,
+/// The declarations of a graph, and those of the graphs that the graph uses.
+struct KnownNames {
+    own: UsedGraph,
     nodes: Vec<String>,
     outputs: Vec<String>,
-    types: HashMap<String, Arc<Inner>>,
-    /// The graph that a node uses.
-    uses: HashMap<String, Arc<Inner>>,
-    /// Those that are a `ForEach`.
+    types: HashMap<String, Arc<UsedGraph>>,
+    /// For each node, the graph that it uses.
+    uses: HashMap<String, Arc<UsedGraph>>,
+    /// Those nodes that are a `ForEach`.
     repeated: HashSet<String>,
 }
 
-impl Known {
-    fn of(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> Option<(Self, Whole)> {
+impl KnownNames {
+    fn load(
+        path: &Path,
+        text: &str,
+        catalog: &Catalog,
+        options: &Options,
+    ) -> Option<(Self, ParsedFile)> {
         let options = Options { files: Files::Ignored, set: Vec::new(), ..options.clone() };
-        let (world, whole) = first(path, text.to_owned(), catalog, &options);
+        let (world, whole) = check_file(path, text.to_owned(), catalog, &options);
         let whole = whole?;
         let definition = &whole.definition;
-        let listed = world.listed.iter().filter(|(depth, ..)| *depth == 1);
-        let types = listed.map(|(_, name, inner)| (name.clone(), Arc::new(Inner::of(inner))));
+        let listed = world.node_types.iter().filter(|(depth, ..)| *depth == 1);
+        let types = listed
+            .map(|(_, name, inner)| (name.clone(), Arc::new(UsedGraph::from_definition(inner))));
         let types: HashMap<_, _> = types.collect();
         let fields = definition.tree.fields().unwrap_or_default();
         let (mut uses, mut repeated) = (HashMap::new(), HashSet::new());
         for (name, call) in entries(fields, "nodes") {
             let inner = kind_of(call).and_then(|kind| types.get(&kind.text));
             uses.extend(inner.map(|inner| (name.to_owned(), inner.clone())));
-            repeated.extend(is_each(call).then(|| name.to_owned()));
+            repeated.extend(is_for_each(call).then(|| name.to_owned()));
         }
         fn names(section: &str, fields: &[Field]) -> Vec<String> {
             entries(fields, section).map(|(name, _)| name.to_owned()).collect()
         }
-        let own = Inner::of(definition);
+        let own = UsedGraph::from_definition(definition);
         let (nodes, outputs) = (names("nodes", fields), names("outputs", fields));
         Some((Self { own, nodes, outputs, types, uses, repeated }, whole))
     }
@@ -201,9 +210,9 @@ impl Known {
         known.then(|| self.symbol(SymbolSort::Node, name))
     }
 
-    /// What a link names: a node, and an output of the graph that it uses.
+    /// Resolves the names in a link: a node, and an output of the graph that it uses.
     fn link(&self, text: &str) -> Vec<(Range<usize>, Symbol)> {
-        let node = named_node(text);
+        let node = node_of_link(text);
         let mut found: Vec<_> =
             self.node(node).map(|symbol| (0..node.len(), symbol)).into_iter().collect();
         if let (Some(inner), Some(dot)) = (self.uses.get(node), text.find('.')) {
@@ -214,35 +223,37 @@ impl Known {
         found
     }
 
-    /// What a name of a value names: `growth`, or `node.field`.
+    /// Resolves the names in the path of a value: `growth`, or `node.field`.
     fn value(&self, text: &str) -> Vec<(Range<usize>, Symbol)> {
         if text.contains('.') {
-            return self.way(text);
+            return self.node_path(text);
         }
-        let known = self.own.params.iter().any(|known| known == text);
-        let symbol = || self.symbol(SymbolSort::Parameter, text);
-        Vec::from_iter(known.then(|| (0..text.len(), symbol())))
+        if self.own.params.iter().any(|known| known == text) {
+            return vec![(0..text.len(), self.symbol(SymbolSort::Parameter, text))];
+        }
+        Vec::new()
     }
 
-    /// What `node.field` names.
-    fn way(&self, text: &str) -> Vec<(Range<usize>, Symbol)> {
-        let node = named_node(text);
+    /// Resolves the names in `node.field`.
+    fn node_path(&self, text: &str) -> Vec<(Range<usize>, Symbol)> {
+        let node = node_of_link(text);
         let mut found: Vec<_> =
             self.node(node).map(|symbol| (0..node.len(), symbol)).into_iter().collect();
-        if let Some((way, inner)) = self.behind(text).zip(self.uses.get(node)) {
+        if let Some((way, inner)) = self.used_field_path(text).zip(self.uses.get(node)) {
             let (start, field) = (text.len() - way.len(), way.split('.').next().unwrap_or(way));
             found.extend(inner.field(field).map(|symbol| (start..start + field.len(), symbol)));
         }
         found
     }
 
-    /// Whether `node` is a `ForEach` as a whole, and not one of its elements.
+    /// Returns true if the path names a `ForEach` as a whole, and not one of its elements.
     fn is_repeated(&self, text: &str) -> bool {
         self.repeated.contains(text.split('.').next().unwrap_or(text))
     }
 
-    /// What stands in `node.field` from the name of a field of the used graph on: `with` and `over.1` of a `ForEach` come before it.
-    fn behind<'t>(&self, text: &'t str) -> Option<&'t str> {
+    /// Returns the part of the path `node.field` that begins with a field of the used graph. In a `ForEach`, `with` or `over.1` comes
+    /// before that field.
+    fn used_field_path<'t>(&self, text: &'t str) -> Option<&'t str> {
         let (_, way) = text.split_once('.')?;
         let groups = match way.split('.').next() {
             Some("with" | "links" | "carry") if self.is_repeated(text) => 1,
@@ -252,24 +263,24 @@ impl Known {
         Some(way.splitn(groups + 1, '.').nth(groups).unwrap_or(""))
     }
 
-    /// An output.
+    /// Resolves the name of an output.
     fn output(&self, text: &str) -> Vec<(Range<usize>, Symbol)> {
         let known = self.outputs.iter().any(|output| output == text);
         Vec::from_iter(known.then(|| (0..text.len(), self.symbol(SymbolSort::Output, text))))
     }
 
-    /// What an expectation speaks of.
-    fn expected(&self, text: &str) -> Vec<(Range<usize>, Symbol)> {
+    /// Resolves a name in an expectation, which is that of an output or a link.
+    fn expected_value(&self, text: &str) -> Vec<(Range<usize>, Symbol)> {
         let output = self.output(text);
         if output.is_empty() { self.link(text) } else { output }
     }
 }
 
-fn is_each(call: &Tree) -> bool {
+fn is_for_each(call: &Tree) -> bool {
     call.name().is_some_and(|name| name.text == "ForEach")
 }
 
-/// The type of a node; of a `ForEach`, that of its nodes.
+/// Returns the type of a node. For a `ForEach`, returns the type of its nodes.
 fn kind_of(call: &Tree) -> Option<Name> {
     let kind = call.name()?;
     if kind.text != "ForEach" {
@@ -279,7 +290,7 @@ fn kind_of(call: &Tree) -> Option<Name> {
     Some(Name { text: graph.value.text()?.to_owned(), span: graph.value.span })
 }
 
-/// The keys of a section with their values.
+/// Returns the entries of a section.
 fn keys<'t>(fields: &'t [Field], section: &str) -> impl Iterator<Item = (&'t Tree, &'t Tree)> {
     let maps = fields.iter().filter(move |field| field.name.text == section);
     maps.flat_map(|field| entries_of(&field.value))
@@ -296,64 +307,70 @@ fn entries_of(map: &Tree) -> impl Iterator<Item = (&Tree, &Tree)> {
 /// Collects the names in a text.
 struct Search<'t> {
     text: &'t str,
-    found: Vec<Named>,
+    found: Vec<NameOccurrence>,
 }
 
 impl Search<'_> {
-    /// Puts what a literal names, by ranges of what it says.
-    fn put(&mut self, literal: &Tree, of: impl FnOnce(&str) -> Vec<(Range<usize>, Symbol)>) {
+    /// Records the names in a literal. They are given by their ranges in the text of the literal.
+    fn record(&mut self, literal: &Tree, of: impl FnOnce(&str) -> Vec<(Range<usize>, Symbol)>) {
         let Some(says) = literal.text() else { return };
-        self.put_at(literal.span, says, of(says), false);
+        self.record_at(literal.span, says, of(says), false);
     }
 
     fn declare(&mut self, literal: &Tree, symbol: Symbol) {
         let Some(says) = literal.text() else { return };
-        self.put_at(literal.span, says, vec![(0..says.len(), symbol)], true);
+        self.record_at(literal.span, says, vec![(0..says.len(), symbol)], true);
     }
 
-    fn put_at(&mut self, at: Span, says: &str, named: Vec<(Range<usize>, Symbol)>, declares: bool) {
-        // What is written with escapes is no name.
+    fn record_at(
+        &mut self,
+        at: Span,
+        says: &str,
+        named: Vec<(Range<usize>, Symbol)>,
+        declares: bool,
+    ) {
+        // A literal that has escapes contains no names.
         let Some(start) = self.text[at.start..at.end].find(says) else { return };
         let start = at.start + start;
         for (range, symbol) in named {
-            // Behind a dot stands a field, or an output.
+            // The name after a dot is that of a field or an output.
             let is_field = says[..range.start].ends_with('.') && symbol.sort != SymbolSort::Output;
             let span = Span { start: start + range.start, end: start + range.end };
-            self.found.push(Named { span, symbol, declares, is_field });
+            self.found.push(NameOccurrence { span, symbol, is_declaration: declares, is_field });
         }
     }
 
-    /// The fields of a call of a used graph.
-    fn fields(&mut self, call: &Tree, inner: &Inner) {
+    /// Records the fields of a node that uses a graph.
+    fn fields(&mut self, call: &Tree, inner: &UsedGraph) {
         for Field { name, .. } in call.fields().unwrap_or_default() {
             let symbol = inner.field(&name.text);
-            self.found.extend(symbol.map(|symbol| Named {
+            self.found.extend(symbol.map(|symbol| NameOccurrence {
                 span: name.span,
                 symbol,
-                declares: false,
+                is_declaration: false,
                 is_field: true,
             }));
         }
     }
 
-    fn patch(&mut self, fields: &[Field], known: &Known) {
+    fn patch(&mut self, fields: &[Field], known: &KnownNames) {
         for (key, _) in keys(fields, "params") {
-            self.put(key, |name| known.value(name));
+            self.record(key, |name| known.value(name));
         }
         for (key, value) in keys(fields, "nodes") {
-            self.put(key, |name| known.way(name));
+            self.record(key, |name| known.node_path(name));
             let text = key.text().unwrap_or_default();
-            let Some(inner) = known.uses.get(named_node(text)) else { continue };
-            match known.behind(text) {
-                None if known.is_repeated(text) => self.repeated(value, inner),
-                // What stands there are the fields.
+            let Some(inner) = known.uses.get(node_of_link(text)) else { continue };
+            match known.used_field_path(text) {
+                None if known.is_repeated(text) => self.for_each_fields(value, inner),
+                // The keys inside of the value are the fields.
                 None | Some("") => self.fields(value, inner),
                 Some(_) => {}
             }
         }
     }
 
-    fn graph(&mut self, fields: &[Field], known: &Known, references: &References) {
+    fn graph(&mut self, fields: &[Field], known: &KnownNames, references: &References) {
         use SymbolSort::{Node, Output, Parameter, Type};
         let sections = [
             ("nodes", Node),
@@ -369,12 +386,12 @@ impl Search<'_> {
             }
         }
         let params = HashSet::<&str>::from_iter(known.own.params.iter().map(String::as_str));
-        for Reference { span, text, kind, .. } in references.all() {
+        for Reference { span, text, kind, .. } in references.iter() {
             let named = match kind {
-                Names::Link => known.link(text),
-                Names::Output => vec![(0..text.len(), known.symbol(Output, text))],
-                Names::Parameter => vec![(0..text.len(), known.symbol(Parameter, text))],
-                Names::Expression => {
+                ReferenceKind::Link => known.link(text),
+                ReferenceKind::Output => vec![(0..text.len(), known.symbol(Output, text))],
+                ReferenceKind::Parameter => vec![(0..text.len(), known.symbol(Parameter, text))],
+                ReferenceKind::Expression => {
                     let places = named_parameters(text, &|name| params.contains(name));
                     let places = places.unwrap_or_default();
                     places
@@ -386,7 +403,7 @@ impl Search<'_> {
                         .collect()
                 }
             };
-            self.put_at(*span, text, named, false);
+            self.record_at(*span, text, named, false);
         }
         for (_, call) in keys(fields, "nodes") {
             let Some((kind, inner)) = kind_of(call).and_then(|kind| {
@@ -396,23 +413,23 @@ impl Search<'_> {
                 continue;
             };
             let symbol = known.symbol(Type, &kind.text);
-            self.put_at(kind.span, &kind.text, vec![(0..kind.text.len(), symbol)], false);
-            match is_each(call) {
-                true => self.repeated(call, &inner),
+            self.record_at(kind.span, &kind.text, vec![(0..kind.text.len(), symbol)], false);
+            match is_for_each(call) {
+                true => self.for_each_fields(call, &inner),
                 false => self.fields(call, &inner),
             }
         }
     }
 
-    /// The fields of a `ForEach` over a used graph.
-    fn repeated(&mut self, call: &Tree, inner: &Inner) {
+    /// Records the fields of a `ForEach` whose nodes use a graph.
+    fn for_each_fields(&mut self, call: &Tree, inner: &UsedGraph) {
         for Field { name, value } in call.fields().unwrap_or_default() {
             match (&name.text[..], &value.kind) {
                 ("with" | "links" | "carry", _) => self.fields(value, inner),
                 ("over", Kind::List(items)) => {
                     items.iter().for_each(|item| self.fields(item, inner));
                 }
-                ("each" | "number", _) => self.put(value, |says| {
+                ("each" | "number", _) => self.record(value, |says| {
                     inner
                         .field(says)
                         .map(|symbol| (0..says.len(), symbol))
@@ -424,29 +441,29 @@ impl Search<'_> {
         }
     }
 
-    fn sweep(&mut self, fields: &[Field], known: &Known) {
+    fn sweep(&mut self, fields: &[Field], known: &KnownNames) {
         for (key, _) in keys(fields, "set") {
-            self.put(key, |says| known.value(says));
+            self.record(key, |says| known.value(says));
         }
-        let mut swept = HashSet::new();
+        let mut axis_names = HashSet::new();
         for Field { name, value } in fields {
             match &name.text[..] {
-                "over" => self.axis(value, known, &mut swept),
+                "over" => self.axis(value, known, &mut axis_names),
                 "picture" => {
                     let inner = value.fields().unwrap_or_default().iter();
                     let inner = inner.filter(|it| it.name.text == "output").map(|it| &it.value);
                     let outputs = inner.chain([value]);
-                    outputs.for_each(|output| self.put(output, |says| known.output(says)));
+                    outputs.for_each(|output| self.record(output, |says| known.output(says)));
                 }
                 _ => {}
             }
         }
         let out = fields.iter().filter(|field| field.name.text == "out");
         for Field { value, .. } in out {
-            self.put(value, |says| {
+            self.record(value, |says| {
                 let braces = says.match_indices('{').filter_map(|(start, _)| {
                     let name = says[start + 1..].split('}').next()?;
-                    swept.contains(name).then_some((start + 1, name))
+                    axis_names.contains(name).then_some((start + 1, name))
                 });
                 let named = braces.flat_map(|(start, name)| {
                     let there = known.value(name).into_iter();
@@ -457,25 +474,25 @@ impl Search<'_> {
         }
     }
 
-    /// What an axis of a sweep names; those values that are shown by the name of what they set are `swept`.
-    fn axis(&mut self, axis: &Tree, known: &Known, swept: &mut HashSet<String>) {
+    /// Records the names in an axis of a sweep. Targets whose names may occur in the names of files are added to `axis_names`.
+    fn axis(&mut self, axis: &Tree, known: &KnownNames, axis_names: &mut HashSet<String>) {
         let items: &[Tree] = match &axis.kind {
             Kind::Call { body: Body::Items(items), .. } => items,
             _ => &[],
         };
         match (axis.name().as_ref().map(|name| &name.text[..]), items.first()) {
             (Some("Product" | "Zip"), Some(Tree { kind: Kind::List(axes), .. })) => {
-                axes.iter().for_each(|axis| self.axis(axis, known, swept));
+                axes.iter().for_each(|axis| self.axis(axis, known, axis_names));
             }
             (Some("Values"), Some(target)) => {
-                swept.extend(target.text().map(str::to_owned));
-                self.put(target, |says| known.value(says));
+                axis_names.extend(target.text().map(str::to_owned));
+                self.record(target, |says| known.value(says));
             }
             (Some("Files"), _) => {
                 for Field { name, value } in axis.fields().unwrap_or_default() {
                     match &name.text[..] {
-                        "set" => self.put(value, |says| known.value(says)),
-                        "input" => self.put(value, |says| {
+                        "set" => self.record(value, |says| known.value(says)),
+                        "input" => self.record(value, |says| {
                             known
                                 .node(says)
                                 .map(|it| (0..says.len(), it))
@@ -484,7 +501,7 @@ impl Search<'_> {
                         }),
                         "beside" => {
                             entries_of(value).for_each(|(key, _)| {
-                                self.put(key, |says| known.value(says));
+                                self.record(key, |says| known.value(says));
                             });
                         }
                         _ => {}
@@ -495,13 +512,13 @@ impl Search<'_> {
         }
     }
 
-    fn test(&mut self, fields: &[Field], known: &Known) {
+    fn test(&mut self, fields: &[Field], known: &KnownNames) {
         for (_, case) in keys(fields, "cases") {
             for field in case.fields().unwrap_or_default() {
                 for (key, _) in entries_of(&field.value) {
                     match &field.name.text[..] {
-                        "set" => self.put(key, |says| known.value(says)),
-                        "inputs" => self.put(key, |says| {
+                        "set" => self.record(key, |says| known.value(says)),
+                        "inputs" => self.record(key, |says| {
                             known
                                 .node(says)
                                 .map(|symbol| (0..says.len(), symbol))
@@ -514,16 +531,16 @@ impl Search<'_> {
             }
         }
         for (key, _) in keys(fields, "compare") {
-            self.put(key, |says| known.output(says));
+            self.record(key, |says| known.output(says));
         }
         let expect = fields.iter().filter(|field| field.name.text == "expect");
         for text in expect.flat_map(|field| Expectation::value_texts(&field.value)) {
-            self.put(text, |says| known.expected(says));
+            self.record(text, |says| known.expected_value(says));
         }
     }
 }
 
-/// A path without links and dots, whether or not there is such a file.
-pub fn real(path: &Path) -> PathBuf {
+/// Returns a path without symbolic links and dots. The file need not exist.
+pub fn resolve_path(path: &Path) -> PathBuf {
     folder_of(path).join(path.file_name().unwrap_or_default())
 }

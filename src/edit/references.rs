@@ -1,88 +1,89 @@
-//! What the text of a graph names, and where: links, parameters and what is expected of values.
+//! Finds the references in the text of a graph, with their positions: links, names of parameters, and names of values in expectations.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
+use maquette_graph::canonical::node_of_link;
 use maquette_graph::catalog::{PortDescription, ports};
-use maquette_graph::definition::{Definition, What, Whole};
+use maquette_graph::definition::{Definition, NodeKind, ParsedFile};
 use maquette_graph::expectation::Expectation;
-use maquette_graph::load::first;
-use maquette_graph::meaning::named_node;
+use maquette_graph::load::check_file;
 use maquette_graph::place::field;
 use maquette_graph::tree::entries;
 use maquette_graph::{Files, Options};
-use maquette_syntax::error::{Problem, Span};
+use maquette_syntax::error::{Diagnostic, Span};
 use maquette_syntax::{Body, Kind, Tree};
 
-use super::Judge;
+use super::Editor;
 
-/// A text in a graph that names something of it.
+/// A text in a graph that refers to another part of the graph.
 #[derive(Clone, Debug)]
 pub struct Reference {
-    /// Where the literal stands.
+    /// The position of the literal that contains the reference.
     pub(crate) span: Span,
-    /// What it says.
+    /// The text of the literal.
     pub(crate) text: String,
-    pub(crate) kind: Names,
-    /// Who names it, in words: port `mask` of `spots`.
+    pub(crate) kind: ReferenceKind,
+    /// A description of the part that contains the reference: port `mask` of `spots`.
     pub(crate) by: String,
 }
 
-/// What a text names.
+/// The kind of part to which a text refers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Names {
+pub enum ReferenceKind {
     /// A node or an input.
     Link,
-    /// An output.
     Output,
-    /// A parameter.
     Parameter,
-    /// Some parameters.
+    /// The parameters that an expression names.
     Expression,
 }
 
-/// All that names something in a graph, and the ports of its nodes.
+/// All references in a graph, and the ports of its nodes.
 pub struct References {
-    /// In the order of their places.
+    /// The references, in the order of their positions.
     pub(crate) all: Vec<Reference>,
-    /// By the name of the node, as far as its type is known.
+    /// For each node whose type is known, its ports.
     pub ports: HashMap<String, Vec<PortDescription>>,
 }
 
 impl References {
-    /// All in the text of a graph.
+    /// Returns the references in the text of a graph.
     ///
     /// # Errors
-    /// The problems of the text, if it cannot be said what is in it.
-    pub(super) fn of(judge: &Judge<'_>, text: &str) -> Result<Self, Vec<Problem>> {
-        let (roots, texts) = (judge.options.roots.clone(), judge.options.texts.clone());
+    /// The text cannot be parsed.
+    pub(super) fn read(editor: &Editor<'_>, text: &str) -> Result<Self, Vec<Diagnostic>> {
+        let (roots, texts) = (editor.options.roots.clone(), editor.options.texts.clone());
         let options = Options { roots, texts, files: Files::Ignored, ..Options::default() };
-        let (world, whole) = first(judge.path, text.to_owned(), judge.catalog, &options);
+        let (world, whole) = check_file(editor.path, text.to_owned(), editor.catalog, &options);
         match whole {
-            Some(Whole { definition, .. }) => Ok(Self::within(&definition)),
-            None => Err(world.problems),
+            Some(ParsedFile { definition, .. }) => Ok(Self::of_definition(&definition)),
+            None => Err(world.diagnostics),
         }
     }
 
-    /// All in a text that has been understood so far.
-    pub fn within(definition: &Definition) -> Self {
+    /// Returns the references in a parsed graph.
+    pub fn of_definition(definition: &Definition) -> Self {
         let tree = &definition.tree;
         let (mut links, mut unknown) = (HashMap::new(), HashSet::new());
         let mut known_ports = HashMap::new();
-        for draft in &definition.drafts {
-            let node = named_node(&draft.name.text);
-            for link in &draft.links {
+        for parsed in &definition.parsed_nodes {
+            let node = node_of_link(&parsed.name.text);
+            for link in &parsed.links {
                 links.entry(link.span).or_insert_with(|| link.port.clone());
             }
-            match &draft.what {
-                What::Node(entry) => {
+            match &parsed.what {
+                NodeKind::Node(entry) => {
                     known_ports.entry(node.to_owned()).or_insert_with(|| entry.ports());
                 }
-                What::Use(_, graph) => {
+                NodeKind::Use(_, graph) => {
                     known_ports.entry(node.to_owned()).or_insert_with(|| ports(&graph.fields));
                 }
-                // A text that names a node is taken for a link where the type is not known.
-                What::Unknown(_) => drop(unknown.insert(node.to_owned())),
-                What::Input | What::Switch(_) | What::Elements(_) | What::Pick(_) => {}
+                // If the type of a node is unknown, each text that equals the name of a node is treated as a link.
+                NodeKind::Unknown(_) => drop(unknown.insert(node.to_owned())),
+                NodeKind::Input
+                | NodeKind::Switch(_)
+                | NodeKind::Elements(_)
+                | NodeKind::Pick(_) => {}
             }
         }
         let fields = tree.fields().unwrap_or_default();
@@ -93,7 +94,7 @@ impl References {
             let guess = unknown.contains(name);
             search.node(name, node, guess);
             for group in ["links", "carry"] {
-                // The links of a `ForEach` without elements belong to no node.
+                // If a `ForEach` has no elements, its links do not belong to any node.
                 let is_each = node.name().is_some_and(|kind| kind.text == "ForEach");
                 if let Some(group) = field(node, group).filter(|_| is_each) {
                     search.node(name, &group.value, true);
@@ -105,70 +106,78 @@ impl References {
         }
         let outputs = HashSet::<&str>::from_iter(entries(fields, "outputs").map(|(name, _)| name));
         for (name, value) in entries(fields, "outputs") {
-            search.put(value, Names::Link, format!("output `{name}`"));
+            search.add(value, ReferenceKind::Link, format!("output `{name}`"));
         }
         for expected in
             field(tree, "expect").iter().flat_map(|f| Expectation::value_texts(&f.value))
         {
             let is_output = expected.text().is_some_and(|text| outputs.contains(text));
-            let kind = if is_output { Names::Output } else { Names::Link };
-            search.put(expected, kind, "an expectation".into());
+            let kind = if is_output { ReferenceKind::Output } else { ReferenceKind::Link };
+            search.add(expected, kind, "an expectation".into());
         }
         if let Some(Kind::Map(promises)) = field(tree, "promises").map(|field| &field.value.kind) {
             for (output, _) in promises {
-                search.put(output, Names::Output, "a promise".into());
+                search.add(output, ReferenceKind::Output, "a promise".into());
             }
         }
         Self { all: search.found.into_values().collect(), ports: known_ports }
     }
 
-    /// All, in the order of their places.
-    pub(crate) fn all(&self) -> &[Reference] {
+    /// Returns the references in the order of their positions.
+    pub(crate) fn iter(&self) -> &[Reference] {
         &self.all
     }
 
-    /// What links say.
+    /// Returns true if a port of a node must have a link.
+    pub(crate) fn is_required(&self, node: &str, port: &str) -> bool {
+        let mut ports = self.ports.get(node).into_iter().flatten();
+        ports.any(|known| known.name == port && !known.optional)
+    }
+
+    /// Returns the texts of the links.
     pub fn links(&self) -> impl Iterator<Item = &str> {
-        let links = self.all.iter().filter(|found| found.kind == Names::Link);
+        let links = self.all.iter().filter(|found| found.kind == ReferenceKind::Link);
         links.map(|found| &found.text[..])
     }
 
-    /// Whether the literal at this place is a link.
+    /// Returns true if the literal at this position is a link.
     pub fn is_link(&self, span: Span) -> bool {
-        self.all.iter().any(|found| found.span == span && found.kind == Names::Link)
+        self.all.iter().any(|found| found.span == span && found.kind == ReferenceKind::Link)
     }
 }
 
-/// Collects what names something.
+/// Collects references.
 struct Search<'t> {
     found: BTreeMap<Span, Reference>,
-    /// Nodes and inputs.
+    /// The names of nodes and inputs.
     names: HashSet<&'t str>,
-    /// The ports that hold links, by the places of these.
+    /// For each link, by its position, the port of the link.
     links: HashMap<Span, String>,
 }
 
 impl Search<'_> {
-    fn put(&mut self, literal: &Tree, kind: Names, by: String) {
+    fn add(&mut self, literal: &Tree, kind: ReferenceKind, by: String) {
         let Some(text) = literal.text() else { return };
         let (span, text) = (literal.span, text.to_owned());
         self.found.entry(span).or_insert(Reference { span, text, kind, by });
     }
 
-    /// The parameters that are named in a value; true if it is one `Param` or `Expr`.
-    fn is_computed(&mut self, name: &str, tree: &Tree) -> bool {
-        for (call, kind) in [("Param", Names::Parameter), ("Expr", Names::Expression)] {
+    /// Adds the parameters that a `Param` or `Expr` names. Returns false for any other value.
+    fn add_computed(&mut self, name: &str, tree: &Tree) -> bool {
+        for (call, kind) in
+            [("Param", ReferenceKind::Parameter), ("Expr", ReferenceKind::Expression)]
+        {
             if let Some(argument) = tree.call_of(call) {
-                self.put(argument, kind, format!("`{name}`"));
+                self.add(argument, kind, format!("`{name}`"));
                 return true;
             }
         }
         false
     }
 
-    /// The parameters that are named in the declaration of one.
+    /// Adds the parameters that the declaration of a parameter names.
     fn parameters(&mut self, name: &str, tree: &Tree) {
-        if self.is_computed(name, tree) {
+        if self.add_computed(name, tree) {
             return;
         }
         match &tree.kind {
@@ -182,9 +191,9 @@ impl Search<'_> {
         }
     }
 
-    /// What is named in a part of a node. With `guess`, each text that may be a link is one.
+    /// Adds the references in a part of a node. If `guess` is set, each text that equals the name of a node is treated as a link.
     fn node(&mut self, name: &str, tree: &Tree, guess: bool) {
-        if self.is_computed(name, tree) {
+        if self.add_computed(name, tree) {
             return;
         }
         let mut all = |trees: &[Tree]| trees.iter().for_each(|tree| self.node(name, tree, guess));
@@ -198,10 +207,10 @@ impl Search<'_> {
             }
             Kind::Text(text) => match self.links.get(&tree.span) {
                 Some(port) => {
-                    self.put(tree, Names::Link, format!("port `{port}` of `{name}`"));
+                    self.add(tree, ReferenceKind::Link, format!("port `{port}` of `{name}`"));
                 }
-                None if guess && self.names.contains(named_node(text)) => {
-                    self.put(tree, Names::Link, format!("`{name}`"));
+                None if guess && self.names.contains(node_of_link(text)) => {
+                    self.add(tree, ReferenceKind::Link, format!("`{name}`"));
                 }
                 None => {}
             },

@@ -1,85 +1,93 @@
-//! Edits of what a graph is made of: nodes, names, links and outputs.
+//! Edits of the structure of a graph: nodes, names, links and outputs.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
+use maquette_graph::canonical::node_of_link;
 use maquette_graph::expression::named_parameters;
-use maquette_graph::meaning::named_node;
+use maquette_graph::header::field_of;
 use maquette_graph::place::field;
 use maquette_graph::splice::{
-    Splice, added, apply, newline, parts, put_entry, reindented, without,
+    Splice, add_field, apply, newline, parts, put_entry, reindent, remove_parts,
 };
-use maquette_graph::top::field_of;
 use maquette_graph::tree::entries;
-use maquette_graph::{Refusal, is_name};
-use maquette_syntax::error::{Problem, Span, code};
-use maquette_syntax::{Body, Kind, Tree, nearest_or_all, parse, quoted, with_article};
+use maquette_graph::{EditError, is_name};
+use maquette_syntax::error::{Diagnostic, Span, code};
+use maquette_syntax::{Body, Kind, Tree, nearest_or_all, parse, quote, with_article};
 
-use super::format::entry_form;
-use super::references::{Names, Reference, References};
-use super::{Edit, Judge};
+use super::format::format_entry;
+use super::references::{Reference, ReferenceKind, References};
+use super::{Edit, Editor};
 
 mod links;
 
-/// The text of a graph, and what stands in it.
+/// The text of a graph, parsed so that it can be edited.
 pub(super) struct Structure<'j> {
-    judge: &'j Judge<'j>,
+    editor: &'j Editor<'j>,
     text: &'j str,
     tree: Tree,
     references: References,
 }
 
-/// The sections whose entries have names that others use, and what each entry is.
+/// The sections to whose entries other parts can refer, each with the word for one of its entries.
 const SECTIONS: [(&str, &str); 3] =
     [("nodes", "node"), ("inputs", "input"), ("params", "parameter")];
 
-/// An entry of a section.
-struct Declared<'t> {
+/// An entry of a section, which has a name.
+struct NamedEntry<'t> {
     section: &'static str,
-    /// The section.
+    /// The map that is the section.
     map: &'t Tree,
-    /// Which of its entries.
+    /// The index of the entry in the section.
     index: usize,
     key: &'t Tree,
     name: &'t str,
 }
 
-/// Parts of values that go, by the values' places.
-type Gone<'t> = BTreeMap<Span, (&'t Tree, BTreeSet<usize>)>;
+/// The parts of values to be removed. They are listed by the spans of the values that contain them.
+type Removals<'t> = BTreeMap<Span, (&'t Tree, BTreeSet<usize>)>;
 
-fn refusal(code: &'static str, span: Span, message: String, help: impl Into<String>) -> Refusal {
-    Refusal { code, span, message, help: help.into() }
+fn edit_error(
+    code: &'static str,
+    span: Span,
+    message: String,
+    help: impl Into<String>,
+) -> EditError {
+    EditError { code, span, message, help: help.into() }
 }
 
 impl<'j> Structure<'j> {
+    /// Parses a text so that it can be edited.
+    ///
     /// # Errors
-    /// The problems of the text, if nothing can be said of what is in it.
-    pub(super) fn read(judge: &'j Judge<'j>, text: &'j str) -> Result<Self, Vec<Problem>> {
+    /// The text is a patch or cannot be parsed.
+    pub(super) fn read(editor: &'j Editor<'j>, text: &'j str) -> Result<Self, Vec<Diagnostic>> {
         let (tree, _) = parse(text);
         if tree.name().is_some_and(|name| name.text == "Patch") {
             let span = tree.name().map_or(tree.span, |name| name.span);
             let message = "a patch has values of nodes, but no nodes of its own".to_owned();
             let help = "edit the graph that it is `of`; values of a patch can be set";
-            let refused = refusal(code::SYNTAX, span, message, help);
-            return Err(vec![judge.refused(text, refused)]);
+            let error = edit_error(code::SYNTAX, span, message, help);
+            return Err(vec![editor.diagnostic(text, error)]);
         }
-        let references = References::of(judge, text)?;
-        Ok(Self { judge, text, tree, references })
+        let references = References::read(editor, text)?;
+        Ok(Self { editor, text, tree, references })
     }
 
-    /// The text after an edit that is no `Set`.
+    /// Returns the text after an edit of any kind except `Set`.
     ///
     /// # Errors
-    /// Why it cannot be done.
-    pub(super) fn edited(&self, edit: &Edit, values: &[&str]) -> Result<String, Vec<Refusal>> {
+    /// The edit is not possible.
+    pub(super) fn apply(&self, edit: &Edit, values: &[&str]) -> Result<String, Vec<EditError>> {
         let splices = match edit {
             Edit::Add { name, node, fields, after } => {
                 let fields = fields.iter().map(|(name, _)| &name[..]).zip(values.iter().copied());
-                self.add(name, node, &Vec::from_iter(fields), after.as_deref()).map_err(one)?
+                self.add(name, node, &Vec::from_iter(fields), after.as_deref())
+                    .map_err(to_errors)?
             }
             Edit::Remove { name, and_links } => self.remove(name, *and_links)?,
-            Edit::Rename { from, to } => self.rename(from, to).map_err(one)?,
-            Edit::Link { port, to } => return self.link(port, to).map_err(one),
+            Edit::Rename { from, to } => self.rename(from, to).map_err(to_errors)?,
+            Edit::Link { port, to } => return self.link(port, to).map_err(to_errors),
             Edit::Unlink { port } => self.unlink(port)?,
             Edit::Output { name, to } => self.output(name, to.as_deref())?,
             Edit::Set { .. } => Vec::new(),
@@ -92,8 +100,8 @@ impl<'j> Structure<'j> {
         matches!(value.kind, Kind::Map(_)).then_some(value)
     }
 
-    /// What `nose`, `nodes.nose` or `params.nose` names.
-    fn declared(&self, given: &str) -> Result<Declared<'_>, Refusal> {
+    /// Finds the entry of the name `nose`, `nodes.nose` or `params.nose`.
+    fn find_entry(&self, given: &str) -> Result<NamedEntry<'_>, EditError> {
         let (wanted, name) = match given.split_once('.') {
             Some((section, name)) => (Some(section), name),
             None => (None, given),
@@ -109,7 +117,7 @@ impl<'j> Structure<'j> {
             known.extend(entries.iter().filter_map(|(key, _)| key.text()));
             for (index, (key, _)) in entries.iter().enumerate() {
                 if let Some(name) = key.text().filter(|known| *known == name) {
-                    found.push(Declared { section, map, index, key, name });
+                    found.push(NamedEntry { section, map, index, key, name });
                 }
             }
         }
@@ -117,31 +125,31 @@ impl<'j> Structure<'j> {
             && first.section == second.section
         {
             let message = format!("there is more than one `{name}` in `{}`", first.section);
-            return Err(refusal(code::BAD_NAME, second.key.span, message, "keep one of them"));
+            return Err(edit_error(code::BAD_NAME, second.key.span, message, "keep one of them"));
         }
         if found.len() > 1 {
             let both = found.iter().map(|found| format!("`{}.{name}`", found.section));
             let help = format!("write {}", Vec::from_iter(both).join(" or "));
             let message = format!("both a node and a parameter have the name `{name}`");
-            return Err(refusal(code::BAD_NAME, found[1].key.span, message, help));
+            return Err(edit_error(code::BAD_NAME, found[1].key.span, message, help));
         }
         found.pop().ok_or_else(|| {
             let what = SECTIONS.iter().find(|(section, _)| Some(*section) == wanted);
             let what = what.map_or("node, input or parameter", |(_, what)| what);
             let message = format!("the graph has no {what} `{name}`");
             let help = nearest_or_all(name, "its names", &known);
-            refusal(code::UNKNOWN_LINK, Span::default(), message, help)
+            edit_error(code::UNKNOWN_LINK, Span::default(), message, help)
         })
     }
 
-    /// The call of a node.
-    fn node(&self, name: &str) -> Result<&Tree, Refusal> {
+    /// Returns the call of a node.
+    fn node(&self, name: &str) -> Result<&Tree, EditError> {
         call_of(&self.tree, name).ok_or_else(|| {
             let nodes = entries(self.tree.fields().unwrap_or_default(), "nodes");
             let known: Vec<_> = nodes.map(|(name, _)| name).collect();
             let message = format!("the graph has no node `{name}`");
             let help = nearest_or_all(name, "its nodes", &known);
-            refusal(code::UNKNOWN_LINK, Span::default(), message, help)
+            edit_error(code::UNKNOWN_LINK, Span::default(), message, help)
         })
     }
 
@@ -151,71 +159,76 @@ impl<'j> Structure<'j> {
         node: &str,
         fields: &[(&str, &str)],
         after: Option<&str>,
-    ) -> Result<Vec<Splice>, Refusal> {
-        may_name(name, "a node")?;
+    ) -> Result<Vec<Splice>, EditError> {
+        check_name(name, "a node")?;
         let words = fields.iter().map(|(field, _)| (*field, code::UNKNOWN_FIELD, "field"));
         for (word, code, what) in words.chain([(node, code::UNKNOWN_NODE, "node type")]) {
-            if !is_word(word) {
+            if !is_field_name(word) {
                 let message = format!("`{word}` cannot be the name of a {what}");
                 let written = field_of(word);
-                let help = match is_word(&written) {
+                let help = match is_field_name(&written) {
                     true => format!("a field has `_` where a name has `-`: `{written}`"),
                     false => "letters, digits and `_`, no digit first".to_owned(),
                 };
-                return Err(refusal(code, Span::default(), message, help));
+                return Err(edit_error(code, Span::default(), message, help));
             }
         }
         let fields = fields.iter().map(|(field, value)| format!("{field}: {value}"));
         let entry = format!("\"{name}\": {node}({})", Vec::from_iter(fields).join(", "));
         let after = after.map(|after| {
-            // It must be there.
+            // The node after which the new one is inserted must exist.
             self.node(after)?;
-            let place = self.declared(&format!("nodes.{after}"))?;
-            Ok::<_, Refusal>(place.index)
+            let place = self.find_entry(&format!("nodes.{after}"))?;
+            Ok::<_, EditError>(place.index)
         });
         let after = after.transpose()?;
         Ok(match self.section("nodes") {
             Some(nodes) => put_entry(self.text, nodes, after, true, |indent| {
-                self.written(&entry, indent, nodes.span.end)
+                self.entry_text(&entry, indent, nodes.span.end)
             }),
-            None => added(self.text, &self.tree, "nodes", &format!("{{ {entry} }}")),
+            None => add_field(self.text, &self.tree, "nodes", &format!("{{ {entry} }}")),
         })
     }
 
-    /// An entry in its canonical form, as it stands behind an indentation; its lines end as the one before a place.
-    fn written(&self, entry: &str, indent: &str, at: usize) -> String {
+    /// Formats an entry for an indentation. Its line endings are that before the offset `at`.
+    fn entry_text(&self, entry: &str, indent: &str, at: usize) -> String {
         let columns = indent.chars().count();
-        reindented(&entry_form(entry, columns), columns, indent, newline(self.text, at))
+        reindent(&format_entry(entry, columns), columns, indent, newline(self.text, at))
     }
 
-    fn rename(&self, from: &str, to: &str) -> Result<Vec<Splice>, Refusal> {
-        let Declared { section, key, name, .. } = self.declared(from)?;
+    fn rename(&self, from: &str, to: &str) -> Result<Vec<Splice>, EditError> {
+        let NamedEntry { section, key, name, .. } = self.find_entry(from)?;
         let (_, what) =
             SECTIONS.iter().find(|(known, _)| *known == section).unwrap_or(&SECTIONS[0]);
-        may_name(to, &with_article(what))?;
+        check_name(to, &with_article(what))?;
         if name == to {
             return Ok(Vec::new());
         }
         let whole = 0..name.len();
-        let mut splices = vec![self.replaced(key.span, name, std::slice::from_ref(&whole), to)];
+        let mut splices =
+            vec![self.literal_splice(key.span, name, std::slice::from_ref(&whole), to)];
         for found in &self.references.all {
             let Reference { span, text, .. } = found;
             let places = match found.kind {
-                Names::Parameter if section == "params" && text == name => vec![whole.clone()],
-                Names::Expression if section == "params" => self.in_expression(found, name, to)?,
-                Names::Link if section != "params" && named_node(text) == name => {
+                ReferenceKind::Parameter if section == "params" && text == name => {
+                    vec![whole.clone()]
+                }
+                ReferenceKind::Expression if section == "params" => {
+                    self.renamed_ranges(found, name, to)?
+                }
+                ReferenceKind::Link if section != "params" && node_of_link(text) == name => {
                     vec![whole.clone()]
                 }
                 _ => continue,
             };
             if !places.is_empty() {
-                splices.push(self.replaced(*span, text, &places, to));
+                splices.push(self.literal_splice(*span, text, &places, to));
             }
         }
         Ok(splices)
     }
 
-    /// The names of the parameters.
+    /// Returns the names of the parameters.
     fn parameters(&self) -> BTreeSet<&str> {
         match self.section("params").map(|params| &params.kind) {
             Some(Kind::Map(entries)) => entries.iter().filter_map(|(key, _)| key.text()).collect(),
@@ -223,53 +236,55 @@ impl<'j> Structure<'j> {
         }
     }
 
-    /// Where an expression names a parameter that gets another name.
-    fn in_expression(
+    /// Returns the ranges in which an expression contains the renamed parameter.
+    ///
+    /// # Errors
+    /// With the new name, the expression would have another meaning.
+    fn renamed_ranges(
         &self,
         expression: &Reference,
         from: &str,
         to: &str,
-    ) -> Result<Vec<Range<usize>>, Refusal> {
+    ) -> Result<Vec<Range<usize>>, EditError> {
         let known = self.parameters();
         let text = &expression.text;
         let old = named_parameters(text, &|name| known.contains(name)).unwrap_or_default();
         let mut places = old.clone();
         places.retain(|place| &text[place.clone()] == from);
-        let new_text = with_places(text, &places, to);
-        let is_known = |name: &str| name == to || (name != from && known.contains(name));
-        let new = named_parameters(&new_text, &is_known).unwrap_or_default();
+        let new_text = replace_ranges(text, &places, to);
+        let new = named_parameters(&new_text, &|name| {
+            name == to || (name != from && known.contains(name))
+        });
+        let new = new.unwrap_or_default();
         let in_old = old.iter().map(|place| match &text[place.clone()] {
             name if name == from => to,
             name => name,
         });
-        // A hyphen belongs to the new name where it was a sign before.
+        // A minus sign before or after the new name would become a hyphen in a longer name.
         if !in_old.eq(new.iter().map(|place| &new_text[place.clone()])) {
-            let message = format!("this expression would say something else with the name `{to}`");
-            let help = "a hyphen with spaces around it is always a sign";
-            return Err(refusal(code::EXPRESSION, expression.span, message, help));
+            let message = format!("this expression would change its meaning with the name `{to}`");
+            let help = "put spaces around a minus sign";
+            return Err(edit_error(code::EXPRESSION, expression.span, message, help));
         }
         Ok(places)
     }
 
-    /// A literal that says `text`, with `new` in some places of that.
-    fn replaced(&self, span: Span, text: &str, places: &[Range<usize>], new: &str) -> Splice {
+    /// Returns the edit that replaces ranges in the text of a literal by `new`.
+    fn literal_splice(&self, span: Span, text: &str, places: &[Range<usize>], new: &str) -> Splice {
         let literal = &self.text[span.start..span.end];
         let Some(start) = literal.find(text) else {
-            // It is written with escapes.
-            return (span, quoted(&with_places(text, places, new)));
+            // The literal contains escapes.
+            return (span, quote(&replace_ranges(text, places, new)));
         };
         let places = places.iter().map(|place| place.start + start..place.end + start);
-        (span, with_places(literal, &Vec::from_iter(places), new))
+        (span, replace_ranges(literal, &Vec::from_iter(places), new))
     }
 
-    fn remove(&self, given: &str, and_links: bool) -> Result<Vec<Splice>, Vec<Refusal>> {
-        let Declared { section, map, index, name, .. } = self.declared(given).map_err(one)?;
+    fn remove(&self, given: &str, and_links: bool) -> Result<Vec<Splice>, Vec<EditError>> {
+        let NamedEntry { section, map, index, name, .. } =
+            self.find_entry(given).map_err(to_errors)?;
         let own = parts(map)[index];
         let parameters = self.parameters();
-        fn is_named(expression: &str, parameters: &BTreeSet<&str>, name: &str) -> bool {
-            let places = named_parameters(expression, &|word| parameters.contains(word));
-            places.into_iter().flatten().any(|place| &expression[place] == name)
-        }
         let users: Vec<_> = self
             .references
             .all
@@ -278,89 +293,85 @@ impl<'j> Structure<'j> {
                 let is_inside = own.start <= found.span.start && found.span.end <= own.end;
                 !is_inside
                     && match found.kind {
-                        Names::Link => section != "params" && named_node(&found.text) == name,
-                        Names::Parameter => section == "params" && found.text == name,
-                        Names::Expression => {
+                        ReferenceKind::Link => {
+                            section != "params" && node_of_link(&found.text) == name
+                        }
+                        ReferenceKind::Parameter => section == "params" && found.text == name,
+                        ReferenceKind::Expression => {
                             section == "params" && is_named(&found.text, &parameters, name)
                         }
-                        Names::Output => false,
+                        ReferenceKind::Output => false,
                     }
             })
             .collect();
         if !users.is_empty() && (!and_links || section == "params") {
-            let refused = |user: &&Reference| {
-                let message = format!("`{name}` cannot be removed: {} needs it", user.by);
-                match section {
-                    "params" => {
-                        let help = format!("put a value in place of what names `{name}`");
-                        refusal(code::EXPRESSION, user.span, message, help)
-                    }
-                    _ => {
-                        let help = "link it to something else, or let links go along that need not be (--and-links)";
-                        refusal(code::UNKNOWN_LINK, user.span, message, help)
-                    }
-                }
-            };
-            return Err(users.iter().map(refused).collect());
+            return Err(users.iter().map(|user| still_needed(section, name, user)).collect());
         }
-        let mut gone = Gone::from([(map.span, (map, BTreeSet::from([index])))]);
-        let mut refusals = Vec::new();
+        let mut gone = Removals::from([(map.span, (map, BTreeSet::from([index])))]);
+        let mut errors = Vec::new();
         for user in users {
-            if let Err(refused) = self.let_go(user, &mut gone) {
-                refusals.push(refused);
+            if let Err(error) = self.remove_reference(user, &mut gone) {
+                errors.push(error);
             }
         }
-        refusals.extend(self.let_lists_go(&mut gone));
-        if refusals.is_empty() { Ok(self.spliced(&gone)) } else { Err(refusals) }
+        errors.extend(self.remove_empty_lists(&mut gone));
+        if errors.is_empty() { Ok(self.removal_splices(&gone)) } else { Err(errors) }
     }
 
-    /// Lets what names something go along with it.
-    fn let_go<'t>(&'t self, user: &Reference, gone: &mut Gone<'t>) -> Result<(), Refusal> {
-        let holders = self.holders(user.span);
+    /// Marks for removal a reference to a part that is removed.
+    fn remove_reference<'t>(
+        &'t self,
+        user: &Reference,
+        gone: &mut Removals<'t>,
+    ) -> Result<(), EditError> {
+        let holders = self.ancestors(user.span);
         match holders.get(..2) {
-            // An expectation goes whole, and a promise.
+            // An expectation or a promise can only be removed as a whole.
             Some([(graph, field), (list, item)])
                 if graph.fields().is_some_and(|fields| {
                     matches!(&fields[*field].name.text[..], "expect" | "promises")
                 }) =>
             {
-                take(gone, list, *item);
+                mark_removed(gone, list, *item);
             }
             Some([(graph, field), (outputs, entry)])
                 if graph.fields().is_some_and(|f| f[*field].name.text == "outputs") =>
             {
-                take(gone, outputs, *entry);
+                mark_removed(gone, outputs, *entry);
                 let Kind::Map(entries) = &outputs.kind else { return Ok(()) };
                 let name = entries[*entry].0.text().unwrap_or_default();
-                let named = self.references.all.iter().filter(|found| found.kind == Names::Output);
+                let named =
+                    self.references.all.iter().filter(|found| found.kind == ReferenceKind::Output);
                 for expectation in named.filter(|found| found.text == name) {
-                    self.let_go(expectation, gone)?;
+                    self.remove_reference(expectation, gone)?;
                 }
             }
-            _ => self.let_link_go(&holders, user.span, gone)?,
+            _ => self.remove_link(&holders, user.span, gone)?,
         }
         Ok(())
     }
 
-    /// Lets a link of a node go, or all links of a port.
-    fn let_link_go<'t>(
+    /// Marks for removal a link of a node, or all links of a port.
+    fn remove_link<'t>(
         &'t self,
         holders: &[(&'t Tree, usize)],
         span: Span,
-        gone: &mut Gone<'t>,
-    ) -> Result<(), Refusal> {
+        gone: &mut Removals<'t>,
+    ) -> Result<(), EditError> {
         let Some(&(holder, index)) = holders.last() else { return Ok(()) };
         if !matches!(holder.kind, Kind::List(_)) {
-            self.may_be_empty(holders, span)?;
+            self.check_not_required(holders, span)?;
         }
-        take(gone, holder, index);
+        mark_removed(gone, holder, index);
         Ok(())
     }
 
-    /// Lists of links of which nothing would be left go whole, where the port can do without.
-    fn let_lists_go<'t>(&'t self, gone: &mut Gone<'t>) -> Vec<Refusal> {
-        let mut refusals = Vec::new();
-        let emptied: Vec<_> = gone
+    /// Marks for removal each list that would lose all its links.
+    ///
+    /// A port that would lose its link requires one. There is an error for each such port.
+    fn remove_empty_lists<'t>(&'t self, gone: &mut Removals<'t>) -> Vec<EditError> {
+        let mut errors = Vec::new();
+        let empty_lists: Vec<_> = gone
             .values()
             .filter(|(list, gone)| match &list.kind {
                 Kind::List(items) => items.len() == gone.len(),
@@ -368,33 +379,22 @@ impl<'j> Structure<'j> {
             })
             .map(|(list, _)| *list)
             .collect();
-        for list in emptied {
-            let holders = self.holders(list.span);
+        for list in empty_lists {
+            let holders = self.ancestors(list.span);
             let Some(&(holder, index)) = holders.last() else { continue };
-            match self.may_be_empty(&holders, list.span) {
+            match self.check_not_required(&holders, list.span) {
                 Ok(()) => {
                     gone.remove(&list.span);
-                    take(gone, holder, index);
+                    mark_removed(gone, holder, index);
                 }
-                Err(refused) => refusals.push(refused),
+                Err(error) => errors.push(error),
             }
         }
-        refusals
+        errors
     }
 
-    /// Refuses to leave the port at the end of a way empty, if it must have a link.
-    fn may_be_empty(&self, holders: &[(&Tree, usize)], span: Span) -> Result<(), Refusal> {
-        fn needed(
-            node: &str,
-            port: &str,
-            references_ports: &std::collections::HashMap<
-                String,
-                Vec<maquette_graph::catalog::PortDescription>,
-            >,
-        ) -> bool {
-            let ports = references_ports.get(node).into_iter().flatten();
-            ports.into_iter().any(|known| known.name == port && !known.optional)
-        }
+    /// Fails if the port at the end of a path requires a link.
+    fn check_not_required(&self, holders: &[(&Tree, usize)], span: Span) -> Result<(), EditError> {
         let [_, (nodes, entry), (call, field), inner @ ..] = holders else { return Ok(()) };
         let Kind::Map(entries) = &nodes.kind else { return Ok(()) };
         let node = entries[*entry].0.text().unwrap_or_default();
@@ -407,8 +407,8 @@ impl<'j> Structure<'j> {
         let (port, is_needed) = match (&kind[..], inner) {
             ("ForEach", [.., (group, field)]) => {
                 let port = name_of(group, *field);
-                // What is carried is what its links give.
-                let is_needed = outer == "carry" || needed(node, &port, &self.references.ports);
+                // The links determine which outputs are carried.
+                let is_needed = outer == "carry" || self.references.is_required(node, &port);
                 (port, is_needed)
             }
             ("Switch", [(cases, case)]) => match &cases.kind {
@@ -418,7 +418,7 @@ impl<'j> Structure<'j> {
                 _ => (outer, true),
             },
             (_, []) => {
-                let is_needed = needed(node, &outer, &self.references.ports);
+                let is_needed = self.references.is_required(node, &outer);
                 (outer, is_needed)
             }
             _ => (outer, false),
@@ -427,11 +427,12 @@ impl<'j> Structure<'j> {
             return Ok(());
         }
         let message = format!("port `{port}` of `{node}` cannot be left without a link");
-        Err(refusal(code::MISSING_FIELD, span, message, "link it to something else"))
+        Err(edit_error(code::MISSING_FIELD, span, message, "link it to something else"))
     }
 
-    /// The values around a place, from the graph on, and which part of each it lies in; a `Some` around it does not count.
-    fn holders(&self, span: Span) -> Vec<(&Tree, usize)> {
+    /// Returns the values that contain a span, from the outermost to the innermost. With each comes the index of its part that contains the
+    /// span. The innermost `Some` is skipped.
+    fn ancestors(&self, span: Span) -> Vec<(&Tree, usize)> {
         let mut holders = Vec::new();
         let mut tree = &self.tree;
         while tree.span != span {
@@ -442,7 +443,7 @@ impl<'j> Structure<'j> {
                 break;
             };
             holders.push((tree, index));
-            tree = part(tree, index);
+            tree = child(tree, index);
         }
         fn is_some(tree: &Tree) -> bool {
             tree.call_of("Some").is_some()
@@ -451,11 +452,11 @@ impl<'j> Structure<'j> {
         holders
     }
 
-    fn spliced(&self, gone: &Gone<'_>) -> Vec<Splice> {
-        gone.values().flat_map(|(tree, gone)| without(self.text, tree, gone)).collect()
+    fn removal_splices(&self, gone: &Removals<'_>) -> Vec<Splice> {
+        gone.values().flat_map(|(tree, gone)| remove_parts(self.text, tree, gone)).collect()
     }
 
-    fn output(&self, name: &str, to: Option<&str>) -> Result<Vec<Splice>, Vec<Refusal>> {
+    fn output(&self, name: &str, to: Option<&str>) -> Result<Vec<Splice>, Vec<EditError>> {
         let outputs = self.section("outputs");
         let entries = match outputs.map(|outputs| &outputs.kind) {
             Some(Kind::Map(entries)) => &entries[..],
@@ -467,42 +468,69 @@ impl<'j> Structure<'j> {
                 let known: Vec<_> = entries.iter().filter_map(|(key, _)| key.text()).collect();
                 let message = format!("the graph has no output `{name}`");
                 let help = nearest_or_all(name, "its outputs", &known);
-                return Err(one(refusal(code::UNKNOWN_LINK, Span::default(), message, help)));
+                return Err(to_errors(edit_error(
+                    code::UNKNOWN_LINK,
+                    Span::default(),
+                    message,
+                    help,
+                )));
             };
-            let users = self.references.all.iter().filter(|found| found.kind == Names::Output);
-            let refused = users.filter(|found| found.text == name).map(|user| {
+            let users =
+                self.references.all.iter().filter(|found| found.kind == ReferenceKind::Output);
+            let error = users.filter(|found| found.text == name).map(|user| {
                 let message = format!("output `{name}` cannot be removed: {} needs it", user.by);
-                refusal(code::UNKNOWN_LINK, user.span, message, "let it name the node")
+                edit_error(code::UNKNOWN_LINK, user.span, message, "name the node there instead")
             });
-            let refused = Vec::from_iter(refused);
-            if !refused.is_empty() {
-                return Err(refused);
+            let error = Vec::from_iter(error);
+            if !error.is_empty() {
+                return Err(error);
             }
-            return Ok(without(self.text, outputs, &BTreeSet::from([index])));
+            return Ok(remove_parts(self.text, outputs, &BTreeSet::from([index])));
         };
         if let Some(index) = index {
-            return Ok(vec![(entries[index].1.span, quoted(to))]);
+            return Ok(vec![(entries[index].1.span, quote(to))]);
         }
-        let entry = format!("{}: {}", quoted(name), quoted(to));
+        let entry = format!("{}: {}", quote(name), quote(to));
         Ok(match outputs {
             Some(outputs) => put_entry(self.text, outputs, None, false, |_| entry.clone()),
-            None => added(self.text, &self.tree, "outputs", &format!("{{ {entry} }}")),
+            None => add_field(self.text, &self.tree, "outputs", &format!("{{ {entry} }}")),
         })
     }
 }
 
-fn one(refusal: Refusal) -> Vec<Refusal> {
-    vec![refusal]
+/// Returns true if an expression refers to a parameter.
+fn is_named(expression: &str, parameters: &BTreeSet<&str>, name: &str) -> bool {
+    let places = named_parameters(expression, &|word| parameters.contains(word));
+    places.into_iter().flatten().any(|place| &expression[place] == name)
 }
 
-/// The call of a node.
+/// Returns the error for an entry that cannot be removed, because something refers to it.
+fn still_needed(section: &str, name: &str, user: &Reference) -> EditError {
+    let message = format!("`{name}` cannot be removed: {} needs it", user.by);
+    match section {
+        "params" => {
+            let help = format!("replace the references to `{name}` by values");
+            edit_error(code::EXPRESSION, user.span, message, help)
+        }
+        _ => {
+            let help = "link it to something else, or remove optional links, too (--and-links)";
+            edit_error(code::UNKNOWN_LINK, user.span, message, help)
+        }
+    }
+}
+
+fn to_errors(error: EditError) -> Vec<EditError> {
+    vec![error]
+}
+
+/// Returns the call of a node.
 fn call_of<'t>(tree: &'t Tree, node: &str) -> Option<&'t Tree> {
     let mut nodes = entries(tree.fields()?, "nodes");
     nodes.find(|(name, _)| *name == node).map(|(_, call)| call)
 }
 
-/// A part of a value, by its place among the parts.
-fn part(tree: &Tree, index: usize) -> &Tree {
+/// Returns the part that a value has at an index.
+fn child(tree: &Tree, index: usize) -> &Tree {
     match &tree.kind {
         Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => &items[index],
         Kind::Call { body: Body::Fields(fields), .. } => &fields[index].value,
@@ -511,12 +539,12 @@ fn part(tree: &Tree, index: usize) -> &Tree {
     }
 }
 
-fn take<'t>(gone: &mut Gone<'t>, tree: &'t Tree, index: usize) {
+fn mark_removed<'t>(gone: &mut Removals<'t>, tree: &'t Tree, index: usize) {
     gone.entry(tree.span).or_insert_with(|| (tree, BTreeSet::new())).1.insert(index);
 }
 
-/// A text with `new` in some places.
-fn with_places(text: &str, places: &[Range<usize>], new: &str) -> String {
+/// Replaces ranges in a text by `new`.
+fn replace_ranges(text: &str, places: &[Range<usize>], new: &str) -> String {
     let mut result = text.to_owned();
     for place in places.iter().rev() {
         result.replace_range(place.clone(), new);
@@ -524,19 +552,18 @@ fn with_places(text: &str, places: &[Range<usize>], new: &str) -> String {
     result
 }
 
-/// Refuses what cannot name something.
-pub(crate) fn may_name(name: &str, what: &str) -> Result<(), Refusal> {
+/// Fails if the text cannot be a name.
+pub(crate) fn check_name(name: &str, what: &str) -> Result<(), EditError> {
     if is_name(name) {
         return Ok(());
     }
     let message = format!("`{name}` cannot name {what}");
-    let help =
-        "names begin with a lower-case letter; lower-case letters, digits and hyphens follow";
-    Err(refusal(code::BAD_NAME, Span::default(), message, help))
+    let help = "use a lower-case letter followed by lower-case letters, digits and hyphens";
+    Err(edit_error(code::BAD_NAME, Span::default(), message, help))
 }
 
-/// Whether it can stand before a parenthesis or a colon.
-fn is_word(word: &str) -> bool {
+/// Returns true if a word can be the name of a type or a field.
+fn is_field_name(word: &str) -> bool {
     word.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
         && word.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
 }

@@ -1,22 +1,22 @@
-//! Evaluates a graph: on demand, in parallel, each key once.
+//! Evaluates graphs on demand and in parallel. Each key is computed once.
 //!
-//! What is computed from the same as the last time is known before anything runs (`plan`). The rest is visited in order: a
-//! node's key is known before the node is run (`key`), so a result that is in the cache is never computed again. Nodes that do
-//! not hang on each other run in parallel; a node that fails takes with it only what hangs on it.
+//! `plan` finds the nodes whose inputs have not changed; these nodes need no work. The other nodes are visited in order. The key of a
+//! node's result (`key`) is known before the node runs, so a result in the cache is never computed again. Independent nodes run in
+//! parallel. If a node fails, the nodes that depend on it fail, too, but no others.
 
 use std::collections::HashSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use maquette_graph::files::Known;
+use maquette_graph::files::KnownFiles;
 use maquette_graph::{Graph, GraphNode, GraphOutput, UnknownType};
-use maquette_node::limit::NoRoom;
+use maquette_node::budget::MemoryError;
 use maquette_node::pack::{Content, NewFile};
 use maquette_node::provenance::Signature;
 use maquette_node::{CancelToken, ReadError};
-use maquette_syntax::error::in_words;
-use maquette_syntax::error::{Error, Problem, Severity, code};
+use maquette_syntax::error::panic_message;
+use maquette_syntax::error::{Diagnostic, Error, Severity, code};
 use maquette_value::{AnyValue, Hash};
 
 mod cache;
@@ -28,113 +28,115 @@ mod key;
 mod law;
 mod memory;
 mod plan;
+mod preflight;
 mod run;
 mod snapshot;
-mod stage;
-mod stubborn;
 mod trace;
+mod watchdog;
 mod why;
 
 use cache::{Cache, Values};
-use compute::ChangedMeanwhile;
+use compute::FileChangedError;
 pub use disk::this_is_a_program;
-pub use disk::{Diagnosis, Disk, DiskError, Fault, NodeSize, Sizes, Usage};
-use guard::{Guards, NotAsWanted};
-pub use maquette_remote::Exchange;
+pub use disk::{CacheFault, Diagnosis, Disk, DiskError, NodeSize, Sizes, Usage};
+use guard::{Guards, UnmetRequirement};
+pub use maquette_remote::RequestCounts;
 use plan::Plan;
-use run::{News, Run};
+use run::{NodeEvent, Run};
 use snapshot::Snapshot;
 use trace::Reason;
 pub use trace::{NodeTrace, RunTrace, State};
-pub use why::Remembered;
+pub use why::LastResult;
 pub use why::{Forecast, explanation};
 
-/// Watches an evaluation from outside. All methods may be called from any thread.
+/// Receives the progress of an evaluation. All methods may be called from any thread.
 pub trait Observer: Sync {
-    /// An evaluation begins, in which so many nodes come to an end.
-    fn planned(&self, count: usize) {
+    /// Called once when an evaluation begins; `count` is the number of nodes that it covers.
+    fn on_plan(&self, count: usize) {
         let _ = count;
     }
 
-    /// So many nodes need not be looked at: nothing that they depend on changed.
-    fn unchanged(&self, count: usize) {
+    /// Called once with the number of nodes whose results are known because none of their dependencies has changed.
+    fn on_unchanged(&self, count: usize) {
         let _ = count;
     }
 
-    /// A node is being computed.
-    fn started(&self, node: &str) {
+    /// Called when a node starts to run.
+    fn on_start(&self, node: &str) {
         let _ = node;
     }
 
-    /// A node has done this share (0 to 1) of its work.
-    fn progress(&self, node: &str, share: f64) {
-        let _ = (node, share);
+    /// Called with the fraction (0 to 1) of a node's work that is done.
+    fn on_progress(&self, node: &str, fraction: f64) {
+        let _ = (node, fraction);
     }
 
-    /// The evaluation was told to stop some seconds ago, and this node, of this type of this pack, still runs.
-    fn does_not_stop(&self, node: &str, kind: &str, pack: &str) {
+    /// Called if a node still runs some seconds after the evaluation was cancelled. `kind` is the type of the node, and `pack` is the name
+    /// of the pack that defines the type.
+    fn on_unresponsive(&self, node: &str, kind: &str, pack: &str) {
         let _ = (node, kind, pack);
     }
 
-    /// A node came to this end, after so many seconds of work.
-    fn finished(&self, node: &str, state: State, seconds: f64) {
+    /// Called when a node is finished, after `seconds` of work.
+    fn on_finish(&self, node: &str, state: State, seconds: f64) {
         let _ = (node, state, seconds);
     }
 }
 
 impl Observer for () {}
 
-/// Evaluates graphs and remembers results between evaluations.
+/// Evaluates graphs and keeps results from one evaluation to the next.
 pub struct Evaluator {
     pool: Arc<rayon::ThreadPool>,
     cache: Cache,
-    /// How many bytes results and nodes under way may hold together; none for a share of what the machine has left.
-    most: Option<u64>,
+    /// The maximum number of bytes for results and running nodes together. If it is `None`, the limit is a fraction of the free memory of
+    /// the machine.
+    max_bytes: Option<u64>,
     disk: Option<Arc<Disk>>,
-    /// Whether results are put on disk.
-    keeps: bool,
-    /// Whether something was found since results were last put there.
-    owes: bool,
-    files: Known,
+    /// True if new results are written to disk.
+    writes_to_disk: bool,
+    /// True if the last evaluation found results that have not been written to disk yet.
+    has_unsaved: bool,
+    files: KnownFiles,
     guards: Guards,
-    /// What the last evaluation found.
+    /// The results of the last evaluation.
     last: Option<Arc<Snapshot>>,
-    /// What happened on the way to the next evaluation.
-    staged: stage::Staged,
-    /// Whether the next evaluation believes nothing that is on disk.
-    fresh: bool,
-    /// Which share of the results that could come from the cache is computed all the same, and compared.
-    verify: f64,
-    /// The keys computed since the last evaluation ended, if results are verified: none is computed twice.
+    /// Events of preflight evaluations (see `preflight`), which the next evaluation reports as its own.
+    preflight_events: preflight::PreflightEvents,
+    /// True if the next evaluation ignores the results on disk.
+    ignores_disk: bool,
+    /// The fraction of cached results that is computed again and compared with the cache.
+    verified_fraction: f64,
+    /// If results are verified, the keys of the results computed since the last evaluation ended. None of these is computed again.
     verified: Mutex<HashSet<Hash>>,
 }
 
-/// The most threads that are started: more machines do not have, and thousands would be busy with each other alone.
-pub(crate) const MOST_THREADS: usize = 1024;
+/// The maximum number of threads. It exceeds the number of processors of any machine; thousands of threads would only slow each other down.
+pub(crate) const MAX_THREADS: usize = 1024;
 
-/// No threads could be started.
+/// The error that threads could not be started.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot start threads: {0}")]
 pub struct ThreadsError(String);
 
 impl ThreadsError {
-    /// Refuses a number that no machine has.
-    pub fn judge(threads: usize) -> Result<(), Self> {
+    /// Checks that the number of threads is at most `MAX_THREADS`.
+    pub fn check(threads: usize) -> Result<(), Self> {
         match threads {
-            0..=MOST_THREADS => Ok(()),
+            0..=MAX_THREADS => Ok(()),
             _ => Err(Self(format!(
-                "{threads} are too many, there may be at most {MOST_THREADS}; 0 is as many as the machine has"
+                "{threads} are too many, there may be at most {MAX_THREADS}; 0 is as many as the machine has"
             ))),
         }
     }
 }
 
-/// Starts threads for evaluators: this many, 0 for as many as the machine has.
+/// Starts a pool of threads for evaluators; 0 stands for one thread per processor.
 ///
 /// # Errors
-/// If they cannot be started, or are too many.
+/// If the threads cannot be started, or `threads` exceeds the maximum.
 pub fn start_threads(threads: usize) -> Result<Arc<rayon::ThreadPool>, ThreadsError> {
-    ThreadsError::judge(threads)?;
+    ThreadsError::check(threads)?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     pool.map(Arc::new).map_err(|error| ThreadsError(error.to_string()))
 }
@@ -143,106 +145,107 @@ pub fn start_threads(threads: usize) -> Result<Arc<rayon::ThreadPool>, ThreadsEr
 pub struct Evaluation {
     nodes: Arc<[GraphNode]>,
     wanted: Arc<[bool]>,
-    found: Arc<Snapshot>,
-    /// What happened to the nodes that are not as they were, in the graph's order.
-    news: Vec<News>,
-    /// The values of the nodes that were asked for, by node.
+    snapshot: Arc<Snapshot>,
+    /// The events of all nodes that were not found unchanged, in the order of the graph.
+    events: Vec<NodeEvent>,
+    /// The values of the requested nodes, sorted by the index of the node.
     values: Vec<(usize, Values)>,
-    /// How long reading files took.
+    /// The time that reading files took, in seconds.
     files: f64,
 }
 
 impl Evaluation {
-    /// What happened to each node that a wanted output needs, in the graph's order.
+    /// Returns the trace of all nodes that the requested outputs need, in the order of the graph.
     pub fn trace(&self) -> RunTrace {
-        let mut news = self.news.iter().peekable();
+        let mut events = self.events.iter().peekable();
         let nodes = self.nodes.iter().enumerate().filter(|(index, _)| self.wanted[*index]);
         RunTrace(
             nodes
                 .map(|(index, node)| {
-                    let news = news.next_if(|news| news.index == index);
-                    self.node_trace(index, node, news)
+                    let event = events.next_if(|event| event.index == index);
+                    self.node_trace(index, node, event)
                 })
                 .collect(),
         )
     }
 
-    fn node_trace(&self, index: usize, node: &GraphNode, news: Option<&News>) -> NodeTrace {
-        let outcome = self.found.current(index).map(|done| &done.outcome);
-        let reason = news.map_or(&Reason::Unchanged, |news| &news.reason);
+    fn node_trace(&self, index: usize, node: &GraphNode, event: Option<&NodeEvent>) -> NodeTrace {
+        let outcome = self.snapshot.current(index).map(|done| &done.outcome);
+        let reason = event.map_or(&Reason::Unchanged, |event| &event.reason);
         NodeTrace {
             name: node.name.clone(),
             node: node.kind().to_owned(),
-            state: news.map_or(State::Cached, |news| news.state),
-            unchanged: news.is_some_and(|news| news.unchanged),
+            state: event.map_or(State::Cached, |event| event.state),
+            unchanged: event.is_some_and(|event| event.unchanged),
             reason: reason.in_words(node, &self.nodes),
-            start: news.map_or(0.0, |news| news.start),
-            seconds: news.map_or(0.0, |news| news.seconds),
-            thread: news.map_or(0, |news| news.thread),
+            start: event.map_or(0.0, |event| event.start),
+            seconds: event.map_or(0.0, |event| event.seconds),
+            thread: event.map_or(0, |event| event.thread),
             bytes: outcome.map_or(0, |outcome| outcome.bytes),
-            estimate: news.and_then(|news| news.estimate),
+            estimate: event.and_then(|event| event.estimate),
             warnings: outcome.map_or(Vec::new(), |outcome| outcome.warnings.to_vec()),
         }
     }
 
-    /// How long reading the files of nodes took, in seconds, on all threads together.
+    /// Returns the time that reading the files of nodes took, in seconds, summed over all threads.
     pub fn seconds_of_files(&self) -> f64 {
         self.files
     }
 
-    /// What failed, and what nodes have doubts about, at the nodes' places.
-    pub fn problems(&self) -> Vec<Problem> {
-        let mut problems = Vec::new();
-        let mut news = self.news.iter().peekable();
+    /// Returns the errors and warnings of all nodes, in the order of the graph.
+    pub fn diagnostics(&self) -> Vec<Diagnostic> {
+        let mut diagnostics = Vec::new();
+        let mut events = self.events.iter().peekable();
         for (index, node) in self.nodes.iter().enumerate().filter(|(index, _)| self.wanted[*index])
         {
-            if let Some(news) = news.next_if(|news| news.index == index) {
-                // What the check has said is not said again: see `unknown`.
-                let error = news.error.as_ref();
+            if let Some(event) = events.next_if(|event| event.index == index) {
+                // The check of the graph has already reported unknown types: see `unknown_types`.
+                let error = event.error.as_ref();
                 let error = error.filter(|error| error.downcast::<UnknownType>().is_none());
-                // Several nodes of a used graph may take the value that it does not want.
+                // Several nodes of a used graph may report the same invalid input value.
                 let failure = error.map(|error| failure(node, error));
-                problems.extend(failure.filter(|failure| !problems.contains(failure)));
-                problems.extend(news.differs.then(|| difference(node)));
+                diagnostics.extend(failure.filter(|failure| !diagnostics.contains(failure)));
+                diagnostics.extend(event.differs.then(|| difference(node)));
             }
-            let outcome = self.found.current(index).map(|done| &done.outcome);
+            let outcome = self.snapshot.current(index).map(|done| &done.outcome);
             for warning in outcome.iter().flat_map(|outcome| &outcome.warnings) {
                 let message = format!("`{}`: {warning}", node.name);
-                problems.push(node.problem(Severity::Warning, code::WARNING, message, ""));
+                diagnostics.push(node.diagnostic(Severity::Warning, code::WARNING, message, ""));
             }
         }
-        problems
+        diagnostics
     }
 
-    /// The nodes of unknown types that something wanted hangs on, as the check tells of them.
-    pub(crate) fn unknown(&self) -> impl Iterator<Item = Problem> {
-        let errors = self.news.iter().filter_map(|news| news.error.as_ref());
+    /// Returns the errors that requested nodes depend on nodes of unknown types, in the form in which the check reports them.
+    pub(crate) fn unknown_types(&self) -> impl Iterator<Item = Diagnostic> {
+        let errors = self.events.iter().filter_map(|event| event.error.as_ref());
         errors.filter_map(|error| error.downcast::<UnknownType>()?.0.clone())
     }
 
-    /// Whether a node failed for want of memory, or because a file could not be read: it may succeed another time.
-    pub(crate) fn may_pass(&self) -> bool {
-        let mut errors = self.news.iter().filter_map(|news| news.error.as_ref());
+    /// Returns true if a node failed because memory was insufficient or a file could not be read. Then the same evaluation may succeed
+    /// later.
+    pub(crate) fn may_succeed_later(&self) -> bool {
+        let mut errors = self.events.iter().filter_map(|event| event.error.as_ref());
         errors.any(|error| {
-            error.downcast::<NoRoom>().is_some()
+            error.downcast::<MemoryError>().is_some()
                 || error.downcast::<ReadError>().is_some()
-                || error.downcast::<ChangedMeanwhile>().is_some()
+                || error.downcast::<FileChangedError>().is_some()
         })
     }
 
-    /// The value of a node's output, both by their place in the graph, if it was asked for and computed.
+    /// Returns the value of an output of a node, if it was requested and computed. Both are given by index.
     pub fn value(&self, node: usize, output: usize) -> Option<&AnyValue> {
         let place = self.values.binary_search_by_key(&node, |(node, _)| *node).ok()?;
         self.values[place].1.get(output)
     }
 
-    /// The hash of the value of a node's output, if it has one.
+    /// Returns the hash of the value of a node's output, if the node has a result.
     pub(crate) fn hash(&self, node: usize, output: usize) -> Option<Hash> {
-        Some(self.found.current(node)?.outcome.outputs.get(output)?.1)
+        Some(self.snapshot.current(node)?.outcome.outputs.get(output)?.1)
     }
 
-    /// The value of a node's output by their names; the first output if `output` is empty. Nodes that were not asked for are
-    /// not found.
+    /// Returns the value of an output of a node, both given by name. If `output` is empty, returns the first output. Returns `None` if the
+    /// node was not requested.
     pub fn find(&self, graph: &Graph, node: &str, output: &str) -> Option<&AnyValue> {
         let (node, output) = match output {
             "" => graph.target(node)?,
@@ -251,29 +254,36 @@ impl Evaluation {
         self.value(node, output)
     }
 
-    /// The values that were asked for and computed, by node and output.
-    pub(crate) fn by_place<'v>(&'v self) -> impl Fn(usize, usize) -> Option<&'v AnyValue> {
+    /// Returns a function that looks up requested values by the indices of node and output.
+    pub(crate) fn values_by_output<'v>(&'v self) -> impl Fn(usize, usize) -> Option<&'v AnyValue> {
         |node, output| self.value(node, output)
     }
 
-    /// The hashes of the files that a node has read; none for those that are not there.
-    pub(crate) fn read_by(&self, node: usize) -> &[Option<Hash>] {
-        self.found.current(node).map_or(&[], |done| &done.parts.files)
+    /// Returns the hashes of the files that a node has read; `None` for each missing file.
+    pub(crate) fn files_read_by(&self, node: usize) -> &[Option<Hash>] {
+        self.snapshot.current(node).map_or(&[], |done| &done.parts.files)
     }
 
-    /// The files of one of the graph's outputs, which tell where they came from if that is known; none if its node failed.
+    /// Returns the files of an output of the graph. If a `signature` is given, the files contain it. Returns `None` if the output's node
+    /// failed.
     pub(crate) fn files(
         &self,
         output: &GraphOutput,
         signature: Option<&Signature>,
     ) -> Option<Result<Vec<NewFile>, Error>> {
-        let file =
-            |(name, content): (_, Content<'_>)| NewFile { name, bytes: content.into_bytes() };
-        let files = self.contents(output, signature)?;
-        Some(files.and_then(|files| or_panic(|| Ok(files.into_iter().map(file).collect()))))
+        let contents = self.contents(output, signature)?;
+        Some(contents.and_then(|contents| {
+            catch_panic(|| {
+                let files = contents.into_iter();
+                Ok(files
+                    .map(|(name, content)| NewFile { name, bytes: content.into_bytes() })
+                    .collect())
+            })
+        }))
     }
 
-    /// The same by their names, large ones in pieces.
+    /// Returns the contents of the files of an output by file name. The content of a large file is divided into pieces. Returns `None` if
+    /// the output's node failed.
     pub(crate) fn contents(
         &self,
         output: &GraphOutput,
@@ -281,19 +291,19 @@ impl Evaluation {
     ) -> Option<Result<Vec<(String, Content<'_>)>, Error>> {
         let value = self.value(output.node, output.output)?;
         let name = Path::new(&output.name).file_name()?.to_string_lossy().into_owned();
-        Some(or_panic(|| output.format.contents(value, &name, signature)))
+        Some(catch_panic(|| output.format.contents(value, &name, signature)))
     }
 }
 
-/// What a node's or format's own code does; its panic is an error.
-pub(crate) fn or_panic<T>(does: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
+/// Runs code of a node or format and turns its panic into an error.
+pub(crate) fn catch_panic<T>(does: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
     let done = catch_unwind(AssertUnwindSafe(does));
-    done.unwrap_or_else(|panic| Err(Panic(in_words(&*panic)).into()))
+    done.unwrap_or_else(|panic| Err(Panic(panic_message(&*panic)).into()))
 }
 
-fn failure(node: &GraphNode, error: &Error) -> Problem {
-    if let Some(refused) = error.downcast::<NotAsWanted>() {
-        return refused.problem(node);
+fn failure(node: &GraphNode, error: &Error) -> Diagnostic {
+    if let Some(refused) = error.downcast::<UnmetRequirement>() {
+        return refused.diagnostic(node);
     }
     let unread = error.downcast::<ReadError>();
     let missing = unread.and_then(|unread| {
@@ -305,135 +315,136 @@ fn failure(node: &GraphNode, error: &Error) -> Problem {
     }
     let message = format!("`{}` cannot be computed: {error}", node.name);
     let (code, help) = match error.downcast::<Panic>() {
-        Some(_) => (code::PANIC, "this is a bug of the node; please report it with the graph"),
+        Some(_) => (code::PANIC, "this is a bug in the node; report it with the graph"),
         None => (code::FAILED, ""),
     };
-    node.problem(Severity::Error, code, message, help)
+    node.diagnostic(Severity::Error, code, message, help)
 }
 
-fn difference(node: &GraphNode) -> Problem {
+fn difference(node: &GraphNode) -> Diagnostic {
     let message = format!("`{}` gave another result than the one in the cache", node.name);
     let help =
-        "this is a bug of the node: equal inputs must give equal bytes; the new result is used";
-    node.problem(Severity::Error, code::NOT_PURE, message, help)
+        "this is a bug in the node: equal inputs must give equal bytes; the new result is used";
+    node.diagnostic(Severity::Error, code::NOT_PURE, message, help)
 }
 
-/// A panic that was caught: our bug, or a plugin's.
+/// The error of a panic that was caught. A panic is a bug in this program or in a pack.
 #[derive(Clone, Debug, thiserror::Error)]
-#[error("it panicked: {0}")]
+#[error("panicked: {0}")]
 struct Panic(String);
 
 impl Evaluator {
-    /// An evaluator with this many threads (0 to 1024; 0: as many as the machine has) and this many bytes of memory for results.
+    /// Creates an evaluator with `threads` threads (0 to 1024; 0 for one per processor) and `memory` bytes for results.
     ///
     /// # Errors
-    /// If the threads cannot be started, or are too many.
+    /// If the threads cannot be started, or `threads` exceeds the maximum.
     pub fn new(threads: usize, memory: usize) -> Result<Self, ThreadsError> {
-        Ok(Self::on(start_threads(threads)?, memory))
+        Ok(Self::with_threads(start_threads(threads)?, memory))
     }
 
-    /// An evaluator on threads that others may use, too.
-    pub fn on(pool: Arc<rayon::ThreadPool>, memory: usize) -> Self {
-        let (cache, files, guards) = (Cache::new(memory), Known::default(), Guards::default());
+    /// Creates an evaluator that runs on the threads of `pool`, which other evaluators may use, too.
+    pub fn with_threads(pool: Arc<rayon::ThreadPool>, memory: usize) -> Self {
+        let (cache, files, guards) = (Cache::new(memory), KnownFiles::default(), Guards::default());
         let (disk, last) = (None, None);
-        let (keeps, owes, fresh) = (true, false, false);
-        let staged = stage::Staged::new();
+        let (writes_to_disk, has_unsaved, ignores_disk) = (true, false, false);
+        let preflight_events = preflight::PreflightEvents::new();
         Self {
             pool,
             cache,
-            most: None,
+            max_bytes: None,
             disk,
-            keeps,
-            owes,
+            writes_to_disk,
+            has_unsaved,
             files,
             guards,
             last,
-            staged,
-            fresh,
-            verify: 0.0,
+            preflight_events,
+            ignores_disk,
+            verified_fraction: 0.0,
             verified: Mutex::default(),
         }
     }
 
-    /// The same, with results kept on disk from one process to the next.
+    /// Adds a disk cache, which keeps results from one process to the next.
     #[must_use]
     pub fn with_disk(self, disk: Disk) -> Self {
         Self { disk: Some(Arc::new(disk)), ..self }
     }
 
-    /// The same, computing this share (0 to 1) of the results that are in the cache all the same: a node whose result differs
-    /// is an error.
+    /// Sets the fraction (0 to 1) of cached results that is computed again and compared with the cache. A different result is reported as
+    /// an error.
     #[must_use]
-    pub fn verifying(self, share: f64) -> Self {
-        Self { verify: share, ..self }
+    pub fn with_verification(self, fraction: f64) -> Self {
+        Self { verified_fraction: fraction, ..self }
     }
 
-    /// Returns true if results in the cache are computed all the same.
+    /// Returns true if cached results are computed again and compared.
     pub(crate) fn is_verifying(&self) -> bool {
-        0.0 < self.verify
+        0.0 < self.verified_fraction
     }
 
-    /// The same, with at most this many bytes for results and nodes under way together. Else it is nine tenths of what the machine,
-    /// or the group of processes that this one is in, has left, where the system tells that.
+    /// Limits the memory of results and running nodes together. By default the limit is nine tenths of the free memory of the machine, or
+    /// of the control group of this process. Where the system does not report the free memory, there is no default limit.
     ///
-    /// A node that says by [`Node::estimate`](maquette_node::Node::estimate) that it needs more fails before it begins; one for which
-    /// others leave too little waits for them. Results that no node needs any more make way.
+    /// A node whose [`Node::estimate`](maquette_node::Node::estimate) exceeds the limit fails before it runs. If running nodes leave too
+    /// little memory for a node, the node waits for them. Results that no node needs any more are dropped to make room.
     #[must_use]
-    pub fn holding_at_most(mut self, bytes: u64) -> Self {
+    pub fn with_max_memory(mut self, bytes: u64) -> Self {
         self.cache.set_limit(usize::try_from(bytes).unwrap_or(usize::MAX).min(self.cache.limit()));
-        Self { most: Some(bytes), ..self }
+        Self { max_bytes: Some(bytes), ..self }
     }
 
-    /// The results on disk.
+    /// Returns the disk cache.
     pub fn disk(&self) -> Option<&Disk> {
         self.disk.as_deref()
     }
 
-    /// From now on results may hold this many bytes; those used longest ago are dropped at once if they hold more.
+    /// Sets the memory limit of results, in bytes. If the results exceed it, the least recently used ones are dropped at once.
     pub fn set_memory(&mut self, memory: usize) {
         self.cache.set_limit(memory);
     }
 
-    /// Whether what is found from now on is put on disk; what is there is used in any case. What was not put there is as soon as
-    /// results are put there again and it is a node's last one.
-    pub(crate) fn keep_on_disk(&mut self, keep: bool) {
-        self.keeps = keep;
+    /// Sets whether new results are written to disk. Results on disk are used in any case. When writing is turned on again, results that
+    /// were not written are written then, if they are still the last results of their nodes.
+    pub(crate) fn set_keeping_on_disk(&mut self, keep: bool) {
+        self.writes_to_disk = keep;
     }
 
-    /// Where results are put for other processes.
-    fn shelf(&self) -> Option<&Arc<Disk>> {
-        self.disk.as_ref().filter(|_| self.keeps)
+    /// Returns the disk cache if new results are written to it.
+    fn writable_disk(&self) -> Option<&Arc<Disk>> {
+        self.disk.as_ref().filter(|_| self.writes_to_disk)
     }
 
-    /// How many bytes the results in memory are counted as.
+    /// Returns the size of the results in memory, in bytes.
     pub fn memory(&self) -> usize {
         self.cache.bytes()
     }
 
-    /// The files that were read.
-    pub(crate) fn known_files(&self) -> &Known {
+    /// Returns the record of the files that were read.
+    pub(crate) fn known_files(&self) -> &KnownFiles {
         &self.files
     }
 
-    /// Runs something on the evaluator's threads.
+    /// Runs a closure on the evaluator's threads.
     pub fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
         self.pool.install(work)
     }
 
-    /// Drops every result in memory; what is on disk stays, but the next evaluation does not use it.
+    /// Drops all results in memory. Results on disk stay, but the next evaluation does not use them.
     pub fn forget(&mut self) {
         self.cache.clear();
         self.last = None;
-        self.fresh = true;
+        self.ignores_disk = true;
     }
 
-    /// What is known of these nodes before anything is evaluated: of those that are as they were.
-    pub(crate) fn foreseen(&mut self, graph: &Graph, nodes: &[usize]) -> Foreseen {
+    /// Returns the results of those nodes in `nodes` that are unchanged. Nothing is evaluated.
+    pub(crate) fn predict(&mut self, graph: &Graph, nodes: &[usize]) -> Prediction {
         self.recall(graph);
-        Foreseen(Plan::new(self, graph, nodes, &[]).known)
+        Prediction(Plan::new(self, graph, nodes, &[]).known)
     }
 
-    /// Evaluates what these nodes, by their place in the graph, need. The values of the nodes `values` are wanted afterwards.
+    /// Evaluates the nodes `roots`, given by index, and all nodes that they depend on. Keeps the values of the nodes `values` for the
+    /// caller.
     pub(crate) fn evaluate(
         &mut self,
         graph: &Graph,
@@ -442,13 +453,13 @@ impl Evaluator {
         observer: &dyn Observer,
         cancel: &CancelToken,
     ) -> Evaluation {
-        let mut evaluation = self.evaluate_alone(graph, roots, values, observer, cancel);
-        evaluation.take_over(graph, std::mem::take(&mut self.staged));
+        let mut evaluation = self.evaluate_once(graph, roots, values, observer, cancel);
+        evaluation.merge_preflight(graph, std::mem::take(&mut self.preflight_events));
         lock(&self.verified).clear();
         evaluation
     }
 
-    fn evaluate_alone(
+    fn evaluate_once(
         &mut self,
         graph: &Graph,
         roots: &[usize],
@@ -458,12 +469,12 @@ impl Evaluator {
     ) -> Evaluation {
         self.recall(graph);
         let plan = Plan::new(self, graph, roots, values);
-        observer.planned(plan.wanted.iter().filter(|wanted| **wanted).count());
-        observer.unchanged(plan.unchanged());
+        observer.on_plan(plan.wanted.iter().filter(|wanted| **wanted).count());
+        observer.on_unchanged(plan.unchanged_count());
         let run = Run::new(self, graph, &plan, values, observer, cancel);
         let needs_threads = plan.has_work() || !run.has_values(values);
         let values = match needs_threads {
-            true => run.told_of_stubborn_nodes(|| {
+            true => run.run_with_watchdog(|| {
                 self.pool.install(|| {
                     rayon::scope(|scope| run.start(scope));
                     run.values_of(values)
@@ -472,33 +483,33 @@ impl Evaluator {
             false => run.values_of(values),
         };
         let files = run.files.seconds();
-        let (visited, news) = run.end();
-        let found = plan.known.after(visited, &plan.wanted, graph, self.last.as_ref());
-        self.fresh = false;
+        let (visited, events) = run.into_results();
+        let found = plan.known.into_snapshot(visited, &plan.wanted, graph, self.last.as_ref());
+        self.ignores_disk = false;
         let is_new = self.last.as_ref().is_none_or(|last| !Arc::ptr_eq(last, &found));
         self.last = Some(found.clone());
-        self.owes |= is_new;
-        if let Some(disk) = self.shelf().filter(|_| self.owes) {
-            found.settle(disk);
-            disk.keep_snapshot(&found, self.files.of(graph.files()));
-            self.owes = false;
+        self.has_unsaved |= is_new;
+        if let Some(disk) = self.writable_disk().filter(|_| self.has_unsaved) {
+            found.save_unsaved(disk);
+            disk.keep_snapshot(&found, self.files.get_all(graph.files()));
+            self.has_unsaved = false;
         }
         let (nodes, wanted) = (graph.nodes().clone(), plan.wanted);
-        Evaluation { nodes, wanted, found, news, values, files }
+        Evaluation { nodes, wanted, snapshot: found, events, values, files }
     }
 
-    /// The results on disk, if they may be believed.
+    /// Returns the disk cache, or `None` if this evaluation must not use it.
     fn known_results(&self) -> Option<&Arc<Disk>> {
-        self.disk.as_ref().filter(|_| !self.fresh)
+        self.disk.as_ref().filter(|_| !self.ignores_disk)
     }
 
-    /// What the last process found of the graph, if this one does not know better.
+    /// Loads the results that an earlier process found for this graph, unless this process has already evaluated the graph.
     fn recall(&mut self, graph: &Graph) {
         let name = &graph.source().name;
         if self.last.as_ref().is_some_and(|last| last.graph == *name) {
             return;
         }
-        // The results of another graph are as true, and may be of use.
+        // Results of another graph are kept, because they stay valid and may be reused.
         if let Some((snapshot, files)) = self.known_results().and_then(|disk| disk.snapshot(name)) {
             self.last = Some(Arc::new(snapshot));
             self.files.extend(files);
@@ -511,13 +522,13 @@ impl Evaluator {
         self.evaluate(graph, &wanted, &wanted, &(), &CancelToken::default())
     }
 
-    /// Evaluates what the nodes of these names need; names that the graph does not have are left out.
+    /// Evaluates the nodes with these names and all that they depend on. Unknown names are skipped.
     pub fn evaluate_nodes(&mut self, graph: &Graph, names: &[&str]) -> Evaluation {
         let wanted: Vec<_> = names.iter().flat_map(|name| graph.nodes_of(name)).collect();
         self.evaluate(graph, &wanted, &wanted, &(), &CancelToken::default())
     }
 
-    /// Evaluates every node of a graph, those that no output needs included.
+    /// Evaluates every node of a graph, including nodes that no output needs.
     pub fn evaluate_all_nodes(
         &mut self,
         graph: &Graph,
@@ -529,22 +540,23 @@ impl Evaluator {
     }
 }
 
-/// What is known of nodes before they are evaluated.
-pub(crate) struct Foreseen(plan::Known);
+/// The results that are known before an evaluation, because their nodes are unchanged.
+pub(crate) struct Prediction(plan::KnownResults);
 
-impl Foreseen {
-    /// The hash of the value of a node's output, if it is as it was.
+impl Prediction {
+    /// Returns the hash of the value of a node's output, if the node is unchanged.
     pub(crate) fn hash(&self, node: usize, output: usize) -> Option<Hash> {
         Some(self.0.get(node)?.outcome.outputs.get(output)?.1)
     }
 
-    /// As [`Evaluation::read_by`].
-    pub(crate) fn read_by(&self, node: usize) -> &[Option<Hash>] {
+    /// Returns the hashes of the files that the node read, as [`Evaluation::files_read_by`].
+    pub(crate) fn files_read_by(&self, node: usize) -> &[Option<Hash>] {
         self.0.get(node).map_or(&[], |done| &done.parts.files)
     }
 }
 
-/// Locks even if another thread panicked while it held the lock: what these locks guard is whole after every step.
+/// Locks a mutex even if another thread panicked while holding it. That is safe, because the data behind these locks is consistent after
+/// every step.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(|broken| broken.into_inner())
 }

@@ -1,41 +1,41 @@
-//! What must hold of a value whatever its parameters are: assertions in graphs and in tests.
+//! Checks expectations: assertions of graphs and tests about values.
 
 use std::convert::Infallible;
 
-use maquette_graph::{Expectation, Expected, Graph};
-use maquette_syntax::error::Problem;
-use maquette_value::{AnyValue, Meaning, Mesh, Offender, Region, counted};
+use maquette_graph::{Expectation, Graph, GraphExpectation};
+use maquette_syntax::error::Diagnostic;
+use maquette_value::{AnyValue, Meaning, Mesh, Region, ViolatingElement, value_counts};
 use nalgebra::Point3;
 
+use super::defects::{self, Defect};
+use super::digits::six_digits;
 use super::distances::distances;
-use super::looks::{self, Wrong};
-use super::printable::printable;
-use super::six::six;
+use super::printable::check_printable;
 
-/// An expectation that does not hold.
+/// A violated expectation.
 pub struct Violation {
-    pub problem: Problem,
-    /// The value for which it does not hold.
+    pub diagnostic: Diagnostic,
+    /// The value that violates the expectation.
     pub value: Option<AnyValue>,
-    /// Where in space it does not: the middle of offending elements, some of them.
-    pub places: Vec<Point3<f64>>,
+    /// The centers of some of the violating elements, as positions in space.
+    pub positions: Vec<Point3<f64>>,
 }
 
-/// How many offending elements are named.
-const NAMED: usize = 5;
+/// The maximum number of violating elements that a message names.
+const MAX_NAMED: usize = 5;
 
-/// Checks it; what is wrong if it does not hold, with the places of offending elements.
-fn check(expectation: &Expectation, values: &[&AnyValue]) -> Wrong {
+/// Checks an expectation. If it does not hold, returns a description of the violation and the positions of violating elements.
+fn check(expectation: &Expectation, values: &[&AnyValue]) -> Defect {
     let value = values.first()?;
     match expectation {
-        Expectation::Count { what, min, max, .. } => count(value, what, *min, *max),
+        Expectation::Count { what, min, max, .. } => check_count(value, what, *min, *max),
         Expectation::Promised { property, .. } => {
-            let offence = value.offence(property)?;
-            let places = offence.elements.iter().take(1000).map(Offender::place);
-            Some((offence.what, places.collect()))
+            let violation = value.violation(property)?;
+            let places = violation.elements.iter().take(1000).map(ViolatingElement::center);
+            Some((violation.what, places.collect()))
         }
         Expectation::Bounds { low, high, .. } => {
-            bounds(value, [low.0, low.1, low.2], [high.0, high.1, high.2])
+            check_bounds(value, [low.0, low.1, low.2], [high.0, high.1, high.2])
         }
         _ => {
             let Some(mesh) = value.as_mesh() else {
@@ -45,30 +45,32 @@ fn check(expectation: &Expectation, values: &[&AnyValue]) -> Wrong {
                 ));
             };
             match expectation {
-                Expectation::Closed(_) => closed(&mesh),
-                Expectation::Manifold(_) => manifold(&mesh),
-                Expectation::NoSelfIntersection(_) => no_self_intersection(&mesh),
-                Expectation::Printable { thickness, .. } => printable(&mesh, *thickness),
-                Expectation::Bend { max, .. } => looks::bend(&mesh, *max),
+                Expectation::Closed(_) => check_closed(&mesh),
+                Expectation::Manifold(_) => check_manifold(&mesh),
+                Expectation::NoSelfIntersection(_) => check_no_self_intersection(&mesh),
+                Expectation::Printable { thickness, .. } => check_printable(&mesh, *thickness),
+                Expectation::Bend { max, .. } => defects::check_bend(&mesh, *max),
                 Expectation::Continuity { around, max, curvature, .. } => {
                     let region = values.get(1).map(|value| value.get::<Region>());
                     match (around, region) {
                         (Some(around), None | Some(None)) => Some(no_region(around)),
-                        (_, region) => looks::continuity(&mesh, region.flatten(), *max, *curvature),
+                        (_, region) => {
+                            defects::check_continuity(&mesh, region.flatten(), *max, *curvature)
+                        }
                     }
                 }
                 Expectation::Attribute { name, min, max, .. } => {
-                    looks::numbers(&mesh, name, *min, *max)
+                    defects::check_attribute(&mesh, name, *min, *max)
                 }
                 Expectation::Whole { around, band, .. } => {
                     match values.get(1).and_then(|value| value.get::<Region>()) {
-                        Some(region) => looks::whole(&mesh, region, *band),
+                        Some(region) => defects::check_whole(&mesh, region, *band),
                         None => Some(no_region(around)),
                     }
                 }
                 Expectation::Near { max, rms, to, .. } => {
                     match values.get(1).and_then(|to| to.as_mesh()) {
-                        Some(other) => near(&mesh, &other, *max, *rms, to),
+                        Some(other) => check_near(&mesh, &other, *max, *rms, to),
                         None => {
                             Some((format!("cannot be near `{to}`, which has no faces"), Vec::new()))
                         }
@@ -81,21 +83,21 @@ fn check(expectation: &Expectation, values: &[&AnyValue]) -> Wrong {
 }
 
 fn no_region(name: &str) -> (String, Vec<Point3<f64>>) {
-    (format!("is not judged: `{name}` is no region"), Vec::new())
+    (format!("is not checked: `{name}` is not a region"), Vec::new())
 }
 
-/// The nodes whose values these expectations speak of.
-pub(crate) fn nodes_of(expectations: &[&Expected]) -> Vec<usize> {
+/// Returns the indices of the nodes whose values these expectations concern.
+pub(crate) fn nodes_of(expectations: &[&GraphExpectation]) -> Vec<usize> {
     let values = expectations.iter().flat_map(|expected| &expected.values);
     values.flatten().map(|(node, _)| *node).collect()
 }
 
-/// Expectations that do not hold, of the values that `value` gives by node and output. Those whose values could not be computed are not
-/// judged.
+/// Returns the violations of expectations. `value` returns the value of an output, given the indices of node and output. An expectation is
+/// skipped if its value could not be computed.
 pub(crate) fn violations<'v>(
     graph: &Graph,
     value: impl Fn(usize, usize) -> Option<&'v AnyValue>,
-    expectations: &[&Expected],
+    expectations: &[&GraphExpectation],
 ) -> Vec<Violation> {
     let mut violations = Vec::new();
     for expected in expectations {
@@ -103,9 +105,9 @@ pub(crate) fn violations<'v>(
         let names = expectation.values();
         if let Some(unknown) = expected.values.iter().position(Option::is_none) {
             let message = format!("there is no output or node `{}`", names[unknown]);
-            let help = graph.value_meant(names[unknown]);
-            let problem = Problem { help, ..expected.problem(message) };
-            violations.push(Violation { problem, value: None, places: Vec::new() });
+            let help = graph.value_help(names[unknown]);
+            let diagnostic = Diagnostic { help, ..expected.diagnostic(message) };
+            violations.push(Violation { diagnostic, value: None, positions: Vec::new() });
             continue;
         }
         let values = expected.values.iter().flatten();
@@ -115,43 +117,43 @@ pub(crate) fn violations<'v>(
         }
         if let Some((why, places)) = check(expectation, &values) {
             let message = format!("expected {}, but `{}` {why}", expectation.name(), names[0]);
-            let (problem, value) = (expected.problem(message), values.first().copied().cloned());
-            violations.push(Violation { problem, value, places });
+            let (diagnostic, value) =
+                (expected.diagnostic(message), values.first().copied().cloned());
+            violations.push(Violation { diagnostic, value, positions: places });
         }
     }
     violations
 }
 
-/// `3 edges: 1-2, 4-7, ..`, and the middles of the edges.
-fn edges(mesh: &Mesh, offending: &[[u32; 2]], what: &str) -> Wrong {
+/// Describes edges that violate an expectation, such as `3 edges: 1-2, 4-7, ..`, with their midpoints.
+fn edges(mesh: &Mesh, offending: &[[u32; 2]], what: &str) -> Defect {
     if offending.is_empty() {
         return None;
     }
-    fn place(vertex: u32, mesh: &Mesh) -> Point3<f64> {
-        mesh.positions()[vertex as usize]
+    fn midpoint(mesh: &Mesh, [a, b]: [u32; 2]) -> Point3<f64> {
+        nalgebra::center(&mesh.positions()[a as usize], &mesh.positions()[b as usize])
     }
-    let middle = |[a, b]: &[u32; 2]| nalgebra::center(&place(*a, mesh), &place(*b, mesh));
-    let names = offending.iter().take(NAMED).map(|[a, b]| format!("{a}-{b}"));
-    let more = if offending.len() > NAMED { ", .." } else { "" };
-    let first = middle(&offending[0]);
+    let names = offending.iter().take(MAX_NAMED).map(|[a, b]| format!("{a}-{b}"));
+    let more = if offending.len() > MAX_NAMED { ", .." } else { "" };
+    let first = midpoint(mesh, offending[0]);
     let why = format!(
         "has {} {what} (vertices {}{more}; the first is at ({}, {}, {}))",
         offending.len(),
         Vec::from_iter(names).join(", "),
-        six(first.x),
-        six(first.y),
-        six(first.z)
+        six_digits(first.x),
+        six_digits(first.y),
+        six_digits(first.z)
     );
-    Some((why, offending.iter().take(1000).map(middle).collect()))
+    Some((why, offending.iter().take(1000).map(|edge| midpoint(mesh, *edge)).collect()))
 }
 
-pub(super) fn closed(mesh: &Mesh) -> Wrong {
+pub(super) fn check_closed(mesh: &Mesh) -> Defect {
     let found = mesh.edges();
     let open = found.vertices.iter().zip(&found.faces).filter(|(_, faces)| **faces == 1);
     edges(mesh, &open.map(|(edge, _)| *edge).collect::<Vec<_>>(), "edges with one face")
 }
 
-pub(super) fn manifold(mesh: &Mesh) -> Wrong {
+pub(super) fn check_manifold(mesh: &Mesh) -> Defect {
     let found = mesh.edges();
     let many = found.vertices.iter().zip(&found.faces).filter(|(_, faces)| **faces > 2);
     let many: Vec<[u32; 2]> = many.map(|(edge, _)| *edge).collect();
@@ -161,7 +163,7 @@ pub(super) fn manifold(mesh: &Mesh) -> Wrong {
     if found.misoriented == 0 {
         return None;
     }
-    // Where the face that met an edge before came from.
+    // For each edge, the vertex at which it starts in the face that was visited before.
     let mut before = vec![u32::MAX; found.vertices.len()];
     let mut twice = Vec::new();
     let corners =
@@ -171,19 +173,19 @@ pub(super) fn manifold(mesh: &Mesh) -> Wrong {
             twice.push([from, to]);
         }
     }
-    edges(mesh, &twice, "edges between faces that look to different sides")
+    edges(mesh, &twice, "edges between faces of opposite orientation")
 }
 
-pub(super) fn no_self_intersection(mesh: &Mesh) -> Wrong {
+pub(super) fn check_no_self_intersection(mesh: &Mesh) -> Defect {
     let pairs = mesh.crossings(|| Ok::<_, Infallible>(())).unwrap_or_else(|never| match never {});
     if pairs.is_empty() {
         return None;
     }
-    let names = pairs.iter().take(NAMED).map(|[a, b]| format!("{a} and {b}"));
-    let more = if pairs.len() > NAMED { ", .." } else { "" };
+    let names = pairs.iter().take(MAX_NAMED).map(|[a, b]| format!("{a} and {b}"));
+    let more = if pairs.len() > MAX_NAMED { ", .." } else { "" };
     let count = pairs.len();
     let why = format!(
-        "has {count} pair{} of faces that run through each other (faces {}{more})",
+        "has {count} pair{} of intersecting faces (faces {}{more})",
         if count == 1 { "" } else { "s" },
         Vec::from_iter(names).join(", ")
     );
@@ -202,13 +204,13 @@ pub(super) fn no_self_intersection(mesh: &Mesh) -> Wrong {
     ))
 }
 
-fn count(value: &AnyValue, what: &str, min: Option<f64>, max: Option<f64>) -> Wrong {
-    let counts = counted(value);
+fn check_count(value: &AnyValue, what: &str, min: Option<f64>, max: Option<f64>) -> Defect {
+    let counts = value_counts(value);
     let Some(&(_, found)) = counts.iter().find(|(name, _)| *name == what) else {
         let names = counts.iter().map(|(name, _)| &**name).collect::<Vec<_>>().join(", ");
         let kind = value.kind().name;
         return Some((
-            format!("is a {kind}, of which no `{what}` are counted, only: {names}"),
+            format!("is a {kind}, which has no count of `{what}`, only of {names}"),
             Vec::new(),
         ));
     };
@@ -219,49 +221,51 @@ fn count(value: &AnyValue, what: &str, min: Option<f64>, max: Option<f64>) -> Wr
     }
     let wanted: Vec<String> =
         [limit("at least", min), limit("at most", max)].into_iter().flatten().collect();
-    (!fits)
-        .then(|| (format!("has {found} {what}; wanted are {}", wanted.join(" and ")), Vec::new()))
+    (!fits).then(|| (format!("has {found} {what}, expected {}", wanted.join(" and ")), Vec::new()))
 }
 
-fn bounds(value: &AnyValue, low: [f64; 3], high: [f64; 3]) -> Wrong {
+fn check_bounds(value: &AnyValue, low: [f64; 3], high: [f64; 3]) -> Defect {
     let points = match value.as_mesh() {
         Some(mesh) => Some(mesh.positions().to_vec()),
         None => {
             let parts = value.parts();
             let mut columns = parts.columns.iter();
             let places = columns.find(|part| part.meaning == Meaning::Position);
-            places.and_then(|part| part.places().ok())
+            places.and_then(|part| part.to_points().ok())
         }
     };
     let Some(mut points) = points else {
         return Some((format!("is a {}, which has no bounds", value.kind().name), Vec::new()));
     };
-    // Cells without a point are nowhere.
+    // A cell without a point has a position of NaN, which is ignored.
     points.retain(|point| !point.x.is_nan());
-    fn outside(p: &Point3<f64>, low: [f64; 3], high: [f64; 3]) -> bool {
+    fn is_outside(p: &Point3<f64>, low: [f64; 3], high: [f64; 3]) -> bool {
         (0..3).any(|k| p[k] < low[k] || high[k] < p[k])
     }
     let outside: Vec<usize> =
-        (0..points.len()).filter(|&index| outside(&points[index], low, high)).collect();
+        (0..points.len()).filter(|&index| is_outside(&points[index], low, high)).collect();
     let first = *outside.first()?;
     let p = points[first];
     let why = format!(
         "has {} vertices outside of the box; the first is {first} at ({}, {}, {})",
         outside.len(),
-        six(p.x),
-        six(p.y),
-        six(p.z)
+        six_digits(p.x),
+        six_digits(p.y),
+        six_digits(p.z)
     );
     Some((why, outside.iter().take(1000).map(|&index| points[index]).collect()))
 }
 
-fn near(mesh: &Mesh, other: &Mesh, max: f64, rms: Option<f64>, to: &str) -> Wrong {
+fn check_near(mesh: &Mesh, other: &Mesh, max: f64, rms: Option<f64>, to: &str) -> Defect {
     let distances = distances(mesh, other);
     let squares: f64 = distances.iter().map(|distance| distance * distance).sum();
     let found = (squares / distances.len().max(1) as f64).sqrt();
     if let Some(most) = rms.filter(|most| found > *most) {
-        let why =
-            format!("is {} mm from `{to}` on average (RMS), more than {}", six(found), six(most));
+        let why = format!(
+            "is {} mm from `{to}` on average (RMS), more than {}",
+            six_digits(found),
+            six_digits(most)
+        );
         return Some((why, Vec::new()));
     }
     let far: Vec<usize> = (0..distances.len()).filter(|&vertex| distances[vertex] > max).collect();
@@ -270,11 +274,11 @@ fn near(mesh: &Mesh, other: &Mesh, max: f64, rms: Option<f64>, to: &str) -> Wron
     let why = format!(
         "has {} vertices farther than {} mm from `{to}`; the worst is {worst} at ({}, {}, {}), {} mm away",
         far.len(),
-        six(max),
-        six(p.x),
-        six(p.y),
-        six(p.z),
-        six(distances[worst])
+        six_digits(max),
+        six_digits(p.x),
+        six_digits(p.y),
+        six_digits(p.z),
+        six_digits(distances[worst])
     );
     Some((why, far.iter().take(1000).map(|&vertex| mesh.positions()[vertex]).collect()))
 }

@@ -1,23 +1,27 @@
-//! Evaluates graphs: each step once, from a cache where it can, and writes what came of it.
+//! Evaluates graphs and writes their outputs. A node is computed at most once for equal inputs; later evaluations take its result from a
+//! cache.
 //!
-//! [`Session`](session::Session) is the one way to run a graph, for every host and every command. Beneath it, [`eval`] plans what changed,
-//! runs nodes in order and keeps results in memory and on disk; [`expect`] judges what graphs expect of values; and [`writing`] is the
-//! only place that writes, replaces and deletes files.
+//! Hosts and commands run graphs through [`Session`](session::Session). [`eval`] plans an evaluation, runs the nodes and keeps results in
+//! memory and on disk; [`expect`] checks the expectations of graphs; [`writing`] is the only module that writes, replaces and deletes
+//! files.
 //!
-//! Begin reading in `session.rs`, then `eval.rs`, `eval/plan.rs` and `eval/run.rs`.
+//! Read `session.rs` first, then `eval.rs`, `eval/plan.rs` and `eval/run.rs`.
 //!
-//! This crate knows no file format, no test and no command: those are given to it, or stand above it.
+//! This crate contains no file format, test runner or command. Callers provide the formats; tests and commands depend on this crate.
 
-#![allow(missing_docs, reason = "what others may use is documented where `maquette` hands it on")]
+#![allow(
+    missing_docs,
+    reason = "public items are documented where the crate `maquette` re-exports them"
+)]
 
+mod defects;
+pub mod digits;
 pub mod distances;
 pub mod eval;
 pub mod expect;
-mod looks;
 mod printable;
 pub mod session;
-pub mod six;
 pub mod writing;
 
-pub use maquette_remote::Exchange;
-pub use six::six;
+pub use digits::six_digits;
+pub use maquette_remote::RequestCounts;

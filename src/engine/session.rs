@@ -1,15 +1,15 @@
-//! The one way to run a graph: every host, and the command line with them, asks a session.
+//! Sessions. Hosts and the command line run graphs only through a session.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use maquette_graph::catalog::Catalog;
-use maquette_graph::{Checked, Expected, Graph, GraphOutput, InputValues, Options};
+use maquette_graph::{CheckedGraph, Graph, GraphExpectation, GraphOutput, InputValues, Options};
 use maquette_node::CancelToken;
 use maquette_node::pack::Pack;
-use maquette_remote::Exchange;
-use maquette_syntax::error::{Problem, Severity, code};
-use maquette_syntax::unknown;
+use maquette_remote::RequestCounts;
+use maquette_syntax::error::{Diagnostic, Severity, code};
+use maquette_syntax::unknown_name_message;
 
 use crate::eval::{Disk, Evaluator, Observer, start_threads};
 use crate::expect;
@@ -17,24 +17,25 @@ use crate::expect;
 mod elements;
 mod finished;
 mod forecasts;
+mod identity;
 mod inputs;
-mod made;
 mod outputs;
 mod pins;
 mod provenance;
+mod save;
 mod settings;
 mod verdicts;
 
-pub use finished::{Finished, Produced};
-pub use made::ReadFiles;
-pub use outputs::Left;
-pub use outputs::{OutputFolder, SaveError, Written, save};
-pub use pins::{PinError, means, pinnable, unpin};
-pub use provenance::{Teller, sign};
+pub use finished::{OutputReport, RunResult};
+pub use identity::ReadFiles;
+pub use outputs::{OutputFile, OutputFolder, VerifiedStamp};
+pub use pins::{PinError, matches_pin, pinnable, unpin};
+pub use provenance::{ProvenanceBuilder, sign};
+pub use save::{SaveError, save};
 pub use settings::{CacheFolder, CacheServer, SessionError, Settings};
 pub use settings::{default_folder, disk_size, size};
 
-/// What a program knows from one run of a graph to the next: its packs, its threads, and results in memory and on disk.
+/// The state of a program between runs of graphs: its packs, its threads, and results in memory and on disk.
 ///
 /// ```
 /// use maquette_engine::session::{Run, Session, Settings};
@@ -44,81 +45,81 @@ pub use settings::{default_folder, disk_size, size};
 /// let mut session = Session::new(&[], &Settings::in_memory())?;
 /// let text = r#"Graph(format: 1, nodes: {}, outputs: {})"#;
 /// let checked = session.load("empty.ron".as_ref(), &Options::default().with_text("empty.ron", text));
-/// let graph = checked.graph.ok_or("the graph has problems")?;
-/// let done = session.run(&graph, &Run::default()).map_err(|problems| problems[0].message.clone())?;
-/// assert!(done.problems().is_empty());
+/// let graph = checked.graph.ok_or("the graph has diagnostics")?;
+/// let done = session.run(&graph, &Run::default()).map_err(|diagnostics| diagnostics[0].message.clone())?;
+/// assert!(done.diagnostics().is_empty());
 /// # Ok(())
 /// # }
 /// ```
 pub struct Session {
     catalog: Arc<Catalog>,
     evaluator: Evaluator,
-    /// How many bytes results may hold.
+    /// The memory limit of results, in bytes.
     memory: usize,
-    /// Why nothing is kept on disk, though it should be.
+    /// The reason why results are not written to disk, if they should be but cannot.
     disk_warning: Option<String>,
-    /// How many elements there were last.
-    known: elements::Known,
+    /// The last known numbers of elements of each `ForEach` over data.
+    known_counts: elements::KnownCounts,
 }
 
-/// What is to be evaluated of a graph, and with what.
+/// The parameters of a run: the values to compute and the inputs.
 pub struct Run<'a> {
-    /// Which values are wanted.
-    pub wanted: Wanted,
-    /// The values of the graph's inputs, if it has some, by name.
+    /// The values to compute.
+    pub targets: Targets,
+    /// The values of the graph's inputs, by name.
     pub inputs: InputValues,
-    /// Is told what happens, as it happens.
+    /// Receives the progress of the evaluation.
     pub observer: &'a dyn Observer,
-    /// Stops the evaluation.
+    /// Cancels the evaluation.
     pub cancel: CancelToken,
 }
 
 impl Default for Run<'_> {
     fn default() -> Self {
         let (wanted, inputs, cancel) = Default::default();
-        Self { wanted, inputs, observer: &(), cancel }
+        Self { targets: wanted, inputs, observer: &(), cancel }
     }
 }
 
-/// Which values of a graph are wanted.
+/// The values of a graph to compute.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub enum Wanted {
-    /// Those of all outputs, and all of which the graph expects something.
+pub enum Targets {
+    /// All outputs, and all values for which the graph has expectations.
     #[default]
     Outputs,
-    /// The same, and those of these nodes (`node`) or outputs of nodes (`node.output`).
+    /// As `Outputs`, and also these values: nodes (`node`) or outputs of nodes (`node.output`).
     OutputsAnd(Vec<String>),
-    /// Those of these outputs, nodes (`node`) or outputs of nodes (`node.output`).
+    /// Only these values: outputs of the graph, nodes (`node`) or outputs of nodes (`node.output`).
     Named(Vec<String>),
-    /// Those of all outputs of these nodes, or of all nodes that make what a use of a graph gives, whatever outputs of the graph are
-    /// called the same.
+    /// All outputs of these nodes. A use of a graph stands for the nodes that compute the outputs of the use. If an output of the graph has
+    /// the name of a node, the node is meant.
     Nodes(Vec<String>),
-    /// Those of every node.
+    /// All outputs of every node.
     Everything,
 }
 
 impl Session {
-    /// A session with these packs. Results are the same for any settings.
+    /// Creates a session with these packs. The settings do not change any result.
     ///
     /// # Errors
-    /// If the threads cannot be started, or the folder that was named for results cannot be used.
+    /// If the threads cannot be started, or the given folder for results cannot be used.
     pub fn new(packs: &[&Pack], settings: &Settings) -> Result<Self, SessionError> {
         Self::with_catalog(Arc::new(Catalog::new(packs)), settings)
     }
 
-    /// The same with a catalog that others use, too.
+    /// Creates a session with a shared catalog.
     ///
     /// # Errors
-    /// Those of [`new`](Self::new).
+    /// As [`new`](Self::new).
     pub fn with_catalog(catalog: Arc<Catalog>, settings: &Settings) -> Result<Self, SessionError> {
-        Self::on(start_threads(settings.threads)?, catalog, settings)
+        Self::with_threads(start_threads(settings.threads)?, catalog, settings)
     }
 
-    /// The same on threads that others use, too: [`Settings::threads`] does not count.
+    /// Creates a session that runs on a shared pool of threads. [`Settings::threads`] is ignored.
     ///
     /// # Errors
-    /// If the folder that was named for results cannot be used.
-    pub fn on(
+    /// If the given folder for results cannot be used.
+    pub fn with_threads(
         threads: Arc<rayon::ThreadPool>,
         catalog: Arc<Catalog>,
         settings: &Settings,
@@ -126,80 +127,90 @@ impl Session {
         let (evaluator, disk_warning) = settings.evaluator(&catalog, threads)?;
         let most = settings.max_memory.and_then(|most| usize::try_from(most).ok());
         let memory = settings.memory.min(most.unwrap_or(usize::MAX));
-        Ok(Self { catalog, evaluator, memory, disk_warning, known: elements::Known::new() })
+        Ok(Self {
+            catalog,
+            evaluator,
+            memory,
+            disk_warning,
+            known_counts: elements::KnownCounts::new(),
+        })
     }
 
-    /// What its packs offer.
+    /// Returns the catalog of the packs.
     pub fn catalog(&self) -> &Catalog {
         &self.catalog
     }
 
-    /// The same for who keeps it.
+    /// Returns the shared catalog.
     pub fn shared_catalog(&self) -> Arc<Catalog> {
         self.catalog.clone()
     }
 
-    /// Reads and checks the graph at this path, or in [`Options::texts`], and those that it uses. Runs no node.
-    pub fn load(&self, path: &Path, options: &Options) -> Checked {
+    /// Loads and checks a graph and the graphs that it uses. The text is taken from [`Options::texts`] or read from this path. No node is
+    /// run.
+    pub fn load(&self, path: &Path, options: &Options) -> CheckedGraph {
         Graph::load(path, &self.catalog, options)
     }
 
-    /// The values in some files for inputs of a graph, by the inputs' types and the files' endings, and the
-    /// warnings of their readers.
+    /// Reads the values for a graph's inputs from files. The type of the input and the extension of the file determine the reader. Also
+    /// returns the warnings of the readers.
     ///
     /// # Errors
-    /// For each name that is no input's, and each file that cannot be read.
+    /// An error for each name that is not an input, and for each file that cannot be read.
     pub fn read_inputs(
         &self,
         graph: &Graph,
         files: &[(String, PathBuf)],
-    ) -> Result<(InputValues, Vec<Problem>), Vec<Problem>> {
+    ) -> Result<(InputValues, Vec<Diagnostic>), Vec<Diagnostic>> {
         inputs::read(self, graph, files)
     }
 
-    /// Evaluates a graph. What fails takes only what hangs on it with it: see [`Finished::problems`].
+    /// Evaluates a graph. If a node fails, the nodes that depend on it fail, too, but no others: see [`RunResult::diagnostics`].
     ///
     /// # Errors
-    /// If an input gets a value of another type, or something is named that the graph does not have; nothing has been run then but what
-    /// says how many elements there are.
-    pub fn run(&mut self, graph: &Graph, run: &Run<'_>) -> Result<Finished, Vec<Problem>> {
-        let graph = self.fed(graph, &run.inputs)?;
-        let wanted = |graph: &Graph| elements::wanted_nodes(graph, &run.wanted);
-        let graph = self.resolved(&graph, &wanted, run.observer, &run.cancel);
+    /// If the value of an input has a wrong type, or a requested name does not exist. In that case only the nodes that determine numbers of
+    /// elements have been run.
+    pub fn run(&mut self, graph: &Graph, run: &Run<'_>) -> Result<RunResult, Vec<Diagnostic>> {
+        let graph = self.bind_inputs(graph, &run.inputs)?;
+        let wanted = |graph: &Graph| elements::wanted_nodes(graph, &run.targets);
+        let graph = self.resolve(&graph, &wanted, run.observer, &run.cancel);
         fn of_outputs(graph: &Graph) -> Vec<usize> {
             graph.outputs().iter().map(|output| output.node).collect::<Vec<_>>()
         }
-        let named = |name: &str| match graph.value_named(name) {
+        let find_nodes = |name: &str| match graph.find_value(name) {
             Some((node, _)) => vec![node],
             None => graph.nodes_of(name),
         };
-        let mut nodes = match &run.wanted {
-            Wanted::Outputs => of_outputs(&graph),
-            Wanted::OutputsAnd(names) => {
-                [of_outputs(&graph), places(&graph, names, named)?].concat()
+        let mut nodes = match &run.targets {
+            Targets::Outputs => of_outputs(&graph),
+            Targets::OutputsAnd(names) => {
+                [of_outputs(&graph), nodes_named(&graph, names, find_nodes)?].concat()
             }
-            Wanted::Everything => (0..graph.nodes().len()).collect(),
-            Wanted::Named(names) => places(&graph, names, named)?,
-            Wanted::Nodes(names) => places(&graph, names, |name| graph.nodes_of(name))?,
+            Targets::Everything => (0..graph.nodes().len()).collect(),
+            Targets::Named(names) => nodes_named(&graph, names, find_nodes)?,
+            Targets::Nodes(names) => nodes_named(&graph, names, |name| graph.nodes_of(name))?,
         };
-        let expected = match &run.wanted {
-            Wanted::Nodes(_) => Vec::new(),
-            Wanted::Named(_) => graph.expected_of_uses(&nodes),
-            Wanted::Outputs | Wanted::OutputsAnd(_) | Wanted::Everything => graph.expected(&nodes),
+        let expected = match &run.targets {
+            Targets::Nodes(_) => Vec::new(),
+            Targets::Named(_) => graph.expectations_of_uses(&nodes),
+            Targets::Outputs | Targets::OutputsAnd(_) | Targets::Everything => {
+                graph.expectations_for(&nodes)
+            }
         };
         nodes.extend(expect::nodes_of(&expected));
-        nodes.extend(graph.empty());
+        nodes.extend(graph.empty_loops());
         let evaluation = self.evaluator.evaluate(&graph, &nodes, &nodes, run.observer, &run.cancel);
-        let violations =
-            self.evaluator.install(|| expect::violations(&graph, evaluation.by_place(), &expected));
-        Ok(Finished { graph, evaluation, violations })
+        let violations = self
+            .evaluator
+            .install(|| expect::violations(&graph, evaluation.values_by_output(), &expected));
+        Ok(RunResult { graph, evaluation, violations })
     }
 
-    /// Evaluates outputs of a graph, all if none is named, and writes them to a folder. Only values that must be written are made: a
-    /// file that holds the right bytes already is left alone.
+    /// Evaluates the outputs `only` of a graph, or all outputs if the list is empty, and writes them to a folder. If a file already has the
+    /// right bytes, it is not written, and its value is not computed.
     ///
     /// # Errors
-    /// In words, if the graph has no output of such a name.
+    /// A message if one of the names is not an output of the graph.
     pub fn produce(
         &mut self,
         graph: &Graph,
@@ -207,11 +218,11 @@ impl Session {
         folder: &OutputFolder,
         observer: &dyn Observer,
         cancel: &CancelToken,
-    ) -> Result<Produced, String> {
+    ) -> Result<OutputReport, String> {
         self.produce_after(graph, only, folder, observer, cancel, |_| {})
     }
 
-    /// The same, which writes after something else has been done with what was evaluated.
+    /// As [`produce`](Self::produce), but calls `before_writing` after the evaluation and before the first file is written.
     pub fn produce_after(
         &mut self,
         graph: &Graph,
@@ -219,107 +230,110 @@ impl Session {
         folder: &OutputFolder,
         observer: &dyn Observer,
         cancel: &CancelToken,
-        first: impl FnOnce(&mut Self),
-    ) -> Result<Produced, String> {
+        before_writing: impl FnOnce(&mut Self),
+    ) -> Result<OutputReport, String> {
         outputs_of(graph, only)?;
         let wanted = |graph: &Graph| {
             let outputs = outputs_of(graph, only).unwrap_or_default();
             let nodes: Vec<_> = outputs.iter().map(|output| output.node).collect();
             [expect::nodes_of(&expected_of(graph, &nodes, only)), nodes].concat()
         };
-        let graph = &self.resolved(graph, &wanted, observer, cancel);
+        let graph = &self.resolve(graph, &wanted, observer, cancel);
         let outputs = outputs_of(graph, only)?;
         let mut nodes: Vec<_> = outputs.iter().map(|output| output.node).collect();
         let expected = expected_of(graph, &nodes, only);
-        nodes.extend(expect::nodes_of(&expected).into_iter().chain(graph.empty()));
-        let (mut verdicts, open) = self.unjudged(graph, &expected);
+        nodes.extend(expect::nodes_of(&expected).into_iter().chain(graph.empty_loops()));
+        let (mut verdicts, open) = self.open_expectations(graph, &expected);
         let evaluator = &mut self.evaluator;
         let mut values = match evaluator.is_verifying() {
-            // What is known of a file may turn out to be wrong.
+            // When results are verified, known files may turn out to be wrong, so the values of all outputs are needed.
             true => outputs.iter().map(|output| output.node).collect(),
             false => folder.nodes_to_write(&outputs, graph, &self.catalog, evaluator),
         };
         values.extend(expect::nodes_of(&open));
         let evaluation = evaluator.evaluate(graph, &nodes, &values, observer, cancel);
-        first(self);
+        before_writing(self);
         let evaluator = &self.evaluator;
-        let (written, unwritten, is_refused) =
-            folder.write(&outputs, &evaluation, graph, &self.catalog, evaluator, cancel);
+        let result = folder.write(&outputs, &evaluation, graph, &self.catalog, evaluator, cancel);
         folder.keep(evaluator);
-        if written.iter().any(|file| !file.unchanged) {
+        if result.files.iter().any(|file| !file.unchanged) {
             self.keep_graph_of(folder.path(), &graph.source().name);
         }
-        let mut problems = evaluation.problems();
+        let mut diagnostics = evaluation.diagnostics();
         if !open.is_empty() {
             let violations =
                 self.evaluator.install(|| verdicts.judge(graph, &evaluation, &open, cancel));
-            problems.extend(violations.into_iter().map(|violation| violation.problem));
+            diagnostics.extend(violations.into_iter().map(|violation| violation.diagnostic));
             self.keep_verdicts(graph, &verdicts);
         }
-        let complete = !unwritten.iter().any(|problem| problem.severity == Severity::Error);
-        problems.extend(unwritten);
-        let may_pass = is_refused || evaluation.may_pass();
-        Ok(Produced { evaluation, written, complete, may_pass, problems })
+        let complete = result.diagnostics.iter().all(|it| it.severity != Severity::Error);
+        diagnostics.extend(result.diagnostics);
+        let may_succeed_later = result.is_refused || evaluation.may_succeed_later();
+        let written = result.files;
+        Ok(OutputReport { evaluation, written, complete, may_succeed_later, diagnostics })
     }
 
-    /// Writes outputs of a run, all if none is named, to a folder: each file whole or not at all. Gives the files, and what could not be
-    /// written. Names that the graph does not have count for nothing.
+    /// Writes the outputs `only` of a run, or all outputs if the list is empty, to a folder. Each file is written whole or not at all.
+    /// Returns the files, and an error for each output that could not be written. Unknown names are ignored.
     pub fn write(
         &self,
-        finished: &Finished,
+        finished: &RunResult,
         only: &[String],
         folder: &OutputFolder,
         cancel: &CancelToken,
-    ) -> (Vec<Written>, Vec<Problem>) {
+    ) -> (Vec<OutputFile>, Vec<Diagnostic>) {
         let outputs = outputs_of(&finished.graph, only).unwrap_or_default();
-        let Finished { graph, evaluation, .. } = finished;
+        let RunResult { graph, evaluation, .. } = finished;
         let (catalog, evaluator) = (&self.catalog, &self.evaluator);
-        let (written, unwritten, _) =
-            folder.write(&outputs, evaluation, graph, catalog, evaluator, cancel);
-        (written, unwritten)
+        let result = folder.write(&outputs, evaluation, graph, catalog, evaluator, cancel);
+        (result.files, result.diagnostics)
     }
 
-    /// Finds out what the last process knew of the files in a folder of outputs.
+    /// Loads the record that the last process wrote about the files in an output folder.
     pub fn recall(&self, folder: &OutputFolder) {
         folder.recall(&self.evaluator);
     }
 
-    /// The graph with values at its inputs, to be run any number of times: inputs without one are no error, but what hangs on them
-    /// fails. Its outputs become files in the preferred formats of their types.
+    /// Returns the graph with these values as its inputs. A missing value is not an error, but the nodes that depend on it fail. The
+    /// outputs of the graph become files in the preferred format of their type.
     ///
     /// # Errors
-    /// If an input gets a value of another type, or a value is for no input.
-    pub fn fed(&self, graph: &Graph, inputs: &InputValues) -> Result<Graph, Vec<Problem>> {
+    /// If a value has another type than its input, or a name is not an input.
+    pub fn bind_inputs(
+        &self,
+        graph: &Graph,
+        inputs: &InputValues,
+    ) -> Result<Graph, Vec<Diagnostic>> {
         if inputs.is_empty() && graph.inputs().is_empty() && !graph.is_function() {
             return Ok(graph.clone());
         }
         graph.with_inputs(inputs, &self.catalog)
     }
 
-    /// Runs something on the session's threads.
+    /// Runs a closure on the session's threads.
     pub fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
         self.evaluator.install(work)
     }
 
-    /// What was last noted on disk of a file or folder, by this build of the program.
+    /// Returns the note that this build of the program has stored about a file or folder.
     pub fn note(&self, of: &Path) -> Option<Vec<u8>> {
         self.evaluator.disk()?.note(of)
     }
 
-    /// Notes something of a file or folder on disk, if results are kept there.
+    /// Stores a note about a file or folder, if results are written to disk.
     pub fn keep_note(&self, of: &Path, note: impl FnOnce() -> Vec<u8>) {
         if let Some(disk) = self.evaluator.disk() {
             disk.keep_note(of, note(), Vec::new());
         }
     }
 
-    /// Returns the graph whose outputs were last written to a folder, if that was noted on disk.
+    /// Returns the graph whose outputs were last written to a folder, if it is known.
     pub fn graph_of(&self, folder: &Path) -> Option<PathBuf> {
         let path = self.note(&graph_note(folder)?)?;
         Some(PathBuf::from(String::from_utf8(path).ok()?))
     }
 
-    /// Notes the graph whose outputs are in a folder.
+    /// Stores a note that the outputs of `graph` are in `folder`.
     fn keep_graph_of(&self, folder: &Path, graph: &Path) {
         let graph = std::fs::canonicalize(graph).ok();
         let graph = graph.as_deref().and_then(Path::to_str);
@@ -328,70 +342,70 @@ impl Session {
         }
     }
 
-    /// How many bytes results may hold.
+    /// Returns the memory limit of results, in bytes.
     pub fn memory(&self) -> usize {
         self.memory
     }
 
-    /// From now on results may hold this many bytes; those used longest ago are dropped at once if they hold more.
-    pub fn use_memory(&mut self, bytes: usize) {
+    /// Sets the memory limit of results, in bytes. If the results exceed it, the least recently used ones are dropped at once.
+    pub fn set_memory(&mut self, bytes: usize) {
         self.evaluator.set_memory(bytes);
     }
 
-    /// Whether what is found from now on is put on disk, too.
-    pub fn keep_on_disk(&mut self, keep: bool) {
-        self.evaluator.keep_on_disk(keep);
+    /// Sets whether new results are written to disk.
+    pub fn set_keeping_on_disk(&mut self, keep: bool) {
+        self.evaluator.set_keeping_on_disk(keep);
     }
 
-    /// Drops every result in memory; what is on disk stays, but the next run does not use it.
+    /// Drops all results in memory. Results on disk stay, but the next run does not use them.
     pub fn forget(&mut self) {
-        self.known.clear();
+        self.known_counts.clear();
         self.evaluator.forget();
     }
 
-    /// Why results are not kept on disk, though they should be.
-    pub fn trouble(&self) -> Option<&str> {
-        self.disk_warning.as_deref().or_else(|| self.write_trouble())
+    /// Returns the reason why results are not written to disk, if they should be but cannot.
+    pub fn disk_warning(&self) -> Option<&str> {
+        self.disk_warning.as_deref().or_else(|| self.write_error())
     }
 
-    /// Why results that were made could not be kept on disk.
-    pub(crate) fn write_trouble(&self) -> Option<&str> {
-        self.evaluator.disk().and_then(Disk::trouble)
+    /// Returns the error of writing results to disk, or `None`.
+    pub(crate) fn write_error(&self) -> Option<&str> {
+        self.evaluator.disk().and_then(Disk::write_error)
     }
 
-    /// The trouble with the server of results, if there was any: see [`Disk::sharing`].
-    pub fn server_trouble(&self) -> Option<&str> {
-        self.evaluator.disk().and_then(Disk::server_trouble)
+    /// Returns the first error of the remote cache, or `None`: see [`Disk::with_server`].
+    pub fn server_error(&self) -> Option<&str> {
+        self.evaluator.disk().and_then(Disk::server_error)
     }
 
-    /// What went wrong with keeping and sharing results, in words.
-    pub fn troubles(&self) -> Vec<String> {
-        let server = self.server_trouble().map(str::to_owned);
-        self.write_trouble()
+    /// Returns messages about errors in writing results to disk and in sharing them.
+    pub fn cache_warnings(&self) -> Vec<String> {
+        let server = self.server_error().map(str::to_owned);
+        self.write_error()
             .map(|why| format!("results are not kept for the next run: {why}"))
             .into_iter()
             .chain(server)
             .collect()
     }
 
-    /// The same, as warnings of a graph.
-    pub fn warnings(&self, graph: &Graph) -> Vec<Problem> {
-        fn problem(trouble: String, graph: &Graph) -> Problem {
-            graph.problem(code::WARNING, trouble)
-        }
-        self.troubles()
+    /// Returns the messages of [`cache_warnings`](Self::cache_warnings) as warnings about a graph.
+    pub fn warnings(&self, graph: &Graph) -> Vec<Diagnostic> {
+        self.cache_warnings()
             .into_iter()
-            .map(|it| Problem { severity: Severity::Warning, ..problem(it, graph) })
+            .map(|message| Diagnostic {
+                severity: Severity::Warning,
+                ..graph.diagnostic(code::WARNING, message)
+            })
             .collect()
     }
 
-    /// What the server of results was asked for so far, if there is one.
-    pub fn exchange(&self) -> Option<Exchange> {
+    /// Returns the numbers of requests to the remote cache, or `None` if none is used.
+    pub fn exchange(&self) -> Option<RequestCounts> {
         self.evaluator.disk().and_then(Disk::exchange)
     }
 
-    /// Waits until all results that are worth it are on disk, and drops old ones if there are too many. What a server of results has
-    /// not been sent a second later it does not get.
+    /// Waits until all results are written to disk. If the cache is too large, drops old results. Waits at most one second for uploads to
+    /// the remote cache.
     pub fn finish(&self) {
         if let Some(disk) = self.evaluator.disk() {
             disk.finish();
@@ -399,17 +413,22 @@ impl Session {
     }
 }
 
-/// The name under which the graph of a folder of outputs is noted. No output has a name with an `@`.
+/// Returns the key of the note about the graph of an output folder. The key contains an `@`, so it is not the path of an output.
 fn graph_note(folder: &Path) -> Option<PathBuf> {
     Some(std::fs::canonicalize(folder).ok()?.join("@graph"))
 }
 
-/// What must hold where these nodes of some outputs are wanted. Who names outputs, `only` them, does not ask about other values.
-fn expected_of<'g>(graph: &'g Graph, nodes: &[usize], only: &[String]) -> Vec<&'g Expected> {
-    if only.is_empty() { graph.expected(nodes) } else { graph.expected_of_only(nodes) }
+/// Returns the expectations that are checked when these nodes are computed. If `only` selects outputs, expectations of other values are
+/// left out.
+fn expected_of<'g>(
+    graph: &'g Graph,
+    nodes: &[usize],
+    only: &[String],
+) -> Vec<&'g GraphExpectation> {
+    if only.is_empty() { graph.expectations_for(nodes) } else { graph.expectations_for_only(nodes) }
 }
 
-/// The outputs of these names; all if there are none.
+/// Returns the outputs with these names, or all outputs if the list of names is empty.
 pub(crate) fn outputs_of<'g>(
     graph: &'g Graph,
     only: &[String],
@@ -429,7 +448,7 @@ pub(crate) fn outputs_of<'g>(
                 })
                 .ok_or_else(|| {
                     let known = Vec::from_iter(graph.output_names());
-                    unknown(
+                    unknown_name_message(
                         format!("the graph has no output `{name}`"),
                         name,
                         "its outputs",
@@ -440,21 +459,21 @@ pub(crate) fn outputs_of<'g>(
         .collect()
 }
 
-/// The nodes that give what these names mean, each of which `find` looks up.
-fn places(
+/// Returns all nodes that `find` returns for these names.
+fn nodes_named(
     graph: &Graph,
     names: &[String],
     find: impl Fn(&str) -> Vec<usize>,
-) -> Result<Vec<usize>, Vec<Problem>> {
-    let (mut nodes, mut problems) = (Vec::new(), Vec::new());
+) -> Result<Vec<usize>, Vec<Diagnostic>> {
+    let (mut nodes, mut diagnostics) = (Vec::new(), Vec::new());
     for name in names {
         let found = find(name);
         if found.is_empty() {
             let known: Vec<_> = graph.output_names().chain(graph.node_names()).collect();
             let message = graph.unknown("output or node", name, "it has", &known);
-            problems.push(graph.problem(code::UNKNOWN_LINK, message));
+            diagnostics.push(graph.diagnostic(code::UNKNOWN_LINK, message));
         }
         nodes.extend(found);
     }
-    if problems.is_empty() { Ok(nodes) } else { Err(problems) }
+    if diagnostics.is_empty() { Ok(nodes) } else { Err(diagnostics) }
 }

@@ -1,64 +1,63 @@
-//! What may be written, replaced and deleted: every file that this program leaves on disk or takes from it goes through here.
+//! Writes, replaces and deletes files. All files that this program creates or removes are created or removed by this module.
 //!
-//! - A file appears whole or not at all: it is written beside its place and moved there (`write_whole`).
-//! - Only plain files that may be written to are replaced, and only plain files removed: no link, folder, pipe or device.
-//! - What a graph is made of or reads is not replaced ([`Sources`]); nothing is written outside of the folder that was asked
-//!   for, whatever links lead there ([`Destination`]).
-//! - What a killed process left half written is swept, what a living one is writing stays (`temporary`).
+//! - A file appears whole or not at all: it is written to a temporary file in the same folder and moved to its path (`write_whole`).
+//! - Only writable plain files are replaced, and only plain files removed: no links, folders, pipes or devices.
+//! - Files that a graph consists of or reads are not replaced ([`Sources`]). Nothing is written outside of the given folder, wherever links
+//!   lead ([`Destination`]).
+//! - Unfinished files of killed processes are removed, those of running processes stay (`temporary`).
 
 use std::fs::{self, File, Metadata};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-use maquette_graph::stamp::Stamp;
+use maquette_graph::file_stat::FileStat;
 use maquette_syntax::paths::without_dots;
-use maquette_value::plain;
 use tempfile::NamedTempFile;
 
+mod exchange_folder;
+mod folder_lock;
 mod large;
 mod log;
-mod shelf;
+mod recycled_file;
 mod sources;
-mod spare;
 mod temporary;
-mod turn;
 
+pub use exchange_folder::ExchangeFolder;
+pub use folder_lock::FolderLock;
 pub(crate) use large::{bring_to_disk, write_at};
 pub use log::{begin_log, open_log, remove_logs};
-pub use shelf::Shelf;
+pub(crate) use recycled_file::RecycledFile;
 pub use sources::Sources;
-pub(crate) use spare::Spare;
 pub(crate) use temporary::{is_abandoned, is_temporary, sweep};
-pub use turn::Turn;
 
-/// Where files may be written and removed.
+/// The part of the file system in which files may be written and removed.
 pub struct Destination<'a> {
     bounds: Bounds,
     sources: &'a Sources,
 }
 
 enum Bounds {
-    /// Any path: one that the user named.
+    /// Any path that the user has given.
     None,
-    /// Links may lead anywhere in this folder, but not out of it.
+    /// Inside of this folder. Links inside of the folder must not lead out of it.
     Folder(PathBuf),
-    /// The same, and the folder itself lies in another one.
+    /// Inside of this folder, which itself must be inside of `base`.
     Inside { base: PathBuf, folder: PathBuf },
-    /// There is no link on the way from this folder on.
+    /// Inside of this folder, if the path from the folder to the file contains no link.
     Own(PathBuf),
 }
 
-/// Why a file is not written.
+/// The error of writing a file.
 #[derive(Debug, thiserror::Error)]
-pub enum Refused {
+pub enum WriteError {
     #[error("{0}")]
     Source(&'static str),
     #[error("a link leads out of {}", .0.display())]
     Outside(PathBuf),
     #[error("there is a link on the way from {}", .0.display())]
     Linked(PathBuf),
-    #[error("it is {0}, and only plain files are replaced")]
+    #[error("it is {0}; only plain files are replaced")]
     NotPlain(&'static str),
     #[error("it is read-only")]
     ReadOnly,
@@ -67,98 +66,99 @@ pub enum Refused {
 }
 
 impl<'a> Destination<'a> {
-    /// Any path: one that the user named.
+    /// Creates a destination that allows any path, because the user has given the path.
     pub fn anywhere(sources: &'a Sources) -> Self {
         Self { bounds: Bounds::None, sources }
     }
 
-    /// A folder that the user named, wherever links to it lead.
+    /// Creates a destination that allows a folder which the user has given. Links to the folder may lead anywhere.
     pub fn folder(folder: &Path, sources: &'a Sources) -> Self {
         Self { bounds: Bounds::Folder(folder.to_owned()), sources }
     }
 
-    /// A folder in another one, which no link may lead out of.
-    pub fn inside(base: &Path, folder: &Path, sources: &'a Sources) -> Self {
+    /// Creates a destination that allows a folder inside of `base`. No link may lead out of `base`.
+    pub fn folder_inside(base: &Path, folder: &Path, sources: &'a Sources) -> Self {
         Self {
             bounds: Bounds::Inside { base: base.to_owned(), folder: folder.to_owned() },
             sources,
         }
     }
 
-    /// Folders in this one that no link leads to.
-    pub fn own(base: &Path, sources: &'a Sources) -> Self {
+    /// Creates a destination that allows folders inside of `base` whose paths contain no link.
+    pub fn without_links(base: &Path, sources: &'a Sources) -> Self {
         Self { bounds: Bounds::Own(base.to_owned()), sources }
     }
 
-    /// Puts these bytes into a file: whole or not at all. Gives its stamp, unless somebody else has changed it already. The first file that
-    /// this process writes to a folder removes what killed processes left there.
-    pub fn write(&self, path: &Path, bytes: &[u8]) -> Result<Option<Stamp>, Refused> {
-        self.judge(path)?;
-        temporary::sweep_once(beside(path));
+    /// Writes these bytes to a file, whole or not at all. Returns the stamp of the file, or `None` if another program has already changed
+    /// it. The first write of this process to a folder removes unfinished files that killed processes left in the folder.
+    pub fn write(&self, path: &Path, bytes: &[u8]) -> Result<Option<FileStat>, WriteError> {
+        self.check(path)?;
+        temporary::sweep_once(parent_folder(path));
         Ok(write_whole(path, bytes)?)
     }
 
-    /// The same for so many bytes that `fill` writes, into a new file, or over one of which it is told what it holds; what it gives comes
-    /// along.
+    /// Writes `len` bytes by calling `fill`. They are written to a new file, or over a recycled file, whose known contents `fill` receives.
+    /// Also returns the result of `fill`.
     pub(crate) fn write_again<S, T>(
         &self,
         path: &Path,
         len: usize,
-        last: Last<S>,
+        last: PreviousFiles<S>,
         fill: impl FnMut(&mut File, Option<&S>) -> io::Result<T>,
-    ) -> Result<Rewritten<S, T>, Refused> {
-        self.judge(path)?;
+    ) -> Result<Rewritten<S, T>, WriteError> {
+        self.check(path)?;
         Ok(write_by(path, len, last, fill)?)
     }
 
-    /// Writes one file, and removes what killed processes left beside it.
-    pub fn put(&self, path: &Path, bytes: &[u8]) -> Result<(), Refused> {
-        self.judge(path)?;
-        sweep(beside(path));
+    /// Writes one file, and removes unfinished files of killed processes in its folder.
+    pub fn put(&self, path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
+        self.check(path)?;
+        sweep(parent_folder(path));
         Ok(write_whole(path, bytes).map(|_| ())?)
     }
 
-    /// Writes some files, or none if one of them may not be written: then, which and why.
-    pub fn put_all(&self, files: &[(PathBuf, Vec<u8>)]) -> Result<(), (PathBuf, Refused)> {
-        let failed = |path: &PathBuf| {
-            let path = path.clone();
-            |refused| (path, refused)
-        };
-        files.iter().try_for_each(|(path, _)| self.judge(path).map_err(failed(path)))?;
-        files.iter().try_for_each(|(path, bytes)| self.put(path, bytes).map_err(failed(path)))
+    /// Writes several files. If one of them must not be written, none is written, and the error names this file.
+    pub fn put_all(&self, files: &[(PathBuf, Vec<u8>)]) -> Result<(), (PathBuf, WriteError)> {
+        for (path, _) in files {
+            self.check(path).map_err(|error| (path.clone(), error))?;
+        }
+        for (path, bytes) in files {
+            self.put(path, bytes).map_err(|error| (path.clone(), error))?;
+        }
+        Ok(())
     }
 
-    /// Whether a file may be written.
-    pub fn judge(&self, path: &Path) -> Result<(), Refused> {
-        self.judge_folder(beside(path))?;
+    /// Checks that a file may be written at this path.
+    pub fn check(&self, path: &Path) -> Result<(), WriteError> {
+        self.check_folder(parent_folder(path))?;
         match fs::symlink_metadata(path) {
-            Ok(it) if !it.is_file() => return Err(Refused::NotPlain(kind(&it))),
-            Ok(it) if it.permissions().readonly() => return Err(Refused::ReadOnly),
+            Ok(it) if !it.is_file() => return Err(WriteError::NotPlain(kind(&it))),
+            Ok(it) if it.permissions().readonly() => return Err(WriteError::ReadOnly),
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error.into()),
             _ => {}
         }
-        self.sources.use_of(path).map_or(Ok(()), |what| Err(Refused::Source(what)))
+        self.sources.use_of(path).map_or(Ok(()), |what| Err(WriteError::Source(what)))
     }
 
     /// Removes a plain file.
-    pub fn remove(&self, path: &Path) -> Result<(), Refused> {
-        self.judge_folder(beside(path))?;
+    pub fn remove(&self, path: &Path) -> Result<(), WriteError> {
+        self.check_folder(parent_folder(path))?;
         Ok(remove(path)?)
     }
 
-    /// Removes what killed processes left in a folder, if files may be written there.
+    /// Removes unfinished files of killed processes from a folder, if files may be written there.
     pub fn sweep(&self, folder: &Path) {
-        if self.judge_folder(folder).is_ok() {
+        if self.check_folder(folder).is_ok() {
             sweep(folder);
         }
     }
 
-    /// Whether files in a folder may be written.
-    pub fn judge_folder(&self, folder: &Path) -> Result<(), Refused> {
-        fn lies_in(inner: &Path, outer: &Path) -> Result<(), Refused> {
+    /// Checks that files in a folder may be written.
+    pub fn check_folder(&self, folder: &Path) -> Result<(), WriteError> {
+        fn lies_in(inner: &Path, outer: &Path) -> Result<(), WriteError> {
             match real(inner)?.starts_with(real(outer)?) {
                 true => Ok(()),
-                false => Err(Refused::Outside(outer.to_owned())),
+                false => Err(WriteError::Outside(outer.to_owned())),
             }
         }
         match &self.bounds {
@@ -173,20 +173,21 @@ impl<'a> Destination<'a> {
                 let expected = real(base)?.join(below.unwrap_or(Path::new("..")));
                 match expected == real(folder)? {
                     true => Ok(()),
-                    false => Err(Refused::Linked(base.clone())),
+                    false => Err(WriteError::Linked(base.clone())),
                 }
             }
         }
     }
 }
 
-/// The folder that a file is in.
-fn beside(path: &Path) -> &Path {
+/// Returns the folder that contains a file.
+fn parent_folder(path: &Path) -> &Path {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     folder.unwrap_or(Path::new("."))
 }
 
-/// The path without links, also of what is not there yet. A link to nothing is an error: nobody knows what it will lead to.
+/// Returns a path without links. The file need not exist yet. A link whose target does not exist is an error, because it is unknown where
+/// the target would be.
 fn real(path: &Path) -> io::Result<PathBuf> {
     let path = if path.as_os_str().is_empty() { Path::new(".") } else { path };
     let path = std::path::absolute(path)?;
@@ -204,58 +205,54 @@ fn kind(metadata: &Metadata) -> &'static str {
     }
 }
 
-/// Puts a new text into a file that people write: whole or not at all, with the permissions of the old one. A link that leads to
-/// it stays one.
+/// Replaces the text of a file that people edit, whole or not at all. Keeps the permissions of the file. If the path is a link, the target
+/// of the link is replaced.
 pub fn rewrite(path: &Path, text: &str) -> io::Result<()> {
     let path = fs::canonicalize(path)?;
     let metadata = fs::metadata(&path)?;
     if !metadata.is_file() || metadata.permissions().readonly() {
         return Err(io::ErrorKind::PermissionDenied.into());
     }
-    sweep(beside(&path));
+    sweep(parent_folder(&path));
     write_whole(&path, text.as_bytes())?;
     fs::set_permissions(&path, metadata.permissions())
 }
 
-/// The same in place of what was read, and nothing if that is not there any more. Who has a [`Turn`] since then loses nothing that
-/// this program writes, and no editor's work but by a hair.
+/// Replaces the text of a file, if the file still contains `read`. If a [`FolderLock`] was taken before reading, no edit by this program is
+/// lost. An edit by another program is lost only if it happens between the check and the write in this function.
 pub fn replace(path: &Path, read: &str, text: &str) -> io::Result<()> {
-    match plain::read_text(path)? == read {
+    match maquette_value::fs::read_text(path)? == read {
         true => rewrite(path, text),
         false => Err(changed_meanwhile()),
     }
 }
 
 fn changed_meanwhile() -> io::Error {
-    io::Error::other("somebody else is changing it: try again")
+    io::Error::other("another program is changing the file; try again")
 }
 
-/// The same, with another file that is not there yet and belongs to it: both are written, or none. An error comes with the file that it
-/// is of.
+/// Replaces the text of a file and creates another file that belongs to it. If one of them cannot be written, neither is. The error names
+/// the file.
 pub fn rewrite_with(
     path: &Path,
     text: &str,
     (new, new_text): (&Path, &str),
 ) -> Result<(), (PathBuf, io::Error)> {
-    let of = |path: &Path| {
-        let path = path.to_owned();
-        |error| (path, error)
-    };
-    let metadata = fs::metadata(path).map_err(of(path))?;
+    let metadata = fs::metadata(path).map_err(|error| (path.to_owned(), error))?;
     if !metadata.is_file() || metadata.permissions().readonly() {
         return Err((path.to_owned(), io::ErrorKind::PermissionDenied.into()));
     }
-    write_new(new, new_text).map_err(of(new))?;
+    write_new(new, new_text).map_err(|error| (new.to_owned(), error))?;
     rewrite(path, text).map_err(|error| {
-        // Nobody has read it yet.
+        // The new file can be removed again, because no other program has read it yet.
         let _ = remove(new);
         (path.to_owned(), error)
     })
 }
 
-/// Writes a text to a file that is not there yet, and makes the folders above it.
+/// Creates a file with a text, and the folders above it.
 pub fn write_new(path: &Path, text: &str) -> io::Result<()> {
-    let folder = beside(path);
+    let folder = parent_folder(path);
     fs::create_dir_all(folder)?;
     sweep(folder);
     let mut file = temporary::create(folder)?;
@@ -264,23 +261,23 @@ pub fn write_new(path: &Path, text: &str) -> io::Result<()> {
     Ok(())
 }
 
-/// Writes what the program itself keeps beside a graph, in a file that people read and may have changed.
-pub fn keep_beside(path: &Path, text: &str) -> Result<(), Refused> {
+/// Writes a file that the program stores next to a graph. People may read and edit the file.
+pub fn keep_beside(path: &Path, text: &str) -> Result<(), WriteError> {
     match path.exists() {
         true => Ok(rewrite(path, text)?),
         false => Destination::anywhere(&Sources::default()).put(path, text.as_bytes()),
     }
 }
 
-/// Writes a file beside its place and moves it there: it appears whole or not at all. Gives the stamp of what was moved, unless
-/// somebody else has changed that already.
-pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<Option<Stamp>> {
+/// Writes a temporary file and moves it to `path`. So the file appears whole or not at all. Returns the stamp of the file, or `None` if
+/// another program has already changed it.
+pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<Option<FileStat>> {
     write_parts(path, &[bytes])
 }
 
-/// Writes a file that nobody but its user may read, in a folder of the same kind, which is made if it is not there.
+/// Writes a file that only the user can read, in a folder that only the user can read. A missing folder is created.
 pub fn write_private(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let folder = beside(path);
+    let folder = parent_folder(path);
     make_private_folder(folder)?;
     sweep(folder);
     let mut file = temporary::create_private(folder)?;
@@ -288,8 +285,8 @@ pub fn write_private(path: &Path, bytes: &[u8]) -> io::Result<()> {
     file.persist(path).map(|_| ()).map_err(|error| error.error)
 }
 
-/// Makes a folder of which others see nothing. One that is there and that others may write to is refused: they could put their
-/// own files into the place of the user's.
+/// Creates a folder that other users cannot read. If the folder exists and others can write to it, that is an error, because they could
+/// replace the user's files.
 fn make_private_folder(path: &Path) -> io::Result<()> {
     let mut builder = fs::DirBuilder::new();
     builder.recursive(true);
@@ -302,8 +299,8 @@ fn make_private_folder(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Whether a file or folder is this user's, and others have none of these permissions. Where there are no such permissions the
-/// system keeps a user's folders from others.
+/// Returns true if a file or folder belongs to this user and others have none of these permissions. On systems without such permissions,
+/// returns true, because the folders of a user are private there.
 #[cfg_attr(not(unix), expect(unused_variables, reason = "there is nothing to ask for"))]
 pub fn is_private(metadata: &Metadata, permissions: u32) -> bool {
     #[cfg(unix)]
@@ -316,52 +313,53 @@ pub fn is_private(metadata: &Metadata, permissions: u32) -> bool {
     true
 }
 
-/// The same for a content in parts.
-pub(crate) fn write_parts(path: &Path, parts: &[&[u8]]) -> io::Result<Option<Stamp>> {
+/// Writes a file whose content is given in parts. Like [`write_whole`] otherwise.
+pub(crate) fn write_parts(path: &Path, parts: &[&[u8]]) -> io::Result<Option<FileStat>> {
     let len = parts.iter().map(|part| part.len()).sum();
-    let fill =
-        |file: &mut File, _: Option<&()>| parts.iter().try_for_each(|part| file.write_all(part));
-    write_by(path, len, Last::default(), fill).map(|written| written.stamp)
+    let written = write_by(path, len, PreviousFiles::<()>::default(), |file, _| {
+        parts.iter().try_for_each(|part| file.write_all(part))
+    })?;
+    Ok(written.stamp)
 }
 
-/// What this process left where a file is written again.
-pub(crate) struct Last<S> {
-    /// The file that lies there, and what it holds, if it is to be kept for the next time.
-    pub(crate) there: Option<(Stamp, S)>,
-    /// One from before, to be written over.
-    pub(crate) spare: Option<Spare<S>>,
+/// The files that this process has left at a path where it writes again.
+pub(crate) struct PreviousFiles<S> {
+    /// The stamp and the known contents of the file at the path, if the file is to be recycled by a later write.
+    pub(crate) there: Option<(FileStat, S)>,
+    /// A file that was replaced earlier and may be overwritten.
+    pub(crate) recycled: Option<RecycledFile<S>>,
 }
 
-impl<S> Default for Last<S> {
+impl<S> Default for PreviousFiles<S> {
     fn default() -> Self {
-        Self { there: None, spare: None }
+        Self { there: None, recycled: None }
     }
 }
 
-/// A file that was written.
+/// A file that was written, and the file that it replaced.
 pub(crate) struct Rewritten<S, T> {
-    /// Its stamp, unless somebody else has changed it already.
-    pub(crate) stamp: Option<Stamp>,
-    /// What came of writing it.
-    pub(crate) told: T,
-    /// The one that it replaced.
-    pub(crate) spare: Option<Spare<S>>,
+    /// The stamp of the file, or `None` if another program has already changed it.
+    pub(crate) stamp: Option<FileStat>,
+    /// The result of the function that has written the content.
+    pub(crate) result: T,
+    /// The file that was replaced, if it can be overwritten later.
+    pub(crate) recycled: Option<RecycledFile<S>>,
 }
 
-/// The same for so many bytes that `fill` writes, which is asked again if the file has gone meanwhile.
+/// Writes a file of `len` bytes by calling `fill`. If the file or its folder is removed in the meantime, `fill` is called again.
 fn write_by<S, T>(
     path: &Path,
     len: usize,
-    last: Last<S>,
+    last: PreviousFiles<S>,
     mut fill: impl FnMut(&mut File, Option<&S>) -> io::Result<T>,
 ) -> io::Result<Rewritten<S, T>> {
-    let folder = beside(path);
-    let Last { mut there, mut spare } = last;
-    in_spite_of_removal(|is_gone| {
+    let folder = parent_folder(path);
+    let PreviousFiles { mut there, recycled: mut spare } = last;
+    retry_if_removed(|is_gone| {
         if is_gone {
             fs::create_dir_all(folder)?;
         }
-        let (mut file, holds) = match spare.take().and_then(Spare::reuse) {
+        let (mut file, holds) = match spare.take().and_then(RecycledFile::reuse) {
             Some((file, holds)) => (file, Some(holds)),
             None => (temporary::create(folder)?, None),
         };
@@ -369,32 +367,36 @@ fn write_by<S, T>(
             Some(_) => file.as_file().set_len(len as u64)?,
             None => large::make_room(file.as_file(), len),
         }
-        let told = fill(file.as_file_mut(), holds.as_ref())?;
+        let result = fill(file.as_file_mut(), holds.as_ref())?;
         large::mark(file.as_file(), len)?;
         let written = file.as_file().metadata()?;
-        // Still locked while it is moved.
+        // The file stays locked while it is moved.
         let (file, spare) = match there.take() {
-            Some((stamp, holds)) => match Spare::exchange(file, path, stamp, holds) {
+            Some((stamp, holds)) => match RecycledFile::exchange(file, path, stamp, holds) {
                 Ok(moved) => moved,
                 Err(file) => (persist(file, path, len)?, None),
             },
             None => (persist(file, path, len)?, None),
         };
-        Ok(Rewritten { stamp: Stamp::moved(&written, &file.metadata()?), told, spare })
+        Ok(Rewritten {
+            stamp: FileStat::after_move(&written, &file.metadata()?),
+            result,
+            recycled: spare,
+        })
     })
 }
 
-/// Moves a file of so many bytes to its place.
+/// Moves a file of `len` bytes to `path`.
 fn persist(file: NamedTempFile, path: &Path, len: usize) -> io::Result<File> {
-    let old = large::Old::at(path, len);
+    let old = large::ReplacedFile::open(path, len);
     let file = file.persist(path).map_err(|error| error.error)?;
-    old.forget();
+    old.close_in_background();
     Ok(file)
 }
 
-/// Does it again if a file or folder has gone meanwhile, which `does` is told: somebody may clear the cache, or sweep a folder,
-/// between any two steps. Who finds it gone a hundred times has another problem.
-pub(crate) fn in_spite_of_removal<T>(mut does: impl FnMut(bool) -> io::Result<T>) -> io::Result<T> {
+/// Runs `does` again if it fails because a file or folder was removed. The argument of `does` is false for the first attempt. Another
+/// process may clear the cache or a folder at any time, but after a hundred attempts there must be another cause.
+pub(crate) fn retry_if_removed<T>(mut does: impl FnMut(bool) -> io::Result<T>) -> io::Result<T> {
     const TRIES: usize = 100;
     let mut result = does(false);
     for _ in 1..TRIES {
@@ -406,23 +408,23 @@ pub(crate) fn in_spite_of_removal<T>(mut does: impl FnMut(bool) -> io::Result<T>
     result
 }
 
-/// A folder that goes while it is made was there already, and then is none.
+/// Returns true if a file or folder was removed. If a folder is removed while it is created, the error may be that it exists.
 fn is_gone(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::AlreadyExists)
 }
 
-/// Whether files can be written to a folder, or to the nearest one above it if it is not there.
+/// Returns true if files can be written to a folder, or to the nearest existing folder above it.
 pub fn is_writable(folder: &Path) -> bool {
     let there = folder.ancestors().find(|folder| fs::symlink_metadata(folder).is_ok());
     temporary::create(there.unwrap_or(Path::new("."))).is_ok()
 }
 
-/// Makes a folder and those above it.
+/// Creates a folder and the folders above it.
 pub fn make_folder(path: &Path) -> io::Result<()> {
     fs::create_dir_all(path)
 }
 
-/// Removes a plain file; never what a link leads to, nor the link.
+/// Removes a plain file. A link is not removed, and neither is its target.
 pub fn remove(path: &Path) -> io::Result<()> {
     match fs::symlink_metadata(path)? {
         it if it.is_file() => fs::remove_file(path),
@@ -430,15 +432,15 @@ pub fn remove(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Removes a folder if nothing is in it.
+/// Removes a folder if it is empty.
 pub fn remove_empty(folder: &Path) {
     let _ = fs::remove_dir(folder);
 }
 
-/// Says that a file was used: its time of change is now.
+/// Marks a file as used by setting its modification time to now.
 pub(crate) fn touch(path: &Path) {
     let file = File::options().append(true).open(path);
-    // A file that another process has just removed needs no time.
+    // The file may just have been removed by another process.
     let _ = file.and_then(|file| file.set_modified(SystemTime::now()));
 }
 

@@ -1,8 +1,9 @@
-//! The range of colors, which most files leave to the reader to guess.
+//! The range of color channels: 0 to 1, 255 or 65535. Most text formats do not state this range.
 
-pub(super) use maquette_node::reading::ColorRange;
+pub(super) use maquette_node::importers::ColorRange;
 
-/// The range of the channels of a whole file: the one that the user says, or else a guess by all of them, with a note if it is not the usual one.
+/// Returns the common range of all color channels in a file: `wanted` if given, else a guess from the values. Also returns a note if the
+/// guess differs from `usual`.
 pub(super) fn decide(
     wanted: Option<ColorRange>,
     channels: impl Iterator<Item = f64>,
@@ -18,28 +19,29 @@ pub(super) fn decide(
             ColorRange::To65535 => 65535,
         };
         if range != usual {
-            notes.push(format!("colors are read as from 0 to {to}, as their largest number says; `colors: To255` or another range says otherwise"));
+            notes.push(format!("colors are read as 0 to {to}, guessed from their largest value; set `colors: To255` or another range if that is wrong"));
         }
         range
     })
 }
 
-/// Fractions are at most 1, and whole numbers at most 255 or 65535. Colors a little brighter than white (below 2) are fractions, too.
+/// Guesses the range from the maximum: 1 (except for channels that are stored as integers), 255 or 65535. Non-integers with a maximum below
+/// 2, slightly brighter than white, have the range 1, too.
 fn guess(channels: impl Iterator<Item = f64>, are_whole: bool) -> ColorRange {
-    let (mut most, mut is_whole) = (0.0_f64, true);
+    let (mut max, mut is_integer) = (0.0_f64, true);
     for channel in channels.filter(|channel| channel.is_finite()) {
-        most = most.max(channel);
-        is_whole &= channel.fract() == 0.0;
+        max = max.max(channel);
+        is_integer &= channel.fract() == 0.0;
     }
-    match most {
+    match max {
         ..=1.0 if !are_whole => ColorRange::To1,
-        ..2.0 if !is_whole => ColorRange::To1,
+        ..2.0 if !is_integer => ColorRange::To1,
         ..=255.0 => ColorRange::To255,
         _ => ColorRange::To65535,
     }
 }
 
-/// A channel as a byte.
+/// Converts a channel to a byte.
 pub(super) fn byte(range: ColorRange, channel: f64) -> u8 {
     let scale = match range {
         ColorRange::To1 => 255.0,

@@ -1,21 +1,21 @@
-//! Corners of faces: collecting them from a file, and telling vertices apart that carry different data at different faces.
+//! Corners of faces: collects the corners from a file, and splits vertices whose data differ between faces.
 
 use std::collections::HashMap;
 
 use maquette_value::{Attribute, Column, Faces, Mesh, MeshError};
 
-/// The faces of a file, collected one by one and cleaned of corners that repeat the vertex before them: exporters write such
-/// corners where a quad has shrunk to a triangle. A face that comes back to a vertex is cut there into several.
+/// Collects the faces of a file. A corner that repeats the previous vertex is dropped; exporters write such corners where a quad has shrunk
+/// to a triangle. A face that visits a vertex twice is cut at this vertex into several faces.
 #[derive(Default)]
 pub(super) struct FaceList {
     sides: Vec<usize>,
     corners: Vec<u32>,
-    /// For each corner kept, its index among all corners that the file has.
+    /// For each remaining corner, its index among all corners that were added.
     origins: Vec<usize>,
-    seen: usize,
-    /// Faces without three different corners, which are left out.
+    n_given: usize,
+    /// The number of faces that are left out because they do not have three different corners.
     thin: usize,
-    /// Faces that were cut.
+    /// The number of faces that were cut.
     cut: usize,
 }
 
@@ -29,24 +29,25 @@ impl FaceList {
         }
     }
 
-    /// Adds a face, as one or, if it comes back to a vertex, several; those of fewer than three corners are left out. Says how many there are.
+    /// Adds a face. It is cut into several if it visits a vertex twice; faces with fewer than three corners are left out. Returns the
+    /// number of faces that were added.
     pub(super) fn push(&mut self, vertices: &[u32]) -> usize {
         let before = self.corners.len();
         for (k, &vertex) in vertices.iter().enumerate() {
             let predecessor = if k == 0 { vertices.len() - 1 } else { k - 1 };
             if vertices[predecessor] != vertex {
                 self.corners.push(vertex);
-                self.origins.push(self.seen + k);
+                self.origins.push(self.n_given + k);
             }
         }
-        self.seen += vertices.len();
+        self.n_given += vertices.len();
         let faces = match self.corners.len() - before {
             0..3 => {
                 self.corners.truncate(before);
                 self.origins.truncate(before);
                 0
             }
-            sides if !repeats(&self.corners[before..]) => {
+            sides if !has_repeated_vertex(&self.corners[before..]) => {
                 self.sides.push(sides);
                 1
             }
@@ -56,22 +57,22 @@ impl FaceList {
         faces
     }
 
-    /// Cuts the face whose corners begin at `before` wherever it comes back to a vertex. Says how many faces that makes.
+    /// Cuts the face whose corners begin at index `before` wherever the face visits a vertex twice. Returns the number of resulting faces.
     fn cut(&mut self, before: usize) -> usize {
         let corners = self.corners.split_off(before);
         let origins = self.origins.split_off(before);
         let faces = self.sides.len();
-        // The corners since the last cut, and where each vertex is among them.
+        // `open` has the corners since the last cut, `open_indices` the position of each vertex in `open`.
         let mut open: Vec<(u32, usize)> = Vec::new();
-        let mut places = HashMap::new();
+        let mut open_indices = HashMap::new();
         for (vertex, origin) in corners.into_iter().zip(origins) {
-            if let Some(&start) = places.get(&vertex) {
+            if let Some(&start) = open_indices.get(&vertex) {
                 self.push_ring(&open[start..]);
                 for (vertex, _) in open.drain(start..) {
-                    places.remove(&vertex);
+                    open_indices.remove(&vertex);
                 }
             }
-            places.insert(vertex, open.len());
+            open_indices.insert(vertex, open.len());
             open.push((vertex, origin));
         }
         self.push_ring(&open);
@@ -80,7 +81,8 @@ impl FaceList {
         faces
     }
 
-    /// Adds a face of these vertices and origins, which are all different, unless they are fewer than three.
+    /// Adds a face with distinct vertices, each given with its index among all corners. Does nothing if there are fewer than three
+    /// vertices.
     fn push_ring(&mut self, ring: &[(u32, usize)]) {
         if ring.len() >= 3 {
             self.sides.push(ring.len());
@@ -89,7 +91,7 @@ impl FaceList {
         }
     }
 
-    /// What a user should know of the faces so far.
+    /// Returns warnings about the faces added so far.
     pub(super) fn notes(&self) -> Vec<String> {
         let thin = (self.thin > 0).then(|| match self.thin {
             1 => "1 face is left out: it has fewer than three different corners".to_owned(),
@@ -98,20 +100,20 @@ impl FaceList {
             }
         });
         let cut = (self.cut > 0).then(|| match self.cut {
-            1 => "1 face meets a vertex twice, and is cut there".to_owned(),
-            more => format!("{more} faces meet a vertex twice, and are cut there"),
+            1 => "1 face visits a vertex twice and is cut there".to_owned(),
+            more => format!("{more} faces visit a vertex twice and are cut there"),
         });
         thin.into_iter().chain(cut).collect()
     }
 
-    /// The faces, and for each corner its index among all corners that were given.
+    /// Returns the faces, and for each of their corners its index among all corners that were added.
     pub(super) fn finish(self) -> Result<(Faces, Vec<usize>), MeshError> {
         Ok((Faces::polygons(&self.sides, self.corners)?, self.origins))
     }
 }
 
-/// Whether a vertex is there twice.
-fn repeats(vertices: &[u32]) -> bool {
+/// Returns true if a vertex occurs twice.
+fn has_repeated_vertex(vertices: &[u32]) -> bool {
     if vertices.len() <= 16 {
         return (1..vertices.len()).any(|k| vertices[..k].contains(&vertices[k]));
     }
@@ -120,7 +122,8 @@ fn repeats(vertices: &[u32]) -> bool {
     sorted.windows(2).any(|pair| pair[0] == pair[1])
 }
 
-/// The data of corners as data of vertices, if no vertex has two different ones; `none` for a vertex of no face.
+/// Converts data of corners to data of vertices. Returns `None` if the corners of one vertex have different data. Vertices without faces
+/// get `none`.
 pub(super) fn per_vertex<T: Copy + PartialEq>(
     mesh: &Mesh,
     corners: &[T],
@@ -135,8 +138,8 @@ pub(super) fn per_vertex<T: Copy + PartialEq>(
     Some(found.into_iter().map(|entry| entry.unwrap_or(none)).collect())
 }
 
-/// Adds the data of corners to a mesh: per vertex where that loses nothing.
-pub(super) fn with_corners<T: Copy + PartialEq>(
+/// Adds data of corners to a mesh: as vertex data if all corners of each vertex have equal data, else as corner data.
+pub(super) fn add_corner_data<T: Copy + PartialEq>(
     mesh: Mesh,
     name: &str,
     corners: Vec<T>,
@@ -149,23 +152,24 @@ pub(super) fn with_corners<T: Copy + PartialEq>(
     }
 }
 
-/// Corners that share a vertex and its data, as formats know them that have data per vertex only.
+/// Groups of corners with equal vertex and equal data, for formats that store data only per vertex.
 pub(super) struct Split {
-    /// One corner out of each group, in the order in which the faces meet them.
+    /// One corner of each group, in the order in which the faces reach the groups.
     pub(super) corners: Vec<u32>,
-    /// The group of each corner.
+    /// The index of the group to which each corner belongs.
     pub(super) of_corner: Vec<u32>,
 }
 
-/// How many groups at one vertex are compared with a corner. More are met only at the tip of a cone with very many faces, where
-/// without a limit the time would grow with their square; with it some equal corners are not joined, which shows nowhere.
-const MOST_GROUPS: usize = 64;
+/// The maximum number of groups at one vertex with which a corner is compared. More groups occur only at the tip of a cone with very many
+/// faces, where comparing all of them would take quadratic time. Beyond the limit some equal corners stay in separate groups, which is not
+/// visible.
+const MAX_GROUPS: usize = 64;
 
-/// Groups the corners of a mesh by vertex; two corners at one vertex stay together if `same` says so.
+/// Groups the corners of a mesh. Two corners are in one group if they are at the same vertex and `same` returns true for them.
 pub(super) fn split(mesh: &Mesh, same: impl Fn(usize, usize) -> bool) -> Split {
     const NONE: u32 = u32::MAX;
     let corners = mesh.faces().corners();
-    // The groups at a vertex are chained: its first one, and the next one of each.
+    // The groups at each vertex form a linked list: `first` has the first group of each vertex, `next` the group after each group.
     let mut first = vec![NONE; mesh.positions().len()];
     let mut next: Vec<u32> = Vec::new();
     let mut split = Split { corners: Vec::new(), of_corner: Vec::with_capacity(corners.len()) };
@@ -175,7 +179,7 @@ pub(super) fn split(mesh: &Mesh, same: impl Fn(usize, usize) -> bool) -> Split {
         });
         let found = chain
             .take_while(|&group| group != NONE)
-            .take(MOST_GROUPS)
+            .take(MAX_GROUPS)
             .find(|&group| same(split.corners[group as usize] as usize, corner));
         split.of_corner.push(found.unwrap_or_else(|| {
             let group = next.len() as u32;
@@ -210,14 +214,14 @@ mod tests {
     fn a_face_that_comes_back_to_a_vertex_is_cut_there() {
         let mut faces = FaceList::default();
         assert_eq!(faces.push(&[0, 1, 2, 3, 1, 4]), 2);
-        // There and back is no face.
+        // A face that returns along its own edges is degenerate.
         assert_eq!(faces.push(&[0, 1, 2, 1]), 0);
         assert_eq!(faces.push(&[5, 6, 7]), 1);
         assert_eq!(
             faces.notes(),
             [
                 "1 face is left out: it has fewer than three different corners",
-                "1 face meets a vertex twice, and is cut there",
+                "1 face visits a vertex twice and is cut there",
             ]
         );
         let (faces, origins) = faces.finish().unwrap();

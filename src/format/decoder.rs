@@ -1,9 +1,9 @@
-//! The way of pictures through the decoders of `image`: limits of memory before anything is unpacked, then 8-bit sRGB.
+//! Decodes pictures with the crate `image`: checks memory limits before unpacking, then converts to 8-bit sRGB.
 //!
-//! Gray becomes three equal channels, 16 bits are cut to the upper 8, alpha is dropped. Floats are light: they are clamped to
-//! 0 to 1 and put on the curve of sRGB; what is no number is black.
+//! Gray becomes three equal channels, 16-bit channels are cut to their upper 8 bits, and alpha is dropped. Floats are linear light: they
+//! are clamped to the range from 0 to 1 and converted to sRGB; NaN becomes black.
 //!
-//! All formats go through `ImageDecoder`, whose limits follow the one rule for the memory of files.
+//! All formats are read through `ImageDecoder` with the limit `max_memory`.
 
 use std::error::Error as _;
 use std::io::ErrorKind;
@@ -15,81 +15,81 @@ use maquette_value::parallel::*;
 use maquette_value::{Image, srgb_from_linear};
 use thiserror::Error;
 
-use super::most_memory;
+use super::max_memory;
 
-/// Why a decoder gives no picture.
+/// Error of decoding a picture.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum DecodeError {
-    /// Something else, or a damaged file.
+    /// The file is damaged or of another format.
     #[error("this is not a readable {format} file: {reason}")]
     Broken {
-        /// The format.
+        /// The name of the expected format.
         format: &'static str,
-        /// What the decoder says.
+        /// The error message of the decoder.
         reason: String,
     },
-    /// More pixels than are read.
+    /// The picture would take too much memory.
     #[error(
-        "{width} x {height} pixels would take more than {most} bytes of memory: make the picture smaller"
+        "{width} x {height} pixels would take more than {limit} bytes of memory: make the picture smaller"
     )]
     TooLarge {
         /// The picture's width.
         width: u32,
         /// The picture's height.
         height: u32,
-        /// Bytes that reading it may take.
-        most: usize,
+        /// The maximum memory, in bytes.
+        limit: usize,
     },
 }
 
-/// A file that is being read: what a decoder is made from.
+/// A file to be decoded.
 #[derive(Clone, Copy)]
 pub(super) struct File<'b> {
     pub(super) format: &'static str,
     pub(super) bytes: &'b [u8],
-    /// How often the decoder holds the picture: once if it unpacks into the list that it is given.
+    /// The number of copies of the picture that the decoder holds in memory; 1 if it decodes directly into the given buffer.
     pub(super) copies: u64,
 }
 
 impl File<'_> {
-    /// What a decoder may take at most.
+    /// Returns the memory limits for the decoder.
     pub(super) fn limits(&self) -> Limits {
         let mut limits = Limits::no_limits();
-        limits.max_alloc = Some(most_memory(self.bytes.len()) as u64);
+        limits.max_alloc = Some(max_memory(self.bytes.len()) as u64);
         limits
     }
 
-    /// What an error says without the words that `image` puts before it, which name the format again.
-    fn wrong(&self, error: &ImageError) -> DecodeError {
+    /// Converts an error of `image`. The prefix by which `image` names the format is removed, because `DecodeError` names it, too.
+    fn decode_error(&self, error: &ImageError) -> DecodeError {
         if matches!(error, ImageError::IoError(error) if error.kind() == ErrorKind::UnexpectedEof) {
-            return self.broken("it ends too early");
+            return self.broken_file("it ends too early");
         }
         match error.source() {
-            Some(reason) => self.broken(reason),
-            None => self.broken(error),
+            Some(reason) => self.broken_file(reason),
+            None => self.broken_file(error),
         }
     }
 
-    fn broken(&self, reason: impl ToString) -> DecodeError {
+    fn broken_file(&self, reason: impl ToString) -> DecodeError {
         DecodeError::Broken { format: self.format, reason: reason.to_string() }
     }
 
-    /// The picture that a decoder gives, after `check` has judged its size.
+    /// Decodes the picture if `check` accepts its size.
     pub(super) fn picture<D: ImageDecoder, E: From<DecodeError>>(
         &self,
         open: impl FnOnce() -> Result<D, ImageError>,
         check: impl FnOnce(u32, u32) -> Result<(), E>,
     ) -> Result<Image, E> {
-        // Decoders are others' work: a panic in one is a broken file, and the decoder is not used after it.
-        let gave_up = |_| self.broken("the decoder gave up");
-        let decoder = catch_unwind(AssertUnwindSafe(open)).map_err(gave_up)?;
-        let mut decoder = decoder.map_err(|error| self.wrong(&error))?;
+        // A panic in a third-party decoder is reported as a damaged file; the decoder is not used any more.
+        let panicked = |_| self.broken_file("the decoder panicked");
+        let decoder = catch_unwind(AssertUnwindSafe(open)).map_err(panicked)?;
+        let mut decoder = decoder.map_err(|error| self.decode_error(&error))?;
         let (width, height) = decoder.dimensions();
         check(width, height)?;
-        let most = most_memory(self.bytes.len());
-        let too_large = || DecodeError::TooLarge { width, height, most };
+        let limit = max_memory(self.bytes.len());
+        let too_large = || DecodeError::TooLarge { width, height, limit };
         let mut limits = self.limits();
-        // Ours has three bytes for each pixel.
+        // The resulting picture has three bytes per pixel.
         let ours = 3 * u64::from(width) * u64::from(height);
         let theirs = decoder.total_bytes().saturating_mul(self.copies);
         limits.reserve(ours.saturating_add(theirs)).map_err(|_| too_large())?;
@@ -99,19 +99,20 @@ impl File<'_> {
             decoder.set_limits(limits)?;
             DynamicImage::from_decoder(decoder)
         }));
-        let decoded = decoded.map_err(gave_up)?;
+        let decoded = decoded.map_err(panicked)?;
         let decoded = decoded.map_err(|found| match found {
             ImageError::Limits(limit) if limit.kind() == LimitErrorKind::InsufficientMemory => {
                 too_large()
             }
-            found => self.wrong(&found),
+            found => self.decode_error(&found),
         })?;
-        let pixels = eight_bits(decoded).ok_or_else(|| self.broken("an unknown kind of pixels"))?;
-        Ok(Image::new(width as usize, height as usize, pixels).map_err(|e| self.broken(e))?)
+        let pixels =
+            eight_bits(decoded).ok_or_else(|| self.broken_file("an unknown kind of pixels"))?;
+        Ok(Image::new(width as usize, height as usize, pixels).map_err(|e| self.broken_file(e))?)
     }
 }
 
-/// 8-bit sRGB of whatever was decoded.
+/// Converts decoded pixels to 8-bit sRGB; returns `None` if their type is unknown.
 fn eight_bits(decoded: DynamicImage) -> Option<Vec<[u8; 3]>> {
     fn upper(sample: u16) -> u8 {
         (sample >> 8) as u8
@@ -119,7 +120,7 @@ fn eight_bits(decoded: DynamicImage) -> Option<Vec<[u8; 3]>> {
     Some(match decoded {
         DynamicImage::ImageRgb8(rgb) => {
             let samples = rgb.into_raw();
-            // The same list, if it has no room for a part of a pixel.
+            // The list is reused if its capacity is a multiple of three.
             bytemuck::try_cast_vec(samples)
                 .unwrap_or_else(|(_, samples)| samples.as_chunks::<3>().0.to_vec())
         }
@@ -146,26 +147,35 @@ fn eight_bits(decoded: DynamicImage) -> Option<Vec<[u8; 3]>> {
             .iter()
             .map(|&[r, g, b, _]| [r, g, b].map(upper))
             .collect(),
-        DynamicImage::ImageRgb32F(rgb) => {
-            rgb.into_raw().as_chunks::<3>().0.par_iter().map(|pixel| lit(*pixel)).collect()
-        }
+        DynamicImage::ImageRgb32F(rgb) => rgb
+            .into_raw()
+            .as_chunks::<3>()
+            .0
+            .par_iter()
+            .map(|pixel| srgb_from_light(*pixel))
+            .collect(),
         DynamicImage::ImageRgba32F(rgba) => {
             let pixels = rgba.into_raw();
-            pixels.as_chunks::<4>().0.par_iter().map(|&[r, g, b, _]| lit([r, g, b])).collect()
+            pixels
+                .as_chunks::<4>()
+                .0
+                .par_iter()
+                .map(|&[r, g, b, _]| srgb_from_light([r, g, b]))
+                .collect()
         }
-        // `image` may know more kinds some day.
+        // `DynamicImage` is a non-exhaustive enum.
         _ => return None,
     })
 }
 
-/// The color of some light.
-fn lit(light: [f32; 3]) -> [u8; 3] {
+/// Converts linear light to sRGB.
+fn srgb_from_light(light: [f32; 3]) -> [u8; 3] {
     light.map(|channel| srgb_from_linear(f64::from(channel)))
 }
 
 #[cfg(test)]
 mod tests {
-    //! The same pixels as the decoders behind `image` give without it.
+    //! Compares the decoded pixels with those of the decoders that `image` uses.
 
     use std::io::Cursor;
 
@@ -175,9 +185,9 @@ mod tests {
     use expect_test::{Expect, expect};
     use maquette_value::Image;
 
-    use crate::{hostile, most_memory, picture_file, png, tiff};
+    use crate::{hostile, max_memory, picture_file, png, tiff};
 
-    /// Bytes as a small generator makes them, the same every time.
+    /// Returns reproducible pseudo-random bytes.
     fn noise(count: usize) -> Vec<u8> {
         let mut state = 3u64;
         fn next(state: &mut u64) -> u8 {
@@ -221,7 +231,7 @@ mod tests {
             if color == ColorType::Indexed {
                 encoder.set_palette(noise(3 * 256.min(1 << depth as usize)));
             }
-            // A color that is seen through; what has alpha has none.
+            // The transparent color; color types with alpha have no such color.
             let key = match color {
                 ColorType::Indexed => vec![0],
                 ColorType::Grayscale => vec![0, 1],
@@ -310,7 +320,7 @@ mod tests {
 
     fn check(file: &[u8], expected: Expect) {
         let image = read(file);
-        expected.assert_eq(&format!("{:?}", [[0, 0], [8, 3], [15, 11]].map(|at| image.at(at))));
+        expected.assert_eq(&format!("{:?}", [[0, 0], [8, 3], [15, 11]].map(|at| image.pixel(at))));
     }
 
     #[test]
@@ -319,7 +329,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_that_lost_something_is_near_to_what_it_was() {
+    fn a_lossy_picture_is_close_to_the_original() {
         let image = read(seed!("photo.webp"));
         for (k, pixel) in image.pixels().iter().enumerate() {
             let was = [(k % 16 * 16) as u8, (k / 16 * 20) as u8, 128];
@@ -328,9 +338,9 @@ mod tests {
         read(seed!("cmyk.jpg"));
     }
 
-    /// Red and green grow to the right and downwards, blue is brighter than any picture.
+    /// In the test files, red grows to the right and green downwards; blue is above 1.
     #[test]
-    fn light_is_put_on_the_curve_of_srgb_and_clamped() {
+    fn linear_light_is_converted_to_srgb_and_clamped() {
         check(seed!("light.exr"), expect!["[[0, 0, 255], [188, 137, 255], [248, 245, 255]]"]);
         check(seed!("alpha.exr"), expect!["[[0, 0, 255], [188, 137, 255], [248, 245, 255]]"]);
         check(seed!("light.hdr"), expect!["[[0, 0, 255], [188, 137, 255], [248, 244, 255]]"]);
@@ -358,11 +368,11 @@ mod tests {
         for (format, file, size, larger) in huge {
             let at = file.windows(size.len()).position(|window| window == size).expect(format);
             let file = [&file[..at], larger, &file[at + size.len()..]].concat();
-            let most = most_memory(file.len());
+            let limit = max_memory(file.len());
             assert_eq!(
                 picture_file::read(&file).unwrap_err().to_string(),
                 format!(
-                    "32512 x 32512 pixels would take more than {most} bytes of memory: make the picture smaller"
+                    "32512 x 32512 pixels would take more than {limit} bytes of memory: make the picture smaller"
                 ),
                 "{format}"
             );
@@ -379,7 +389,7 @@ mod tests {
             seed!("light.exr"),
             seed!("alpha.exr"),
         ] {
-            hostile::survive(file, picture_file::read);
+            hostile::check_no_panic(file, picture_file::read);
         }
     }
 }

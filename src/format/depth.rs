@@ -1,5 +1,5 @@
-//! Depth maps: z per pixel, as 16-bit PNG, or as TIFF or OpenEXR of floats, which a pinhole makes points of. Written as PNG with its camera
-//! file.
+//! Depth maps: the z coordinate of each pixel, as a 16-bit PNG, or a TIFF or OpenEXR file of floats. A pinhole camera converts them to
+//! points. They are written as PNG with a camera file.
 
 use maquette_node::pack::{FileFormat, NewFile};
 use maquette_syntax::error;
@@ -13,53 +13,53 @@ use super::range_file::{Axes, RangeFile, Rows};
 use super::tiff::Depths;
 use super::{excerpt, exr, json, png, tiff};
 
-/// Memory that a pixel of a depth map takes: its sample, its depth and its point.
+/// The memory per pixel of a depth map, in bytes: for its sample, its depth and its point.
 pub(super) const BYTES_PER_PIXEL: usize = 36;
 
-/// Why bytes are not a depth map.
+/// Error of reading a depth map.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum DepthError {
-    /// No camera.
-    #[error("a depth map is no points without its camera: there is no camera file")]
+    /// The camera of the depth map is not known.
+    #[error("a depth map needs a camera file: add one beside it")]
     NoCamera,
-    /// A camera of another size.
+    /// The camera file belongs to a picture of another size.
     #[error("the camera file is for a range grid of {expected:?}, but the depth map has {found:?}")]
     Size {
-        /// Width and height in the camera file.
+        /// The width and height in the camera file.
         expected: [usize; 2],
-        /// Width and height of the depth map.
+        /// The width and height of the depth map.
         found: [usize; 2],
     },
-    /// A damaged PNG file, or one of another kind.
+    /// The PNG file is damaged or not a depth map.
     #[error(transparent)]
     Png(#[from] png::PngError),
-    /// A damaged TIFF file, or one of another kind.
+    /// The TIFF file is damaged or not a depth map.
     #[error(transparent)]
     Tiff(#[from] tiff::TiffError),
-    /// A damaged OpenEXR file, or one without depths.
+    /// The OpenEXR file is damaged or has no depths.
     #[error(transparent)]
     Exr(#[from] exr::ExrError),
-    /// Something else.
-    #[error("byte 0: the file begins with `{text}`: this is no PNG, TIFF or OpenEXR depth map")]
+    /// The file has an unknown format.
+    #[error("byte 0: expected a PNG, TIFF or OpenEXR file, found `{text}`")]
     Unknown {
-        /// How it begins.
+        /// The first bytes of the file.
         text: String,
     },
 }
 
-/// The points of a depth map, seen by the camera's range pinhole. A depth of 0, below 0, not finite or `depth_png.invalid` is a hole.
+/// Reads a depth map and converts it to points by the pinhole of the range camera. A depth that is 0, negative, not finite or equal to
+/// `depth_png.invalid` is a hole.
 ///
-/// Depths are z, not distances along rays, in steps of `depth_png.units_per_mm` of the camera file; if that is not given, the
-/// unit is not known. A TIFF of floats has whole units: such a scale is only for whole numbers.
+/// Depths are z coordinates, not distances along rays. Integers are multiplied by the step that `depth_png.units_per_mm` of the camera file
+/// states; without this number the unit is unknown. Floats are in whole units and are not scaled.
 ///
-/// # Errors
-/// If the bytes are no depth map, or its camera is missing or of another size.
+/// Returns an error if the bytes are not a depth map, or its camera is missing or belongs to another size.
 pub fn read(bytes: &[u8], camera: Option<&CameraFile>) -> Result<RangeFile, DepthError> {
-    let Depths { width, height, depths, whole } = match Kind::of(bytes) {
+    let Depths { width, height, depths, is_integer } = match Kind::detect(bytes) {
         Some(Kind::Png) => {
             let (width, height, depths) = png::read_depth(bytes)?;
             let depths = depths.into_iter().map(f64::from).collect();
-            Depths { width, height, depths, whole: true }
+            Depths { width, height, depths, is_integer: true }
         }
         Some(Kind::Tiff) => tiff::read_depth(bytes)?,
         Some(Kind::Exr) => exr::read_depth(bytes)?,
@@ -70,7 +70,7 @@ pub fn read(bytes: &[u8], camera: Option<&CameraFile>) -> Result<RangeFile, Dept
     if let Some(expected) = camera.range.size.filter(|&expected| expected != found) {
         return Err(DepthError::Size { expected, found });
     }
-    let unit = camera.depth_per_mm.filter(|_| whole).map(|steps| 1.0 / steps);
+    let unit = camera.depth_per_mm.filter(|_| is_integer).map(|steps| 1.0 / steps);
     let pinhole = camera.range.pinhole;
     let points = depths
         .iter()
@@ -87,74 +87,75 @@ pub fn read(bytes: &[u8], camera: Option<&CameraFile>) -> Result<RangeFile, Dept
     Ok(RangeFile { range, unit, axes: Some(Axes::Camera), rows: Rows::TopFirst, notes })
 }
 
-/// Why a range image is no depth map.
+/// Error of writing a range image as a depth map.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum NoDepthMap {
-    /// No camera.
+    /// The camera of the range grid is not known.
     #[error(
         "a depth map needs the camera of the range grid, which is not known: write it as PCD or PLY"
     )]
     NoCamera,
-    /// A point that no depth stands for.
+    /// A point is not in front of the camera.
     #[error("the point of cell ({column}, {row}) is not in front of the camera: z is {depth}")]
     Behind {
-        /// The cell's column.
+        /// The column of the point's cell.
         column: usize,
-        /// The cell's row.
+        /// The row of the point's cell.
         row: usize,
-        /// Its depth, in mm.
+        /// The depth of the point, in mm.
         depth: f64,
     },
-    /// Points beside the pinhole's rays.
+    /// Some points are not on the rays of their cells.
     #[error(
-        "{count} points do not lie on the rays of their cells, that of cell ({column}, {row}) by {cells:.2} cells: a depth map would move them, write them as PCD or PLY"
+        "{count} points are not on the rays of their cells, at most {cells:.2} cells off at cell ({column}, {row}): write PCD or PLY instead"
     )]
     OffRay {
-        /// How many.
+        /// The number of points that are not on their rays.
         count: usize,
-        /// The column of the farthest one.
+        /// The column of the point that is farthest from its ray.
         column: usize,
-        /// Its row.
+        /// The row of this point.
         row: usize,
-        /// How far it is off, in cells.
+        /// The distance of this point from its ray, in cells.
         cells: f64,
     },
-    /// Depths that 16 bits do not span.
-    #[error("depths from {nearest} to {farthest} mm are more than a map of 16 bits can tell apart")]
+    /// The ratio of the depths is too large for 16 bits.
+    #[error(
+        "depths from {nearest} to {farthest} mm do not fit in 16 bits: write PCD or PLY instead"
+    )]
     Span {
-        /// The least depth.
+        /// The minimum depth, in mm.
         nearest: f64,
-        /// The greatest one.
+        /// The maximum depth, in mm.
         farthest: f64,
     },
 }
 
-/// How far from its ray a point may be, in cells: coordinates of single precision round by 1e-4, a point that was moved is off by
-/// far more.
+/// The maximum distance of a point from its ray, in cells. Rounding to single precision moves a point by 1e-4 cells; an edited point is off
+/// by far more.
 const OFF_RAY: f64 = 0.01;
 
-/// Writes a depth map and its camera file, of the same name with the ending `json`. Colors and the marks of filled cells have no
-/// place in it.
+/// Writes a depth map, and a camera file with the same name and the extension `json`. Colors and the flags of filled cells are lost.
 ///
-/// Depths are rounded to steps as fine as 16 bits allow, of a number of steps per mm that begins with 1, 2 or 5. The camera file is
-/// one for our readers, with both cameras and the pose, and one of intrinsics for Open3D.
+/// Depths are rounded to the finest steps that fit in 16 bits; the number of steps per mm is 1, 2 or 5 times a power of ten. The camera
+/// file contains both cameras and the pose for the readers of this crate, and the intrinsic matrix for Open3D.
 pub(super) struct RangeDepthPng;
 
 impl FileFormat for RangeDepthPng {
     type Value = RangeImage;
-    const ENDING: &'static str = "png";
+    const EXTENSION: &'static str = "png";
 
     fn write(range: &RangeImage, name: &str) -> Result<Vec<NewFile>, error::Error> {
         let pinhole = range.camera().ok_or(NoDepthMap::NoCamera)?;
-        check(range, pinhole)?;
-        let depths = || range.points().iter().map(|point| point.z).filter(|z| !z.is_nan());
-        let farthest = depths().fold(0.0, f64::max);
-        let nearest = depths().fold(f64::INFINITY, f64::min);
+        check_rays(range, pinhole)?;
+        let depths = range.points().iter().map(|point| point.z).filter(|z| !z.is_nan());
+        let farthest = depths.clone().fold(0.0, f64::max);
+        let nearest = depths.fold(f64::INFINITY, f64::min);
         let per_mm = steps_per_mm(farthest);
         if (nearest * per_mm).round() < 1.0 {
             return Err(NoDepthMap::Span { nearest, farthest }.into());
         }
-        // A NaN becomes 0, which is a hole.
+        // The cast converts a NaN to 0, which is a hole.
         let steps = range.points().iter().map(|point| (point.z * per_mm).round() as u16);
         let map = NewFile {
             name: name.to_owned(),
@@ -167,14 +168,14 @@ impl FileFormat for RangeDepthPng {
     }
 }
 
-/// Whether all points are in front of the camera and on the rays of their cells.
-fn check(range: &RangeImage, pinhole: &Pinhole) -> Result<(), NoDepthMap> {
-    fn place(cell: usize, range: &RangeImage) -> (usize, usize) {
+/// Checks that all points are in front of the camera and on the rays of their cells.
+fn check_rays(range: &RangeImage, pinhole: &Pinhole) -> Result<(), NoDepthMap> {
+    fn grid_position(cell: usize, range: &RangeImage) -> (usize, usize) {
         (cell % range.width(), cell / range.width())
     }
     let (mut count, mut farthest) = (0, (0.0, 0));
     for (cell, point) in range.points().iter().enumerate().filter(|(_, point)| !point.z.is_nan()) {
-        let (column, row) = place(cell, range);
+        let (column, row) = grid_position(cell, range);
         if point.z <= 0.0 {
             return Err(NoDepthMap::Behind { column, row, depth: point.z });
         }
@@ -187,25 +188,29 @@ fn check(range: &RangeImage, pinhole: &Pinhole) -> Result<(), NoDepthMap> {
             }
         }
     }
-    let (cells, (column, row)) = (farthest.0, place(farthest.1, range));
+    let (cells, (column, row)) = (farthest.0, grid_position(farthest.1, range));
     if count == 0 { Ok(()) } else { Err(NoDepthMap::OffRay { count, column, row, cells }) }
 }
 
-/// The largest 1, 2 or 5 times a power of 10 that a depth times it fits in 16 bits; 1 for a depth of 0.
+/// Returns the number of depth steps per mm: the largest number of the form 1, 2 or 5 times a power of 10 whose product with `farthest`
+/// fits in 16 bits; 1 if `farthest` is 0.
 fn steps_per_mm(farthest: f64) -> f64 {
     if farthest == 0.0 {
         return 1.0;
     }
-    let most = f64::from(u16::MAX);
-    let fits = |per_mm: &f64| farthest * per_mm <= most;
+    let max_steps = f64::from(u16::MAX);
     let (mut down, mut up) = (1.0, 1.0);
-    while farthest / down > most {
+    while farthest / down > max_steps {
         down *= 10.0;
     }
-    while fits(&(up * 10.0)) {
+    while farthest * (up * 10.0) <= max_steps {
         up *= 10.0;
     }
-    [5.0, 2.0].map(|factor| factor * up / down).into_iter().find(fits).unwrap_or(up / down)
+    [5.0, 2.0]
+        .map(|factor| factor * up / down)
+        .into_iter()
+        .find(|per_mm| farthest * per_mm <= max_steps)
+        .unwrap_or(up / down)
 }
 
 fn camera(range: &RangeImage, pinhole: &Pinhole, per_mm: f64) -> Vec<u8> {
@@ -226,8 +231,8 @@ fn camera(range: &RangeImage, pinhole: &Pinhole, per_mm: f64) -> Vec<u8> {
         "intrinsic_matrix": [fx, 0.0, 0.0, 0.0, fy, 0.0, cx, cy, 1.0],
     });
     if let Some(pose) = range.world_from_camera() {
-        let row = |row: usize| [0, 1, 2, 3].map(|column| pose[(row, column)]);
-        camera["world_from_camera_mm"] = json!([0, 1, 2, 3].map(row));
+        let rows = [0, 1, 2, 3].map(|row| [0, 1, 2, 3].map(|column| pose[(row, column)]));
+        camera["world_from_camera_mm"] = json!(rows);
     }
     json::print(&camera)
 }
@@ -238,7 +243,7 @@ mod tests {
     use nalgebra::{Matrix4, Point3};
 
     use super::*;
-    use crate::range_file::tests::is_grid;
+    use crate::range_file::tests::assert_is_grid;
     use crate::{camera, hostile};
 
     const PNG: &[u8] = include_bytes!("../../tests/data/formats/depth16.png");
@@ -250,10 +255,10 @@ mod tests {
             br#"{"width": 8, "height": 6, "intrinsic_matrix": [10, 0, 0, 0, 10, 0, 3.5, 2.5, 1]}"#;
         let camera = camera::read(text).unwrap();
         let range = read(TIFF, Some(&camera)).unwrap().normalize(1.0, Axes::Camera).unwrap();
-        is_grid(&range, false, 1e-5);
-        // Steps of 1/50 mm, of which the intrinsic file says nothing.
+        assert_is_grid(&range, false, 1e-5);
+        // The depths are in steps of 1/50 mm; the file with the intrinsic matrix states no scale.
         let range = read(PNG, Some(&camera)).unwrap().normalize(0.02, Axes::YUp).unwrap();
-        is_grid(&range, false, 1e-5);
+        assert_is_grid(&range, false, 1e-5);
     }
 
     #[test]
@@ -267,7 +272,7 @@ mod tests {
         assert!(matches!(read(b"P5", Some(&camera)), Err(DepthError::Unknown { .. })));
     }
 
-    /// A slope seen by a pinhole, with a hole.
+    /// Creates a slope seen by a pinhole camera, with a hole.
     fn slope() -> RangeImage {
         let pinhole = Pinhole { focal: [90.0, 95.0], center: [3.25, 2.5] };
         let color = Pinhole { focal: [180.0, 190.0], center: [7.0, 5.5] };
@@ -288,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read_again() {
+    fn a_written_map_is_read_back() {
         let range = slope();
         let files = RangeDepthPng::write(&range, "a.b.png").unwrap();
         assert_eq!([&*files[0].name, &*files[1].name], ["a.b.png", "a.b.json"]);
@@ -306,13 +311,13 @@ mod tests {
             assert!((again.points()[cell].z - point.z).abs() <= 0.01 + 1e-12);
             assert!((again.points()[cell] - point).norm() <= 0.0101);
         }
-        // The first depth, 600 mm, stands for none.
+        // In this camera file the first depth, 600 mm, marks invalid pixels.
         let text = String::from_utf8(files[1].bytes.clone()).unwrap();
         let none = text.replacen("\"invalid\": 0", "\"invalid\": 30000", 1);
         let one_less =
             read(&files[0].bytes, Some(&camera::read(none.as_bytes()).unwrap())).unwrap();
         assert_eq!(one_less.range.n_valid(), 46);
-        // Open3D's readers take the matrix alone.
+        // If the cameras have unknown names, the intrinsic matrix is read.
         let matrix = text.replace("\"range\"", "\"r\"").replace("\"color\"", "\"c\"");
         assert_eq!(camera::read(matrix.as_bytes()).unwrap().range, grid);
     }
@@ -336,21 +341,21 @@ mod tests {
     }
 
     #[test]
-    fn what_a_depth_map_cannot_hold_is_said() {
+    fn ranges_that_a_depth_map_cannot_hold_give_errors() {
         fn error(range: &RangeImage) -> NoDepthMap {
             let error = RangeDepthPng::write(range, "a.png").unwrap_err();
             error.downcast::<NoDepthMap>().cloned().unwrap()
         }
-        fn moved(cell: usize, by: [f64; 3]) -> RangeImage {
+        fn slope_with_moved_point(cell: usize, by: [f64; 3]) -> RangeImage {
             let mut points = slope().points().to_vec();
             points[cell] += nalgebra::Vector3::from(by);
             slope().with_points(points).unwrap()
         }
         assert_eq!(error(&slope().with_camera(None)), NoDepthMap::NoCamera);
         let behind = NoDepthMap::Behind { column: 2, row: 1, depth: -363.0 };
-        assert_eq!(error(&moved(10, [0.0, 0.0, -1000.0])), behind);
-        let off = error(&moved(10, [1.0, 0.0, 0.0]));
-        let expected = "1 points do not lie on the rays of their cells, that of cell (2, 1) by 0.14 cells: a depth map would move them, write them as PCD or PLY";
+        assert_eq!(error(&slope_with_moved_point(10, [0.0, 0.0, -1000.0])), behind);
+        let off = error(&slope_with_moved_point(10, [1.0, 0.0, 0.0]));
+        let expected = "1 points are not on the rays of their cells, at most 0.14 cells off at cell (2, 1): write PCD or PLY instead";
         assert_eq!(off.to_string(), expected);
         let pinhole = Pinhole { focal: [1.0; 2], center: [0.0; 2] };
         let points = vec![Point3::new(0.0, 0.0, 1e-3), Point3::new(1e3, 0.0, 1e3)];
@@ -364,7 +369,7 @@ mod tests {
     fn hostile_files_give_errors() {
         let camera = camera::read(br#"{"fx": 10, "fy": 10, "cx": 3.5, "cy": 2.5}"#).unwrap();
         for file in [PNG, TIFF] {
-            hostile::survive(file, |bytes| read(bytes, Some(&camera)).is_ok());
+            hostile::check_no_panic(file, |bytes| read(bytes, Some(&camera)).is_ok());
         }
     }
 }

@@ -1,4 +1,5 @@
-//! The orientation of photographs: cameras store pixels as the sensor has them, and say how the picture stands upright.
+//! The orientation of photographs: cameras store pixels in the sensor's orientation, with a tag that states how to rotate the picture
+//! upright.
 //!
 //! JEITA, "Exchangeable image file format for digital still cameras: Exif", 2.32 (2019), tag 274.
 
@@ -15,29 +16,28 @@ use maquette_value::Image;
 use super::jpeg;
 use super::picture_kind::Kind;
 
-/// Returns how the pixels of a picture file must be turned so that the picture stands upright. A file that does not say it, or that is
-/// damaged, is upright.
+/// Returns the transformation that makes a picture upright. It is the identity if the file has no orientation tag or is damaged.
 pub fn orientation(bytes: &[u8]) -> Orientation {
-    // Decoders are others' work: where one panics nothing is turned.
+    // A panic in a third-party decoder is treated as a missing orientation tag.
     let found = catch_unwind(|| stored_orientation(bytes)).unwrap_or_default();
     found.unwrap_or(Orientation::NoTransforms)
 }
 
 fn stored_orientation(bytes: &[u8]) -> Option<Orientation> {
-    fn of<D: ImageDecoder>(decoder: ImageResult<D>) -> Option<Orientation> {
+    fn decoder_orientation<D: ImageDecoder>(decoder: ImageResult<D>) -> Option<Orientation> {
         decoder.ok()?.orientation().ok()
     }
-    let file = || Cursor::new(bytes);
-    match Kind::of(bytes) {
+    let file = Cursor::new(bytes);
+    match Kind::detect(bytes) {
         Some(Kind::Jpeg) => jpeg::exif(bytes).and_then(|exif| Orientation::from_exif_chunk(&exif)),
-        Some(Kind::Png) => of(PngDecoder::new(file())),
-        Some(Kind::Tiff) => of(TiffDecoder::new(file())),
-        Some(Kind::WebP) => of(WebPDecoder::new(file())),
+        Some(Kind::Png) => decoder_orientation(PngDecoder::new(file)),
+        Some(Kind::Tiff) => decoder_orientation(TiffDecoder::new(file)),
+        Some(Kind::WebP) => decoder_orientation(WebPDecoder::new(file)),
         Some(Kind::Bmp | Kind::Exr | Kind::Hdr) | None => None,
     }
 }
 
-/// Turns a picture upright. Its camera, whose numbers are those of the pixels as they were, is dropped if anything moves.
+/// Makes a picture upright. If this moves pixels, the picture's camera is dropped, because its parameters are valid for the stored pixels.
 pub fn upright(image: Image, orientation: Orientation) -> Image {
     if orientation == Orientation::NoTransforms {
         return image;
@@ -53,12 +53,12 @@ pub fn upright(image: Image, orientation: Orientation) -> Image {
     Image::new(width, height, pixels).expect("as many pixels as before")
 }
 
-/// A warning for readers that keep the pixels of a file as they are stored, if it says that the picture is turned.
+/// Returns a warning if the orientation tag of the file is not the identity. It is meant for readers that keep the pixels as stored.
 pub fn stored_note(bytes: &[u8]) -> Option<String> {
     let orientation = orientation(bytes);
     (orientation != Orientation::NoTransforms).then(|| {
         format!(
-            "the picture says that it is turned (Exif orientation {}): its pixels are read as they are stored, for which a camera's numbers are",
+            "the picture has the Exif orientation {}: its pixels are read as stored, without rotation, since camera intrinsics are for stored pixels",
             orientation.to_exif()
         )
     })
@@ -69,7 +69,7 @@ mod tests {
     use super::*;
     use crate::picture_file;
 
-    /// Checks that a picture whose upper left corner is blue stands upright.
+    /// Checks that a picture becomes upright: its upper left corner must then be blue.
     #[track_caller]
     fn check(bytes: &[u8], exif: u8) {
         let orientation = orientation(bytes);
@@ -95,11 +95,11 @@ mod tests {
     }
 
     #[test]
-    fn a_turn_moves_each_pixel() {
+    fn a_rotation_moves_each_pixel() {
         let pixels = (0..6).map(|k| [k, 0, 0]).collect::<Vec<_>>();
         let image = Image::new(3, 2, pixels).unwrap();
         let turned = upright(image, Orientation::Rotate90);
         let reds = turned.pixels().iter().map(|pixel| pixel[0]);
-        assert_eq!((turned.width(), Vec::from_iter(reds)), (2, vec![3, 0, 4, 1, 5, 2]));
+        assert_eq!((turned.width(), reds.collect::<Vec<_>>()), (2, vec![3, 0, 4, 1, 5, 2]));
     }
 }

@@ -1,5 +1,5 @@
-//! What files of meshes and points keep and change, kind by kind; what is not listed is lost. `maquette help formats` prints it, and the
-//! tests hold it against what is written and read.
+//! The kinds of data that each format of meshes and points keeps or changes; all other kinds are lost. `maquette help formats` prints these
+//! lists, and tests compare the lists with the results of the writers and readers.
 
 use maquette_node::DataKind::*;
 use maquette_node::Fidelities;
@@ -7,7 +7,7 @@ use maquette_node::Fidelity::{Changed, Kept};
 
 const TRIANGLES: &str = "cut into triangles";
 
-/// The same for the writer and the reader.
+/// Data written to PLY files.
 pub(crate) const PLY: Fidelities = &[
     (Positions, Kept),
     (Faces, Kept),

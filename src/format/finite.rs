@@ -1,37 +1,37 @@
-//! What is at no finite place: sensors and programs write NaN for what they could not tell.
+//! Handling of coordinates that are NaN or infinite: sensors and programs write NaN for missing values.
 
-use maquette_node::reading::Reading;
+use maquette_node::importers::InputFile;
 use maquette_value::{Mesh, Points, first_not_finite};
 use nalgebra::Point3;
 
-/// Which places of a file are finite.
-pub(super) struct Finite(Option<Vec<bool>>);
+/// Marks the points of a file with finite coordinates. The mask is `None` if all points are finite.
+pub(super) struct FiniteMask(Option<Vec<bool>>);
 
-impl Finite {
-    /// Those that are; the others are put at the origin, until what is there is left out.
-    pub(super) fn of(places: &mut [Point3<f64>]) -> Self {
-        if first_not_finite(places).is_none() {
+impl FiniteMask {
+    /// Finds the points with finite coordinates. The other points are moved to the origin, until their elements are left out.
+    pub(super) fn clear_non_finite(points: &mut [Point3<f64>]) -> Self {
+        if first_not_finite(points).is_none() {
             return Self(None);
         }
-        fn is_finite(place: &Point3<f64>) -> bool {
-            place.coords.iter().all(|x| x.is_finite())
+        fn is_finite(point: &Point3<f64>) -> bool {
+            point.coords.iter().all(|x| x.is_finite())
         }
-        let finite = places.iter().map(is_finite).collect();
-        places.iter_mut().filter(|place| !is_finite(place)).for_each(|it| *it = Point3::origin());
+        let finite = points.iter().map(is_finite).collect();
+        points.iter_mut().filter(|point| !is_finite(point)).for_each(|it| *it = Point3::origin());
         Self(Some(finite))
     }
 
-    /// Whether that of this number is.
+    /// Returns true if the point at `index` was finite.
     pub(super) fn contains(&self, index: usize) -> bool {
         self.0.as_ref().is_none_or(|finite| finite[index])
     }
 
-    /// How many are not.
+    /// Returns the number of points that were not finite.
     pub(super) fn n_left_out(&self) -> usize {
         self.0.iter().flatten().filter(|finite| !**finite).count()
     }
 
-    /// Drops the entries of those that are not.
+    /// Removes the entries that belong to points that were not finite.
     pub(super) fn retain<T>(&self, entries: &mut Vec<T>) {
         let mut index = 0;
         entries.retain(|_| {
@@ -40,14 +40,14 @@ impl Finite {
         });
     }
 
-    /// The points at those that are.
+    /// Removes the points that were not finite.
     pub(super) fn points(&self, points: Points) -> Points {
         let Some(finite) = &self.0 else { return points };
         let kept = (0..).zip(finite).filter(|(_, finite)| **finite).map(|(index, _)| index);
-        points.select(&Vec::from_iter(kept))
+        points.select(&kept.collect::<Vec<_>>())
     }
 
-    /// The mesh of the faces that have no corner elsewhere, and how many others there are.
+    /// Removes the faces that have a corner that was not finite. Returns the mesh and the number of faces that were removed.
     pub(super) fn mesh(&self, mesh: Mesh) -> (Mesh, usize) {
         let Some(finite) = &self.0 else { return (mesh, 0) };
         fn is_kept(face: &[u32], finite: &[bool]) -> bool {
@@ -59,32 +59,35 @@ impl Finite {
     }
 }
 
-/// Puts zeros in place of entries of an attribute that are NaN or infinite, which stand for none, and gives what is told of those that
-/// are kept.
-pub(super) fn mend<const N: usize>(
+/// Replaces entries that are NaN or infinite by zeros, which represent missing values. Returns a note on the replaced entries for which
+/// `is_kept` is true.
+pub(super) fn replace_non_finite<const N: usize>(
     entries: &mut [[f64; N]],
     name: &str,
-    of: &str,
+    element: &str,
     is_kept: impl Fn(usize) -> bool,
 ) -> Option<String> {
-    let mut broken = 0;
+    let mut n_replaced = 0;
     for (index, entry) in entries.iter_mut().enumerate() {
         if entry.iter().any(|x| !x.is_finite()) {
             *entry = [0.0; N];
-            broken += usize::from(is_kept(index));
+            n_replaced += usize::from(is_kept(index));
         }
     }
-    (broken > 0).then(|| match broken {
-        1 => format!("`{name}` of 1 {of} is NaN or infinite: there is a zero in place of it"),
+    (n_replaced > 0).then(|| match n_replaced {
+        1 => format!("`{name}` of 1 {element} is NaN or infinite: there is a zero in place of it"),
         more => {
-            let of = if of == "vertex" { "vertices".to_owned() } else { format!("{of}s") };
-            format!("`{name}` of {more} {of} is NaN or infinite: there are zeros in place of it")
+            let element =
+                if element == "vertex" { "vertices".to_owned() } else { format!("{element}s") };
+            format!(
+                "`{name}` of {more} {element} is NaN or infinite: there are zeros in place of it"
+            )
         }
     })
 }
 
-/// What is told of so many that are left out, if any: `what` is the word for one.
-pub(super) fn doubt(left_out: usize, what: &str) -> Option<String> {
+/// Returns a note on elements that were left out, or `None` if there are none. `what` is the singular name of such an element.
+pub(super) fn left_out_note(left_out: usize, what: &str) -> Option<String> {
     let left_out = match left_out {
         0 => return None,
         1 => format!("1 {what} is left out"),
@@ -93,7 +96,7 @@ pub(super) fn doubt(left_out: usize, what: &str) -> Option<String> {
     Some(format!("{left_out}: a coordinate is NaN or infinite"))
 }
 
-/// Tells that so many of a file are left out, if any.
-pub(super) fn tell(file: &Reading<'_>, left_out: usize, what: &str) {
-    doubt(left_out, what).into_iter().for_each(|doubt| file.doubt(doubt));
+/// Adds the note of [`left_out_note`] to the warnings of a file.
+pub(super) fn warn_left_out(file: &InputFile<'_>, left_out: usize, what: &str) {
+    left_out_note(left_out, what).into_iter().for_each(|note| file.warn(note));
 }

@@ -1,41 +1,42 @@
 //! GLB, the binary form of glTF 2.0: meshes for viewers and engines.
 //!
-//! Khronos Group, "glTF 2.0 Specification", 2.0.1 (2021). glTF has meters, y up, +z towards the viewer, so a root node scales
-//! millimeters, and turns a mesh with a capture's frame (y down, z away) by 180 degrees about x; positions are the mesh's own.
+//! Khronos Group, "glTF 2.0 Specification", 2.0.1 (2021). glTF uses meters, with y up and +z towards the viewer. So a root node scales the
+//! mesh by 0.001, and rotates a mesh that has a capture frame (y down, z away) by 180 degrees about x. The stored positions are those of
+//! the mesh.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::iter;
 
+use maquette_node::importers::{FileReader, InputFile};
 use maquette_node::pack::{Content, FileFormat, NewFile};
-use maquette_node::provenance::{Signature, extras_of_glb, padded};
-use maquette_node::reading::{FileReader, Reading};
+use maquette_node::provenance::{Signature, extras_of_glb, pad};
 use maquette_syntax::error;
 use maquette_value::{Attribute, Material, Mesh, MeshError};
 use serde_json::{Value, json};
 use thiserror::Error;
 
-use super::left_out;
-use super::rows::{Table, in_pieces};
-use super::{check_mesh, coarse_mesh};
+use super::losses;
+use super::rows::{Table, concatenate};
+use super::{check_mesh, mesh_precision_note};
 
 mod accessor;
 mod buffers;
 mod gltf;
-mod looks;
 mod material;
+mod material_writer;
 mod read;
 mod scene;
 
 use buffers::{Buffers, Vertices};
 pub use gltf::GltfError;
 pub(crate) use gltf::MeshGltf;
-use looks::Looks;
-pub(crate) use looks::{has_own_color, is_extension};
+use material_writer::MaterialWriter;
+pub(crate) use material_writer::{is_extension, vertex_colors_equal_material};
 pub use read::{GlbReadError, read};
-use read::{companions, read_noted};
+use read::{companions, read_with_notes};
 
-/// Why a mesh cannot be written as GLB.
+/// Error of writing a mesh as GLB.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub(super) enum GlbError {
     #[error("a mesh without vertices cannot be written as GLB")]
@@ -44,7 +45,7 @@ pub(super) enum GlbError {
     TooLarge { bytes: usize },
 }
 
-// Numbers of the specification.
+// These constants are defined by the specification.
 const UNSIGNED_BYTE: u32 = 5121;
 const UNSIGNED_SHORT: u32 = 5123;
 const UNSIGNED_INT: u32 = 5125;
@@ -59,16 +60,16 @@ const CLAMP_TO_EDGE: u32 = 33071;
 const MIRRORED_REPEAT: u32 = 33648;
 const REPEAT: u32 = 10497;
 
-/// Writes a mesh with normals, texture or colors.
+/// Writes a mesh with normals, and its materials or vertex colors.
 pub(super) struct MeshGlb;
 
 impl FileFormat for MeshGlb {
     type Value = Mesh;
-    const ENDING: &'static str = "glb";
+    const EXTENSION: &'static str = "glb";
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::GLB;
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, error::Error> {
-        Ok(NewFile::only(name, encode(mesh)?))
+        Ok(NewFile::single(name, encode(mesh)?))
     }
 
     fn content<'a>(
@@ -78,13 +79,13 @@ impl FileFormat for MeshGlb {
         content(mesh, signature).map(Some)
     }
 
-    fn doubts(mesh: &Mesh) -> Vec<String> {
-        coarse_mesh(mesh)
+    fn warnings(mesh: &Mesh) -> Vec<String> {
+        mesh_precision_note(mesh)
             .into_iter()
-            .chain(left_out::of_mesh(mesh, <Self as FileFormat>::FIDELITY))
-            .chain(left_out::flags_of_mesh(mesh))
-            .chain(left_out::of_materials(mesh, looks::says_nothing_more))
-            .chain(looks::rounded(mesh))
+            .chain(losses::mesh_warning(mesh, <Self as FileFormat>::FIDELITY))
+            .chain(losses::flags_warning(mesh))
+            .chain(losses::materials_warning(mesh, material_writer::is_redundant))
+            .chain(material_writer::rounding_warnings(mesh))
             .collect()
     }
 }
@@ -99,55 +100,57 @@ fn content<'a>(mesh: &'a Mesh, signature: Option<&Signature>) -> Result<Content<
     }
     check_mesh(mesh)?;
     let mut file = Buffers::default();
-    let (mut primitives, mut looks, mut seen) = (Vec::new(), Looks::default(), None);
+    let (mut primitives, mut writer, mut known_normals) =
+        (Vec::new(), MaterialWriter::default(), None);
     let unknown = [Material::default()];
     let materials = if mesh.materials().is_empty() { &unknown } else { &mesh.materials()[..] };
-    let mut of_parts = Vec::new();
-    for (place, (number, part)) in parts(mesh)?.into_iter().enumerate() {
+    let mut part_materials = Vec::new();
+    for (index, (number, part)) in parts(mesh)?.into_iter().enumerate() {
         let material = &materials[number as usize];
         let vertices = Vertices::new(&part);
         let mut attributes = json!({ "POSITION": file.positions(&vertices) });
         if !part.faces().is_empty() {
             let (accessor, normals) = file.normals(&vertices);
             attributes["NORMAL"] = accessor.into();
-            seen = normals;
+            known_normals = normals;
         }
-        let sets = looks::coordinate_sets(&vertices);
-        for (place, set) in sets.iter().enumerate() {
-            let transform = looks::transform_of(material, set);
-            attributes[format!("TEXCOORD_{place}")] = file.uv(&vertices, set, transform).into();
+        let sets = material_writer::coordinate_sets(&vertices);
+        for (set_index, set) in sets.iter().enumerate() {
+            let transform = material_writer::uv_transform(material, set);
+            attributes[format!("TEXCOORD_{set_index}")] = file.uv(&vertices, set, transform).into();
         }
         let has_picture = material.picture.is_some() && sets.first().is_some_and(|set| set == "uv");
         let has_colors = vertices.has_colors()
             && match has_picture {
                 true => material.has_vertex_colors,
-                false => material.is_plain() || !has_own_color(mesh, number),
+                false => material.is_plain() || !vertex_colors_equal_material(mesh, number),
             };
         if has_colors {
             attributes["COLOR_0"] = file.colors(&vertices).into();
         }
-        for (name, attribute) in vertices.own() {
+        for (name, attribute) in vertices.custom_attributes() {
             let prefix = if name.starts_with('_') { "" } else { "_" };
-            attributes[format!("{prefix}{name}")] = file.own(&vertices, name, attribute).into();
+            attributes[format!("{prefix}{name}")] =
+                file.custom_attribute(&vertices, name, attribute).into();
         }
-        let mut primitive = json!({ "attributes": attributes, "material": place, "mode": POINTS });
+        let mut primitive = json!({ "attributes": attributes, "material": index, "mode": POINTS });
         if !part.faces().is_empty() {
             primitive["mode"] = TRIANGLES.into();
             primitive["indices"] = file.triangles(vertices).into();
         }
         primitives.push(primitive);
-        of_parts.push((material, sets, has_colors));
+        part_materials.push((material, sets, has_colors));
     }
     if primitives.len() > 1 {
-        seen = None;
+        known_normals = None;
     }
-    // Pictures stand behind all else.
-    for (material, sets, has_colors) in of_parts {
-        looks.add(material, &sets, has_colors, &mut file)?;
+    // Pictures are stored after all other data.
+    for (material, sets, has_colors) in part_materials {
+        writer.add(material, &sets, has_colors, &mut file)?;
     }
     let mut root = json!({ "name": "root", "children": [1], "scale": [0.001, 0.001, 0.001] });
     if mesh.frame().is_some() {
-        // The quaternion x, y, z, w of half a turn about x.
+        // The quaternion x, y, z, w of a rotation by 180 degrees about x.
         root["rotation"] = json!([1.0, 0.0, 0.0, 0.0]);
     }
     let length = file.length;
@@ -163,29 +166,29 @@ fn content<'a>(mesh: &'a Mesh, signature: Option<&Signature>) -> Result<Content<
         "bufferViews": file.views,
         "buffers": [{ "byteLength": length }],
     });
-    looks.finish(&mut document);
-    if let Some(told) = signature.and_then(|signature| extras_of_glb(&signature.words)) {
-        document["asset"]["extras"] = told;
+    writer.finish(&mut document);
+    if let Some(extras) = signature.and_then(|signature| extras_of_glb(&signature.words)) {
+        document["asset"]["extras"] = extras;
     }
     let text = document.to_string();
-    let text = if signature.is_some() { padded(text) } else { text };
-    let head = Table::of_bytes(head(text, file.length)?);
-    Ok(in_pieces(iter::once(head).chain(file.tables).collect()).keeping(seen))
+    let text = if signature.is_some() { pad(text) } else { text };
+    let head = Table::from_bytes(head(text, file.length)?);
+    Ok(concatenate(iter::once(head).chain(file.tables).collect()).with_cached_data(known_normals))
 }
 
-/// The faces of each material, with its number.
+/// Splits the mesh by material. Each part is returned with the index of its material.
 fn parts(mesh: &Mesh) -> Result<Vec<(u32, Cow<'_, Mesh>)>, MeshError> {
     let Some(numbers) = mesh.face_materials() else { return Ok(vec![(0, Cow::Borrowed(mesh))]) };
     let mut faces: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     for (face, &number) in (0..).zip(numbers.iter()) {
-        faces.entry(mesh.known_material(number)).or_default().push(face);
+        faces.entry(mesh.resolve_material(number)).or_default().push(face);
     }
     if faces.len() == 1 {
         return Ok(faces.into_keys().map(|number| (number, Cow::Borrowed(mesh))).collect());
     }
-    // Where parts meet, both have the normals of the whole.
+    // At the border between two parts, both parts use the normals of the whole mesh.
     let has_normals = mesh.vertex().vectors("normal").or(mesh.corner().vectors("normal")).is_some();
-    let whole = match has_normals {
+    let mesh_with_normals = match has_normals {
         true => Cow::Borrowed(mesh),
         false => {
             let normals = mesh.vertex_normals().into_iter().map(Into::into);
@@ -194,11 +197,13 @@ fn parts(mesh: &Mesh) -> Result<Vec<(u32, Cow<'_, Mesh>)>, MeshError> {
     };
     Ok(faces
         .into_iter()
-        .map(|(number, faces): (u32, Vec<u32>)| (number, Cow::Owned(whole.select(&faces))))
+        .map(|(number, faces): (u32, Vec<u32>)| {
+            (number, Cow::Owned(mesh_with_normals.select(&faces)))
+        })
         .collect())
 }
 
-/// The file around the document and its buffer.
+/// Packs the document and its buffer into a GLB file.
 fn container(document: &Value, mut buffer: Vec<u8>) -> Result<Vec<u8>, GlbError> {
     buffer.resize(buffer.len().next_multiple_of(4), 0);
     let mut bytes = head(document.to_string(), buffer.len())?;
@@ -206,14 +211,16 @@ fn container(document: &Value, mut buffer: Vec<u8>) -> Result<Vec<u8>, GlbError>
     Ok(bytes)
 }
 
-/// What is before the buffer, whose length is a multiple of 4: a header of 12 bytes, a chunk for the document, padded to 4, and the header
-/// of another chunk, both of 8.
+/// Returns the bytes before the buffer: a header of 12 bytes, a chunk header of 8 bytes, the document padded to a multiple of 4 bytes, and
+/// the chunk header of the buffer. The length of the buffer must be a multiple of 4.
 fn head(document: String, buffer: usize) -> Result<Vec<u8>, GlbError> {
     let mut text = document.into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
     let size = 12 + 8 + text.len() + 8 + buffer;
     let total = u32::try_from(size).map_err(|_| GlbError::TooLarge { bytes: size })?;
-    let number = |number: usize| (number as u32).to_le_bytes();
+    fn number(number: usize) -> [u8; 4] {
+        (number as u32).to_le_bytes()
+    }
     let mut bytes = [&b"glTF"[..], &number(2), &total.to_le_bytes()].concat();
     bytes.extend([&number(text.len())[..], b"JSON", &text, &number(buffer), b"BIN\0"].concat());
     Ok(bytes)
@@ -221,19 +228,19 @@ fn head(document: String, buffer: usize) -> Result<Vec<u8>, GlbError> {
 
 impl FileReader for MeshGlb {
     type Value = Mesh;
-    const ENDINGS: &'static [&'static str] = &["glb"];
+    const EXTENSIONS: &'static [&'static str] = &["glb"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::GLB_READ;
 
-    fn read(file: &Reading<'_>) -> Result<Mesh, error::Error> {
-        if let Some((document, own)) = read::with_linked_buffers(file.bytes()) {
-            return Ok(gltf::read_document(document, own, file)?);
+    fn read(file: &InputFile<'_>) -> Result<Mesh, error::Error> {
+        if let Some((document, embedded)) = read::with_linked_buffers(file.bytes()) {
+            return Ok(gltf::read_document(document, embedded, file)?);
         }
-        let (mesh, notes) = read_noted(file.bytes(), &|uri| gltf::content(uri, file))?;
-        notes.into_iter().for_each(|note| file.doubt(note));
+        let (mesh, notes) = read_with_notes(file.bytes(), &|uri| gltf::content(uri, file))?;
+        notes.into_iter().for_each(|note| file.warn(note));
         Ok(mesh)
     }
 
-    const COMPANIONS: Option<fn(&Reading<'_>)> = Some(|file| {
+    const COMPANIONS: Option<fn(&InputFile<'_>)> = Some(|file| {
         companions(file.bytes()).iter().for_each(|uri| drop(gltf::content(uri, file)));
     });
 }
@@ -246,12 +253,13 @@ mod tests {
     use super::super::rows::floats;
     use super::*;
 
-    /// A quad beside a triangle.
+    /// Creates a quad beside a triangle.
     fn mesh() -> Mesh {
-        fn at(x: f64, y: f64) -> Point3<f64> {
+        fn point(x: f64, y: f64) -> Point3<f64> {
             Point3::new(x, y, 0.25)
         }
-        let positions = vec![at(0., 0.), at(1., 0.), at(1., 1.), at(0., 1.), at(2., 0.)];
+        let positions =
+            vec![point(0., 0.), point(1., 0.), point(1., 1.), point(0., 1.), point(2., 0.)];
         let faces = Faces::polygons(&[4, 3], vec![0, 1, 2, 3, 1, 4, 2]).unwrap();
         Mesh::new(positions, faces).unwrap()
     }
@@ -260,7 +268,7 @@ mod tests {
         Attribute::Pair((0..count).map(|i| [f64::from(i) / 8.0, 0.25]).collect())
     }
 
-    /// The document and the buffer of a file, whose outer form is checked.
+    /// Splits a file into its document and its buffer, and checks the structure of the file.
     fn parts(mesh: &Mesh) -> (Value, Vec<u8>) {
         let bytes = encode(mesh).unwrap();
         fn number(at: usize, bytes: &[u8]) -> usize {
@@ -285,7 +293,7 @@ mod tests {
         (document, binary[8..].to_vec())
     }
 
-    /// The bytes behind an accessor.
+    /// Returns the bytes to which an accessor refers.
     fn data<'a>((document, buffer): &'a (Value, Vec<u8>), accessor: &Value) -> &'a [u8] {
         let accessor = &document["accessors"][accessor.as_u64().unwrap() as usize];
         let view = &document["bufferViews"][accessor["bufferView"].as_u64().unwrap() as usize];
@@ -306,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mesh_of_a_capture_is_turned_upright_and_all_are_scaled_to_meters() {
+    fn a_capture_is_rotated_upright_and_all_meshes_are_scaled_to_meters() {
         let plain = parts(&mesh()).0;
         assert_eq!(plain["nodes"][0]["scale"], json!([0.001, 0.001, 0.001]));
         assert_eq!(plain["nodes"][0]["rotation"], Value::Null);
@@ -334,12 +342,12 @@ mod tests {
     }
 
     #[test]
-    fn colors_are_linear_and_a_texture_takes_their_place() {
+    fn colors_are_linear_and_a_texture_replaces_them() {
         let colors = Attribute::Color(vec![[255, 0, 128]; 5].into());
         let mesh = mesh().with_vertex("color", colors).unwrap();
         let colored = parts(&mesh);
         let accessor = &colored.0["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"];
-        // 128 of sRGB is 0.2158605 of light.
+        // 128 in sRGB is 0.2158605 in linear light.
         let expected = [65535, 0, 14146, 65535].map(u16::to_le_bytes);
         assert_eq!(data(&colored, accessor)[..8], *expected.as_flattened());
         let image = Image::new(1, 1, vec![[9; 3]]).unwrap();
@@ -358,7 +366,7 @@ mod tests {
     }
 
     #[test]
-    fn what_glb_cannot_hold_is_refused() {
+    fn a_mesh_without_vertices_is_rejected() {
         fn no_faces() -> Faces {
             Faces::triangles(vec![])
         }

@@ -1,8 +1,8 @@
-//! Handles as small texts: RON, JSON and CSV, to be written by hand or by a script.
+//! Handles (positions with target positions) as RON, JSON and CSV text, which may be written by hand or by a script.
 
+use maquette_node::importers::{FileReader, InputFile};
 use maquette_node::pack::{FileFormat, NewFile};
-use maquette_node::reading::{FileReader, Reading};
-use maquette_syntax::error::{Error, Place};
+use maquette_syntax::error::{Error, Position};
 use maquette_value::{Handle, HandleSpace, Handles, HandlesError};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
@@ -10,48 +10,48 @@ use serde_json::{Value, json};
 use thiserror::Error;
 
 use super::json::print;
-use super::{At, excerpt};
+use super::{FilePosition, excerpt};
 
-/// Why bytes are no handles.
+/// Error of reading handles.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum HandlesFileError {
-    /// The bytes are no text.
+    /// The bytes are not UTF-8 text.
     #[error("the file is not text in UTF-8")]
     NoText,
-    /// The text is no RON or JSON, or holds something else than handles.
+    /// The text is not valid RON or JSON, or contains something other than handles.
     #[error("{at}: {message}")]
     Syntax {
-        /// Where.
-        at: At,
-        /// What is wrong.
+        /// The position of the error.
+        at: FilePosition,
+        /// The description of the error.
         message: String,
     },
-    /// A column of a CSV file that no handle has, or that is missing.
+    /// A column of a CSV file is unknown or missing.
     #[error(
         "the first line must name the columns x, y and z, and may name to_x, to_y, to_z, sigma_x, sigma_y, sigma_z and weight; {problem}"
     )]
     Columns {
-        /// What is wrong.
+        /// The description of the error.
         problem: String,
     },
-    /// Numbers that are no handles.
+    /// The numbers are not valid handles.
     #[error(transparent)]
     Handles(#[from] HandlesError),
 }
 
-/// What a RON or JSON file holds.
+/// The content of a RON or JSON file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Content {
     space: Option<HandleSpace>,
     handles: Vec<Handle>,
-    /// Where an output came from is for `replay`.
+    /// The provenance of an output file; only the command `replay` reads it.
     #[serde(default, rename = "maquette")]
     _provenance: IgnoredAny,
 }
 
 impl Content {
-    fn of(handles: Vec<Handle>) -> Self {
+    fn new(handles: Vec<Handle>) -> Self {
         Self { space: None, handles, _provenance: IgnoredAny }
     }
 }
@@ -60,72 +60,69 @@ fn text(bytes: &[u8]) -> Result<&str, HandlesFileError> {
     str::from_utf8(bytes).map_err(|_| HandlesFileError::NoText)
 }
 
-/// The handles of a RON file: `Handles(space: World, handles: [(at: (0, 0, 0), to: (0, 0, 1), sigma: (1, 1, 1))])`, where `to`,
-/// `sigma` and `weight` may be left out, as may the space, which is `space` then. A list of handles alone will do.
+/// Reads the handles of a RON file: `Handles(space: World, handles: [(at: (0, 0, 0), to: (0, 0, 1), sigma: (1, 1, 1))])`. `to`, `sigma` and
+/// `weight` are optional; if the file does not state the space, it is `space`. A plain list of handles is accepted, too.
 ///
-/// # Errors
-/// If the text is no such file, or a number is not finite or not greater than 0 where it must be.
+/// Returns an error if the text is not such a file, a number is not finite, or a number that must be greater than 0 is not.
 pub fn read_ron(bytes: &[u8], space: HandleSpace) -> Result<Handles, HandlesFileError> {
     let text = text(bytes)?;
-    fn place(offset: usize, text: &str) -> At {
-        At::Line(Place::of(text, offset).line)
+    fn line_position(offset: usize, text: &str) -> FilePosition {
+        FilePosition::Line(Position::from_offset(text, offset).line)
     }
     let (tree, mistakes) = maquette_syntax::parse(text);
     if let Some(mistake) = mistakes.into_iter().next() {
-        let at = place(mistake.span.start, text);
+        let at = line_position(mistake.span.start, text);
         return Err(HandlesFileError::Syntax { at, message: mistake.message });
     }
     let content = match &tree.kind {
-        maquette_syntax::Kind::List(_) => maquette_syntax::read_tree(&tree).map(Content::of),
+        maquette_syntax::Kind::List(_) => maquette_syntax::read_tree(&tree).map(Content::new),
         _ => maquette_syntax::read_tree(&tree),
     };
     let content = content.map_err(|error| {
-        let at = place(error.span.map_or(0, |span| span.start), text);
+        let at = line_position(error.span.map_or(0, |span| span.start), text);
         HandlesFileError::Syntax { at, message: error.message }
     })?;
     Ok(Handles::new(content.space.unwrap_or(space), &content.handles)?)
 }
 
-/// The handles of a JSON file: `{"space": "World", "handles": [{"at": [0, 0, 0], "to": [0, 0, 1]}]}`; see [`read_ron`].
+/// Reads the handles of a JSON file: `{"space": "World", "handles": [{"at": [0, 0, 0], "to": [0, 0, 1]}]}`; see [`read_ron`].
 ///
 /// # Errors
-/// As [`read_ron`].
+/// The errors of [`read_ron`].
 pub fn read_json(bytes: &[u8], space: HandleSpace) -> Result<Handles, HandlesFileError> {
     let is_list = text(bytes)?.trim_start().starts_with('[');
     let content = if is_list {
-        serde_json::from_slice(bytes).map(Content::of)
+        serde_json::from_slice(bytes).map(Content::new)
     } else {
         serde_json::from_slice(bytes)
     };
     let content = content.map_err(|error| HandlesFileError::Syntax {
-        at: At::Line(error.line()),
+        at: FilePosition::Line(error.line()),
         message: error.to_string(),
     })?;
     Ok(Handles::new(content.space.unwrap_or(space), &content.handles)?)
 }
 
-/// The columns that a CSV file may have, in the order of a handle's numbers.
+/// The columns of a CSV file, in the order in which a handle's numbers are stored.
 const COLUMNS: [&str; 10] =
     ["x", "y", "z", "to_x", "to_y", "to_z", "sigma_x", "sigma_y", "sigma_z", "weight"];
 
-/// The handles of a CSV file, one a line; the first line names the columns, in any order: `x`, `y`, `z`, and if wanted all of
-/// `to_x`, `to_y`, `to_z`, all of `sigma_x`, `sigma_y`, `sigma_z`, and `weight`. An entry that is empty is left out.
+/// Reads the handles of a CSV file, one per line. The first line names the columns in any order: `x`, `y` and `z`, and optionally `weight`
+/// and the triples `to_x`, `to_y`, `to_z` and `sigma_x`, `sigma_y`, `sigma_z`, each complete. An empty entry counts as not given.
 ///
 /// # Errors
-/// As [`read_ron`].
+/// The errors of [`read_ron`].
 pub fn read_csv(bytes: &[u8], space: HandleSpace) -> Result<Handles, HandlesFileError> {
     let mut lines = text(bytes)?.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
     let first = lines.next().map_or("", |(_, line)| line);
     let mut columns = Vec::new();
     for name in first.split(',').map(str::trim) {
         let Some(column) = COLUMNS.iter().position(|known| *known == name) else {
-            let problem = format!("`{}` is none of them", excerpt(name.as_bytes()));
+            let problem = format!("found the unknown column `{}`", excerpt(name.as_bytes()));
             return Err(HandlesFileError::Columns { problem });
         };
         if columns.contains(&column) {
-            return Err(HandlesFileError::Columns {
-                problem: format!("`{name}` stands there twice"),
-            });
+            return Err(HandlesFileError::Columns { problem: format!("`{name}` is given twice") });
         }
         columns.push(column);
     }
@@ -135,8 +132,10 @@ pub fn read_csv(bytes: &[u8], space: HandleSpace) -> Result<Handles, HandlesFile
     }
     let handles: Result<Vec<Handle>, _> = lines
         .map(|(index, line)| {
-            row(line, &columns)
-                .map_err(|message| HandlesFileError::Syntax { at: At::Line(index + 1), message })
+            row(line, &columns).map_err(|message| HandlesFileError::Syntax {
+                at: FilePosition::Line(index + 1),
+                message,
+            })
         })
         .collect();
     Ok(Handles::new(space, &handles?)?)
@@ -155,43 +154,49 @@ fn row(line: &str, columns: &[usize]) -> Result<Handle, String> {
         count += 1;
     }
     if count != columns.len() {
-        return Err(format!("there are {count} entries for {} columns", columns.len()));
+        return Err(format!("expected {} entries, found {count}", columns.len()));
     }
-    fn three(first: usize, numbers: &[Option<f64>; 10]) -> Result<Option<[f64; 3]>, String> {
+    fn triple(first: usize, numbers: &[Option<f64>; 10]) -> Result<Option<[f64; 3]>, String> {
         match [0, 1, 2].map(|axis| numbers[first + axis]) {
             [Some(x), Some(y), Some(z)] => Ok(Some([x, y, z])),
             [None, None, None] => Ok(None),
-            _ => Err(format!("of `{}` and its like all or none must be given", COLUMNS[first])),
+            _ => Err(format!(
+                "give all or none of `{}`, `{}` and `{}`",
+                COLUMNS[first],
+                COLUMNS[first + 1],
+                COLUMNS[first + 2]
+            )),
         }
     }
-    let at = three(0, &numbers)?.ok_or("there is no place")?;
+    let at = triple(0, &numbers)?.ok_or("`x`, `y` and `z` are missing")?;
     Ok(Handle {
         at,
-        to: three(3, &numbers)?,
-        sigma: three(6, &numbers)?,
+        to: triple(3, &numbers)?,
+        sigma: triple(6, &numbers)?,
         weight: numbers[9].unwrap_or(1.0),
     })
 }
 
-/// Writes handles as [`read_json`] reads them.
+/// Writes handles in the form that [`read_json`] reads.
 pub(super) struct HandlesJson;
 
 impl FileFormat for HandlesJson {
     type Value = Handles;
-    const ENDING: &'static str = "json";
+    const EXTENSION: &'static str = "json";
 
     fn write(handles: &Handles, name: &str) -> Result<Vec<NewFile>, Error> {
-        let entry = |handle: Handle| match handle.sigma {
-            Some(sigma) => {
-                json!({ "at": handle.at, "to": handle.to, "sigma": sigma, "weight": handle.weight })
+        fn entry(handle: Handle) -> Value {
+            let Handle { at, to, sigma, weight } = handle;
+            match sigma {
+                Some(sigma) => json!({ "at": at, "to": to, "sigma": sigma, "weight": weight }),
+                None => json!({ "at": at, "to": to, "weight": weight }),
             }
-            None => json!({ "at": handle.at, "to": handle.to, "weight": handle.weight }),
-        };
+        }
         let document = json!({
             "space": handles.space(),
             "handles": Value::from_iter(handles.iter().map(entry)),
         });
-        Ok(NewFile::only(name, print(&document)))
+        Ok(NewFile::single(name, print(&document)))
     }
 }
 
@@ -200,18 +205,18 @@ pub(crate) struct HandlesRon;
 
 impl FileReader for HandlesRon {
     type Value = Handles;
-    const ENDINGS: &'static [&'static str] = &["ron"];
+    const EXTENSIONS: &'static [&'static str] = &["ron"];
 
-    fn read(file: &Reading<'_>) -> Result<Handles, Error> {
+    fn read(file: &InputFile<'_>) -> Result<Handles, Error> {
         Ok(read_ron(file.bytes(), HandleSpace::default())?)
     }
 }
 
 impl FileReader for HandlesJson {
     type Value = Handles;
-    const ENDINGS: &'static [&'static str] = &["json"];
+    const EXTENSIONS: &'static [&'static str] = &["json"];
 
-    fn read(file: &Reading<'_>) -> Result<Handles, Error> {
+    fn read(file: &InputFile<'_>) -> Result<Handles, Error> {
         Ok(read_json(file.bytes(), HandleSpace::default())?)
     }
 }
@@ -221,22 +226,22 @@ pub(crate) struct HandlesCsv;
 
 impl FileReader for HandlesCsv {
     type Value = Handles;
-    const ENDINGS: &'static [&'static str] = &["csv"];
+    const EXTENSIONS: &'static [&'static str] = &["csv"];
 
-    fn read(file: &Reading<'_>) -> Result<Handles, Error> {
+    fn read(file: &InputFile<'_>) -> Result<Handles, Error> {
         Ok(read_csv(file.bytes(), HandleSpace::default())?)
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::hostile::survive;
+    use super::super::hostile::check_no_panic;
     use super::*;
 
     const RON: &str = "// Two handles.\nHandles(space: World, handles: [\n    (at: (0, 1, 2), to: (3, 4.5, 5), sigma: (1, 2, 3), weight: 2),\n    (at: (1, 1, 1)),\n])\n";
     const CSV: &str = "x, y, z, weight, to_x, to_y, to_z, sigma_x, sigma_y, sigma_z\n0,1,2,2,3,4.5,5,1,2,3\n\n1,1,1,,,,,,,\n";
 
-    fn expected() -> Handles {
+    fn expected_handles() -> Handles {
         let first = Handle {
             at: [0.0, 1.0, 2.0],
             to: Some([3.0, 4.5, 5.0]),
@@ -249,19 +254,19 @@ mod tests {
 
     #[test]
     fn the_same_handles_are_read_from_every_format() {
-        assert_eq!(read_ron(RON.as_bytes(), HandleSpace::Box).unwrap(), expected());
-        assert_eq!(read_csv(CSV.as_bytes(), HandleSpace::World).unwrap(), expected());
-        let json = HandlesJson::write(&expected(), "a.json").unwrap().remove(0).bytes;
-        assert_eq!(read_json(&json, HandleSpace::Box).unwrap(), expected());
+        assert_eq!(read_ron(RON.as_bytes(), HandleSpace::Box).unwrap(), expected_handles());
+        assert_eq!(read_csv(CSV.as_bytes(), HandleSpace::World).unwrap(), expected_handles());
+        let json = HandlesJson::write(&expected_handles(), "a.json").unwrap().remove(0).bytes;
+        assert_eq!(read_json(&json, HandleSpace::Box).unwrap(), expected_handles());
         let words = "{\"maquette\":\"0.1.0\"}".to_owned();
         let signature = maquette_node::provenance::Signature { words, hash: String::new() };
-        let signed = HandlesJson::write_signed(&expected(), "a.json", &signature).unwrap();
+        let signed = HandlesJson::write_signed(&expected_handles(), "a.json", &signature).unwrap();
         assert_ne!(signed[0].bytes, json);
-        assert_eq!(read_json(&signed[0].bytes, HandleSpace::Box).unwrap(), expected());
+        assert_eq!(read_json(&signed[0].bytes, HandleSpace::Box).unwrap(), expected_handles());
     }
 
     #[test]
-    fn a_list_alone_has_the_space_that_it_is_given() {
+    fn a_plain_list_has_the_given_space() {
         let from_ron = read_ron(b"[(at: (1, 1, 1))]", HandleSpace::Cube).unwrap();
         let from_json = read_json(b"[{\"at\": [1, 1, 1]}]", HandleSpace::Cube).unwrap();
         assert_eq!((from_ron.space(), from_ron.len()), (HandleSpace::Cube, 1));
@@ -269,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_have_a_line() {
+    fn errors_have_a_line() {
         fn ron(text: &str) -> String {
             read_ron(text.as_bytes(), HandleSpace::Box).unwrap_err().to_string()
         }
@@ -282,19 +287,19 @@ mod tests {
             read_csv(text.as_bytes(), HandleSpace::Box).unwrap_err().to_string()
         }
         assert_eq!(csv("x,y,z\n0,0,0\n0,a,0"), "line 3: `a` is not a number");
-        assert_eq!(csv("x,y,z\n0,0"), "line 2: there are 2 entries for 3 columns");
-        assert!(csv("x,y,w\n").ends_with("`w` is none of them"));
-        assert!(csv("").ends_with("`` is none of them"));
-        assert!(csv("x,y,z,to_x\n1,2,3,4").starts_with("line 2: of `to_x`"));
+        assert_eq!(csv("x,y,z\n0,0"), "line 2: expected 3 entries, found 2");
+        assert!(csv("x,y,w\n").ends_with("unknown column `w`"));
+        assert!(csv("").ends_with("unknown column ``"));
+        assert!(csv("x,y,z,to_x\n1,2,3,4").starts_with("line 2: give all or none of `to_x`"));
         let json = read_json(b"{\"handles\": 5}", HandleSpace::Box).unwrap_err().to_string();
         assert!(json.starts_with("line 1: invalid type"), "{json}");
     }
 
     #[test]
     fn damaged_files_never_panic() {
-        survive(RON.as_bytes(), |bytes| read_ron(bytes, HandleSpace::Box));
-        survive(CSV.as_bytes(), |bytes| read_csv(bytes, HandleSpace::Box));
-        let json = HandlesJson::write(&expected(), "a.json").unwrap().remove(0).bytes;
-        survive(&json, |bytes| read_json(bytes, HandleSpace::Box));
+        check_no_panic(RON.as_bytes(), |bytes| read_ron(bytes, HandleSpace::Box));
+        check_no_panic(CSV.as_bytes(), |bytes| read_csv(bytes, HandleSpace::Box));
+        let json = HandlesJson::write(&expected_handles(), "a.json").unwrap().remove(0).bytes;
+        check_no_panic(&json, |bytes| read_json(bytes, HandleSpace::Box));
     }
 }

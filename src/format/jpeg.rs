@@ -1,4 +1,4 @@
-//! JPEG, the photographs: read to 8-bit sRGB; gray becomes three equal channels. Never written, because it loses.
+//! JPEG, which is read to 8-bit sRGB; gray becomes three equal channels. Pictures are never written as JPEG, because it is lossy.
 
 use ::image::error::{DecodingError, ImageError, ImageResult};
 use ::image::{ColorType, ImageDecoder, ImageFormat};
@@ -11,72 +11,72 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 
 use super::decoder::{DecodeError, File};
 
-/// Why bytes are not a picture in a JPEG file.
+/// Error of reading a JPEG file.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum JpegError {
-    /// Something else, or a damaged file.
+    /// The file is damaged or of another format.
     #[error("this is not a readable JPEG file: {reason}")]
     Broken {
-        /// What the decoder says.
+        /// The error message of the decoder.
         reason: String,
     },
-    /// A header that promises more than can be there.
-    #[error("{width} x {height} pixels cannot be in the {bytes} bytes of the file")]
+    /// The header states more pixels than the file can contain.
+    #[error("{width} x {height} pixels do not fit in the {bytes} bytes of the file")]
     CutOff {
         /// The picture's width.
         width: usize,
         /// The picture's height.
         height: usize,
-        /// Bytes in the file.
+        /// The length of the file, in bytes.
         bytes: usize,
     },
-    /// A file that ends inside the picture.
-    #[error("byte {bytes}: the file ends before its picture does: it is cut off")]
+    /// The file ends before the end of the picture.
+    #[error("byte {bytes}: the file is truncated")]
     Ends {
-        /// Bytes in the file.
+        /// The length of the file, in bytes.
         bytes: usize,
     },
-    /// More pixels than are read.
+    /// The picture would take too much memory.
     #[error(
-        "{width} x {height} pixels would take more than {most} bytes of memory: make the picture smaller"
+        "{width} x {height} pixels would take more than {limit} bytes of memory: make the picture smaller"
     )]
     TooLarge {
         /// The picture's width.
         width: usize,
         /// The picture's height.
         height: usize,
-        /// Bytes that reading it may take.
-        most: usize,
+        /// The maximum memory, in bytes.
+        limit: usize,
     },
 }
 
-/// Most pixels that a byte can hold: a block of 64 takes at least one bit in the scan of its mean.
-const PIXELS_PER_BYTE: usize = 64 * 8;
+/// The maximum number of pixels per byte: for each block of 64 pixels, the scan that contains its mean takes at least one bit.
+const MAX_PIXELS_PER_BYTE: usize = 64 * 8;
 
 impl From<DecodeError> for JpegError {
     fn from(error: DecodeError) -> Self {
         match error {
             DecodeError::Broken { reason, .. } => Self::Broken { reason },
-            DecodeError::TooLarge { width, height, most } => {
-                Self::TooLarge { width: width as usize, height: height as usize, most }
+            DecodeError::TooLarge { width, height, limit } => {
+                Self::TooLarge { width: width as usize, height: height as usize, limit }
             }
         }
     }
 }
 
-/// The picture in a JPEG file.
+/// Reads a JPEG file.
 ///
-/// # Errors
-/// If the bytes are not a JPEG file, it is damaged or cut off, or its header promises more pixels than it can hold or memory may.
+/// Returns an error if the bytes are not a JPEG file, the file is damaged or truncated, or its header states more pixels than fit in the
+/// file or in memory.
 pub fn read(bytes: &[u8]) -> Result<Image, JpegError> {
-    let outline = outline(bytes);
+    let outline = scan_markers(bytes);
     let copies = outline.as_ref().map_or(1, Outline::copies);
     let file = File { format: "JPEG", bytes, copies };
     file.picture(
-        || Strict::new(bytes),
+        || StrictDecoder::new(bytes),
         |width, height| {
             let [width, height] = [width, height].map(|side: u32| side as usize);
-            if PIXELS_PER_BYTE.saturating_mul(bytes.len()) < width * height {
+            if MAX_PIXELS_PER_BYTE.saturating_mul(bytes.len()) < width * height {
                 return Err(JpegError::CutOff { width, height, bytes: bytes.len() });
             }
             outline.as_ref().map(|_| ()).ok_or(JpegError::Ends { bytes: bytes.len() })
@@ -84,28 +84,28 @@ pub fn read(bytes: &[u8]) -> Result<Image, JpegError> {
     )
 }
 
-/// The decoder that `image` uses, too, but strict: `image` lets it make gray of what is missing inside the picture.
-struct Strict<'b> {
+/// The decoder that `image` uses, in strict mode: `image` would let it fill missing parts of the picture with gray.
+struct StrictDecoder<'b> {
     decoder: JpegDecoder<ZCursor<&'b [u8]>>,
     size: (u32, u32),
 }
 
-impl<'b> Strict<'b> {
+impl<'b> StrictDecoder<'b> {
     fn new(bytes: &'b [u8]) -> ImageResult<Self> {
-        // No processor's own instructions: the pixels are the same on every machine, and they would not be there sooner.
+        // SIMD instructions are turned off: the pixels are then equal on every machine, and SIMD is not faster here.
         let options = DecoderOptions::new_safe()
             .set_strict_mode(true)
             .set_max_width(usize::from(u16::MAX))
             .set_max_height(usize::from(u16::MAX))
             .jpeg_set_out_colorspace(ColorSpace::RGB);
         let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
-        decoder.decode_headers().map_err(broken)?;
+        decoder.decode_headers().map_err(decoding_error)?;
         let (width, height) = decoder.dimensions().unwrap_or_default();
         Ok(Self { decoder, size: (width as u32, height as u32) })
     }
 }
 
-/// The Exif data of a JPEG file, if it has any.
+/// Returns the Exif data of a JPEG file, or `None` if it has none.
 pub(super) fn exif(bytes: &[u8]) -> Option<Vec<u8>> {
     let options = DecoderOptions::new_safe()
         .set_max_width(usize::from(u16::MAX))
@@ -115,11 +115,11 @@ pub(super) fn exif(bytes: &[u8]) -> Option<Vec<u8>> {
     decoder.exif().cloned()
 }
 
-fn broken(error: impl std::fmt::Debug) -> ImageError {
+fn decoding_error(error: impl std::fmt::Debug) -> ImageError {
     ImageError::Decoding(DecodingError::new(ImageFormat::Jpeg.into(), format!("{error:?}")))
 }
 
-impl ImageDecoder for Strict<'_> {
+impl ImageDecoder for StrictDecoder<'_> {
     fn dimensions(&self) -> (u32, u32) {
         self.size
     }
@@ -129,7 +129,7 @@ impl ImageDecoder for Strict<'_> {
     }
 
     fn read_image(mut self, samples: &mut [u8]) -> ImageResult<()> {
-        self.decoder.decode_into(samples).map_err(broken)
+        self.decoder.decode_into(samples).map_err(decoding_error)
     }
 
     fn read_image_boxed(self: Box<Self>, samples: &mut [u8]) -> ImageResult<()> {
@@ -137,29 +137,29 @@ impl ImageDecoder for Strict<'_> {
     }
 }
 
-/// What the markers of a file say of its parts.
+/// The structure of a JPEG file, determined from its markers.
 struct Outline {
-    /// How often all or a part of the picture is gone through.
+    /// The number of scans. A scan covers all or a part of the picture.
     scans: usize,
-    /// Whether the scans refine each other.
-    progressive: bool,
+    /// True if later scans refine earlier ones.
+    is_progressive: bool,
 }
 
 impl Outline {
-    /// How often the decoder holds the picture: besides its three channels, three coefficients of two bytes a pixel if they must be
-    /// kept until the last scan.
+    /// Returns the number of copies of the picture that the decoder holds: one for its three channels, and, if the coefficients must be
+    /// kept until the last scan, two more for three coefficients of two bytes per pixel.
     fn copies(&self) -> u64 {
-        if self.progressive || 1 < self.scans { 3 } else { 1 }
+        if self.is_progressive || 1 < self.scans { 3 } else { 1 }
     }
 }
 
-/// Follows the markers from the start of a file to the end of its picture; none if the file ends before. The decoder does not
-/// notice when only the last rows are missing.
-fn outline(bytes: &[u8]) -> Option<Outline> {
-    let mut outline = Outline { scans: 0, progressive: false };
+/// Follows the markers from the start of a file to the end of its picture. Returns `None` if the file ends before the picture. This check
+/// is necessary because the decoder does not notice that the last rows are missing.
+fn scan_markers(bytes: &[u8]) -> Option<Outline> {
+    let mut outline = Outline { scans: 0, is_progressive: false };
     let mut at = 2;
     loop {
-        // Between markers are the bits of a scan, where a byte of 255 has a zero behind it, and restarts.
+        // Between markers are the bits of a scan. In them a byte 255 is followed by 0, or is the start of a restart marker.
         at += bytes.get(at..)?.iter().position(|&byte| byte == 0xff)?;
         let kind = *bytes.get(at + 1)?;
         at += match kind {
@@ -169,7 +169,7 @@ fn outline(bytes: &[u8]) -> Option<Outline> {
             _ => 2 + usize::from(u16::from_be_bytes(*bytes.get(at + 2..)?.first_chunk()?)),
         };
         outline.scans += usize::from(kind == 0xda);
-        outline.progressive |= kind == 0xc2;
+        outline.is_progressive |= kind == 0xc2;
     }
 }
 
@@ -193,8 +193,8 @@ mod tests {
         for file in [PHOTO, PROGRESSIVE] {
             let image = read(file).unwrap();
             assert_eq!((image.width(), image.height()), (16, 12));
-            // Red grows to the right and green downwards, as in the picture that was compressed.
-            let [first, last] = [image.at([1, 1]), image.at([14, 10])];
+            // In the picture, red grows to the right and green downwards.
+            let [first, last] = [image.pixel([1, 1]), image.pixel([14, 10])];
             assert!(first[0] < 60 && 180 < last[0], "{first:?} {last:?}");
             assert!(first[1] < 60 && 180 < last[1], "{first:?} {last:?}");
         }
@@ -213,13 +213,13 @@ mod tests {
     #[test]
     fn a_photograph_that_is_cut_anywhere_is_refused() {
         for file in [PHOTO, PROGRESSIVE, GRAY] {
-            let whole = (0..file.len()).find(|&length| read(&file[..length]).is_ok());
-            assert_eq!(whole, None);
-            // What cameras write behind a picture is none of its parts.
+            let accepted = (0..file.len()).find(|&length| read(&file[..length]).is_ok());
+            assert_eq!(accepted, None);
+            // Cameras write more data after the picture; the reader ignores these data.
             assert_eq!(read(&[file, b"more"].concat()), read(file));
         }
         let half = read(&PHOTO[..PHOTO.len() - 20]).unwrap_err().to_string();
-        assert_eq!(half, "byte 700: the file ends before its picture does: it is cut off");
+        assert_eq!(half, "byte 700: the file is truncated");
     }
 
     #[test]
@@ -228,7 +228,7 @@ mod tests {
             let mut file = photo.to_vec();
             let size = file.windows(4).position(|window| window == [0, 12, 0, 16]).unwrap();
             file[size..size + 4].copy_from_slice(&[side, 0, side, 0]);
-            // So many bytes could hold as many pixels.
+            // A file of this size could contain that many pixels.
             file.resize(1_000_000, 0);
             let error = read(&file).unwrap_err();
             assert!(matches!(error, JpegError::TooLarge { .. }), "{error}");
@@ -238,7 +238,7 @@ mod tests {
     #[test]
     fn hostile_files_give_errors() {
         for file in [PHOTO, PROGRESSIVE] {
-            hostile::survive(file, read);
+            hostile::check_no_panic(file, read);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! JSON, for values that are a few numbers: to read by eye and by scripts.
+//! Writes JSON for values of few numbers, readable by people and scripts.
 
 use maquette_node::pack::{FileFormat, NewFile};
 use maquette_syntax::error::Error;
@@ -10,14 +10,14 @@ pub(super) struct DirectionJson;
 
 impl FileFormat for DirectionJson {
     type Value = Direction;
-    const ENDING: &'static str = "json";
+    const EXTENSION: &'static str = "json";
 
     fn write(direction: &Direction, name: &str) -> Result<Vec<NewFile>, Error> {
         let document = json!({
             "direction": direction.vector().as_slice(),
             "resultant": direction.resultant(),
         });
-        Ok(NewFile::only(name, print(&document)))
+        Ok(NewFile::single(name, print(&document)))
     }
 }
 
@@ -26,7 +26,7 @@ pub(super) struct KnotVectorJson;
 
 impl FileFormat for KnotVectorJson {
     type Value = KnotVector;
-    const ENDING: &'static str = "json";
+    const EXTENSION: &'static str = "json";
 
     fn write(knots: &KnotVector, name: &str) -> Result<Vec<NewFile>, Error> {
         let document = json!({
@@ -35,16 +35,16 @@ impl FileFormat for KnotVectorJson {
             "domain": knots.domain(),
             "knots": knots.knots(),
         });
-        Ok(NewFile::only(name, print(&document)))
+        Ok(NewFile::single(name, print(&document)))
     }
 }
 
-/// Writes what is known of each component.
+/// Writes the statistics of each component of a label image.
 pub(super) struct LabelsJson;
 
 impl FileFormat for LabelsJson {
     type Value = Labels;
-    const ENDING: &'static str = "json";
+    const EXTENSION: &'static str = "json";
 
     fn write(labels: &Labels, name: &str) -> Result<Vec<NewFile>, Error> {
         let components = labels.statistics().iter().zip(1..).map(|(component, label): (_, u32)| {
@@ -58,13 +58,13 @@ impl FileFormat for LabelsJson {
                 "touches_border": component.touches_border,
             })
         });
-        let components = Vec::from_iter(components);
+        let components: Vec<_> = components.collect();
         let document = json!({
             "width": labels.width(),
             "height": labels.height(),
             "components": components,
         });
-        Ok(NewFile::only(name, print(&document)))
+        Ok(NewFile::single(name, print(&document)))
     }
 }
 
@@ -73,7 +73,7 @@ pub(super) struct ControlNetJson;
 
 impl FileFormat for ControlNetJson {
     type Value = ControlNet;
-    const ENDING: &'static str = "json";
+    const EXTENSION: &'static str = "json";
 
     fn write(net: &ControlNet, name: &str) -> Result<Vec<NewFile>, Error> {
         let columns = net.columns();
@@ -88,29 +88,29 @@ impl FileFormat for ControlNetJson {
             "points": points(net.points(), columns),
             "base": points(net.base(), columns),
             "weights": Value::from_iter(net.weights().chunks(columns).map(|row| json!(row))),
-            "fixed": Value::from_iter(net.fixed().chunks(columns).map(|row| json!(row))),
+            "fixed": Value::from_iter(net.fixed_points().chunks(columns).map(|row| json!(row))),
         });
-        Ok(NewFile::only(name, print(&document)))
+        Ok(NewFile::single(name, print(&document)))
     }
 }
 
-/// Writes the steps of an iteration; an infinite distance is null.
+/// Writes the steps of an iteration. An infinite distance is written as null.
 pub(super) struct TraceJson;
 
 impl FileFormat for TraceJson {
     type Value = Trace;
-    const ENDING: &'static str = "json";
+    const EXTENSION: &'static str = "json";
 
     fn write(trace: &Trace, name: &str) -> Result<Vec<NewFile>, Error> {
         let steps = trace
             .steps()
             .iter()
             .map(|step| json!({ "iteration": step.iteration, "max": step.max, "rms": step.rms }));
-        Ok(NewFile::only(name, print(&json!({ "steps": Value::from_iter(steps) }))))
+        Ok(NewFile::single(name, print(&json!({ "steps": Value::from_iter(steps) }))))
     }
 }
 
-/// The document as text. Lists of plain values stay on one line: a point, a row of weights.
+/// Formats a document as text. A list of scalars, such as a point or a row of weights, is written on one line.
 pub(super) fn print(document: &Value) -> Vec<u8> {
     let mut text = String::new();
     push(&mut text, document, 0);
@@ -149,7 +149,7 @@ fn push(text: &mut String, value: &Value, depth: usize) {
     }
 }
 
-/// Begins a new line, behind a comma unless the entry that follows is the first one.
+/// Begins a new line. Adds a comma before it unless `index` is 0.
 fn break_line(text: &mut String, index: usize, depth: usize) {
     text.push_str(if index > 0 { ",\n" } else { "\n" });
     (0..depth).for_each(|_| text.push_str("  "));

@@ -1,8 +1,8 @@
-//! LAS, the points of surveys and laser scanners: whole numbers that a scale and an offset make places of.
+//! LAS, the points of surveys and laser scanners. Coordinates are stored as integers with a scale and an offset.
 
 use las::point::Format;
 use las::{PointData, PointDataBuilder, Transform, Vector, raw};
-use maquette_node::reading::{FileReader, Reading};
+use maquette_node::importers::{FileReader, InputFile};
 use maquette_syntax::error;
 use maquette_value::{Attribute, Points, PointsError};
 use nalgebra::Point3;
@@ -10,84 +10,83 @@ use thiserror::Error;
 
 use super::excerpt;
 
-/// Why bytes are not points in a LAS file.
+/// Error of reading points from a LAS file.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum LasError {
-    /// Other bytes at the start.
-    #[error("the file begins with `{found}`, where a LAS file has `LASF`")]
+    /// The file does not begin with `LASF`.
+    #[error("expected `LASF` at the start of the file, found `{found}`")]
     Signature {
-        /// What it begins with.
+        /// The first bytes of the file.
         found: String,
     },
-    /// The end comes before the points.
-    #[error("the file ends within its header, after {found} bytes: it was cut off, copy it again")]
+    /// The file ends within its header.
+    #[error("the file ends within its header, after {found} bytes: it is truncated, copy it again")]
     Header {
-        /// Bytes of the file.
+        /// The length of the file, in bytes.
         found: usize,
     },
-    /// Compressed points.
+    /// The points are compressed.
     #[error(
-        "its points are compressed (LAZ), which is not read: unpack it first, by `laszip -i in.laz -o out.las` or \
+        "the points are compressed (LAZ), which is not supported: unpack the file with `laszip -i in.laz -o out.las` or \
          `pdal translate in.laz out.las`"
     )]
     Compressed,
-    /// Points of a kind that is not known.
-    #[error("its points have the format {format}, but known are 0 to 10 (LAS 1.0 to 1.4)")]
+    /// The format of the points (the kind of their data) is unknown.
+    #[error("expected a point format from 0 to 10 (LAS 1.0 to 1.4), found {format}")]
     Format {
-        /// What the header says.
+        /// The number of the format in the header.
         format: u8,
     },
-    /// Too few bytes for each point.
+    /// According to the header, a point has too few bytes for its format.
     #[error(
-        "its header gives each point {found} bytes, but points of format {format} have {expected}"
+        "the header gives each point {found} bytes, but points of format {format} have {expected}"
     )]
     Record {
-        /// What the header says.
+        /// The bytes per point that the header states.
         found: u16,
-        /// The format of the points.
+        /// The number of the points' format.
         format: u8,
-        /// Bytes of such a point.
+        /// The number of bytes that a point of this format has.
         expected: u16,
     },
-    /// Fewer points than promised.
+    /// The file has fewer points than its header states.
     #[error(
-        "its header promises {expected} points of {record} bytes each, but {found} are there: it was cut off, copy it again"
+        "expected {expected} points of {record} bytes each, found {found}: the file is truncated, copy it again"
     )]
     CutOff {
-        /// What the header says.
+        /// The number of points that the header states.
         expected: u64,
-        /// Bytes of each.
+        /// The number of bytes per point.
         record: u16,
-        /// Points that are there.
+        /// The number of points in the file.
         found: u64,
     },
-    /// Nothing at all.
-    #[error("there is no point in the file")]
+    /// The file has no points.
+    #[error("the file has no points")]
     Empty,
-    /// Points that cannot be.
+    /// The points are not valid as [`Points`].
     #[error(transparent)]
     Points(#[from] PointsError),
 }
 
-/// The points in a LAS file.
+/// Reads the points in a LAS file.
 ///
-/// What they have beside a place becomes attributes: `color`, `intensity`, and `class`, the number of their classification (2 is ground). A
-/// column that is 0 everywhere is none, as the format has it. Colors have 16 bits, of which the upper 8 are taken, but all of them have only 8
-/// in the files of some writers. Points that are marked as withheld or synthetic are points like others.
+/// Further data become attributes: `color`, `intensity`, and `class`, the number of the classification (2 is ground). A column of zeros
+/// counts as missing, as the format defines. From the 16 bits of a color channel the upper 8 are used; if all channels are below 256, as
+/// some writers store them, the lower 8 are used. Points marked as withheld or synthetic are read like all others.
 ///
-/// # Errors
-/// If the bytes are not a LAS file, it is compressed, or ends too early.
+/// Returns an error if the bytes are not a LAS file, or the file is compressed or truncated.
 pub fn read(bytes: &[u8]) -> Result<Points, LasError> {
     let data = records(bytes)?;
     if data.is_empty() {
         return Err(LasError::Empty);
     }
-    let places = data.x().zip(data.y()).zip(data.z());
+    let positions = data.x().zip(data.y()).zip(data.z());
     let mut points =
-        Points::new(places.map(|((x, y), z)| Point3::new(x, y, z)).collect::<Vec<_>>())?;
-    let most = data.rgb().into_iter().flatten().flat_map(<[u16; 3]>::from).max().unwrap_or(0);
-    if let Some(colors) = data.rgb().filter(|_| most > 0) {
-        let shift = if most < 256 { 0 } else { 8 };
+        Points::new(positions.map(|((x, y), z)| Point3::new(x, y, z)).collect::<Vec<_>>())?;
+    let max = data.rgb().into_iter().flatten().flat_map(<[u16; 3]>::from).max().unwrap_or(0);
+    if let Some(colors) = data.rgb().filter(|_| max > 0) {
+        let shift = if max < 256 { 0 } else { 8 };
         let colors = colors
             .map(|(red, green, blue)| {
                 [red, green, blue].map(|channel: u16| (channel >> shift) as u8)
@@ -106,10 +105,10 @@ pub fn read(bytes: &[u8]) -> Result<Points, LasError> {
     Ok(points)
 }
 
-/// The records of the points, as many as the header promises.
+/// Returns the records of the points, as many as the header states.
 ///
-/// Only the header itself is read by the crate: what stands between it and the points (and behind them) has sizes of its own, which the crate
-/// trusts, and none of it is needed.
+/// The crate `las` is used only for the header. It trusts the sizes of the data between the header and the points and after the points, and
+/// these data are not needed.
 fn records(bytes: &[u8]) -> Result<PointData, LasError> {
     let signature = &bytes[..bytes.len().min(raw::LASF.len())];
     if signature != raw::LASF {
@@ -125,7 +124,7 @@ fn records(bytes: &[u8]) -> Result<PointData, LasError> {
     let (record, expected) = (header.point_data_record_length, kind.len());
     kind.extra_bytes =
         record.checked_sub(expected).ok_or(LasError::Record { found: record, format, expected })?;
-    // The first of the two counts is 0 where there are more points than it can tell.
+    // The first count is 0 if the number of points does not fit in it.
     let expected = match (header.number_of_point_records, header.large_file) {
         (0, Some(large)) => large.number_of_point_records,
         (count, _) => count.into(),
@@ -134,8 +133,8 @@ fn records(bytes: &[u8]) -> Result<PointData, LasError> {
     let body = bytes.get(start..).unwrap_or_default();
     let found = body.len() / usize::from(record);
     let count = usize::try_from(expected).ok().filter(|&count| count <= found);
-    let cut_off = LasError::CutOff { expected, record, found: found as u64 };
-    let body = &body[..count.ok_or(cut_off)? * usize::from(record)];
+    let truncated = LasError::CutOff { expected, record, found: found as u64 };
+    let body = &body[..count.ok_or(truncated)? * usize::from(record)];
     let transforms = Vector {
         x: Transform { scale: header.x_scale_factor, offset: header.x_offset },
         y: Transform { scale: header.y_scale_factor, offset: header.y_offset },
@@ -145,15 +144,15 @@ fn records(bytes: &[u8]) -> Result<PointData, LasError> {
     Ok(data.build_from_bytes(body.to_vec()).expect("whole records"))
 }
 
-/// Reads LAS files, and says what to do with compressed ones.
+/// Reads LAS files. The error for compressed files names tools that unpack them.
 pub(super) struct PointsLas;
 
 impl FileReader for PointsLas {
     type Value = Points;
-    const ENDINGS: &'static [&'static str] = &["las", "laz"];
+    const EXTENSIONS: &'static [&'static str] = &["las", "laz"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_READ;
 
-    fn read(file: &Reading<'_>) -> Result<Points, error::Error> {
+    fn read(file: &InputFile<'_>) -> Result<Points, error::Error> {
         Ok(read(file.bytes())?)
     }
 }
@@ -163,29 +162,29 @@ mod tests {
     use super::*;
     use crate::hostile;
 
-    // LAS 1.4, points of format 7, with 16-bit colors, some 5000 km from the origin.
+    // A file of LAS 1.4 with points of format 7, with 16-bit colors, some 5000 km from the origin.
     const SURVEY: &[u8] = include_bytes!("../../tests/data/formats/survey.las");
 
-    // LAS 1.2, points of format 2 with extra bytes, colors of 8 bits, the first point synthetic and the second withheld.
+    // A file of LAS 1.2 with points of format 2 with extra bytes and 8-bit colors; the first point is synthetic, the second withheld.
     const BYTES: &[u8] = include_bytes!("../../tests/data/formats/bytes.las");
 
-    fn near(points: &Points, expected: &[[f64; 3]]) {
+    fn assert_near(points: &Points, expected: &[[f64; 3]]) {
         assert_eq!(points.positions().len(), expected.len());
-        for (point, &place) in points.positions().iter().zip(expected) {
-            assert!((point - Point3::from(place)).amax() < 2e-9, "{point} is not {place:?}");
+        for (point, &position) in points.positions().iter().zip(expected) {
+            assert!((point - Point3::from(position)).amax() < 2e-9, "{point} is not {position:?}");
         }
     }
 
     #[test]
-    fn a_survey_keeps_its_places_to_the_last_digit() {
+    fn a_survey_keeps_its_coordinates_to_the_last_digit() {
         let points = read(SURVEY).unwrap();
-        let places = [
+        let positions = [
             [500000.123, 5400000.25, 431.5],
             [500001.5, 5400002.0, -0.001],
             [499999.001, 5399999.999, 0.0],
             [512345.678, 5412345.678, 12.25],
         ];
-        near(&points, &places);
+        assert_near(&points, &positions);
         let attributes = points.attributes();
         let colors = [[255, 0, 0], [1, 255, 0], [0, 1, 255], [128, 0, 0]];
         assert_eq!(attributes.colors("color").unwrap()[..], colors);
@@ -195,9 +194,9 @@ mod tests {
     }
 
     #[test]
-    fn colors_of_8_bits_and_columns_of_nothing_are_told() {
+    fn colors_of_8_bits_and_empty_columns_are_recognized() {
         let points = read(BYTES).unwrap();
-        near(&points, &[[1.25, 3.0, 0.5], [-2.5, 4.0, 1.0], [0.01, 5.0, -7.5]]);
+        assert_near(&points, &[[1.25, 3.0, 0.5], [-2.5, 4.0, 1.0], [0.01, 5.0, -7.5]]);
         let attributes = points.attributes();
         let colors = [[255, 1, 0], [0, 128, 0], [10, 20, 30]];
         assert_eq!(attributes.colors("color").unwrap()[..], colors);
@@ -206,38 +205,38 @@ mod tests {
     }
 
     #[test]
-    fn files_that_lie_are_refused_with_numbers() {
+    fn invalid_files_are_rejected() {
         fn error(at: usize, bytes: &[u8]) -> String {
             let mut file = BYTES.to_vec();
             file[at..at + bytes.len()].copy_from_slice(bytes);
             read(&file).unwrap_err().to_string()
         }
-        assert_eq!(error(0, b"LAZF"), "the file begins with `LAZF`, where a LAS file has `LASF`");
-        assert!(error(104, &[0x82]).contains("its points are compressed (LAZ)"));
+        assert_eq!(error(0, b"LAZF"), "expected `LASF` at the start of the file, found `LAZF`");
+        assert!(error(104, &[0x82]).contains("the points are compressed (LAZ)"));
         assert_eq!(
             error(104, &[11]),
-            "its points have the format 11, but known are 0 to 10 (LAS 1.0 to 1.4)"
+            "expected a point format from 0 to 10 (LAS 1.0 to 1.4), found 11"
         );
         assert_eq!(
             error(105, &[25, 0]),
-            "its header gives each point 25 bytes, but points of format 2 have 26"
+            "the header gives each point 25 bytes, but points of format 2 have 26"
         );
         assert_eq!(
             error(107, &[255; 4]),
-            "its header promises 4294967295 points of 30 bytes each, but 3 are there: it was cut off, copy it again"
+            "expected 4294967295 points of 30 bytes each, found 3: the file is truncated, copy it again"
         );
-        assert_eq!(error(107, &[0; 4]), "there is no point in the file");
-        assert_eq!(error(131, &f64::NAN.to_le_bytes()), "point 0 is not at a finite place");
+        assert_eq!(error(107, &[0; 4]), "the file has no points");
+        assert_eq!(error(131, &f64::NAN.to_le_bytes()), "the position of point 0 is not finite");
         let cut = read(&BYTES[..100]).unwrap_err().to_string();
         assert_eq!(
             cut,
-            "the file ends within its header, after 100 bytes: it was cut off, copy it again"
+            "the file ends within its header, after 100 bytes: it is truncated, copy it again"
         );
     }
 
     #[test]
     fn hostile_files_give_errors() {
-        hostile::survive(SURVEY, read);
-        hostile::survive(BYTES, read);
+        hostile::check_no_panic(SURVEY, read);
+        hostile::check_no_panic(BYTES, read);
     }
 }

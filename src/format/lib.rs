@@ -1,13 +1,14 @@
-//! Files: what reads bytes into values, and what writes values to bytes.
+//! Readers and writers of file formats.
 //!
-//! Readers are functions from bytes to a value or a typed error. They never panic, and never reserve more memory than a small
-//! multiple of the bytes that are there, whatever a header promises. Writers are [`FileFormat`](maquette_node::FileFormat)s, readers
-//! by ending [`FileReader`](maquette_node::FileReader)s; [`PACK`] lists them, one line for each type of values and kind of files.
+//! Readers are functions that convert bytes to a value or a typed error. They never panic, and never reserve more memory than a small
+//! multiple of the file size, whatever a header states. Writers implement [`FileFormat`](maquette_node::FileFormat), and readers that are
+//! chosen by extension implement [`FileReader`](maquette_node::FileReader). [`PACK`] lists both, one line for each pair of value type and
+//! format.
 //!
-//! Begin reading in `lists.rs`, then `obj.rs` for a format of text and `ply.rs` for one of bytes. A new format is a file and its line
-//! in [`FORMATS`] or [`READERS`].
+//! To read the code, start with `formats.rs`, then `obj.rs` for a text format and `ply.rs` for a binary one. To add a format, add a new
+//! file and a line in [`FORMATS`] or [`READERS`].
 //!
-//! This crate knows no graph and no node, and draws no pictures.
+//! This crate does not depend on graphs or nodes, and does not render pictures.
 
 pub mod abs;
 pub mod camera;
@@ -31,33 +32,33 @@ pub mod stl;
 pub mod tiff;
 pub mod xyz;
 
-#[cfg(test)]
-mod chosen;
 mod colors;
 mod common;
 mod corners;
 mod fidelity;
 mod finite;
+mod formats;
 #[cfg(test)]
 mod hostile;
 mod json;
-mod left_out;
-mod lists;
+mod losses;
 #[cfg(test)]
 mod material_tests;
-#[cfg(test)]
-mod others;
 mod picture_kind;
+#[cfg(test)]
+mod reader_choice;
 mod rows;
 mod step;
 mod surface;
+#[cfg(test)]
+mod third_party_files;
 mod three_mf;
 mod upright;
 mod zip;
 
-pub use common::{At, TooFar};
 pub(crate) use common::{
-    BLOCK, MOST_NAMESPACES, check_mesh, check_single, coarse, coarse_mesh, excerpt,
-    has_many_namespaces, most_memory, open, parse, real, words,
+    BLOCK, MAX_NAMESPACES, check_mesh, check_single, excerpt, has_many_namespaces, max_memory,
+    mesh_precision_note, open_mesh_note, parse, parse_real, precision_note, words,
 };
-pub use lists::{FORMATS, PACK, READERS, read};
+pub use common::{CoordinateOverflow, FilePosition};
+pub use formats::{FORMATS, PACK, READERS, read};

@@ -1,136 +1,135 @@
 //! OBJ, the text format of Wavefront: vertices, texture coordinates, normals and polygons.
 //!
-//! Read as a mesh, lines, groups and free-form geometry are passed over; read as a curve, all but lines and free-form
-//! curves. Surfaces and B-spline curves are written as free-form geometry, which loses nothing.
+//! Reading a mesh ignores lines, groups and free-form geometry; reading a curve ignores everything except lines and free-form curves.
+//! Surfaces and B-spline curves are written as free-form geometry, without loss.
 
 use std::collections::{BTreeMap, HashMap};
 
 use lines::{for_lines, numbers, resolve, without_comment};
-use maquette_value::{Attribute, CurveError, KnotVectorError, MATERIAL, Mesh, MeshError, Rgb};
+use maquette_value::{
+    Attribute, CurveError, KnotVectorError, MATERIAL_ATTRIBUTE, Mesh, MeshError, Rgb,
+};
 use nalgebra::Point3;
 use thiserror::Error;
 
 use super::colors::{self, ColorRange};
-use super::corners::{FaceList, with_corners};
-use super::finite::{self, Finite};
+use super::corners::{FaceList, add_corner_data};
+use super::finite::{self, FiniteMask};
 use super::{excerpt, parse, words};
 
 mod curve;
 mod free_form;
 mod lines;
-mod looks;
 mod material;
+mod material_writer;
 mod mtl;
 mod write;
 
 pub use curve::read_curve;
 pub(super) use free_form::{CurveObj, SurfaceObj};
-pub use material::{Find, materials};
+pub use material::{FindFile, materials};
 pub(super) use write::MeshObj;
 
-/// Why bytes are not a mesh in an OBJ file.
+/// Error of reading a mesh or a curve from an OBJ file.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum ObjError {
-    /// A word that is no number.
+    /// A word is not a number.
     #[error("line {line}: `{text}` is not a number")]
     Number {
-        /// The line, from 1.
+        /// The number of the line, from 1.
         line: usize,
-        /// The word.
+        /// The word that is not a number.
         text: String,
     },
-    /// Too few numbers.
-    #[error("line {line}: {found} numbers, where there must be at least {expected}")]
+    /// A line has too few numbers.
+    #[error("line {line}: expected at least {expected} numbers, found {found}")]
     Count {
-        /// The line, from 1.
+        /// The number of the line, from 1.
         line: usize,
-        /// Numbers in it.
+        /// The count of numbers in the line.
         found: usize,
-        /// Numbers that there must be.
+        /// The minimum count of numbers in such a line.
         expected: usize,
     },
-    /// A corner that is not written as `v`, `v/vt`, `v//vn` or `v/vt/vn`.
+    /// A corner is not written as `v`, `v/vt`, `v//vn` or `v/vt/vn`.
     #[error("line {line}: `{text}` is not a corner of a face")]
     Corner {
-        /// The line, from 1.
+        /// The number of the line, from 1.
         line: usize,
-        /// The word.
+        /// The word that should describe a corner.
         text: String,
     },
-    /// A corner that names what is not there.
+    /// A corner refers to an element that is not above it in the file.
     #[error("line {line}: there is no {what} {index} among the {count} so far")]
     Index {
-        /// The line, from 1.
+        /// The number of the line, from 1.
         line: usize,
-        /// `v`, `vt` or `vn`.
+        /// The kind of the element: `v`, `vt` or `vn`.
         what: &'static str,
-        /// The number in the file.
+        /// The index as written in the file.
         index: i64,
-        /// How many there are before this line.
+        /// The number of elements of this kind before this line.
         count: usize,
     },
-    /// A corner that names what no line of the file has.
+    /// A corner refers to an element that does not exist in the file.
     #[error("line {line}: there is no {what} {index}: the file has {count}")]
     Missing {
-        /// The line, from 1.
+        /// The number of the line, from 1.
         line: usize,
-        /// `v`, `vt` or `vn`.
+        /// The kind of the element: `v`, `vt` or `vn`.
         what: &'static str,
-        /// The number in the file.
+        /// The index as written in the file.
         index: usize,
-        /// How many there are.
+        /// The number of elements of this kind in the file.
         count: usize,
     },
-    /// Something else, or nothing.
-    #[error("there is no vertex in the file")]
+    /// The file has no vertex.
+    #[error("the file has no vertices")]
     Empty,
-    /// A mesh that cannot be.
+    /// The vertices and faces are not a valid mesh.
     #[error(transparent)]
     Mesh(MeshError),
-    /// No line and no free-form curve, where one is wanted.
-    #[error("there is no curve in the file: no line `l` and no `curv`")]
+    /// The file has neither a line nor a free-form curve.
+    #[error("the file has no curve: no line `l` and no `curv`")]
     NoCurve,
-    /// A second curve.
-    #[error(
-        "line {line}: another curve begins here, which does not go on where the one before it ends"
-    )]
+    /// The file has a second curve.
+    #[error("line {line}: a second curve begins, which does not continue the first one")]
     SecondCurve {
-        /// The line, from 1.
+        /// The number of the line at which the second curve begins, from 1.
         line: usize,
     },
-    /// A free-form curve of another kind.
+    /// A free-form curve is not supported.
     #[error("line {line}: {what}")]
     FreeForm {
-        /// The line, from 1.
+        /// The number of the line, from 1.
         line: usize,
-        /// What is not as it must be.
+        /// The description of the error.
         what: &'static str,
     },
-    /// Points that make no curve.
+    /// The points are not a valid curve.
     #[error(transparent)]
     Curve(#[from] CurveError),
-    /// Parameters that are no knots.
+    /// The parameters are not a valid knot vector.
     #[error(transparent)]
     Knots(#[from] KnotVectorError),
 }
 
-/// The mesh in an OBJ file.
+/// Reads a mesh from an OBJ file.
 ///
-/// `vt` becomes the pairs `uv`, `vn` the vectors `normal`: attributes of vertices if each vertex has the same one at all of its
-/// corners, else of corners; a corner without one has zeros. Colors behind the coordinates of all vertices (`v x y z r g b`, or behind a
-/// weight `v x y z w r g b`) become the colors `color`; whether they go to 1 or 255 the largest of them says. Corners that repeat the vertex before them are
-/// dropped, a face that comes back to a vertex is cut there, and one with fewer than three corners is left out. A corner may name what stands
-/// further below in the file.
+/// `vt` becomes the attribute `uv` of pairs, `vn` the attribute `normal` of vectors: attributes of vertices if all corners of each vertex
+/// agree, else attributes of corners. A corner without a texture coordinate or normal gets zeros. If all vertices have colors after the
+/// coordinates (`v x y z r g b`, or after a weight `v x y z w r g b`), the colors become `color`; their range, 1 or 255, is guessed from
+/// the largest channel. Corners that repeat the previous vertex are dropped, a face that visits a vertex twice is cut at this vertex, and a
+/// face with fewer than three corners is left out. A corner may refer to elements further below in the file.
 ///
-/// # Errors
-/// If a line cannot be understood, names what is not there yet, or vertices and faces make no mesh.
+/// Returns an error if a line is invalid or refers to a missing element, or the vertices and faces are not a valid mesh.
 pub fn read(bytes: &[u8]) -> Result<Mesh, ObjError> {
-    Ok(read_noted(bytes, None)?.0.without_face(MATERIAL))
+    Ok(read_with_notes(bytes, None)?.0.without_face(MATERIAL_ATTRIBUTE))
 }
 
-/// The same, and what the user should know of what is left out or understood in one of several ways. Where faces have several materials, the
-/// attribute [`MATERIAL`] has the place of each face's in the names that are given, or the place behind the last one.
-fn read_noted(
+/// Reads a mesh like [`read`]. Also returns warnings and the names of the mesh's materials. If faces have several materials, the attribute
+/// [`MATERIAL_ATTRIBUTE`] of a face is an index into these names; for a face without a material it is the number of names.
+fn read_with_notes(
     bytes: &[u8],
     color_range: Option<ColorRange>,
 ) -> Result<(Mesh, Vec<String>, Vec<String>), ObjError> {
@@ -141,14 +140,14 @@ fn read_noted(
     Ok((mesh, notes, used))
 }
 
-/// Stands for what a corner does not have.
+/// Marks a corner that has no texture coordinate or no normal.
 const NONE: u32 = u32::MAX;
 
-/// What a corner names of each kind of data.
+/// The kinds of elements to which a corner refers.
 const KINDS: [&str; 3] = ["v", "vt", "vn"];
 
-/// Lines that say nothing of a mesh's shape: how it is called, grouped, shaded and drawn.
-const SILENT: [&[u8]; 15] = [
+/// Keywords of lines that do not affect the shape: names, groups, shading and display options.
+const IGNORED: [&[u8]; 15] = [
     b"o",
     b"g",
     b"s",
@@ -168,33 +167,33 @@ const SILENT: [&[u8]; 15] = [
 
 #[derive(Default)]
 struct Reader {
-    /// The range of colors, if the user says it.
+    /// The range of color channels, if the user has set it.
     color_range: Option<ColorRange>,
     positions: Vec<Point3<f64>>,
-    /// What stands behind the coordinates of a vertex.
-    behind: Vec<[f64; 4]>,
-    /// How many numbers stand behind them at some vertex: the fewest and the most.
-    counts: Option<(usize, usize)>,
-    /// Colors that ZBrush writes in comments.
+    /// Up to four numbers that follow the coordinates of each vertex.
+    extra: Vec<[f64; 4]>,
+    /// The minimum and the maximum count of numbers that follow the coordinates of a vertex.
+    extra_counts: Option<(usize, usize)>,
+    /// The vertex colors that ZBrush writes in comments.
     painted: Vec<Rgb>,
     texture: Vec<[f64; 2]>,
     normals: Vec<[f64; 3]>,
     faces: FaceList,
-    /// The texture coordinate and the normal of each corner by their numbers, [`NONE`] where it has none.
+    /// For each corner the index of its texture coordinate, or [`NONE`]. `corner_normals` has the index of its normal, or [`NONE`].
     corner_texture: Vec<u32>,
     corner_normals: Vec<u32>,
-    /// The vertices of the face that is being read.
+    /// The vertices of the face that is currently being read.
     face: Vec<u32>,
-    /// Corners that name what stands further below: the line, the kind and the number.
+    /// Corners that refer to elements further below in the file: the line, the kind of element and the index.
     forward: Vec<(usize, usize, usize)>,
     /// The names of materials in the order in which they are first used.
     used: Vec<String>,
-    /// The place of each of them.
-    places: HashMap<String, u32>,
-    /// The place of the name of each face's material; the one behind the last line `usemtl` is the last one.
-    of_faces: Vec<u32>,
+    /// The index of each name in `used`.
+    name_indices: HashMap<String, u32>,
+    /// For each face the index of its material name.
+    face_names: Vec<u32>,
     current: Option<u32>,
-    /// The first words of lines that are left out, and how many there are of each.
+    /// The keywords of the ignored lines, each with the number of lines.
     left_out: BTreeMap<String, usize>,
 }
 
@@ -209,12 +208,12 @@ impl Reader {
             Some(b"v") => {
                 let (numbers, count) = numbers::<7>(words, 3, line)?;
                 self.positions.push(Point3::new(numbers[0], numbers[1], numbers[2]));
-                let behind = count - 3;
-                if behind > 0 {
-                    self.behind.push([numbers[3], numbers[4], numbers[5], numbers[6]]);
+                let extra = count - 3;
+                if extra > 0 {
+                    self.extra.push([numbers[3], numbers[4], numbers[5], numbers[6]]);
                 }
-                let (fewest, most) = self.counts.unwrap_or((behind, behind));
-                self.counts = Some((fewest.min(behind), most.max(behind)));
+                let (min, max) = self.extra_counts.unwrap_or((extra, extra));
+                self.extra_counts = Some((min.min(extra), max.max(extra)));
             }
             Some(b"vt") => {
                 let (numbers, _) = numbers::<2>(words, 1, line)?;
@@ -229,16 +228,16 @@ impl Reader {
                 let text = text.trim_ascii_start();
                 let name = String::from_utf8_lossy(&text[b"usemtl".len()..]).trim().to_owned();
                 let next = self.used.len() as u32;
-                let place = *self.places.entry(name.clone()).or_insert(next);
-                if place == next {
+                let index = *self.name_indices.entry(name.clone()).or_insert(next);
+                if index == next {
                     self.used.push(name);
                 }
-                self.current = Some(place);
+                self.current = Some(index);
             }
-            Some(word) if SILENT.contains(&word) => {}
+            Some(word) if IGNORED.contains(&word) => {}
             Some(word) => {
                 let word = excerpt(word);
-                // A file of something else has any number of words.
+                // The limit is necessary because a file of another format can have any number of different words.
                 if self.left_out.len() < 16 || self.left_out.contains_key(&word) {
                     *self.left_out.entry(word).or_default() += 1;
                 }
@@ -247,14 +246,14 @@ impl Reader {
         Ok(())
     }
 
-    /// Colors of vertices in their order, each eight hexadecimal digits: a mask, red, green, blue.
+    /// Reads the colors of vertices in the order of the vertices. A color has eight hexadecimal digits: for mask, red, green and blue.
     fn read_painted(&mut self, text: &[u8]) {
         fn byte(digits: &[u8]) -> Option<u8> {
             u8::from_str_radix(str::from_utf8(digits).ok()?, 16).ok()
         }
-        let color =
-            |entry: &[u8]| Some([byte(&entry[2..4])?, byte(&entry[4..6])?, byte(&entry[6..8])?]);
-        self.painted.extend(text.chunks_exact(8).map_while(color));
+        self.painted.extend(text.chunks_exact(8).map_while(|entry| {
+            Some([byte(&entry[2..4])?, byte(&entry[4..6])?, byte(&entry[6..8])?])
+        }));
     }
 
     fn read_face<'a>(
@@ -265,12 +264,12 @@ impl Reader {
         self.face.clear();
         let counts = [self.positions.len(), self.texture.len(), self.normals.len()];
         for corner in corners {
-            let wrong = || ObjError::Corner { line, text: excerpt(corner) };
+            let corner_error = || ObjError::Corner { line, text: excerpt(corner) };
             let mut parts = corner.split(|&byte| byte == b'/');
             let mut next = |kind: usize| match parts.next() {
                 None | Some(b"") => Ok(None),
-                Some(part) => match parse(part).ok_or_else(wrong)? {
-                    // Some programs write faces before what they name.
+                Some(part) => match parse(part).ok_or_else(corner_error)? {
+                    // Some programs write faces before the vertices of these faces.
                     index @ 1..0xffff_ffff if index as usize > counts[kind] => {
                         self.forward.push((line, kind, index as usize));
                         Ok(Some(index as usize - 1))
@@ -278,21 +277,21 @@ impl Reader {
                     index => resolve(index, KINDS[kind], counts[kind], line).map(Some),
                 },
             };
-            let vertex = next(0)?.ok_or_else(wrong)?;
+            let vertex = next(0)?.ok_or_else(corner_error)?;
             let (texture, normal) = (next(1)?, next(2)?);
             if parts.next().is_some() {
-                return Err(wrong());
+                return Err(corner_error());
             }
             self.face.push(vertex as u32);
             self.corner_texture.push(texture.map_or(NONE, |index| index as u32));
             self.corner_normals.push(normal.map_or(NONE, |index| index as u32));
         }
         let count = self.faces.push(&self.face);
-        self.of_faces.resize(self.of_faces.len() + count, self.current.unwrap_or(NONE));
+        self.face_names.resize(self.face_names.len() + count, self.current.unwrap_or(NONE));
         Ok(())
     }
 
-    /// The mesh, and what the user should know; `none` stands for the material of faces that have none.
+    /// Returns the mesh and the warnings. `none` is the material index that faces without a material get.
     fn finish(mut self, none: u32) -> Result<(Mesh, Vec<String>), ObjError> {
         if self.positions.is_empty() {
             return Err(ObjError::Empty);
@@ -308,23 +307,23 @@ impl Reader {
             1 => format!("a line `{word}` is left out"),
             more => format!("{more} lines `{word}` are left out"),
         }));
-        let finite = Finite::of(&mut self.positions);
+        let finite = FiniteMask::clear_non_finite(&mut self.positions);
         let colors = self.take_colors(&mut notes);
         let mesh = self.into_mesh(colors, none, &mut notes).map_err(ObjError::Mesh)?;
         let (mesh, left_out) = finite.mesh(mesh);
-        notes.extend(finite::doubt(left_out, "face"));
+        notes.extend(finite::left_out_note(left_out, "face"));
         Ok((mesh, notes))
     }
 
-    /// The colors of all vertices, if all have one.
+    /// Returns the colors of all vertices; `None` if a vertex has no color.
     fn take_colors(&mut self, notes: &mut Vec<String>) -> Option<Vec<Rgb>> {
-        let behind = std::mem::take(&mut self.behind);
-        let first = match self.counts {
+        let extra = std::mem::take(&mut self.extra);
+        let first = match self.extra_counts {
             Some((3, 3)) => 0,
-            // Four numbers are a weight before the color, or an opacity behind it, which is the same everywhere.
-            Some((4, 4)) if is_opacity(&behind) => 0,
+            // Four numbers are either a weight and a color, or a color and an opacity. An opacity is constant.
+            Some((4, 4)) if is_opacity(&extra) => 0,
             Some((4, 4)) => 1,
-            // A number alone is a weight, which polygons do not use.
+            // A single number is a weight, which is irrelevant for polygons.
             Some((_, 3..)) => {
                 notes.push("colors are left out: some vertices have none".to_owned());
                 return None;
@@ -343,12 +342,16 @@ impl Reader {
                 return None;
             }
         };
-        let channels = |numbers: &[f64; 4]| [0, 1, 2].map(|k| numbers[first + k]);
-        let all = behind.iter().flat_map(channels);
-        let range = colors::decide(self.color_range, all, false, ColorRange::To1, notes);
-        let color =
-            |numbers: &[f64; 4]| channels(numbers).map(|channel| colors::byte(range, channel));
-        Some(behind.iter().map(color).collect())
+        let colors: Vec<[f64; 3]> =
+            extra.iter().map(|numbers| [0, 1, 2].map(|k| numbers[first + k])).collect();
+        let channels = colors.iter().flatten().copied();
+        let range = colors::decide(self.color_range, channels, false, ColorRange::To1, notes);
+        Some(
+            colors
+                .into_iter()
+                .map(|color: [f64; 3]| color.map(|channel| colors::byte(range, channel)))
+                .collect(),
+        )
     }
 
     fn into_mesh(
@@ -359,36 +362,37 @@ impl Reader {
     ) -> Result<Mesh, MeshError> {
         let (faces, origins) = self.faces.finish()?;
         let mut mesh = Mesh::new(self.positions, faces)?;
-        if self.of_faces.windows(2).any(|pair| pair[0] != pair[1]) {
-            let of_faces = self.of_faces.iter().map(|&place| place.min(none));
-            mesh = mesh.with_face(MATERIAL, Attribute::Index(of_faces.collect()))?;
+        if self.face_names.windows(2).any(|pair| pair[0] != pair[1]) {
+            let face_names = self.face_names.iter().map(|&index| index.min(none));
+            mesh = mesh.with_face(MATERIAL_ATTRIBUTE, Attribute::Index(face_names.collect()))?;
         }
         if let Some(colors) = colors {
             mesh = mesh.with_vertex("color", Attribute::Color(colors.into()))?;
         }
         if !self.texture.is_empty() {
             let mut data = corner_data(&self.texture, &self.corner_texture, &origins, [0.0; 2]);
-            notes.extend(finite::mend(&mut data, "uv", "corner", |_| true));
-            mesh = with_corners(mesh, "uv", data, [0.0; 2], Attribute::Pair)?;
+            notes.extend(finite::replace_non_finite(&mut data, "uv", "corner", |_| true));
+            mesh = add_corner_data(mesh, "uv", data, [0.0; 2], Attribute::Pair)?;
         }
         if !self.normals.is_empty() {
             let mut data = corner_data(&self.normals, &self.corner_normals, &origins, [0.0; 3]);
-            notes.extend(finite::mend(&mut data, "normal", "corner", |_| true));
-            mesh = with_corners(mesh, "normal", data, [0.0; 3], Attribute::Vector)?;
+            notes.extend(finite::replace_non_finite(&mut data, "normal", "corner", |_| true));
+            mesh = add_corner_data(mesh, "normal", data, [0.0; 3], Attribute::Vector)?;
         }
         Ok(mesh)
     }
 }
 
-/// Whether the fourth numbers behind the vertices are opacities: all are the largest of their range, and the first ones are not.
-fn is_opacity(behind: &[[f64; 4]]) -> bool {
-    fn all(k: usize, behind: &[[f64; 4]]) -> bool {
-        behind.iter().all(|numbers| numbers[k] == behind[0][k])
+/// Returns true if the fourth number after the coordinates is an opacity. This is assumed if it is constantly 1 or 255, and the first
+/// number is not constant.
+fn is_opacity(extra: &[[f64; 4]]) -> bool {
+    fn is_constant(k: usize, extra: &[[f64; 4]]) -> bool {
+        extra.iter().all(|numbers| numbers[k] == extra[0][k])
     }
-    all(3, behind) && !all(0, behind) && [1.0, 255.0].contains(&behind[0][3])
+    is_constant(3, extra) && !is_constant(0, extra) && [1.0, 255.0].contains(&extra[0][3])
 }
 
-/// The data of the corners that were kept; `none` for a corner without.
+/// Returns the data of the remaining corners; `none` for corners without data.
 fn corner_data<T: Copy>(data: &[T], corners: &[u32], origins: &[usize], none: T) -> Vec<T> {
     origins
         .iter()
@@ -401,7 +405,7 @@ mod tests {
     use super::*;
     use crate::hostile;
 
-    /// A square of two triangles and a quad below it, in all ways to write a corner.
+    /// A square of two triangles, and a quad below it; the corners are written in all notations.
     const PATCH: &str = "# a comment\nmtllib a.mtl\no patch\nv 0 0 0\r\nv 1 0 0 # another\nv 1 1 0\nv 0 1 0 1.0\n\
         v 0 -1 0\nv 1 -1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1 0\nvn 0 0 1\ng upper\nusemtl paint\ns off\n\
         f 1/1/1 2/2/1 3/3/1\nf 1/1 3/3/1 \\\n  4/4/\nf -2//1 6//-1 2 \\\r\n1\nl 1 2 3\n";
@@ -411,7 +415,7 @@ mod tests {
         let mesh = read(PATCH.as_bytes()).unwrap();
         let faces = [&[0, 1, 2][..], &[0, 2, 3], &[4, 5, 1, 0]];
         assert_eq!(mesh.faces().iter().collect::<Vec<_>>(), faces);
-        // Vertices 0 and 1 have no texture coordinate at the quad.
+        // The quad has no texture coordinates at vertices 0 and 1.
         assert_eq!(
             mesh.corner().pairs("uv").unwrap()[3..7],
             [[0., 0.], [1., 1.], [0., 1.], [0., 0.]]
@@ -437,7 +441,7 @@ mod tests {
     }
 
     #[test]
-    fn dropped_corners_take_their_texture_coordinates_along() {
+    fn dropped_corners_drop_their_texture_coordinates() {
         let text = "v 0 0 0\nv 1 0 0\nv 1 1 0\nvt 0 0\nvt 1 0\nvt 9 9\nvt 1 1\nf 1/1 1/1 2/2 2/2 3/4\nf 1/1 1/1 2/2\n";
         let mesh = read(text.as_bytes()).unwrap();
         assert_eq!(mesh.faces().iter().collect::<Vec<_>>(), [[0, 1, 2]]);
@@ -451,16 +455,16 @@ mod tests {
     }
 
     #[test]
-    fn colors_are_read_in_whatever_range_they_are() {
+    fn colors_are_read_in_any_range() {
         fn colors(text: &str) -> (Option<Vec<[u8; 3]>>, Vec<String>) {
-            let (mesh, notes, _) = read_noted(text.as_bytes(), None).unwrap();
+            let (mesh, notes, _) = read_with_notes(text.as_bytes(), None).unwrap();
             (mesh.vertex().colors("color").map(|colors| colors.to_vec()), notes)
         }
         let expected = Some(vec![[255, 0, 0], [10, 200, 30]]);
-        let to_255 = "colors are read as from 0 to 255, as their largest number says; `colors: To255` or another range says otherwise";
+        let to_255 = "colors are read as 0 to 255, guessed from their largest value; set `colors: To255` or another range if that is wrong";
         for file in [
             "v 0 0 0 255 0 0\nv 1 0 0 10 200 30",
-            // A weight before them, and an opacity behind them.
+            // The next file has a weight before each color, the last one an opacity after it.
             "v 0 0 0 1.0 255 0 0\nv 1 0 0 1.0 10 200 30",
             "v 0 0 0 255 0 0 255\nv 1 0 0 10 200 30 255",
         ] {
@@ -473,20 +477,20 @@ mod tests {
     }
 
     #[test]
-    fn what_other_programs_write_is_read_and_what_is_left_out_is_told() {
+    fn variants_of_other_programs_are_read_and_ignored_lines_are_reported() {
         fn read(text: &str) -> (Mesh, Vec<String>) {
-            let (mesh, notes, _) = read_noted(text.as_bytes(), None).unwrap();
+            let (mesh, notes, _) = read_with_notes(text.as_bytes(), None).unwrap();
             (mesh, notes)
         }
         let tetrahedron =
             "v 0 0 0\nv 10 0 0\nv 0 20 0\nv 0 0 30\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
-        let (whole, notes) = read(tetrahedron);
-        assert_eq!((whole.faces().len(), &notes[..]), (4, &[][..]));
-        // Lines that end in CR alone, and faces before their vertices.
-        assert_eq!(read(&tetrahedron.replace('\n', "\r")), (whole.clone(), vec![]));
+        let (expected, notes) = read(tetrahedron);
+        assert_eq!((expected.faces().len(), &notes[..]), (4, &[][..]));
+        // The lines end in CR alone; in the second case the faces come before their vertices.
+        assert_eq!(read(&tetrahedron.replace('\n', "\r")), (expected.clone(), vec![]));
         let (vertices, faces) = tetrahedron.split_at(tetrahedron.find('f').unwrap());
-        assert_eq!(read(&format!("{faces}{vertices}")), (whole.clone(), vec![]));
-        // Thin faces, one that comes back to a vertex, and lines that are no mesh's.
+        assert_eq!(read(&format!("{faces}{vertices}")), (expected.clone(), vec![]));
+        // The file has degenerate faces, a face that visits a vertex twice, and lines that do not belong to a mesh.
         let (mesh, notes) =
             read(&format!("{tetrahedron}f 1 2\nf 3\nf 1 2 3 1 4 2\nl 1 2\np 1\np 2\nsurf 0 1\n"));
         assert_eq!(mesh.faces().len(), 6);
@@ -494,13 +498,13 @@ mod tests {
             notes,
             [
                 "2 faces are left out: they have fewer than three different corners",
-                "1 face meets a vertex twice, and is cut there",
+                "1 face visits a vertex twice and is cut there",
                 "a line `l` is left out",
                 "2 lines `p` are left out",
                 "a line `surf` is left out",
             ]
         );
-        // Normals and texture coordinates that are no numbers, in all spellings.
+        // The normals and texture coordinates are NaN or infinite, in all spellings.
         for nan in ["nan", "-nan(ind)", "1.#QNAN", "-1.#IND00", "inf", "-1.#INF"] {
             let text =
                 format!("{vertices}vn {nan} 0 1\nvn 0 0 1\nvt 0 {nan}\nf 1/1/1 2/1/2 3/1/2\n");
@@ -525,7 +529,7 @@ mod tests {
     }
 
     #[test]
-    fn files_that_lie_are_refused_with_their_line() {
+    fn invalid_files_are_rejected_with_their_line() {
         let vertices = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
         fn face(line: &str, vertices: &str) -> String {
             error(&format!("{vertices}{line}"))
@@ -540,13 +544,13 @@ mod tests {
             face("f -9223372036854775808 2 3", vertices),
             "line 4: there is no v -9223372036854775808 among the 3 so far"
         );
-        assert_eq!(error("v 0 0"), "line 1: 2 numbers, where there must be at least 3");
+        assert_eq!(error("v 0 0"), "line 1: expected at least 3 numbers, found 2");
         assert_eq!(error("v 0 0 z"), "line 1: `z` is not a number");
-        assert_eq!(error("nothing of the kind"), "there is no vertex in the file");
+        assert_eq!(error("nothing of the kind"), "the file has no vertices");
     }
 
     #[test]
     fn hostile_files_give_errors() {
-        hostile::survive(PATCH.as_bytes(), read);
+        hostile::check_no_panic(PATCH.as_bytes(), read);
     }
 }

@@ -1,11 +1,11 @@
 //! PCD 0.7, the point clouds of the Point Cloud Library: grids of points, with or without colors.
 //!
-//! Read in all three encodings, with fields of any type in any order. Written `binary`, with fields x y z as `float` and, if
-//! there are colors, `rgb` packed into a fourth one. Units and axes are the file's own; whoever reads it must know them.
+//! All three encodings are read, with fields of any type in any order. Files are written as `binary`, with the fields x y z as `float` and,
+//! if there are colors, a fourth field `rgb`. The file does not state units and axes, so the user of the reader must know them.
 
 use header::{Encoding, Field, Header, Scalar};
+use maquette_node::importers::{FileReader, InputFile};
 use maquette_node::pack::{FileFormat, NewFile};
-use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error;
 use maquette_value::parallel::*;
 use maquette_value::{Attribute, Points, RangeImage, Rgb};
@@ -13,137 +13,138 @@ use nalgebra::Point3;
 use thiserror::Error;
 
 use super::colors::{self, ColorRange};
-use super::finite::{self, Finite};
-use super::left_out;
+use super::finite::{self, FiniteMask};
+use super::losses;
 use super::rows::{fill_blocks, fill_column};
-use super::{At, TooFar, check_single, excerpt, most_memory, parse, real, words};
+use super::{
+    CoordinateOverflow, FilePosition, check_single, excerpt, max_memory, parse, parse_real, words,
+};
 
 mod header;
 mod lzf;
 
-/// Why bytes are not a grid of points in a PCD file.
+/// Error of reading points from a PCD file.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum PcdError {
-    /// Nothing at all.
+    /// The file is empty.
     #[error("the file is empty")]
     Empty,
-    /// The header lacks a line.
+    /// A line is missing in the header.
     #[error("the header has no line {keyword}")]
     Missing {
-        /// The line's first word.
+        /// The first word of the missing line.
         keyword: &'static str,
     },
-    /// A line of the header that begins with no known word.
-    #[error("line {line}: `{text}` is no keyword of a PCD header")]
+    /// A header line begins with an unknown keyword.
+    #[error("line {line}: `{text}` is not a keyword of a PCD header")]
     Keyword {
-        /// The line, from 1.
+        /// The number of the line, from 1.
         line: usize,
-        /// Its first word.
+        /// The first word of the line.
         text: String,
     },
-    /// A word that is not a possible value.
-    #[error("line {line}: `{text}` is not a possible value")]
+    /// A value in the file is invalid.
+    #[error("line {line}: `{text}` is not a valid value")]
     Value {
-        /// The line, from 1.
+        /// The number of the line, from 1.
         line: usize,
-        /// The word.
+        /// The word that is not a valid value.
         text: String,
     },
-    /// A line with too many or too few words.
-    #[error("line {line}: {found} values, where there must be {expected}")]
+    /// A line has too many or too few values.
+    #[error("line {line}: expected {expected} values, found {found}")]
     Count {
-        /// The line, from 1.
+        /// The number of the line, from 1.
         line: usize,
-        /// Values in it.
+        /// The number of values in the line.
         found: usize,
-        /// Values that there must be.
+        /// The expected number of values.
         expected: usize,
     },
-    /// No coordinates.
+    /// The points lack a coordinate.
     #[error("the points have no field {name}")]
     NoField {
-        /// The missing field.
+        /// The name of the missing field.
         name: &'static str,
     },
-    /// A list of points instead of a grid.
+    /// The points are a list instead of a grid.
     #[error(
         "line {line}: HEIGHT is 1: the {width} points are a list, not the rows of a grid (the cloud is not organized)"
     )]
     NotOrganised {
-        /// The line, from 1.
+        /// The number of the line with the height, from 1.
         line: usize,
-        /// Points in the list.
+        /// The number of points in the list.
         width: usize,
     },
-    /// A size that is 0 or cannot be counted.
-    #[error("line {line}: the size is 0, or too large for any file")]
+    /// The number of rows or columns is 0, or their product is too large to count.
+    #[error("line {line}: the size is 0 or too large")]
     TooLarge {
-        /// The line, from 1.
+        /// The number of the line, from 1.
         line: usize,
     },
-    /// A number of points that contradicts the size.
+    /// The number of points differs from width x height.
     #[error("line {line}: POINTS is {points}, but the grid is {width} x {height}")]
     Points {
-        /// The line, from 1.
+        /// The number of the line, from 1.
         line: usize,
-        /// What POINTS says.
+        /// The value of POINTS.
         points: usize,
-        /// What WIDTH says.
+        /// The value of WIDTH.
         width: usize,
-        /// What HEIGHT says.
+        /// The value of HEIGHT.
         height: usize,
     },
-    /// Fewer data than the header promises.
-    #[error("{at}: the data end too early: {found} bytes, where at least {expected} are needed")]
+    /// The file has fewer bytes of data than the header states.
+    #[error("{at}: expected at least {expected} bytes of data, found {found}")]
     CutOff {
-        /// Where the data begin.
-        at: At,
-        /// Bytes that are there.
+        /// The position at which the data start.
+        at: FilePosition,
+        /// The number of bytes in the data.
         found: usize,
-        /// Bytes that the header promises.
+        /// The expected number of bytes.
         expected: usize,
     },
-    /// Fewer lines of points than the header promises.
-    #[error("line {line}: {found} points follow, where there must be {expected}")]
+    /// The file has fewer points than the header states.
+    #[error("line {line}: expected {expected} points, found {found}")]
     TooFew {
-        /// Where the points begin: the line, from 1.
+        /// The number of the first line with points, from 1.
         line: usize,
-        /// Points that are there.
+        /// The number of points in the file.
         found: usize,
-        /// Points that the header promises.
+        /// The expected number of points.
         expected: usize,
     },
-    /// Compressed points that take too much memory.
+    /// The compressed points would take too much memory.
     #[error(
-        "{width} x {height} points would take more than {most} bytes of memory: write them uncompressed, as `DATA binary`"
+        "{width} x {height} points would take more than {limit} bytes of memory: write them uncompressed, as `DATA binary`"
     )]
-    TooMuch {
-        /// What WIDTH says.
+    TooManyPoints {
+        /// The value of WIDTH.
         width: usize,
-        /// What HEIGHT says.
+        /// The value of HEIGHT.
         height: usize,
-        /// Bytes that reading them may take.
-        most: usize,
+        /// The maximum memory, in bytes.
+        limit: usize,
     },
-    /// Compressed data that contradict the header or themselves.
+    /// The compressed data are invalid.
     #[error("byte {byte}: {what}")]
     Compressed {
-        /// The byte, from 0.
+        /// The position of the invalid byte, from 0.
         byte: usize,
-        /// What is wrong.
+        /// The description of the error.
         what: &'static str,
     },
 }
 
-/// The grid of points in a PCD file. A cell is invalid if a coordinate is NaN or infinite, or z is 0.
+/// Reads a PCD file whose points are organized as a grid. A cell is invalid if a coordinate is NaN or infinite, or z is 0.
 ///
-/// # Errors
-/// If the bytes are not a PCD file, its points are not organized as a grid, or it ends too early.
+/// Returns an error if the bytes are not a PCD file, its points are not organized as a grid, or the file is truncated.
 pub fn read(bytes: &[u8]) -> Result<RangeImage, PcdError> {
     Ok(read_range(bytes)?.0)
 }
 
-/// The range image of an organized PCD file, with warnings about fields that are left out.
+/// Reads the range image of an organized PCD file. Also returns warnings about fields that are left out.
 pub(super) fn read_range(bytes: &[u8]) -> Result<(RangeImage, Vec<String>), PcdError> {
     let header = header::read(bytes)?;
     if header.height == 1 {
@@ -160,155 +161,178 @@ pub(super) fn read_range(bytes: &[u8]) -> Result<(RangeImage, Vec<String>), PcdE
     let normal = header.normal.map(|_| "normal").into_iter();
     let channels = header.channels.filter(|_| header.color.is_none()).map(|_| "r g b").into_iter();
     let others = header.others.iter().map(|(name, _)| &name[..]);
-    let notes = left_out::of_range(normal.chain(channels).chain(others));
+    let notes = losses::range_warning(normal.chain(channels).chain(others));
     Ok((range, notes.into_iter().collect()))
 }
 
-/// The points of a PCD file, organized or not, with their colors (`rgb`, or `r g b`) and normals (`normal_x normal_y normal_z`, or `nx ny nz`); all other
-/// fields become numbers of their names. And what the user should know of what is left out or understood in one of several ways.
+/// Reads the points of a PCD file, organized as a grid or not, with their colors (`rgb`, or `r g b`) and normals
+/// (`normal_x normal_y normal_z`, or `nx ny nz`). Each other field becomes a number attribute with the name of the field. Also returns
+/// warnings about data that are left out or ambiguous.
 fn read_points(bytes: &[u8], range: Option<ColorRange>) -> Result<(Points, Vec<String>), PcdError> {
     let header = header::read(bytes)?;
-    let (mut places, colors) = cells(&header, bytes, Point3::from)?;
-    let finite = Finite::of(&mut places);
-    let mut notes = Vec::from_iter(finite::doubt(finite.n_left_out(), "point"));
+    let (mut positions, colors) = cells(&header, bytes, Point3::from)?;
+    let finite = FiniteMask::clear_non_finite(&mut positions);
+    let mut notes: Vec<_> =
+        finite::left_out_note(finite.n_left_out(), "point").into_iter().collect();
     if header.has_viewpoint {
         notes.push(
-            "VIEWPOINT is left out: points are read at the places that the file has for them"
-                .to_owned(),
+            "VIEWPOINT is ignored: points are read with the coordinates in the file".to_owned(),
         );
     }
-    let mut points = Points::new(places).expect("places are finite");
-    let of_each = "an entry was read for each point";
-    fn three(
+    let mut points = Points::new(positions).expect("places are finite");
+    let has_entry_per_point = "an entry was read for each point";
+    fn read_triple(
         fields: [Field; 3],
         header: &Header,
         bytes: &[u8],
     ) -> Result<Vec<Point3<f64>>, PcdError> {
-        let only = Header { place: fields, color: None, others: Vec::new(), ..*header };
+        let only = Header { position: fields, color: None, others: Vec::new(), ..*header };
         Ok(cells(&only, bytes, Point3::from)?.0)
     }
     if header.color.is_some() {
-        points = points.with_attribute("color", Attribute::Color(colors.into())).expect(of_each);
+        points = points
+            .with_attribute("color", Attribute::Color(colors.into()))
+            .expect(has_entry_per_point);
     } else if let Some(fields) = header.channels {
-        let channels = three(fields, &header, bytes)?;
-        let all = || channels.iter().flat_map(|color| color.iter().copied());
-        let are_whole = all().all(|channel| channel.fract() == 0.0);
-        let range = colors::decide(range, all(), are_whole, ColorRange::To255, &mut notes);
+        let channels = read_triple(fields, &header, bytes)?;
+        let all = channels.iter().flat_map(|color| color.iter().copied());
+        let are_whole = all.clone().all(|channel| channel.fract() == 0.0);
+        let range = colors::decide(range, all, are_whole, ColorRange::To255, &mut notes);
         let colors = channels
             .iter()
             .map(|color| [color.x, color.y, color.z].map(|channel| colors::byte(range, channel)))
             .collect();
-        points = points.with_attribute("color", Attribute::Color(colors)).expect(of_each);
+        points =
+            points.with_attribute("color", Attribute::Color(colors)).expect(has_entry_per_point);
     }
     if let Some(fields) = header.normal {
-        // Who could not tell a normal wrote NaN.
-        let mut normals: Vec<_> =
-            three(fields, &header, bytes)?.iter().map(|normal| normal.coords.into()).collect();
-        notes.extend(finite::mend(&mut normals, "normal", "point", |index| finite.contains(index)));
-        points = points.with_attribute("normal", Attribute::Vector(normals.into())).expect(of_each);
+        // Programs write NaN for a missing normal.
+        let mut normals: Vec<_> = read_triple(fields, &header, bytes)?
+            .iter()
+            .map(|normal| normal.coords.into())
+            .collect();
+        notes.extend(finite::replace_non_finite(&mut normals, "normal", "point", |index| {
+            finite.contains(index)
+        }));
+        points = points
+            .with_attribute("normal", Attribute::Vector(normals.into()))
+            .expect(has_entry_per_point);
     }
     for some in header.others.chunks(3) {
-        let numbers =
-            three([0, 1, 2].map(|k: usize| some.get(k).unwrap_or(&some[0]).1), &header, bytes)?;
+        let numbers = read_triple(
+            [0, 1, 2].map(|k: usize| some.get(k).unwrap_or(&some[0]).1),
+            &header,
+            bytes,
+        )?;
         for (k, (name, _)) in some.iter().enumerate() {
             let column = numbers.iter().map(|numbers| numbers[k]).collect();
-            points = points.with_attribute(name, Attribute::Number(column)).expect(of_each);
+            points =
+                points.with_attribute(name, Attribute::Number(column)).expect(has_entry_per_point);
         }
     }
     Ok((finite.points(points), notes))
 }
 
-/// All points and colors; `place` makes a point of three coordinates.
+/// Reads all points and colors. `to_point` converts three coordinates to a point.
 fn cells(
     header: &Header,
     bytes: &[u8],
-    place: impl Fn([f64; 3]) -> Point3<f64> + Sync,
+    to_point: impl Fn([f64; 3]) -> Point3<f64> + Sync,
 ) -> Result<(Vec<Point3<f64>>, Vec<Rgb>), PcdError> {
     let body = &bytes[header.start..];
     match header.encoding {
-        Encoding::Ascii => ascii(header, body, place),
+        Encoding::Ascii => ascii(header, body, to_point),
         Encoding::Binary => {
             need(header, body, header.width * header.height * header.stride)?;
             Ok(gather(
                 header,
                 |index: usize, field| &body[index * header.stride + field.offset..],
-                place,
+                to_point,
             ))
         }
         Encoding::Compressed => {
             let columns = unpack(header, body)?;
             let count = header.width * header.height;
-            let column =
-                |index, field: &Field| &columns[field.offset * count + index * field.bytes..];
-            Ok(gather(header, column, place))
+            Ok(gather(
+                header,
+                |index, field| &columns[field.offset * count + index * field.bytes..],
+                to_point,
+            ))
         }
     }
 }
 
-/// Checks that `body` holds at least this many bytes, before memory is reserved for the points.
+/// Checks that `body` has at least `expected` bytes. This is done before memory is reserved for the points.
 fn need(header: &Header, body: &[u8], expected: usize) -> Result<(), PcdError> {
     if body.len() < expected {
         let at = match header.encoding {
-            Encoding::Ascii => At::Line(header.start_line),
-            Encoding::Binary | Encoding::Compressed => At::Byte(header.start),
+            Encoding::Ascii => FilePosition::Line(header.start_line),
+            Encoding::Binary | Encoding::Compressed => FilePosition::Byte(header.start),
         };
         return Err(PcdError::CutOff { at, found: body.len(), expected });
     }
     Ok(())
 }
 
-/// The columns of a compressed body: all of the first field, then all of the second, and so on.
+/// Unpacks a compressed body. It is stored by columns: all values of the first field, then all of the second, and so on.
 fn unpack(header: &Header, body: &[u8]) -> Result<Vec<u8>, PcdError> {
-    let cut_off =
-        |found, expected| PcdError::CutOff { at: At::Byte(header.start), found, expected };
-    let (sizes, rest) = body.split_first_chunk::<8>().ok_or(cut_off(body.len(), 8))?;
+    let truncated = |found, expected| PcdError::CutOff {
+        at: FilePosition::Byte(header.start),
+        found,
+        expected,
+    };
+    let (sizes, rest) = body.split_first_chunk::<8>().ok_or(truncated(body.len(), 8))?;
     let [packed, unpacked] =
-        [0, 4].map(|at| u32::from_le_bytes(header::first(&sizes[at..])) as usize);
+        [0, 4].map(|at| u32::from_le_bytes(header::first_bytes(&sizes[at..])) as usize);
     if unpacked != header.width * header.height * header.stride {
-        let what = "the size of the data is not that of the points in the header";
+        let what = "the size of the data does not match the points in the header";
         return Err(PcdError::Compressed { byte: header.start + 4, what });
     }
     let (width, height) = (header.width, header.height);
-    let most = most_memory(body.len());
+    let limit = max_memory(body.len());
     let per_point = header.stride.saturating_add(size_of::<Point3<f64>>() + size_of::<Rgb>());
-    if most / per_point < width * height {
-        return Err(PcdError::TooMuch { width, height, most });
+    if limit / per_point < width * height {
+        return Err(PcdError::TooManyPoints { width, height, limit });
     }
-    let stream = rest.get(..packed).ok_or(cut_off(body.len(), packed.saturating_add(8)))?;
-    lzf::unpack(stream, unpacked).map_err(|broken| PcdError::Compressed {
-        byte: header.start + 8 + broken.byte,
-        what: broken.what,
+    let stream = rest.get(..packed).ok_or(truncated(body.len(), packed.saturating_add(8)))?;
+    lzf::unpack(stream, unpacked).map_err(|error| PcdError::Compressed {
+        byte: header.start + 8 + error.byte,
+        what: error.what,
     })
 }
 
-/// All points and colors; `bytes` gives where the field of a point begins.
+/// Reads all points and colors. `bytes` returns the bytes of a point, beginning at a field.
 fn gather<'a>(
     header: &Header,
     bytes: impl Fn(usize, &Field) -> &'a [u8] + Sync,
     point: impl Fn([f64; 3]) -> Point3<f64> + Sync,
 ) -> (Vec<Point3<f64>>, Vec<Rgb>) {
     let cells = || (0..header.width * header.height).into_par_iter().with_min_len(BLOCK);
-    let place = &header.place;
-    let single = |index, field| f64::from(f32::from_le_bytes(header::first(bytes(index, field))));
-    // Most files have single precision; knowing it before the loop makes the loop some 5 times faster.
-    let points = if place.iter().all(|field| field.scalar == Scalar::F32) {
-        cells().map(|index| point(place.each_ref().map(|field| single(index, field)))).collect()
+    let position = &header.position;
+    let single =
+        |index, field| f64::from(f32::from_le_bytes(header::first_bytes(bytes(index, field))));
+    // Most files have single precision. Testing for it before the loop makes the loop about 5 times faster.
+    let points = if position.iter().all(|field| field.scalar == Scalar::F32) {
+        cells().map(|index| point(position.each_ref().map(|field| single(index, field)))).collect()
     } else {
-        let coordinate = |index, field: &Field| field.scalar.read(bytes(index, field));
-        cells().map(|index| point(place.each_ref().map(|field| coordinate(index, field)))).collect()
+        cells()
+            .map(|index| {
+                point(position.each_ref().map(|field| field.scalar.read(bytes(index, field))))
+            })
+            .collect()
     };
     (
         points,
         header.color.as_ref().map_or_else(Vec::new, |field| {
-            cells().map(|index| unpack_color(header::first(bytes(index, field)))).collect()
+            cells().map(|index| unpack_color(header::first_bytes(bytes(index, field)))).collect()
         }),
     )
 }
 
-/// Cells that one task reads.
+/// The number of cells per parallel task.
 const BLOCK: usize = 8192;
 
-/// A sensor that sees nothing says NaN or zero depth.
+/// Converts coordinates to a point; a point with zero depth becomes NaN. Sensors write NaN or zero depth for missing measurements.
 fn valid_point([x, y, z]: [f64; 3]) -> Point3<f64> {
     if z == 0.0 { Point3::new(f64::NAN, f64::NAN, f64::NAN) } else { Point3::new(x, y, z) }
 }
@@ -317,25 +341,25 @@ fn unpack_color([blue, green, red, _]: [u8; 4]) -> Rgb {
     [red, green, blue]
 }
 
-/// The points of an ascii body, one a line.
+/// Reads the points of an ASCII body, one per line.
 fn ascii(
     header: &Header,
     body: &[u8],
     point: impl Fn([f64; 3]) -> Point3<f64>,
 ) -> Result<(Vec<Point3<f64>>, Vec<Rgb>), PcdError> {
     let count = header.width * header.height;
-    // Each number takes a digit and a blank, but the last line may lack its end.
+    // Each number takes at least a digit and a blank, but the blank after the last number may be missing.
     need(header, body, count.saturating_mul(header.numbers).saturating_mul(2) - 1)?;
     let mut points = Vec::with_capacity(count);
     let mut colors = Vec::new();
     let lines = body.split(|&byte| byte == b'\n').zip(header.start_line..);
     for (text, line) in lines.filter(|(text, _)| words(text).next().is_some()).take(count) {
-        let numbers = Vec::from_iter(words(text));
+        let numbers: Vec<_> = words(text).collect();
         if numbers.len() != header.numbers {
             let (found, expected) = (numbers.len(), header.numbers);
             return Err(PcdError::Count { line, found, expected });
         }
-        let [x, y, z] = header.place.map(|field| number(&field, numbers[field.index], line));
+        let [x, y, z] = header.position.map(|field| number(&field, numbers[field.index], line));
         points.push(point([x?, y?, z?]));
         if let Some(field) = &header.color {
             colors.push(color(field, numbers[field.index], line)?);
@@ -350,17 +374,17 @@ fn ascii(
 
 fn number(field: &Field, word: &[u8], line: usize) -> Result<f64, PcdError> {
     let number = match field.scalar {
-        // Single precision is read as such: twice rounded is not always rightly rounded.
-        Scalar::F32 => real::<f32>(word).map(f64::from),
-        _ => real(word),
+        // Single-precision numbers are parsed as such, because rounding twice can differ from rounding once.
+        Scalar::F32 => parse_real::<f32>(word).map(f64::from),
+        _ => parse_real(word),
     };
     number.ok_or_else(|| PcdError::Value { line, text: excerpt(word) })
 }
 
 fn color(field: &Field, word: &[u8], line: usize) -> Result<Rgb, PcdError> {
     let bits = match field.scalar {
-        // A packed color that is a NaN has lost its bits in a text.
-        Scalar::F32 => real::<f32>(word).map(|x| if x.is_nan() { 0 } else { x.to_bits() }),
+        // A packed color that was written as a NaN has lost its bits.
+        Scalar::F32 => parse_real::<f32>(word).map(|x| if x.is_nan() { 0 } else { x.to_bits() }),
         Scalar::I32 => parse::<i32>(word).map(|bits| bits as u32),
         _ => parse(word),
     };
@@ -368,53 +392,52 @@ fn color(field: &Field, word: &[u8], line: usize) -> Result<Rgb, PcdError> {
     Ok(unpack_color(bits.to_le_bytes()))
 }
 
-/// Reads points, of a grid, too.
+/// Reads points, whether they are organized as a grid or not.
 pub(super) struct PointsPcd;
 
 impl FileReader for PointsPcd {
     type Value = Points;
-    const ENDINGS: &'static [&'static str] = &["pcd"];
+    const EXTENSIONS: &'static [&'static str] = &["pcd"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_READ;
 
-    fn read(file: &Reading<'_>) -> Result<Points, error::Error> {
+    fn read(file: &InputFile<'_>) -> Result<Points, error::Error> {
         let (points, notes) = read_points(file.bytes(), file.color_range())?;
-        notes.into_iter().for_each(|note| file.doubt(note));
+        notes.into_iter().for_each(|note| file.warn(note));
         Ok(points)
     }
 }
 
-/// Writes a range image as a binary PCD file: single precision, NaN where a cell is invalid.
+/// Writes a range image as a binary PCD file, in single precision, with NaN for invalid cells.
 pub(super) struct RangePcd;
 
 impl FileFormat for RangePcd {
     type Value = RangeImage;
-    const ENDING: &'static str = "pcd";
+    const EXTENSION: &'static str = "pcd";
 
     fn write(range: &RangeImage, name: &str) -> Result<Vec<NewFile>, error::Error> {
-        Ok(NewFile::only(name, encode(range)?))
+        Ok(NewFile::single(name, encode(range)?))
     }
 }
 
-/// The range image as a binary PCD file: single precision, NaN where a cell is invalid.
+/// Encodes a range image as a binary PCD file, in single precision, with NaN for invalid cells.
 ///
-/// # Errors
-/// If a point is where single precision cannot tell.
-pub fn encode(range: &RangeImage) -> Result<Vec<u8>, TooFar> {
+/// Returns an error if a coordinate is too large for single precision.
+pub fn encode(range: &RangeImage) -> Result<Vec<u8>, CoordinateOverflow> {
     check_single("cell", range.points())?;
     let (width, height) = (range.width(), range.height());
     let (names, per_field) = match range.colors() {
         Some(_) => ("x y z rgb", 4),
         None => ("x y z", 3),
     };
-    fn repeated(word: &str, per_field: usize) -> String {
+    fn repeat_word(word: &str, per_field: usize) -> String {
         vec![word; per_field].join(" ")
     }
     let header = format!(
         "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS {names}\nSIZE {}\nTYPE {}\nCOUNT {}\n\
          WIDTH {width}\nHEIGHT {height}\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {}\nDATA binary\n",
-        repeated("4", per_field),
-        repeated("F", per_field),
-        repeated("1", per_field),
+        repeat_word("4", per_field),
+        repeat_word("F", per_field),
+        repeat_word("1", per_field),
         range.points().len(),
     );
     let stride = 4 * per_field;
@@ -449,7 +472,7 @@ mod tests {
     const ODD_FIELDS: &[u8] = include_bytes!("../../tests/data/formats/odd_fields.pcd");
     const GRID: &str = include_str!("../../tests/data/formats/grid.json");
 
-    /// The points that every file holds; None for a hole.
+    /// The points that all test files contain; `None` for a hole.
     fn grid() -> Vec<Option<[f64; 3]>> {
         let grid: serde_json::Value = serde_json::from_str(GRID).unwrap();
         let rows: Vec<Vec<Option<[f64; 3]>>> = serde_json::from_value(grid["xyz"].clone()).unwrap();
@@ -478,7 +501,7 @@ mod tests {
     }
 
     #[test]
-    fn a_grid_that_was_written_reads_the_same() {
+    fn a_written_grid_is_read_back() {
         for file in [BINARY, NO_COLOR] {
             let range = read(file).unwrap();
             let again = read(&encode(&range).unwrap()).unwrap();
@@ -494,7 +517,7 @@ mod tests {
         assert_eq!(points(&read(file).unwrap()), [None, Some([1.0, 2.0, 3.0])]);
     }
 
-    /// The error of a header with one line replaced.
+    /// Replaces a text in the header of a valid file. Returns the resulting error.
     fn error(from: &str, to: &str) -> String {
         let text = String::from_utf8(ASCII.to_vec()).unwrap();
         assert!(text.contains(from));
@@ -502,32 +525,32 @@ mod tests {
     }
 
     #[test]
-    fn headers_that_lie_are_refused_with_their_line() {
+    fn invalid_headers_are_rejected_with_their_line() {
         assert_eq!(
             error("WIDTH 8\nHEIGHT 6", "WIDTH 48\nHEIGHT 1"),
             "line 8: HEIGHT is 1: the 48 points are a list, not the rows of a grid (the cloud is not organized)"
         );
         assert_eq!(error("POINTS 48", "POINTS 47"), "line 10: POINTS is 47, but the grid is 8 x 6");
         assert_eq!(error("WIDTH 8", "WIDTH 9"), "line 10: POINTS is 48, but the grid is 9 x 6");
-        assert_eq!(error("SIZE 4 4 4 4", "SIZE 4 4 4"), "line 4: 3 values, where there must be 4");
-        assert_eq!(error("SIZE 4", "SIZE 3"), "line 5: `F of 3 bytes` is not a possible value");
+        assert_eq!(error("SIZE 4 4 4 4", "SIZE 4 4 4"), "line 4: expected 4 values, found 3");
+        assert_eq!(error("SIZE 4", "SIZE 3"), "line 5: `F of 3 bytes` is not a valid value");
         assert_eq!(error("FIELDS x", "FIELDS a"), "the points have no field x");
-        assert_eq!(error("WIDTH", "BREADTH"), "line 7: `BREADTH` is no keyword of a PCD header");
-        assert_eq!(error("DATA ascii", "DATA morse"), "line 11: `morse` is not a possible value");
+        assert_eq!(error("WIDTH", "BREADTH"), "line 7: `BREADTH` is not a keyword of a PCD header");
+        assert_eq!(error("DATA ascii", "DATA morse"), "line 11: `morse` is not a valid value");
         assert_eq!(
             error("WIDTH 8\nHEIGHT 6\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 48", "WIDTH 8\nHEIGHT 7"),
-            "line 10: 48 points follow, where there must be 56"
+            "line 10: expected 56 points, found 48"
         );
         let huge = error("WIDTH 8", "WIDTH 18446744073709551615");
-        assert_eq!(huge, "line 7: the size is 0, or too large for any file");
+        assert_eq!(huge, "line 7: the size is 0 or too large");
     }
 
     #[test]
-    fn a_grid_that_is_promised_but_not_there_takes_no_memory() {
+    fn a_missing_grid_takes_no_memory() {
         for (encoding, expected) in [
-            ("ascii", "line 7: the data end too early: 5 bytes, where at least 5999999999999 are"),
-            ("binary", "byte 76: the data end too early: 5 bytes, where at least 12000000000000"),
-            ("binary_compressed", "byte 87: the data end too early: 5 bytes, where at least 8 are"),
+            ("ascii", "line 7: expected at least 5999999999999 bytes of data, found 5"),
+            ("binary", "byte 76: expected at least 12000000000000 bytes of data, found 5"),
+            ("binary_compressed", "byte 87: expected at least 8 bytes of data, found 5"),
         ] {
             let file = format!(
                 "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1000000\nHEIGHT 1000000\nDATA {encoding}\n1 2 3"
@@ -538,11 +561,11 @@ mod tests {
     }
 
     #[test]
-    fn a_small_file_of_very_many_packed_points_is_refused() {
+    fn a_small_file_that_unpacks_to_very_many_points_is_rejected() {
         let header = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 10000\nHEIGHT 5000\nDATA binary_compressed\n";
         let (packed, unpacked) = (8_000_000u32, 600_000_000u32);
         let mut file = [header.as_bytes(), &packed.to_le_bytes(), &unpacked.to_le_bytes()].concat();
-        // One byte and copies of it.
+        // The compressed data are one byte, followed by copies of it.
         file.extend([0, 0]);
         file.extend([7 << 5, 255, 0].repeat(packed as usize / 3 - 1));
         file.resize(header.len() + 8 + packed as usize, 0);
@@ -551,7 +574,7 @@ mod tests {
     }
 
     #[test]
-    fn a_list_of_points_is_read_with_colors_and_normals_and_without_what_is_nowhere() {
+    fn a_list_of_points_is_read_without_points_that_are_not_finite() {
         let file = b"FIELDS x y z rgb normal_x normal_y normal_z\nSIZE 4 4 4 4 4 4 4\nTYPE F F F U F F F\nWIDTH 3\nHEIGHT 1\n\
             DATA ascii\n1 2 0 65280 0 0 1\nnan 0 0 0 0 0 1\n4 5 6 255 nan nan nan\n";
         let (points, notes) = read_points(file, None).unwrap();
@@ -564,15 +587,15 @@ mod tests {
         );
         assert_eq!(points.attributes().colors("color").unwrap()[..], [[0, 255, 0], [0, 0, 255]]);
         assert_eq!(points.attributes().vectors("normal").unwrap()[..], [[0.0, 0.0, 1.0], [0.0; 3]]);
-        let file = Reading::alone("a.pcd", file);
+        let file = InputFile::standalone("a.pcd", file);
         PointsPcd::read(&file).unwrap();
-        assert_eq!(file.doubts(), [left_out, no_normal]);
+        assert_eq!(file.warnings(), [left_out, no_normal]);
         let holes = grid().iter().filter(|point| point.is_none()).count();
         assert_eq!(read_points(COMPRESSED, None).unwrap().0.positions().len(), 48 - holes);
     }
 
     #[test]
-    fn fields_of_any_name_become_numbers_and_fillers_none() {
+    fn other_fields_become_numbers_and_padding_is_ignored() {
         let file = b"FIELDS x y z r g b _ ring histogram nx ny nz\nSIZE 4 4 4 1 1 1 1 2 4 4 4 4\nTYPE F F F U U U U U F F F F\nCOUNT 1 1 1 1 1 1 2 1 2 1 1 1\n\
             WIDTH 2\nHEIGHT 1\nVIEWPOINT 0 0 5 1 0 0 0\nDATA ascii\n1 2 0 255 0 0 9 9 7 .5 .25 0 0 1\n3 4 5 10 20 30 9 9 8 1 2 0 1 0\n";
         let (points, notes) = read_points(file, None).unwrap();
@@ -592,14 +615,14 @@ mod tests {
     }
 
     #[test]
-    fn an_empty_file_is_said_to_be_empty() {
+    fn an_empty_file_gives_an_error() {
         assert_eq!(read(b"").unwrap_err().to_string(), "the file is empty");
     }
 
     #[test]
     fn hostile_files_give_errors() {
         for file in [ASCII, BINARY, COMPRESSED, ODD_FIELDS] {
-            hostile::survive(file, |bytes| read(bytes).map(|range| range.n_valid()));
+            hostile::check_no_panic(file, |bytes| read(bytes).map(|range| range.n_valid()));
         }
     }
 }

@@ -1,5 +1,5 @@
-//! Pictures, whatever file they are in: PNG, JPEG, TIFF, WebP, BMP, OpenEXR, Radiance HDR. The content says which, not the
-//! file's name.
+//! Reads pictures in any supported format: PNG, JPEG, TIFF, WebP, BMP, OpenEXR, Radiance HDR. The format is detected from the content, not
+//! from the file name.
 
 use std::io::Cursor;
 
@@ -7,7 +7,7 @@ use ::image::codecs::bmp::BmpDecoder;
 use ::image::codecs::hdr::HdrDecoder;
 use ::image::codecs::openexr::OpenExrDecoder;
 use ::image::codecs::webp::WebPDecoder;
-use maquette_node::reading::{FileReader, Reading};
+use maquette_node::importers::{FileReader, InputFile};
 use maquette_value::{Image, Mask, Mesh, Rgb};
 use thiserror::Error;
 
@@ -15,37 +15,33 @@ use super::decoder::{DecodeError, File};
 pub use super::picture_kind::Kind;
 use super::{camera, excerpt, exif, jpeg, png, tiff};
 
-/// Why bytes are not a picture.
+/// Error of reading a picture.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum PictureError {
-    /// A damaged PNG file.
+    /// The PNG file is invalid.
     #[error(transparent)]
     Png(#[from] png::PngError),
-    /// A damaged JPEG file.
+    /// The JPEG file is invalid.
     #[error(transparent)]
     Jpeg(#[from] jpeg::JpegError),
-    /// A damaged TIFF file, or a kind of it that is not read.
+    /// The TIFF file is invalid, or its kind of picture is not supported.
     #[error(transparent)]
     Tiff(#[from] tiff::TiffError),
-    /// A damaged file of another format, or a picture that is too large.
+    /// A file in one of the other formats is invalid, or its picture is too large.
     #[error(transparent)]
     Other(#[from] DecodeError),
-    /// Something else.
-    #[error(
-        "byte 0: the file begins with `{text}`: this is no PNG, JPEG, TIFF, WebP, BMP, EXR or HDR picture"
-    )]
+    /// The format is unknown.
+    #[error("byte 0: expected a PNG, JPEG, TIFF, WebP, BMP, EXR or HDR picture, found `{text}`")]
     Unknown {
-        /// How it begins.
+        /// The first bytes of the file.
         text: String,
     },
 }
 
-/// The mesh with the picture that its file names, if the picture is there and the mesh has texture coordinates; else the user is told.
-pub(super) fn on_mesh(mesh: Mesh, name: &str, file: &Reading<'_>) -> Mesh {
+/// Adds the picture `name` to a mesh. If the picture cannot be loaded, or the mesh has no texture coordinates, adds a warning instead.
+pub(super) fn on_mesh(mesh: Mesh, name: &str, file: &InputFile<'_>) -> Mesh {
     if mesh.vertex().pairs("uv").is_none() && mesh.corner().pairs("uv").is_none() {
-        file.doubt(format!(
-            "the picture `{name}` is left out: the mesh has no texture coordinates"
-        ));
+        file.warn(format!("the picture `{name}` is left out: the mesh has no texture coordinates"));
         return mesh;
     }
     let image = file
@@ -54,51 +50,63 @@ pub(super) fn on_mesh(mesh: Mesh, name: &str, file: &Reading<'_>) -> Mesh {
     match image {
         Ok(image) => mesh.with_texture(Some(image)),
         Err(why) => {
-            file.doubt(format!("{why}: the mesh comes without its picture"));
+            file.warn(format!("{why}: the mesh comes without its picture"));
             mesh
         }
     }
 }
 
-/// The picture in a file of any of these formats, as 8-bit sRGB. Of a film in WebP, the first picture.
+/// Reads a picture in any supported format as 8-bit sRGB. From an animated WebP file the first frame is read.
 ///
-/// # Errors
-/// If the bytes are no such file, it is damaged, or the picture is too large.
+/// Returns an error if the format is unknown, the file is damaged, or the picture is too large.
 pub fn read(bytes: &[u8]) -> Result<Image, PictureError> {
-    let other = |format, copies| File { format, bytes, copies };
-    let cursor = || Cursor::new(bytes);
-    let any = |_, _| Ok(());
-    match Kind::of(bytes) {
+    fn accept_any_size(_: u32, _: u32) -> Result<(), PictureError> {
+        Ok(())
+    }
+    fn file<'b>(format: &'static str, bytes: &'b [u8], copies: u64) -> File<'b> {
+        File { format, bytes, copies }
+    }
+    let cursor = Cursor::new(bytes);
+    match Kind::detect(bytes) {
         Some(Kind::Png) => Ok(png::read(bytes)?),
         Some(Kind::Jpeg) => Ok(jpeg::read(bytes)?),
         Some(Kind::Tiff) => Ok(tiff::read(bytes)?),
-        // The decoder unpacks into a list with alpha.
-        Some(Kind::WebP) => other("WebP", 3).picture(|| WebPDecoder::new(cursor()), any),
-        Some(Kind::Bmp) => other("BMP", 1).picture(|| BmpDecoder::new(cursor()), any),
-        // The decoder makes a list of its own and a copy of it.
-        Some(Kind::Exr) => other("EXR", 2).picture(|| OpenExrDecoder::new(cursor()), any),
-        Some(Kind::Hdr) => other("HDR", 1).picture(|| HdrDecoder::new(cursor()), any),
+        // The WebP decoder decodes into its own RGBA buffer.
+        Some(Kind::WebP) => {
+            file("WebP", bytes, 3).picture(|| WebPDecoder::new(cursor), accept_any_size)
+        }
+        Some(Kind::Bmp) => {
+            file("BMP", bytes, 1).picture(|| BmpDecoder::new(cursor), accept_any_size)
+        }
+        // The OpenEXR decoder allocates its own buffer and a copy of it.
+        Some(Kind::Exr) => {
+            file("EXR", bytes, 2).picture(|| OpenExrDecoder::new(cursor), accept_any_size)
+        }
+        Some(Kind::Hdr) => {
+            file("HDR", bytes, 1).picture(|| HdrDecoder::new(cursor), accept_any_size)
+        }
         None => Err(PictureError::Unknown { text: excerpt(&bytes[..bytes.len().min(8)]) }),
     }
 }
 
-/// The picture in a file of any of these formats as [`read`] gives it, turned upright if the file says that it is turned.
+/// Reads a picture like [`read`], and rotates it upright according to its orientation tag.
 ///
 /// # Errors
-/// Those of [`read`].
+/// The errors of [`read`].
 pub fn read_upright(bytes: &[u8]) -> Result<Image, PictureError> {
     Ok(exif::upright(read(bytes)?, exif::orientation(bytes)))
 }
 
-/// Reads a picture, whatever its extension says; `camera.json` beside it says which camera took it. Without a camera the picture is turned upright.
+/// Reads a picture in any supported format; the file extension is ignored. If there is a file `camera.json` beside the picture, it
+/// describes the picture's camera; otherwise the picture is rotated upright.
 pub(crate) struct ImageFiles;
 
 impl FileReader for ImageFiles {
     type Value = Image;
-    const ENDINGS: &'static [&'static str] =
+    const EXTENSIONS: &'static [&'static str] =
         &["png", "jpg", "jpeg", "tif", "tiff", "webp", "bmp", "exr", "hdr"];
 
-    fn read(file: &Reading<'_>) -> Result<Image, maquette_syntax::error::Error> {
+    fn read(file: &InputFile<'_>) -> Result<Image, maquette_syntax::error::Error> {
         let image = read(file.bytes())?;
         let camera = file.companion(camera::NAME).ok();
         let camera = camera.map(|bytes| camera::read(&bytes)).transpose()?;
@@ -107,20 +115,20 @@ impl FileReader for ImageFiles {
         let Some(camera) = camera else {
             return Ok(exif::upright(image, exif::orientation(file.bytes())));
         };
-        exif::stored_note(file.bytes()).into_iter().for_each(|note| file.doubt(note));
+        exif::stored_note(file.bytes()).into_iter().for_each(|note| file.warn(note));
         Ok(image.with_camera(Some(camera.pinhole)))
     }
 }
 
-/// Reads a picture as a mask: what is nearer to white than to black is inside.
+/// Reads a picture as a mask: pixels closer to white than to black are inside.
 pub(crate) struct MaskFiles;
 
 impl FileReader for MaskFiles {
     type Value = Mask;
-    const ENDINGS: &'static [&'static str] =
+    const EXTENSIONS: &'static [&'static str] =
         &["png", "jpg", "jpeg", "tif", "tiff", "webp", "bmp", "exr", "hdr"];
 
-    fn read(file: &Reading<'_>) -> Result<Mask, maquette_syntax::error::Error> {
+    fn read(file: &InputFile<'_>) -> Result<Mask, maquette_syntax::error::Error> {
         let image = read_upright(file.bytes())?;
         fn is_light([r, g, b]: &Rgb) -> bool {
             u16::from(*r) + u16::from(*g) + u16::from(*b) >= 3 * 128
@@ -135,7 +143,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_content_says_what_is_read() {
+    fn the_format_is_detected_from_the_content() {
         let png = include_bytes!("../../tests/data/formats/colour_2x.png");
         assert_eq!(read(png).unwrap().width(), 16);
         assert!(matches!(read(b"\xff\xd8\xff"), Err(PictureError::Jpeg(_))));
@@ -143,8 +151,9 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_picture_is_shown_by_its_start() {
-        let text = "byte 0: the file begins with `GIF89a`: this is no PNG, JPEG, TIFF, WebP, BMP, EXR or HDR picture";
+    fn an_unknown_format_is_named_by_its_first_bytes() {
+        let text =
+            "byte 0: expected a PNG, JPEG, TIFF, WebP, BMP, EXR or HDR picture, found `GIF89a`";
         assert_eq!(read(b"GIF89a").unwrap_err().to_string(), text);
         assert!(read(b"").is_err());
     }

@@ -1,6 +1,6 @@
-//! Which kind of picture file some bytes are.
+//! Detection of picture formats.
 
-/// A kind of picture files.
+/// A picture format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// PNG.
@@ -20,14 +20,14 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// What a file is by its first bytes.
-    pub fn of(bytes: &[u8]) -> Option<Self> {
+    /// Detects the format of a file from its first bytes; returns `None` if it is unknown.
+    pub fn detect(bytes: &[u8]) -> Option<Self> {
         const STARTS: [(&[u8], Kind); 10] = [
             (b"\x89PNG\r\n\x1a\n", Kind::Png),
             (b"\xff\xd8\xff", Kind::Jpeg),
             (b"II*\0", Kind::Tiff),
             (b"MM\0*", Kind::Tiff),
-            // TIFF with 64-bit offsets.
+            // The next two entries are the first bytes of TIFF files with 64-bit offsets.
             (b"II+\0", Kind::Tiff),
             (b"MM\0+", Kind::Tiff),
             (b"RIFF", Kind::WebP),
@@ -36,7 +36,7 @@ impl Kind {
             (b"#?RADIANCE", Kind::Hdr),
         ];
         let mut starts = STARTS.iter().filter(|(start, _)| bytes.starts_with(start));
-        // Sounds and films are RIFF files, too.
+        // A RIFF file can also contain audio or video, so its type is checked.
         starts
             .next()
             .map(|&(_, kind)| kind)

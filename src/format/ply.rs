@@ -1,6 +1,6 @@
 //! PLY, the polygon file format of Stanford: meshes, point clouds and range grids with data per vertex.
 //!
-//! Read in all three encodings. Written `binary_little_endian` with `float` positions.
+//! All three encodings are read. Files are written `binary_little_endian` with `float` positions.
 
 use body::Body;
 use faces::FaceTable;
@@ -9,7 +9,7 @@ use maquette_value::{Faces, Mesh, Points};
 use table::Table;
 
 use super::colors::ColorRange;
-use super::finite::Finite;
+use super::finite::FiniteMask;
 
 mod body;
 mod error;
@@ -26,37 +26,38 @@ pub use range::read_range;
 pub use write::encode;
 pub(super) use write::{ControlNetPly, MeshPly};
 
-/// The mesh in a PLY file; a point cloud is a mesh without faces. Faces at vertices that are at no finite place are left out.
+/// Reads the mesh in a PLY file; a point cloud becomes a mesh without faces. Faces that have a vertex with NaN or infinite coordinates are
+/// left out.
 ///
-/// Properties of vertices become attributes: `nx ny nz` the vectors `normal`; `s t`, `u v` or `texture_u texture_v` the pairs
-/// `uv`; three that are called like colors the colors `color`; `filled` as `uchar` flags; every other
-/// floating point property numbers, every other whole one but `alpha` indices, or numbers if some are negative. Colors are `red green blue`,
-/// `diffuse_red diffuse_green diffuse_blue`, or whole numbers `r g b`, in small or capital letters; whether they go to 1, 255 or 65535 the largest of them says. What a file of [`encode`] says of its properties in comments is
-/// believed: its vectors, pairs, colors and flags are read as such. Lists `texcoord` or `corner_uv` of faces become the pairs `uv` per corner if all
-/// faces have them, and their other properties become attributes of faces as those of vertices do. Lists of `tristrips` are strips of triangles, ended by -1.
-/// Other elements are passed over.
+/// Properties of vertices become attributes: `nx ny nz` become the vectors `normal`; `s t`, `u v` or `texture_u texture_v` become the pairs
+/// `uv`; three properties with names of colors become the colors `color`; `filled` of type `uchar` becomes flags. Any other floating-point
+/// property becomes numbers; any other integer property except `alpha` becomes indices, or numbers if some values are negative. The names
+/// of colors are `red green blue`, `diffuse_red diffuse_green diffuse_blue`, or for integers `r g b`, in lower or upper case; the range of
+/// colors, 1, 255 or 65535, is guessed from the largest value. Comments in which [`encode`] declares vectors, pairs, colors and flags are
+/// respected. Lists `texcoord` or `corner_uv` of faces become the pairs `uv` per corner if all faces have them; other properties of faces
+/// become attributes of faces by the rules for vertices. Lists of `tristrips` are triangle strips, each of which ends with -1. Other
+/// elements are ignored.
 ///
-/// # Errors
-/// If the bytes are not a PLY file, it ends too early, or vertices and faces make no mesh.
+/// Returns an error if the bytes are not a PLY file, the file is truncated, or vertices and faces are not a valid mesh.
 pub fn read(bytes: &[u8]) -> Result<Mesh, PlyError> {
-    let Contents { mesh, finite, .. } = read_whole(bytes, None)?;
+    let Contents { mesh, finite, .. } = read_contents(bytes, None)?;
     Ok(finite.mesh(mesh).0)
 }
 
-/// What is in a PLY file.
+/// The contents of a PLY file.
 struct Contents {
     mesh: Mesh,
-    /// Which of its vertices are at finite places.
-    finite: Finite,
-    /// What the user should know of what is left out or understood in one of several ways,
+    /// Marks the vertices with finite positions.
+    finite: FiniteMask,
+    /// Warnings about vertices and unknown elements.
     notes: Vec<String>,
-    /// and of faces.
+    /// Warnings about faces.
     face_notes: Vec<String>,
-    /// The names of its pictures.
+    /// The file names of the mesh's pictures.
     pictures: Vec<String>,
 }
 
-fn read_whole(bytes: &[u8], color_range: Option<ColorRange>) -> Result<Contents, PlyError> {
+fn read_contents(bytes: &[u8], color_range: Option<ColorRange>) -> Result<Contents, PlyError> {
     let header = header::read(bytes)?;
     let mut body = Body::new(&header, bytes);
     let (mut notes, mut face_notes) = (Vec::new(), Vec::new());
@@ -87,7 +88,7 @@ fn read_whole(bytes: &[u8], color_range: Option<ColorRange>) -> Result<Contents,
             _ => {
                 if element.count > 0 {
                     notes.push(format!(
-                        "`{}` is left out, of which there are {}",
+                        "the element `{}` is left out ({} rows)",
                         element.name, element.count
                     ));
                 }
@@ -105,20 +106,21 @@ fn read_whole(bytes: &[u8], color_range: Option<ColorRange>) -> Result<Contents,
     Ok(Contents { mesh, finite, notes, face_notes, pictures: header.pictures })
 }
 
-/// The points in a PLY file, with the attributes of [`read`]; faces, if there are some, and points at no finite place are left out.
+/// Reads the points of a PLY file, with the attributes that [`read`] describes. Faces are left out, and so are points with NaN or infinite
+/// coordinates.
 ///
 /// # Errors
-/// As for [`read`].
+/// The errors of [`read`].
 pub fn read_points(bytes: &[u8]) -> Result<Points, PlyError> {
     Ok(read_finite(bytes, None)?.0)
 }
 
-/// The points in a PLY file, how many were left out, and what the user should know.
+/// Reads the points of a PLY file. Also returns the number of points that are left out, and the warnings.
 fn read_finite(
     bytes: &[u8],
     color_range: Option<ColorRange>,
 ) -> Result<(Points, usize, Vec<String>), PlyError> {
-    let Contents { mesh, finite, notes, .. } = read_whole(bytes, color_range)?;
+    let Contents { mesh, finite, notes, .. } = read_contents(bytes, color_range)?;
     let mut points = Points::new(mesh.positions().clone()).expect("a mesh has finite positions");
     for (name, attribute) in mesh.vertex().iter() {
         points = points
@@ -129,7 +131,7 @@ fn read_finite(
 }
 
 fn skip(element: &Element, body: &mut Body<'_>) -> Result<(), PlyError> {
-    // Rows of nothing take no bytes, and a header may promise any number of them.
+    // Rows without properties take no bytes, so a small file may state any number of them.
     if element.properties.is_empty() {
         return Ok(());
     }
@@ -145,22 +147,22 @@ fn skip(element: &Element, body: &mut Body<'_>) -> Result<(), PlyError> {
     Ok(())
 }
 
-/// The element of strips of triangles.
+/// The name of the element that contains triangle strips.
 const STRIPS: &str = "tristrips";
 
-/// A mesh without faces.
+/// Returns the faces of a mesh that has none.
 fn no_faces() -> Faces {
     Faces::triangles(Vec::new())
 }
 
 #[cfg(test)]
 mod tests {
-    use maquette_node::reading::Reading;
+    use maquette_node::importers::InputFile;
     use maquette_value::Attribute;
     use nalgebra::Point3;
 
     use super::*;
-    use crate::At;
+    use crate::FilePosition;
     use crate::hostile;
 
     const GRIDS: [&[u8]; 4] = [
@@ -170,7 +172,7 @@ mod tests {
         include_bytes!("../../tests/data/formats/range_grid_be.ply"),
     ];
 
-    /// A square of two triangles and a face that a lazy exporter left behind.
+    /// A square of two triangles, and a degenerate face.
     const SQUARE: &str = "ply\nformat ascii 1.0\nelement camera 1\nproperty list uchar float view\nproperty int id\n\
         element vertex 4\nproperty uchar blue\nproperty uchar green\nproperty uchar red\nproperty double y\n\
         property float x\nproperty float z\nproperty float s\nproperty float t\nproperty uchar filled\n\
@@ -181,7 +183,7 @@ mod tests {
         1 3 0 1 2\n1 3 2 3 0\n0 3 1 1 2\n";
 
     #[test]
-    fn properties_become_attributes_and_unknown_elements_are_passed_over() {
+    fn properties_become_attributes_and_unknown_elements_are_ignored() {
         let mesh = read(SQUARE.as_bytes()).unwrap();
         assert_eq!(mesh.faces().iter().collect::<Vec<_>>(), [[0, 1, 2], [2, 3, 0]]);
         assert_eq!(mesh.positions()[1], Point3::new(1.0, 0.0, 0.0));
@@ -197,29 +199,29 @@ mod tests {
     }
 
     #[test]
-    fn a_line_with_a_number_too_few_or_too_many_shifts_nothing() {
+    fn a_missing_or_additional_number_in_a_line_is_an_error() {
         fn file(rows: &str) -> Result<Mesh, PlyError> {
             let header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
                 element face 1\nproperty list uchar int vertex_indices\nend_header\n";
             read(format!("{header}{rows}").as_bytes())
         }
-        // Spaces, any ends of lines, and rows of several lines are no mistake.
-        for fine in [
+        // Spaces, all kinds of line endings, and rows that extend over several lines are valid.
+        for valid in [
             "0 0 0\n1 0 0 \t\n0 1 0\n3 0 1 2",
             "0 0 0\r\n1 0 0\r\n\r\n0 1 0\r\n3 0 1 2\r\n",
             "0 0 0\r1 0 0\r0 1 0\r3 0 1 2\r",
             "0 0\n0\n1 0\n0\n0 1\n0\n3\n0 1 2\n",
         ] {
-            let places = file(fine).unwrap().positions().to_vec();
-            assert_eq!(places[2], Point3::new(0.0, 1.0, 0.0), "{fine:?}");
+            let positions = file(valid).unwrap().positions().to_vec();
+            assert_eq!(positions[2], Point3::new(0.0, 1.0, 0.0), "{valid:?}");
         }
-        for (wrong, name, line) in [
+        for (invalid, name, line) in [
             ("0 0 0\n1 0\n0 1 0\n3 0 1 2\n9 9\n", "vertex", 12),
             ("0 0 0\n1 0 0 7\n0 1 0\n3 0 1 2\n", "vertex", 11),
             ("0 0 0\n1 0 0\n0 1 0\n3 0 1 2 255\n", "face", 13),
         ] {
-            let row = PlyError::Row { at: At::Line(line), name: name.into() };
-            assert_eq!(file(wrong).unwrap_err(), row, "{wrong:?}");
+            let row = PlyError::Row { at: FilePosition::Line(line), name: name.into() };
+            assert_eq!(file(invalid).unwrap_err(), row, "{invalid:?}");
         }
     }
 
@@ -236,17 +238,17 @@ mod tests {
     }
 
     #[test]
-    fn faces_at_vertices_that_are_nowhere_are_left_out_and_so_are_such_points() {
+    fn faces_and_points_that_are_not_finite_are_left_out() {
         let file = "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\nproperty float nx\n\
             property float ny\nproperty float nz\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n0 0 0 0 0 1\n1 0 0 0 0 1\n\
             0 1 0 0 0 1\nnan 0 0 nan nan nan\n5 5 inf 0 0 1\n3 0 1 2\n3 1 3 2\n";
-        let mesh = Reading::alone("a.ply", file.as_bytes());
+        let mesh = InputFile::standalone("a.ply", file.as_bytes());
         assert_eq!(crate::read::<Mesh>(&mesh).unwrap().faces().len(), 1);
         let why = "a coordinate is NaN or infinite";
-        assert_eq!(mesh.doubts(), [format!("1 face is left out: {why}")]);
-        let points = Reading::alone("a.ply", file.as_bytes());
+        assert_eq!(mesh.warnings(), [format!("1 face is left out: {why}")]);
+        let points = InputFile::standalone("a.ply", file.as_bytes());
         assert_eq!(crate::read::<Points>(&points).unwrap().positions().len(), 3);
-        assert_eq!(points.doubts(), [format!("2 points are left out: {why}")]);
+        assert_eq!(points.warnings(), [format!("2 points are left out: {why}")]);
     }
 
     #[test]
@@ -277,8 +279,8 @@ mod tests {
     }
 
     #[test]
-    fn files_that_lie_are_refused_with_their_line() {
-        assert_eq!(error("ply", "plx"), "this is not a PLY file: its first line is not `ply`");
+    fn invalid_files_are_rejected_with_their_line() {
+        assert_eq!(error("ply", "plx"), "expected `ply` in the first line: this is not a PLY file");
         assert_eq!(
             error("ascii", "utf8"),
             "line 2: `format utf8 1.0` is not a line of a PLY header"
@@ -292,11 +294,11 @@ mod tests {
         assert_eq!(error("1 2 3 0 0", "1 2 c 0 0"), "line 24: `c` is not a number");
         assert_eq!(error("3 0 1 2\n", "-3 0 1 2\n"), "line 28: a list cannot have -3 entries");
         assert_eq!(error("3 0 1 2\n", "3 0 -1 2\n"), "line 28: there is no vertex -1");
-        assert_eq!(error("0 1 2\n", "0 1 9\n"), "face 0 names vertex 9, but there are only 4");
+        assert_eq!(error("0 1 2\n", "0 1 9\n"), "face 0 refers to vertex 9, but there are only 4");
         assert_eq!(error("0 3 1 1 2\n", "0 3 1"), "line 30: the file ends too early");
         assert_eq!(
             error("vertex 4", "vertex 4000000000000000000"),
-            "line 6: 4000000000000000000 of `vertex` take at least 18446744073709551615 bytes, but only 139 are left"
+            "line 6: 4000000000000000000 rows of `vertex` need at least 18446744073709551615 bytes, but only 139 are left"
         );
     }
 
@@ -309,7 +311,7 @@ mod tests {
     #[test]
     fn hostile_files_give_errors() {
         for file in GRIDS.into_iter().chain([SQUARE.as_bytes()]) {
-            hostile::survive(file, read);
+            hostile::check_no_panic(file, read);
         }
     }
 }

@@ -1,7 +1,7 @@
-//! PNG, the pictures.
+//! PNG pictures.
 //!
-//! Read to 8-bit sRGB whatever their color type, as all pictures are ([`super::decoder`]); palettes are expanded. Depth maps keep
-//! their 16 bits. Written with a fast compression: pictures are written far more often than they are kept.
+//! All color types are read to 8-bit sRGB (see [`super::decoder`]); palettes are expanded. Depth maps keep their 16 bits. Files are written
+//! with fast compression, because the time for writing matters more than the size.
 
 use std::io::Cursor;
 
@@ -13,49 +13,50 @@ use maquette_value::{Field, Image, Labels, Mask};
 use thiserror::Error;
 
 use super::decoder::{DecodeError, File};
-use super::{depth, most_memory};
+use super::{depth, max_memory};
 
-/// The samples of a depth map take at most this many bytes: a small file can unpack to a thousand times its size.
-const MOST_BYTES: usize = 512 << 20;
+/// The maximum size of a depth map's samples, in bytes. The limit is necessary because a small file can unpack to a thousand times its
+/// size.
+const MAX_BYTES: usize = 512 << 20;
 
-/// Why bytes are not a picture, or a value cannot be written as one.
+/// Error of reading or writing a PNG file.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum PngError {
-    /// Something else, or a damaged file.
+    /// The file is damaged or of another format.
     #[error("this is not a readable PNG file: {reason}")]
     Broken {
-        /// What the decoder says.
+        /// The error message of the decoder.
         reason: String,
     },
-    /// More pixels than are read.
+    /// The picture would take too much memory.
     #[error(
-        "{width} x {height} pixels would take more than {most} bytes of memory: make the picture smaller"
+        "{width} x {height} pixels would take more than {limit} bytes of memory: make the picture smaller"
     )]
     TooLarge {
         /// The picture's width.
         width: u32,
         /// The picture's height.
         height: u32,
-        /// Bytes that reading it may take.
-        most: usize,
+        /// The maximum memory, in bytes.
+        limit: usize,
     },
-    /// A header that promises more than can be there.
-    #[error("{width} x {height} pixels cannot be in the {bytes} bytes of the file")]
+    /// The header states more pixels than the file can contain.
+    #[error("{width} x {height} pixels do not fit in the {bytes} bytes of the file")]
     CutOff {
         /// The picture's width.
         width: u32,
         /// The picture's height.
         height: u32,
-        /// Bytes in the file.
+        /// The length of the file, in bytes.
         bytes: usize,
     },
-    /// A picture of colors, or of too few bits, where depths are wanted.
-    #[error("depths are 16-bit gray, but the picture is {found}")]
+    /// The picture is not a depth map.
+    #[error("expected a depth map in 16-bit gray, found {found}")]
     NoDepth {
-        /// What it is.
+        /// The color type and the bits per pixel of the picture.
         found: String,
     },
-    /// A picture without pixels, or with more in a row than PNG can say.
+    /// The picture has no pixels, or is too large for PNG.
     #[error("a picture of {width} x {height} pixels cannot be written as PNG")]
     Size {
         /// The picture's width.
@@ -63,10 +64,10 @@ pub enum PngError {
         /// The picture's height.
         height: usize,
     },
-    /// More labels than 16 bits can tell apart.
-    #[error("{count} labels are more than the 65535 of a 16-bit picture")]
+    /// There are more labels than fit in 16 bits.
+    #[error("expected at most 65535 labels for a 16-bit picture, found {count}")]
     TooManyLabels {
-        /// How many there are.
+        /// The number of labels.
         count: usize,
     },
 }
@@ -75,40 +76,42 @@ impl From<DecodeError> for PngError {
     fn from(error: DecodeError) -> Self {
         match error {
             DecodeError::Broken { reason, .. } => Self::Broken { reason },
-            DecodeError::TooLarge { width, height, most } => Self::TooLarge { width, height, most },
+            DecodeError::TooLarge { width, height, limit } => {
+                Self::TooLarge { width, height, limit }
+            }
         }
     }
 }
 
-/// The picture in a PNG file.
+/// Reads a PNG file.
 ///
 /// # Errors
 /// If the bytes are not a PNG file, it is damaged, or the picture takes too much memory.
 pub fn read(bytes: &[u8]) -> Result<Image, PngError> {
     let file = File { format: "PNG", bytes, copies: 1 };
-    // A pixel has at least one bit.
+    // The file must have at least one bit per pixel.
     file.picture(
         || PngDecoder::with_limits(Cursor::new(bytes), file.limits()),
         |width, height| check_size(width, height, 1, bytes.len()),
     )
 }
 
-/// Checks that so many pixels of so many bits can be in a file.
+/// Checks that a file of `bytes` bytes can contain this many pixels.
 fn check_size(width: u32, height: u32, bits: u64, bytes: usize) -> Result<(), PngError> {
-    let most = BYTES_PER_BYTE.saturating_mul(bytes) as u64;
-    match most < bits * pixels(width, height) / 8 {
+    let limit = MAX_EXPANSION.saturating_mul(bytes) as u64;
+    match limit < bits * pixels(width, height) / 8 {
         true => Err(PngError::CutOff { width, height, bytes }),
         false => Ok(()),
     }
 }
 
-/// The depth map in a PNG file of 16-bit gray, row by row from the top: width, height and one number per pixel.
+/// Reads a depth map from a PNG file of 16-bit gray. Returns width, height and one number per pixel, row by row from the top.
 ///
 /// # Errors
-/// If the bytes are not a PNG file of that kind, it is damaged, or the picture takes more than 512 MB.
+/// If the bytes are not a PNG file of 16-bit gray, the file is damaged, or the picture takes more than 512 MB.
 pub(super) fn read_depth(bytes: &[u8]) -> Result<(usize, usize, Vec<u16>), PngError> {
-    let most = most_memory(bytes.len());
-    let Pixels { width, height, color, buffer } = decode(bytes, most)?;
+    let limit = max_memory(bytes.len());
+    let Pixels { width, height, color, buffer } = decode(bytes, limit)?;
     let samples = buffer.as_chunks::<2>().0;
     let gray = color == ColorType::Grayscale;
     if !gray || samples.len() as u64 != pixels(width, height) {
@@ -119,7 +122,7 @@ pub(super) fn read_depth(bytes: &[u8]) -> Result<(usize, usize, Vec<u16>), PngEr
     Ok((width as usize, height as usize, depths))
 }
 
-/// Samples as the decoder gives them.
+/// The samples of a picture as the decoder returns them.
 struct Pixels {
     width: u32,
     height: u32,
@@ -127,28 +130,28 @@ struct Pixels {
     buffer: Vec<u8>,
 }
 
-/// Most bytes that a byte of the file can unpack to: the limit of Deflate.
-const BYTES_PER_BYTE: usize = 1032;
+/// The maximum ratio of unpacked to packed size of the compression Deflate.
+const MAX_EXPANSION: usize = 1032;
 
-/// All samples as they are, if depths of them do not take more than `most` bytes.
-fn decode(bytes: &[u8], most: usize) -> Result<Pixels, PngError> {
-    fn broken(reason: ::png::DecodingError) -> PngError {
+/// Decodes all samples unchanged. Fails if they would take more than `limit` bytes as a depth map.
+fn decode(bytes: &[u8], limit: usize) -> Result<Pixels, PngError> {
+    fn broken_file(reason: ::png::DecodingError) -> PngError {
         PngError::Broken { reason: reason.to_string() }
     }
-    let mut decoder = Decoder::new_with_limits(Cursor::new(bytes), Limits { bytes: MOST_BYTES });
+    let mut decoder = Decoder::new_with_limits(Cursor::new(bytes), Limits { bytes: MAX_BYTES });
     decoder.set_transformations(Transformations::IDENTITY);
     decoder.set_ignore_text_chunk(true);
     decoder.set_ignore_iccp_chunk(true);
-    let mut reader = decoder.read_info().map_err(broken)?;
+    let mut reader = decoder.read_info().map_err(broken_file)?;
     let info = reader.info();
     let (width, height) = (info.width, info.height);
     let bits = info.bits_per_pixel() as u64;
     let all = (depth::BYTES_PER_PIXEL as u64).saturating_mul(pixels(width, height));
-    let size = reader.output_buffer_size().filter(|size| *size <= MOST_BYTES && all <= most as u64);
-    let size = size.ok_or(PngError::TooLarge { width, height, most })?;
+    let size = reader.output_buffer_size().filter(|size| *size <= MAX_BYTES && all <= limit as u64);
+    let size = size.ok_or(PngError::TooLarge { width, height, limit })?;
     check_size(width, height, bits, bytes.len())?;
     let mut buffer = vec![0; size];
-    let frame = reader.next_frame(&mut buffer).map_err(broken)?;
+    let frame = reader.next_frame(&mut buffer).map_err(broken_file)?;
     buffer.truncate(frame.buffer_size());
     Ok(Pixels { width, height, color: frame.color_type, buffer })
 }
@@ -157,7 +160,7 @@ fn pixels(width: u32, height: u32) -> u64 {
     u64::from(width) * u64::from(height)
 }
 
-/// The PNG file of a picture.
+/// Encodes a picture as PNG.
 ///
 /// # Errors
 /// If the picture has no pixels.
@@ -166,7 +169,7 @@ pub fn encode_rgb(image: &Image) -> Result<Vec<u8>, PngError> {
     encode([image.width(), image.height()], ColorType::Rgb, BitDepth::Eight, pixels)
 }
 
-/// A gray picture of 16 bits as a PNG file.
+/// Encodes a 16-bit gray picture as PNG.
 ///
 /// # Errors
 /// If the picture has no pixels.
@@ -174,7 +177,7 @@ pub(super) fn encode_gray(
     size: [usize; 2],
     samples: impl Iterator<Item = u16>,
 ) -> Result<Vec<u8>, PngError> {
-    // High byte first.
+    // PNG stores the high byte of a sample first.
     let samples: Vec<u8> = samples.flat_map(u16::to_be_bytes).collect();
     encode(size, ColorType::Grayscale, BitDepth::Sixteen, &samples)
 }
@@ -206,10 +209,10 @@ pub(super) struct ImagePng;
 
 impl FileFormat for ImagePng {
     type Value = Image;
-    const ENDING: &'static str = "png";
+    const EXTENSION: &'static str = "png";
 
     fn write(image: &Image, name: &str) -> Result<Vec<NewFile>, error::Error> {
-        Ok(NewFile::only(name, encode_rgb(image)?))
+        Ok(NewFile::single(name, encode_rgb(image)?))
     }
 }
 
@@ -218,22 +221,22 @@ pub(super) struct MaskPng;
 
 impl FileFormat for MaskPng {
     type Value = Mask;
-    const ENDING: &'static str = "png";
+    const EXTENSION: &'static str = "png";
 
     fn write(mask: &Mask, name: &str) -> Result<Vec<NewFile>, error::Error> {
         let samples: Vec<_> = mask.pixels().iter().map(|inside| inside * 255).collect();
         let size = [mask.width(), mask.height()];
         let bytes = encode(size, ColorType::Grayscale, BitDepth::Eight, &samples)?;
-        Ok(NewFile::only(name, bytes))
+        Ok(NewFile::single(name, bytes))
     }
 }
 
-/// Writes labels as a 16-bit gray picture of their numbers.
+/// Writes labels as a 16-bit gray picture.
 pub(super) struct LabelsPng;
 
 impl FileFormat for LabelsPng {
     type Value = Labels;
-    const ENDING: &'static str = "png";
+    const EXTENSION: &'static str = "png";
 
     fn write(labels: &Labels, name: &str) -> Result<Vec<NewFile>, error::Error> {
         let count = labels.statistics().len();
@@ -242,27 +245,27 @@ impl FileFormat for LabelsPng {
         }
         let samples = labels.pixels().iter().map(|&label| label as u16);
         let bytes = encode_gray([labels.width(), labels.height()], samples)?;
-        Ok(NewFile::only(name, bytes))
+        Ok(NewFile::single(name, bytes))
     }
 }
 
-/// Writes a field as a 16-bit gray picture, from black at its least number to white at its greatest; NaN is black too.
+/// Writes a field as a 16-bit gray picture, from black at the field's minimum to white at its maximum; NaN is black.
 pub(super) struct FieldPng;
 
 impl FileFormat for FieldPng {
     type Value = Field;
-    const ENDING: &'static str = "png";
+    const EXTENSION: &'static str = "png";
 
     fn write(field: &Field, name: &str) -> Result<Vec<NewFile>, error::Error> {
-        let (least, greatest) = field.range().unwrap_or_default();
-        let (least, greatest) = (f64::from(least), f64::from(greatest));
-        let scale = if least < greatest { 65535.0 / (greatest - least) } else { 0.0 };
-        // Infinities are no part of the range and end at its ends; a NaN becomes 0.
+        let (min, max) = field.range().unwrap_or_default();
+        let (min, max) = (f64::from(min), f64::from(max));
+        let scale = if min < max { 65535.0 / (max - min) } else { 0.0 };
+        // The casts saturate infinite numbers and convert NaN to 0.
         let bytes = encode_gray(
             [field.width(), field.height()],
-            field.pixels().iter().map(|&x| (((f64::from(x) - least) * scale).round()) as u16),
+            field.pixels().iter().map(|&x| (((f64::from(x) - min) * scale).round()) as u16),
         )?;
-        Ok(NewFile::only(name, bytes))
+        Ok(NewFile::single(name, bytes))
     }
 }
 
@@ -274,7 +277,7 @@ mod tests {
     const COLOR: &[u8] = include_bytes!("../../tests/data/formats/colour_2x.png");
     const DEPTH: &[u8] = include_bytes!("../../tests/data/formats/depth16.png");
 
-    fn written<F: FileFormat>(value: &F::Value) -> Vec<u8> {
+    fn write_bytes<F: FileFormat>(value: &F::Value) -> Vec<u8> {
         F::write(value, "a.png").unwrap().remove(0).bytes
     }
 
@@ -283,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_that_was_written_reads_the_same() {
+    fn a_written_picture_is_read_back() {
         let pixels: Vec<_> =
             (0..300).map(|i: u32| [i as u8, (i * 7) as u8, (i / 3) as u8]).collect();
         let image = Image::new(20, 15, pixels).unwrap();
@@ -319,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn files_of_others_read() {
+    fn files_of_other_programs_are_read() {
         let image = read(COLOR).unwrap();
         assert_eq!((image.width(), image.height()), (16, 12));
         let image = read(DEPTH).unwrap();
@@ -328,21 +331,24 @@ mod tests {
 
     #[test]
     fn a_mask_is_black_and_white() {
-        assert_eq!(grays(&written::<MaskPng>(&Mask::drawn(&["#.", ".#"]))), [255, 0, 0, 255]);
+        assert_eq!(
+            grays(&write_bytes::<MaskPng>(&Mask::from_rows(&["#.", ".#"]))),
+            [255, 0, 0, 255]
+        );
     }
 
     #[test]
     fn a_field_goes_from_black_to_white_and_its_holes_are_black() {
         let field = Field::new(5, 1, vec![-1.0, 1.0, f32::NAN, 3.0, f32::INFINITY]).unwrap();
-        assert_eq!(grays(&written::<FieldPng>(&field)), [0, 128, 0, 255, 255]);
+        assert_eq!(grays(&write_bytes::<FieldPng>(&field)), [0, 128, 0, 255, 255]);
         let flat = Field::new(2, 1, vec![5.0, f32::INFINITY]).unwrap();
-        assert_eq!(grays(&written::<FieldPng>(&flat)), [0, 0]);
+        assert_eq!(grays(&write_bytes::<FieldPng>(&flat)), [0, 0]);
     }
 
     #[test]
     fn labels_keep_their_numbers_in_sixteen_bits() {
         let labels = Labels::new(300, 1, (0..300).collect()).unwrap();
-        let bytes = written::<LabelsPng>(&labels);
+        let bytes = write_bytes::<LabelsPng>(&labels);
         let mut reader = Decoder::new(Cursor::new(&bytes[..])).read_info().unwrap();
         let mut samples = vec![0; 600];
         reader.next_frame(&mut samples).unwrap();
@@ -363,9 +369,9 @@ mod tests {
         let mut writer = Encoder::new(&mut bytes, 1 << 15, 1 << 15).write_header().unwrap();
         writer.write_chunk(::png::chunk::IDAT, &[]).unwrap();
         drop(writer);
-        // So many bytes could hold as many pixels.
+        // A file of this size could contain that many pixels.
         bytes.resize(1_000_000, 0);
-        let error = PngError::TooLarge { width: 1 << 15, height: 1 << 15, most: 1 << 30 };
+        let error = PngError::TooLarge { width: 1 << 15, height: 1 << 15, limit: 1 << 30 };
         assert_eq!(read(&bytes), Err(error));
     }
 
@@ -377,7 +383,7 @@ mod tests {
         let mut writer = encoder.write_header().unwrap();
         writer.write_chunk(::png::chunk::IDAT, &[]).unwrap();
         drop(writer);
-        let error = PngError::TooLarge { width: 1 << 13, height: 1 << 13, most: 1 << 30 };
+        let error = PngError::TooLarge { width: 1 << 13, height: 1 << 13, limit: 1 << 30 };
         assert_eq!(read_depth(&bytes), Err(error));
     }
 
@@ -394,17 +400,17 @@ mod tests {
     fn depths_keep_their_sixteen_bits() {
         let (width, height, depths) = read_depth(DEPTH).unwrap();
         assert_eq!((width, height), (8, 6));
-        // The grid's z in steps of 1/50 mm, with a hole first.
+        // The depths are the grid's z coordinates in steps of 1/50 mm; the first pixel is a hole.
         assert_eq!(depths[..3], [0, 5100, 5025]);
-        let text = "depths are 16-bit gray, but the picture is Rgb of 24 bits";
+        let text = "expected a depth map in 16-bit gray, found Rgb of 24 bits";
         assert_eq!(read_depth(COLOR).unwrap_err().to_string(), text);
     }
 
     #[test]
     fn hostile_files_give_errors() {
         for file in [COLOR, DEPTH] {
-            hostile::survive(file, read);
-            hostile::survive(file, |bytes| read_depth(bytes).is_ok());
+            hostile::check_no_panic(file, read);
+            hostile::check_no_panic(file, |bytes| read_depth(bytes).is_ok());
         }
     }
 }

@@ -1,6 +1,6 @@
-//! Range grids, whatever file they are in, brought to one form: x right, y down, z away from the sensor, mm, row 0 on top.
+//! Reads range grids from files of any format, and converts them to x right, y down, z away from the sensor, mm, row 0 on top.
 
-use maquette_node::reading::{FileReader, Reading};
+use maquette_node::importers::{FileReader, InputFile};
 use maquette_syntax::error;
 use maquette_value::{RangeImage, SizeError};
 use nalgebra::{Matrix4, Point3};
@@ -9,7 +9,7 @@ use thiserror::Error;
 use super::camera::{self, CameraFile};
 use super::{abs, depth, pcd, ply, ptx};
 
-/// How the coordinates of a range file lie.
+/// The axes of a range file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Axes {
     /// x right, y down, z away from the sensor.
@@ -18,41 +18,41 @@ pub enum Axes {
     YUp,
 }
 
-/// A range grid in the coordinates of its file, and what the file says of them.
+/// A range grid with the coordinates of its file, and the properties that the file states.
 #[derive(Clone, Debug)]
 pub struct RangeFile {
-    /// The grid, with coordinates as they are in the file.
+    /// The grid, with the coordinates of the file.
     pub range: RangeImage,
-    /// Millimeters per unit, if the format or the file says so.
+    /// Millimeters per unit of the coordinates, if the format or the file states it.
     pub unit: Option<f64>,
-    /// How the coordinates lie, if the format or the file says so.
+    /// The axes, if the format or the file states them.
     pub axes: Option<Axes>,
-    /// Which row is the upper one.
+    /// The order of the rows.
     pub rows: Rows,
-    /// Warnings about what is left out.
+    /// Warnings about data that are left out.
     pub notes: Vec<String>,
 }
 
-/// In which order a file has its rows.
+/// The order of rows in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rows {
-    /// The upper row first.
+    /// The top row first.
     TopFirst,
-    /// Not said: the points' y says it.
+    /// Not stated; the order is determined from the y coordinates of the points.
     ByHeight,
 }
 
-/// A file of another format.
+/// The format of a file is not supported.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
-#[error("no range grid can be read from `.{ending}`; known are {}", endings())]
-pub struct UnknownEnding {
-    /// The ending of the file's name, without the dot.
+#[error("cannot read a range grid from `.{ending}`: expected one of {}", extensions())]
+pub struct UnknownExtension {
+    /// The file extension, without the dot.
     pub ending: String,
 }
 
 type Reader = fn(&[u8], Option<&CameraFile>) -> Result<RangeFile, error::Error>;
 
-/// What reads the files of each ending.
+/// The extensions of range files, each with its reader.
 const READERS: &[(&str, Reader)] = &[
     ("pcd", |bytes, _| {
         let (range, notes) = pcd::read_range(bytes)?;
@@ -67,22 +67,21 @@ const READERS: &[(&str, Reader)] = &[
     ("exr", |bytes, camera| Ok(depth::read(bytes, camera)?)),
 ];
 
-fn endings() -> String {
+fn extensions() -> String {
     READERS.iter().map(|reader| reader.0).collect::<Vec<_>>().join(", ")
 }
 
-/// The range grid in a file whose name ends in `ending`: `pcd`, `ply`, `ptx`, `abs`, or a depth map, `png` or `tiff`, which
-/// needs the camera.
+/// Reads a range grid from a file with the extension `ending`: `pcd`, `ply`, `ptx`, `abs`, or for a depth map `png`, `tiff` or `exr`. A
+/// depth map needs `camera`.
 ///
-/// # Errors
-/// If the ending is another one, the bytes are no such file, or a depth map has no camera.
+/// Returns an error if the extension is unknown, the bytes are not such a file, or a depth map has no camera.
 pub fn read(
     bytes: &[u8],
     ending: &str,
     camera: Option<&CameraFile>,
 ) -> Result<RangeFile, error::Error> {
     let reader = READERS.iter().find(|reader| reader.0 == ending);
-    let (_, read) = reader.ok_or_else(|| UnknownEnding { ending: ending.to_owned() })?;
+    let (_, read) = reader.ok_or_else(|| UnknownExtension { ending: ending.to_owned() })?;
     read(bytes, camera)
 }
 
@@ -93,42 +92,41 @@ impl From<RangeImage> for RangeFile {
 }
 
 impl RangeFile {
-    /// The grid in mm, x right, y down, z away from the sensor, row 0 on top. `unit`, in mm, and `axes` stand for what the file
-    /// does not say.
+    /// Converts the grid to mm, x right, y down, z away from the sensor, row 0 on top. `unit` (mm per unit) and `axes` are used if the file
+    /// does not state its own.
     ///
-    /// # Errors
-    /// None for a grid that was read: its columns are equally long.
+    /// No error occurs for a grid that was read from a file, because its columns are equally long.
     pub fn normalize(self, unit: f64, axes: Axes) -> Result<RangeImage, SizeError> {
         let unit = self.unit.unwrap_or(unit);
-        let turned = self.axes.unwrap_or(axes) == Axes::YUp;
+        let is_rotated = self.axes.unwrap_or(axes) == Axes::YUp;
         let range = self.range;
-        let range = match (unit == 1.0, turned) {
+        let range = match (unit == 1.0, is_rotated) {
             (true, false) => range,
             _ => {
-                let sign = if turned { -unit } else { unit };
+                let sign = if is_rotated { -unit } else { unit };
                 let points = range
                     .points()
                     .iter()
                     .map(|p| Point3::new(p.x * unit, p.y * sign, p.z * sign))
                     .collect();
-                let pose = range.world_from_camera().filter(|_| turned);
-                let pose = pose.map(|pose| pose * Matrix4::from_diagonal(&HALF_TURN.into()));
+                let pose = range.world_from_camera().filter(|_| is_rotated);
+                let pose = pose.map(|pose| pose * Matrix4::from_diagonal(&HALF_ROTATION.into()));
                 let moved = range.with_points(points)?;
                 if pose.is_some() { moved.with_world_from_camera(pose) } else { moved }
             }
         };
         match self.rows {
             Rows::TopFirst => Ok(range),
-            Rows::ByHeight if grows_upwards(&range) => upside_down(&range),
+            Rows::ByHeight if grows_upwards(&range) => flip_rows(&range),
             Rows::ByHeight => Ok(range),
         }
     }
 }
 
-/// Half a turn about x, as the diagonal of its matrix: what turns y and z round.
-const HALF_TURN: [f64; 4] = [1.0, -1.0, -1.0, 1.0];
+/// The diagonal of the matrix that rotates by 180 degrees about x.
+const HALF_ROTATION: [f64; 4] = [1.0, -1.0, -1.0, 1.0];
 
-/// Whether a cell is on the whole above the one before it in its column, y pointing down.
+/// Returns true if the rows are in upward order: each cell is on average above the cell of the previous row, where y points down.
 fn grows_upwards(range: &RangeImage) -> bool {
     let width = range.width();
     let cells = range.points().len().saturating_sub(width);
@@ -138,42 +136,43 @@ fn grows_upwards(range: &RangeImage) -> bool {
         < 0.0
 }
 
-/// The same grid with its rows in the opposite order.
-fn upside_down(range: &RangeImage) -> Result<RangeImage, SizeError> {
-    fn reversed<T: Copy>(items: &[T], width: usize) -> Vec<T> {
+/// Reverses the order of the rows.
+fn flip_rows(range: &RangeImage) -> Result<RangeImage, SizeError> {
+    fn reverse_rows<T: Copy>(items: &[T], width: usize) -> Vec<T> {
         items.chunks_exact(width.max(1)).rev().flatten().copied().collect()
     }
     let width = range.width();
-    let turned = range.with_points(reversed(range.points(), width))?;
+    let turned = range.with_points(reverse_rows(range.points(), width))?;
     let filled =
         (0..range.points().len()).map(|cell| u8::from(range.is_filled(cell))).collect::<Vec<_>>();
-    let turned = turned.with_filled(reversed(&filled, width))?;
+    let turned = turned.with_filled(reverse_rows(&filled, width))?;
     Ok(match range.colors() {
-        Some(colors) => turned.with_colors(reversed(colors, width))?,
+        Some(colors) => turned.with_colors(reverse_rows(colors, width))?,
         None => turned,
     })
 }
 
-/// Reads a range image in mm; `camera.json` beside it says which camera took it, and where it is in the picture of the same capture.
+/// Reads a range image in mm. If there is a file `camera.json` beside it, this file gives its camera, and its registration in the picture
+/// of the capture.
 pub(crate) struct RangeFiles;
 
 impl FileReader for RangeFiles {
     type Value = RangeImage;
-    const ENDINGS: &'static [&'static str] =
+    const EXTENSIONS: &'static [&'static str] =
         &["pcd", "ply", "ptx", "abs", "png", "tiff", "tif", "exr"];
 
-    fn read(file: &Reading<'_>) -> Result<RangeImage, error::Error> {
+    fn read(file: &InputFile<'_>) -> Result<RangeImage, error::Error> {
         let camera = file.companion(camera::NAME).ok();
         let camera = camera.map(|bytes| camera::read(&bytes)).transpose()?;
-        let range = read(file.bytes(), &file.ending(), camera.as_ref())?;
+        let range = read(file.bytes(), &file.extension(), camera.as_ref())?;
         let notes = camera.iter().flat_map(|camera| &camera.notes).chain(&range.notes);
-        notes.for_each(|note| file.doubt(note));
+        notes.for_each(|note| file.warn(note));
         let range = range.normalize(1.0, Axes::Camera)?;
         Ok(
             match camera.filter(|camera| {
                 camera.range.size.is_none_or(|size| size == [range.width(), range.height()])
             }) {
-                Some(camera) => camera.over(range, camera.color.and_then(|color| color.size)),
+                Some(camera) => camera.apply_to(range, camera.color.and_then(|color| color.size)),
                 None => range,
             },
         )
@@ -188,7 +187,7 @@ pub(super) mod tests {
 
     const GRID: &str = include_str!("../../tests/data/formats/grid.json");
 
-    /// The points and colors that every file of the test grid holds; no point for a hole.
+    /// The points and colors of the test grid, which all test files contain; `None` for a hole.
     pub(crate) fn grid() -> (Vec<Option<[f64; 3]>>, Vec<Rgb>) {
         let grid: serde_json::Value = serde_json::from_str(GRID).unwrap();
         let points: Vec<Vec<_>> = serde_json::from_value(grid["xyz"].clone()).unwrap();
@@ -196,8 +195,8 @@ pub(super) mod tests {
         (points.concat(), colors.concat())
     }
 
-    /// Checks that a range image is the test grid, to this distance in mm; colors count where a cell is valid.
-    pub(crate) fn is_grid(range: &RangeImage, colored: bool, tolerance: f64) {
+    /// Checks that a range image equals the test grid within `tolerance`, in mm. Colors are compared for valid cells only.
+    pub(crate) fn assert_is_grid(range: &RangeImage, colored: bool, tolerance: f64) {
         assert_eq!((range.width(), range.height()), (8, 6));
         let (points, colors) = grid();
         for cell in 0..48 {
@@ -205,9 +204,9 @@ pub(super) mod tests {
                 (None, None) => continue,
                 (Some(found), Some(expected)) => {
                     let error = (found - Point3::from(expected)).norm();
-                    assert!(error <= tolerance, "cell {cell}: {found} is no {expected:?}");
+                    assert!(error <= tolerance, "cell {cell}: {found} is not {expected:?}");
                 }
-                (found, expected) => panic!("cell {cell}: {found:?} is no {expected:?}"),
+                (found, expected) => panic!("cell {cell}: {found:?} is not {expected:?}"),
             }
             if colored {
                 assert_eq!(range.colors().unwrap()[cell], colors[cell], "cell {cell}");
@@ -225,7 +224,7 @@ pub(super) mod tests {
         }
         let camera = camera::read(GRID.as_bytes()).unwrap();
         let camera = CameraFile { depth_per_mm: Some(50.0), ..camera };
-        // Exact to the digits in the file: single precision, six digits, 1/50 mm.
+        // The tolerance is the precision of the file: single precision, six digits, or 1/50 mm.
         let files = [
             (file!("ascii.pcd"), true, 0.0),
             (file!("binary.pcd"), true, 0.0),
@@ -245,12 +244,12 @@ pub(super) mod tests {
         for ((name, bytes), colored, tolerance) in files {
             let ending = name.rsplit('.').next().unwrap();
             let range = read(bytes, ending, Some(&camera)).unwrap();
-            is_grid(&range.normalize(1.0, Axes::Camera).unwrap(), colored, tolerance);
+            assert_is_grid(&range.normalize(1.0, Axes::Camera).unwrap(), colored, tolerance);
         }
     }
 
     #[test]
-    fn a_grid_with_y_up_is_turned_and_scaled() {
+    fn a_grid_with_y_up_is_rotated_and_scaled() {
         let points = vec![Point3::new(1.0, 2.0, -3.0), Point3::new(1.0, 1.0, -3.0)];
         let colors = vec![[1; 3], [2; 3]];
         let range = RangeImage::new(1, 2, points).unwrap().with_colors(colors).unwrap();
@@ -259,7 +258,7 @@ pub(super) mod tests {
         }
         let turned = file(Rows::ByHeight, &range).normalize(1000.0, Axes::YUp).unwrap();
         assert_eq!(turned.points()[0], Point3::new(1000.0, -2000.0, 3000.0));
-        // Taken as a camera's, its first row is the lower one.
+        // If the axes are those of the camera, the first row of this file is the bottom one.
         let flipped = file(Rows::ByHeight, &range).normalize(1.0, Axes::Camera).unwrap();
         assert_eq!(flipped.points()[0], Point3::new(1.0, 1.0, -3.0));
         assert_eq!(flipped.colors().unwrap(), [[2; 3], [1; 3]]);
@@ -268,17 +267,17 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_turned_grid_is_at_the_same_place_of_the_world() {
+    fn a_rotated_grid_keeps_its_position_in_the_world() {
         let pose = Matrix4::new_translation(&nalgebra::Vector3::new(1.0, 2.0, 3.0));
         let range = RangeImage::new(1, 1, vec![Point3::new(4.0, 5.0, 6.0)]).unwrap();
         let file = RangeFile::from(range.with_world_from_camera(Some(pose)));
         let turned = file.normalize(1.0, Axes::YUp).unwrap();
-        let place = turned.world_from_camera().unwrap().transform_point(&turned.points()[0]);
-        assert_eq!(place, Point3::new(5.0, 7.0, 9.0));
+        let position = turned.world_from_camera().unwrap().transform_point(&turned.points()[0]);
+        assert_eq!(position, Point3::new(5.0, 7.0, 9.0));
     }
 
     #[test]
-    fn what_a_file_says_of_itself_counts_more_than_what_is_said_of_it() {
+    fn properties_stated_by_the_file_take_precedence() {
         let range = RangeImage::new(1, 1, vec![Point3::new(1.0, 2.0, 3.0)]).unwrap();
         let file = RangeFile { unit: Some(10.0), axes: Some(Axes::YUp), ..range.into() };
         let normal = file.normalize(1000.0, Axes::Camera).unwrap();
@@ -286,9 +285,9 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn another_ending_is_an_error_that_lists_the_known_ones() {
+    fn an_unknown_extension_is_an_error_that_lists_the_known_ones() {
         let error = read(b"", "xyz", None).unwrap_err();
-        let text = "no range grid can be read from `.xyz`; known are pcd, ply, ptx, abs, png, tiff, tif, exr";
+        let text = "cannot read a range grid from `.xyz`: expected one of pcd, ply, ptx, abs, png, tiff, tif, exr";
         assert_eq!(error.to_string(), text);
     }
 }

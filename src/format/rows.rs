@@ -1,4 +1,4 @@
-//! Tables of bytes, filled column by column: what binary formats store.
+//! Tables of bytes in binary formats, filled column by column.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -9,11 +9,10 @@ use maquette_node::pack::Content;
 use maquette_value::parallel::*;
 use maquette_value::{Column, Hash};
 
-/// Rows that one task fills: few enough to stay in a core's cache from column to column.
+/// The number of rows per task. A block is small enough to stay in a core's cache while it is filled column by column.
 const BLOCK: usize = 4096;
 
-/// Fills a table with rows of `stride` bytes (at least 1), block by block: `fill` is given a block and the number of its first
-/// row.
+/// Fills a table with rows of `stride` bytes (at least 1), block by block. `fill` receives a block of rows and the index of its first row.
 pub(super) fn fill_blocks(bytes: &mut [u8], stride: usize, fill: impl Fn(&mut [u8], usize) + Sync) {
     bytes
         .par_chunks_mut(BLOCK * stride)
@@ -21,7 +20,7 @@ pub(super) fn fill_blocks(bytes: &mut [u8], stride: usize, fill: impl Fn(&mut [u
         .for_each(|(block, rows)| fill(rows, block * BLOCK));
 }
 
-/// Writes the bytes of `entry(item)` at `offset` of each row of `stride` bytes, one item per row.
+/// Writes a column of a table: the bytes of `entry(item)` at `offset` of each row of `stride` bytes, one item per row.
 pub(super) fn fill_column<T, B: NoUninit>(
     rows: &mut [u8],
     stride: usize,
@@ -34,23 +33,23 @@ pub(super) fn fill_column<T, B: NoUninit>(
     }
 }
 
-/// The rows of a table.
+/// The content of a table's rows.
 pub(super) trait Rows: Send + Sync {
-    /// Fills rows of `stride` bytes in, the first of which has this number.
+    /// Fills rows of `stride` bytes. The first of them is the row with the index `first`.
     fn fill(&self, rows: &mut [u8], first: usize, stride: usize);
 
-    /// Hashes what tells these rows from others: where this hashes the same, rows of as many bytes are the same.
+    /// Hashes the content of some rows. Equal hashes mean equal bytes if the rows have equal length.
     fn hash(&self, rows: Range<usize>, to: &mut Hasher);
 }
 
-/// A table of a file, any stretch of which can be made by itself.
+/// A table in a file. Any range of its bytes can be generated separately.
 pub(super) struct Table<'a> {
     count: usize,
     stride: usize,
     rows: Box<dyn Rows + 'a>,
 }
 
-/// Bytes that are there.
+/// A table whose bytes are stored in memory.
 struct Bytes(Column<u8>);
 
 impl Rows for Bytes {
@@ -63,7 +62,7 @@ impl Rows for Bytes {
     }
 }
 
-/// The bytes of `entry(item)`, one item per row.
+/// A table whose rows are the bytes of `entry(item)`, one item per row.
 struct Entries<'a, T, F> {
     name: &'a str,
     items: Column<T>,
@@ -86,23 +85,23 @@ impl<T: NoUninit + Send + Sync, B: NoUninit, F: Fn(&T) -> B + Send + Sync> Rows
 }
 
 impl<'a> Table<'a> {
-    /// So many rows of `stride` bytes (at least 1).
+    /// Creates a table of `count` rows of `stride` bytes (at least 1).
     pub(super) fn new(count: usize, stride: usize, rows: impl Rows + 'a) -> Self {
         Self { count, stride, rows: Box::new(rows) }
     }
 
-    /// Bytes that are there.
-    pub(super) fn of_bytes(bytes: Vec<u8>) -> Self {
-        Self::of_shared(bytes.into())
+    /// Creates a table of the given bytes.
+    pub(super) fn from_bytes(bytes: Vec<u8>) -> Self {
+        Self::from_shared(bytes.into())
     }
 
-    /// Bytes that somebody else has, too.
-    pub(super) fn of_shared(bytes: Column<u8>) -> Self {
+    /// Creates a table of shared bytes.
+    pub(super) fn from_shared(bytes: Column<u8>) -> Self {
         Self::new(bytes.len(), 1, Bytes(bytes))
     }
 
-    /// The bytes of `entry(item)`, one item per row; tables of the same name have the same `entry`.
-    pub(super) fn of_column<T: NoUninit + Send + Sync, B: NoUninit>(
+    /// Creates a table whose rows are the bytes of `entry(item)`, one item per row. Tables with the same `name` must have the same `entry`.
+    pub(super) fn from_column<T: NoUninit + Send + Sync, B: NoUninit>(
         name: &'a str,
         items: Column<T>,
         entry: impl Fn(&T) -> B + Send + Sync + 'a,
@@ -110,25 +109,26 @@ impl<'a> Table<'a> {
         Self::new(items.len(), size_of::<B>(), Entries { name, items, entry })
     }
 
-    /// How many bytes it has.
+    /// The size in bytes.
     pub(super) fn size(&self) -> usize {
         self.count * self.stride
     }
 
-    /// Fills the bytes of a stretch in. A row that begins before it, or ends behind it, is made as a whole beside it.
-    fn fill(&self, place: usize, mut bytes: &mut [u8]) {
+    /// Fills `bytes` with the table's bytes, beginning at position `offset`. Rows that are only partly inside the range are generated
+    /// separately.
+    fn fill(&self, offset: usize, mut bytes: &mut [u8]) {
         let stride = self.stride;
-        let (mut row, lead) = (place / stride, place % stride);
-        fn whole(row: usize, stride: usize, rows: &dyn Rows) -> Vec<u8> {
+        let (mut row, lead) = (offset / stride, offset % stride);
+        fn fill_row(row: usize, stride: usize, rows: &dyn Rows) -> Vec<u8> {
             let mut bytes = vec![0; stride];
             rows.fill(&mut bytes, row, stride);
             bytes
         }
         if lead > 0 {
             let count = bytes.len().min(stride - lead);
-            let (end, behind) = bytes.split_at_mut(count);
-            end.copy_from_slice(&whole(row, stride, &*self.rows)[lead..][..count]);
-            (bytes, row) = (behind, row + 1);
+            let (end, remaining) = bytes.split_at_mut(count);
+            end.copy_from_slice(&fill_row(row, stride, &*self.rows)[lead..][..count]);
+            (bytes, row) = (remaining, row + 1);
         }
         let (rows, start) = bytes.split_at_mut(bytes.len() / stride * stride);
         for rows in rows.chunks_mut(BLOCK * stride) {
@@ -136,21 +136,21 @@ impl<'a> Table<'a> {
             row += rows.len() / stride;
         }
         if !start.is_empty() {
-            start.copy_from_slice(&whole(row, stride, &*self.rows)[..start.len()]);
+            start.copy_from_slice(&fill_row(row, stride, &*self.rows)[..start.len()]);
         }
     }
 }
 
-/// A file of tables, one behind the other.
-pub(super) fn in_pieces(tables: Vec<Table<'_>>) -> Content<'_> {
+/// Concatenates tables to the content of a file.
+pub(super) fn concatenate(tables: Vec<Table<'_>>) -> Content<'_> {
     let tables = Arc::new(tables);
     let same = tables.clone();
     let len = tables.iter().map(Table::size).sum();
-    Content::pieces(len, move |place: usize, mut bytes: &mut [u8]| {
-        for (table, stretch) in stretches(&tables, place..place + bytes.len()) {
-            let (own, behind) = bytes.split_at_mut(stretch.len());
-            table.fill(stretch.start, own);
-            bytes = behind;
+    Content::pieces(len, move |offset: usize, mut bytes: &mut [u8]| {
+        for (table, stretch) in stretches(&tables, offset..offset + bytes.len()) {
+            let (part, remaining) = bytes.split_at_mut(stretch.len());
+            table.fill(stretch.start, part);
+            bytes = remaining;
         }
     })
     .made_of(move |stretch| {
@@ -164,7 +164,7 @@ pub(super) fn in_pieces(tables: Vec<Table<'_>>) -> Content<'_> {
     })
 }
 
-/// The tables that have bytes in a stretch of a file, in order, and which bytes of each.
+/// Returns the tables that have bytes in a range of a file, in order, each with the part of its own bytes in this range.
 fn stretches<'t, 'a>(
     tables: &'t [Table<'a>],
     stretch: Range<usize>,
@@ -173,17 +173,17 @@ fn stretches<'t, 'a>(
     tables.iter().filter_map(move |table| {
         let start = end;
         end += table.size();
-        let own = stretch.start.max(start)..stretch.end.min(end);
-        (!own.is_empty()).then(|| (table, own.start - start..own.end - start))
+        let part = stretch.start.max(start)..stretch.end.min(end);
+        (!part.is_empty()).then(|| (table, part.start - start..part.end - start))
     })
 }
 
-/// Numbers as single precision floats, little endian.
+/// Encodes numbers as little-endian single-precision floats.
 pub(super) fn floats<const N: usize>(numbers: [f64; N]) -> [[u8; 4]; N] {
     numbers.map(|number| (number as f32).to_le_bytes())
 }
 
-/// Whole numbers, little endian.
+/// Encodes integers as little endian.
 pub(super) fn indices<const N: usize>(numbers: [u32; N]) -> [[u8; 4]; N] {
     numbers.map(u32::to_le_bytes)
 }
@@ -192,7 +192,7 @@ pub(super) fn indices<const N: usize>(numbers: [u32; N]) -> [[u8; 4]; N] {
 mod tests {
     use super::*;
 
-    /// Rows that are full of their number.
+    /// Test rows filled with their index + 1.
     struct Numbers;
 
     impl Rows for Numbers {
@@ -206,24 +206,24 @@ mod tests {
     }
 
     #[test]
-    fn any_stretch_of_tables_is_that_of_the_whole_file() {
+    fn any_range_of_tables_equals_that_of_the_whole_file() {
         let tables = vec![
-            Table::of_bytes(b"head".to_vec()),
+            Table::from_bytes(b"head".to_vec()),
             Table::new(0, 5, Numbers),
             Table::new(3, 7, Numbers),
             Table::new(BLOCK + 5, 2, Numbers),
         ];
-        let content = in_pieces(tables);
+        let content = concatenate(tables);
         let len = content.len();
-        let mut whole = vec![0; len];
-        content.fill(0, &mut whole);
+        let mut expected = vec![0; len];
+        content.fill(0, &mut expected);
         assert_eq!(len, 4 + 3 * 7 + (BLOCK + 5) * 2);
-        assert_eq!(whole[..13], *b"head\x01\x01\x01\x01\x01\x01\x01\x02\x02");
-        for place in (0..40).chain(len - 9..len) {
-            for count in (0..30).filter(|count| place + count <= len) {
+        assert_eq!(expected[..13], *b"head\x01\x01\x01\x01\x01\x01\x01\x02\x02");
+        for offset in (0..40).chain(len - 9..len) {
+            for count in (0..30).filter(|count| offset + count <= len) {
                 let mut bytes = vec![0; count];
-                content.fill(place, &mut bytes);
-                assert_eq!(bytes, whole[place..][..count], "{place} {count}");
+                content.fill(offset, &mut bytes);
+                assert_eq!(bytes, expected[offset..][..count], "{offset} {count}");
             }
         }
     }

@@ -1,8 +1,8 @@
-//! STEP, what CAD programs exchange: a surface as one trimmed face of an open shell.
+//! STEP, the exchange format of CAD programs: a surface becomes one trimmed face of an open shell.
 //!
-//! ISO 10303-21 (the text) and 10303-214 (AUTOMOTIVE_DESIGN); entities of 10303-42. The face is bounded by the surface's own
-//! four edges: an edge that is one point is left out, and two that agree are one seam. Lengths are mm; numbers have 17 significant
-//! digits, so that they read back bit by bit. No time stands in the file, so that equal surfaces give equal bytes.
+//! ISO 10303-21 (the text) and 10303-214 (AUTOMOTIVE_DESIGN); entities of 10303-42. The face is bounded by the surface's own four edges. An
+//! edge that is a single point is left out, and two equal edges become one seam. Lengths are in mm; numbers have 17 significant digits, so
+//! they are read back exactly. The file has no time stamp, so equal surfaces give equal bytes.
 
 use std::fmt::Write;
 
@@ -14,7 +14,7 @@ use thiserror::Error;
 
 use super::upright::upright_surface;
 
-/// Why a surface cannot be written as STEP.
+/// Error of writing a surface as STEP.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub(super) enum StepError {
     #[error("the weight of control point ({row}, {column}) is 0, which STEP does not allow")]
@@ -28,15 +28,15 @@ pub(super) struct SurfaceStep;
 
 impl FileFormat for SurfaceStep {
     type Value = Surface;
-    const ENDING: &'static str = "step";
+    const EXTENSION: &'static str = "step";
 
     fn write(surface: &Surface, name: &str) -> Result<Vec<NewFile>, error::Error> {
-        Ok(NewFile::only(name, encode(&*upright_surface(surface)?)?))
+        Ok(NewFile::single(name, encode(&*upright_surface(surface)?)?))
     }
 }
 
-/// Two points of an edge that are nearer than this share of the net's size are one: rounding.
-const SAME: f64 = 1e-9;
+/// Two end points of edges count as equal if they are closer than this fraction of the control net's size. This allows for rounding.
+const RELATIVE_TOLERANCE: f64 = 1e-9;
 
 fn encode(surface: &Surface) -> Result<Vec<u8>, StepError> {
     let columns = surface.net().columns();
@@ -61,22 +61,22 @@ fn encode(surface: &Surface) -> Result<Vec<u8>, StepError> {
     Ok(file.finish())
 }
 
-/// The lines of the data, numbered from 1.
+/// The entities of the data section. They are numbered from 1.
 #[derive(Default)]
 struct File {
     lines: Vec<String>,
 }
 
-/// What the shape hangs on.
+/// The numbers of the entities to which the shape refers.
 struct ProductContext {
-    /// The units and how exact numbers are.
+    /// The number of the entity with the units and the accuracy.
     units: usize,
-    /// What the shape is the shape of.
+    /// The number of the product definition.
     definition: usize,
 }
 
 impl File {
-    /// Adds an entity; gives its number.
+    /// Adds an entity. Returns its number.
     fn add(&mut self, entity: &str) -> usize {
         self.lines.push(entity.to_owned());
         self.lines.len()
@@ -95,7 +95,7 @@ impl File {
         text.into_bytes()
     }
 
-    /// A product with a shape, and its units: mm and radians.
+    /// Adds a product with a shape, and the units of the shape: mm and radians.
     fn preamble(&mut self) -> ProductContext {
         let application = self.add("APPLICATION_CONTEXT('automotive design')");
         self.add(&format!(
@@ -122,7 +122,7 @@ impl File {
         ProductContext { units, definition }
     }
 
-    /// The axes of the shape: those of the surface.
+    /// Adds the coordinate axes of the shape.
     fn frame(&mut self) -> usize {
         let origin = self.point(&Point3::origin());
         let z = self.add("DIRECTION('',(0.,0.,1.))");
@@ -177,35 +177,35 @@ impl File {
     }
 }
 
-/// Numbers as STEP has them, with 17 significant digits.
+/// Formats numbers for STEP, with 17 significant digits.
 fn reals<'a>(numbers: impl IntoIterator<Item = &'a f64>) -> String {
     numbers.into_iter().map(|number| format!("{number:.16E}")).collect::<Vec<_>>().join(",")
 }
 
-/// How often each different knot is repeated, and the different knots.
+/// Returns the multiplicities of the distinct knots, and the distinct knots, both as text.
 fn multiplicities(knots: &KnotVector) -> (String, String) {
-    let runs = || knots.knots().chunk_by(|a, b| a == b);
-    let times: Vec<_> = runs().map(|run| run.len().to_string()).collect();
-    (times.join(","), reals(runs().map(|run| &run[0])))
+    let runs: Vec<&[f64]> = knots.knots().chunk_by(|a, b| a == b).collect();
+    let times: Vec<_> = runs.iter().map(|run| run.len().to_string()).collect();
+    (times.join(","), reals(runs.iter().map(|run| &run[0])))
 }
 
-/// The curve along an end of the domain.
+/// A boundary curve of the surface, at one end of the u or v domain.
 struct Side {
     points: Vec<Point3<f64>>,
     weights: Vec<f64>,
-    /// Its first and last point, which the first and last control points are only for repeated knots.
+    /// The first and the last point of the curve. They equal the first and the last control point only if the end knots are repeated.
     ends: [Point3<f64>; 2],
 }
 
-/// The four sides of a surface.
+/// The four boundary curves of a surface.
 struct Bounds<'a> {
     surface: &'a Surface,
     low_v: Side,
     high_v: Side,
     low_u: Side,
     high_u: Side,
-    /// How near points are that count as one.
-    near: f64,
+    /// The maximum distance between points that count as equal.
+    tolerance: f64,
 }
 
 impl<'a> Bounds<'a> {
@@ -218,7 +218,7 @@ impl<'a> Bounds<'a> {
         };
         let (u, v) = (surface.u(), surface.v());
         let ((low_u, high_u), (low_v, high_v)) = (u.domain(), v.domain());
-        // The curve along u at a fixed v has a control point per row, the one along v at a fixed u one per column.
+        // The curve along u at a fixed v has one control point per row; the curve along v at a fixed u has one per column.
         let along_u = |at| {
             let ends = [surface.point(low_u, at), surface.point(high_u, at)];
             side(net.rows(), v.basis(at), control, ends)
@@ -233,25 +233,25 @@ impl<'a> Bounds<'a> {
             high_v: along_u(high_v)?,
             low_u: along_v(low_u)?,
             high_u: along_v(high_u)?,
-            near: SAME * size.fold(0.0, f64::max),
+            tolerance: RELATIVE_TOLERANCE * size.fold(0.0, f64::max),
             surface,
         })
     }
 
     fn closed_u(&self) -> bool {
-        self.agree(&self.low_u, &self.high_u)
+        self.are_equal(&self.low_u, &self.high_u)
     }
 
     fn closed_v(&self) -> bool {
-        self.agree(&self.low_v, &self.high_v)
+        self.are_equal(&self.low_v, &self.high_v)
     }
 
-    /// The loop of edges, counter-clockwise in (u, v).
+    /// Adds the loop of edges, which is counter-clockwise in (u, v).
     fn write(&self, file: &mut File) -> usize {
         let corners = [self.low_v.ends, self.high_v.ends].concat();
         let mut vertices = [0; 4];
         for k in 0..4 {
-            let twin = (0..k).find(|&other| self.same(&corners[other], &corners[k]));
+            let twin = (0..k).find(|&other| self.is_same_point(&corners[other], &corners[k]));
             vertices[k] = twin.map(|twin| vertices[twin]).unwrap_or_else(|| {
                 let point = file.point(&corners[k]);
                 file.add(&format!("VERTEX_POINT('',#{point})"))
@@ -279,7 +279,7 @@ impl<'a> Bounds<'a> {
         }
     }
 
-    /// An edge between two vertices; none for a side that is one point.
+    /// Adds an edge between two vertices. Returns `None` for a boundary curve that is a single point.
     fn edge(
         &self,
         file: &mut File,
@@ -287,36 +287,36 @@ impl<'a> Bounds<'a> {
         knots: &KnotVector,
         [start, end]: [usize; 2],
     ) -> Option<usize> {
-        if side.points.iter().all(|point| self.same(point, &side.points[0])) {
+        if side.points.iter().all(|point| self.is_same_point(point, &side.points[0])) {
             return None;
         }
         let curve = file.curve(side, knots);
         Some(file.add(&format!("EDGE_CURVE('',#{start},#{end},#{curve},.T.)")))
     }
 
-    fn agree(&self, a: &Side, b: &Side) -> bool {
-        a.weights == b.weights && a.points.iter().zip(&b.points).all(|(a, b)| self.same(a, b))
+    fn are_equal(&self, a: &Side, b: &Side) -> bool {
+        a.weights == b.weights
+            && a.points.iter().zip(&b.points).all(|(a, b)| self.is_same_point(a, b))
     }
 
-    fn same(&self, a: &Point3<f64>, b: &Point3<f64>) -> bool {
-        (a - b).norm() <= self.near
+    fn is_same_point(&self, a: &Point3<f64>, b: &Point3<f64>) -> bool {
+        (a - b).norm() <= self.tolerance
     }
 }
 
-/// The curve that the basis functions across make of lines of control points (w x, w y, w z, w).
+/// Computes a boundary curve from the control points (w x, w y, w z, w). Each of its control points is a sum over a line of control points,
+/// weighted by the basis functions of the other direction.
 fn side(
     lines: usize,
     (first, values): (usize, Vec<f64>),
     control: impl Fn(usize, usize) -> Vector4<f64>,
     ends: [Point3<f64>; 2],
 ) -> Result<Side, StepError> {
-    let sum = |line| {
-        let terms = values.iter().zip(first..).filter(|(value, _)| **value != 0.0);
-        terms.map(|(&value, across)| control(line, across) * value).sum::<Vector4<f64>>()
-    };
     let (points, weights): (Vec<_>, Vec<_>) = (0..lines)
         .map(|line| {
-            let sum = sum(line);
+            let terms = values.iter().zip(first..).filter(|(value, _)| **value != 0.0);
+            let sum: Vector4<f64> =
+                terms.map(|(&value, across)| control(line, across) * value).sum();
             (Point3::from(sum.xyz() / sum.w), sum.w)
         })
         .unzip();
@@ -337,7 +337,7 @@ mod tests {
         String::from_utf8(encode(surface).unwrap()).unwrap()
     }
 
-    /// A patch of 3 x 4 control points, with weights if they are given.
+    /// Creates a patch of 3 x 4 control points, with the given weights or with weights 1.
     fn patch(weights: Option<Vec<f64>>) -> Surface {
         let net = ControlNet::new(
             3,
@@ -365,24 +365,24 @@ mod tests {
         assert!(text.contains(",2,2,((#"));
         let knots = "(3,3),(3,1,3),(0.0000000000000000E0,1.0000000000000000E0),";
         assert!(text.contains(knots), "{text}");
-        // 1/3 with all its digits.
+        // The number is 1/3 with all its digits.
         assert!(text.contains("3.3333333333333331E-1"));
     }
 
     #[test]
-    fn every_entity_that_is_named_is_there() {
+    fn every_reference_is_to_an_earlier_entity() {
         let text = text(&patch(Some((1..=12).map(f64::from).collect())));
         assert!(
             text.contains("RATIONAL_B_SPLINE_SURFACE(((1.0000000000000000E0,2.0000000000000000E0,")
         );
         let lines = text.lines().filter(|line| line.starts_with('#'));
-        for (line, own) in lines.zip(1..) {
+        for (line, expected) in lines.zip(1..) {
             let mut numbers = line.split('#').skip(1).map(|part| {
                 let end = part.find(|c: char| !c.is_ascii_digit()).unwrap();
                 part[..end].parse::<usize>().unwrap()
             });
-            assert_eq!(numbers.next(), Some(own));
-            assert!(numbers.all(|number| number < own), "{line}");
+            assert_eq!(numbers.next(), Some(expected));
+            assert!(numbers.all(|number| number < expected), "{line}");
         }
     }
 
@@ -409,7 +409,7 @@ mod tests {
     }
 
     #[test]
-    fn what_step_cannot_hold_is_refused() {
+    fn a_zero_weight_is_rejected() {
         let mut weights = vec![1.0; 12];
         weights[6] = 0.0;
         let error = encode(&patch(Some(weights))).unwrap_err();

@@ -1,148 +1,151 @@
-//! STL, the triangles of printers: text or binary. It has no vertices, only corners; equal ones become one vertex.
+//! STL, the triangles for 3D printers, as text or binary. The format stores corners, not vertices; corners with equal positions are merged
+//! to one vertex.
 
 use std::collections::HashMap;
 
+use maquette_node::importers::{FileReader, InputFile};
 use maquette_node::pack::{FileFormat, NewFile};
-use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error;
 use maquette_value::{Attribute, Mesh, MeshError, Rgb};
 use nalgebra::{Point3, Vector3};
 use thiserror::Error;
 
 use super::corners::FaceList;
-use super::left_out;
+use super::losses;
 use super::rows::floats;
 use super::upright::upright;
-use super::{TooFar, check_mesh, coarse_mesh, excerpt, finite, open, real, words};
+use super::{
+    CoordinateOverflow, check_mesh, excerpt, finite, mesh_precision_note, open_mesh_note,
+    parse_real, words,
+};
 
-/// Why bytes are not a mesh in an STL file, or a mesh cannot be written as one.
+/// Error of reading or writing an STL file.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum StlError {
-    /// Something else.
+    /// The file is not STL.
     #[error(
-        "this is no STL file: {bytes} bytes are no text that begins with `solid`, nor a header of 84 bytes and 50 for each triangle"
+        "this is not an STL file: expected a text that begins with `solid`, or a header of 84 bytes and 50 bytes per triangle, found {bytes} bytes"
     )]
     NotStl {
-        /// Bytes in the file.
+        /// The length of the file, in bytes.
         bytes: usize,
     },
-    /// A binary file of another length than its header says.
+    /// The length of a binary file does not match its header.
     #[error(
-        "{bytes} bytes, but the header counts {triangles} triangles, which take {}: the file is {}, or no STL file",
+        "the header states {triangles} triangles, which take {} bytes, but the file has {bytes} bytes: it is {}, or not an STL file",
         84 + TRIANGLE as u64 * u64::from(*triangles),
-        if (*bytes as u64) < 84 + TRIANGLE as u64 * u64::from(*triangles) { "cut off" } else { "damaged" }
+        if (*bytes as u64) < 84 + TRIANGLE as u64 * u64::from(*triangles) { "truncated" } else { "damaged" }
     )]
     Length {
-        /// Bytes in the file.
+        /// The length of the file, in bytes.
         bytes: usize,
-        /// How many triangles there must be.
+        /// The number of triangles that the header states.
         triangles: u32,
     },
-    /// A word where another one must be.
-    #[error("line {line}: `{text}`, where there must be `{wanted}`")]
+    /// A line has an unexpected word.
+    #[error("line {line}: expected `{wanted}`, found `{text}`")]
     Word {
-        /// The line, from 1.
+        /// The number of the line, from 1.
         line: usize,
-        /// What is there.
+        /// The word that was found.
         text: String,
-        /// What must be there.
+        /// The word that was expected.
         wanted: &'static str,
     },
-    /// A corner that is not three numbers.
-    #[error("line {line}: a vertex has three numbers, not `{text}`")]
+    /// A corner is not three numbers.
+    #[error("line {line}: expected a vertex of three numbers, found `{text}`")]
     Vertex {
-        /// The line, from 1.
+        /// The number of the line, from 1.
         line: usize,
-        /// What is there.
+        /// The text that was found.
         text: String,
     },
-    /// A facet that is not a triangle.
-    #[error("line {line}: a facet has three vertices, not {found}")]
+    /// A facet is not a triangle.
+    #[error("line {line}: expected three vertices in a facet, found {found}")]
     Facet {
-        /// Its last line, from 1.
+        /// The number of the last line of the facet, from 1.
         line: usize,
-        /// Its vertices.
+        /// The number of vertices in the facet.
         found: usize,
     },
-    /// A text that ends inside a facet.
+    /// The file ends inside a facet.
     #[error("line {line}: the file ends inside a facet")]
     Ends {
-        /// Its last line, from 1.
+        /// The number of the last line of the file, from 1.
         line: usize,
     },
-    /// A text that ends before its last line.
-    #[error("line {line}: the file ends without `endsolid`: it is cut off")]
+    /// The file ends without `endsolid`.
+    #[error("line {line}: the file ends without `endsolid`: it is truncated")]
     Open {
-        /// Its last line, from 1.
+        /// The number of the last line of the file, from 1.
         line: usize,
     },
-    /// Vertices and faces that make no mesh.
+    /// The vertices and faces are not a valid mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
-    /// A vertex that the format cannot tell.
+    /// A coordinate is too large for the format.
     #[error(transparent)]
-    TooFar(#[from] TooFar),
-    /// More triangles than the format can count.
-    #[error("{triangles} triangles are more than an STL file can count")]
+    Coordinate(#[from] CoordinateOverflow),
+    /// There are too many triangles.
+    #[error("an STL file cannot store {triangles} triangles")]
     TooLarge {
-        /// How many there are.
+        /// The number of triangles.
         triangles: usize,
     },
 }
 
-/// The mesh in an STL file, text or binary. Corners at the same place, bit by bit, are one vertex, in the order in which the
-/// file first has them. Triangles with two equal corners are left out, and normals are not read: the corners' order says where
-/// the outside is. Triangles with a corner that is NaN or infinite are left out, too. Colors of triangles, as Magics and VisCAM write them, become
-/// the colors `color` of faces.
+/// Reads the mesh in an STL file, text or binary. Corners with bitwise equal positions become one vertex, in the order of first use.
+/// Degenerate triangles are left out, as are those with a corner that is NaN or infinite. Normals are ignored: the order of the corners
+/// defines the outside. Colors of triangles, as Magics and VisCAM write them, become the attribute `color` of faces.
 ///
 /// # Errors
 /// If the bytes are not an STL file.
 pub fn read(bytes: &[u8]) -> Result<Mesh, StlError> {
-    Ok(read_noted(bytes)?.0)
+    Ok(read_with_notes(bytes)?.0)
 }
 
-/// The same, and what the user should know of what is left out or understood in one of several ways.
-fn read_noted(bytes: &[u8]) -> Result<(Mesh, Vec<String>), StlError> {
+/// Reads a mesh like [`read`]. Also returns warnings about data that are left out or ambiguous.
+fn read_with_notes(bytes: &[u8]) -> Result<(Mesh, Vec<String>), StlError> {
     let (mut corners, mut notes) = (Corners::default(), Vec::new());
-    let promised = bytes.get(80..84).and_then(|count| count.first_chunk());
-    let promised = promised.map(|count| u32::from_le_bytes(*count));
-    fn wanted(count: u32) -> usize {
+    let stated = bytes.get(80..84).and_then(|count| count.first_chunk());
+    let stated = stated.map(|count| u32::from_le_bytes(*count));
+    fn expected_size(count: u32) -> usize {
         (count as usize).saturating_mul(TRIANGLE).saturating_add(84)
     }
     let is_text =
         bytes.trim_ascii_start().get(..5).is_some_and(|it| it.eq_ignore_ascii_case(b"solid"));
-    // Programs that write while they scan do not come back to the count.
+    // Programs that write the file as a stream do not return to the header to fill in the count.
     let room = bytes.len().saturating_sub(84);
     fn is_longer(count: u32, room: usize, bytes: &[u8]) -> bool {
         let is_whole = room.is_multiple_of(TRIANGLE) && room > 0;
-        bytes.len() > wanted(count) && (is_whole || count > 0)
+        bytes.len() > expected_size(count) && (is_whole || count > 0)
     }
-    // Binary headers may begin with `solid` too, but their length gives them away.
-    if promised.is_some_and(|count| bytes.len() == wanted(count)) {
+    // A binary header may begin with `solid`, too, so the length of the file decides.
+    if stated.is_some_and(|count| bytes.len() == expected_size(count)) {
         read_binary(bytes, &mut corners);
     } else if is_text {
         read_text(bytes, &mut corners)?;
-    } else if let Some(count) = promised.filter(|&count| is_longer(count, room, bytes)) {
+    } else if let Some(count) = stated.filter(|&count| is_longer(count, room, bytes)) {
         if room.is_multiple_of(TRIANGLE) {
-            let there = room / TRIANGLE;
+            let actual = room / TRIANGLE;
             notes.push(format!(
-                "the header counts {count} triangles, but there are {there}: all are read"
+                "the header states {count} triangles, but the file has {actual}: all are read"
             ));
             read_binary(bytes, &mut corners);
         } else {
-            let end = wanted(count);
+            let end = expected_size(count);
             notes.push(format!(
-                "{} bytes at the end are left out: the header counts {count} triangles",
+                "{} bytes at the end are left out: the header states {count} triangles",
                 bytes.len() - end
             ));
             read_binary(&bytes[..end], &mut corners);
         }
     } else {
         let bytes = bytes.len();
-        // Four bytes of anything else would hardly be about as many.
+        // Another kind of file would hardly have four bytes at this position that are close to the right count.
         return Err(
-            match promised.filter(|&count| {
-                room.is_multiple_of(TRIANGLE) || wanted(count) / MOST_LACKING <= bytes
+            match stated.filter(|&count| {
+                room.is_multiple_of(TRIANGLE) || expected_size(count) / MAX_MISSING_FACTOR <= bytes
             }) {
                 Some(triangles) => StlError::Length { bytes, triangles },
                 None => StlError::NotStl { bytes },
@@ -150,7 +153,7 @@ fn read_noted(bytes: &[u8]) -> Result<(Mesh, Vec<String>), StlError> {
         );
     }
     notes.extend(corners.faces.notes());
-    notes.extend(finite::doubt(corners.left_out, "face"));
+    notes.extend(finite::left_out_note(corners.left_out, "face"));
     let (faces, _) = corners.faces.finish()?;
     let mut mesh = Mesh::new(corners.positions, faces)?;
     if corners.colors.iter().any(Option::is_some) {
@@ -160,10 +163,10 @@ fn read_noted(bytes: &[u8]) -> Result<(Mesh, Vec<String>), StlError> {
     Ok((mesh, notes))
 }
 
-/// The triangles behind a header.
+/// Reads the triangles of a binary file.
 fn read_binary(bytes: &[u8], corners: &mut Corners) {
     let (header, triangles) = bytes.split_at(84);
-    // Magics gives the color of all triangles that have none of their own, and its channels are the other way round.
+    // Magics stores in the header a color for all triangles that have no color of their own. Its channels are in reverse order.
     let magics = header.windows(9).find_map(|window| window.strip_prefix(b"COLOR="));
     if let Some([red, green, blue]) = magics {
         corners.usual_color = [*red, *green, *blue];
@@ -179,29 +182,29 @@ fn read_binary(bytes: &[u8], corners: &mut Corners) {
         let [low, middle, high] =
             [0, 5, 10].map(|shift: u16| ((u32::from(bits >> shift & 31) * 255 + 15) / 31) as u8);
         let color = if magics.is_some() { [low, middle, high] } else { [high, middle, low] };
-        let places = [0, 3, 6]
+        let corner_positions = [0, 3, 6]
             .map(|k| [number(k, triangle), number(k + 1, triangle), number(k + 2, triangle)]);
-        corners.push(places, has_own.then_some(color));
+        corners.push(corner_positions, has_own.then_some(color));
     }
 }
 
-/// A file that is shorter by more than this is taken for none of its kind.
-const MOST_LACKING: usize = 1000;
+/// If a file is shorter than its header states by more than this factor, it is considered to be another format, not a truncated STL file.
+const MAX_MISSING_FACTOR: usize = 1000;
 
-/// Bytes of a triangle: a normal and three corners of floats, and two bytes of anything.
+/// The number of bytes of a triangle: a normal and three corners of floats, and two arbitrary bytes.
 const TRIANGLE: usize = 50;
 
-/// Collects triangles by their corners' places.
+/// Collects triangles, and merges corners with equal positions.
 #[derive(Default)]
 struct Corners {
     positions: Vec<Point3<f64>>,
     vertices: HashMap<[u64; 3], u32>,
     faces: FaceList,
-    /// The color of each face that has one.
+    /// The color of each face, if it has its own.
     colors: Vec<Option<Rgb>>,
-    /// That of the others.
+    /// The color of the faces that have no color of their own.
     usual_color: Rgb,
-    /// Triangles with a corner nowhere.
+    /// The number of triangles that are left out because a corner is not finite.
     left_out: usize,
 }
 
@@ -211,10 +214,10 @@ impl Corners {
             self.left_out += 1;
             return;
         }
-        let face = corners.map(|place| {
-            *self.vertices.entry(place.map(f64::to_bits)).or_insert_with(|| {
-                self.positions.push(place.into());
-                // A file of more corners than that does not fit into any memory; the mesh would refuse it.
+        let face = corners.map(|position| {
+            *self.vertices.entry(position.map(f64::to_bits)).or_insert_with(|| {
+                self.positions.push(position.into());
+                // The cast is safe, because more corners would not fit in memory.
                 (self.positions.len() - 1) as u32
             })
         });
@@ -223,7 +226,8 @@ impl Corners {
     }
 }
 
-/// The lines `facet normal ..`, `outer loop`, three `vertex x y z`, `endloop`, `endfacet`, between `solid` and `endsolid`.
+/// Reads a text file: the lines `facet normal ..`, `outer loop`, three `vertex x y z`, `endloop`, `endfacet`, between `solid` and
+/// `endsolid`.
 fn read_text(bytes: &[u8], corners: &mut Corners) -> Result<(), StlError> {
     let mut facet: Option<Vec<[f64; 3]>> = None;
     let (mut last, mut is_open) = (1, true);
@@ -233,7 +237,7 @@ fn read_text(bytes: &[u8], corners: &mut Corners) -> Result<(), StlError> {
         let mut words = words(text);
         let Some(first) = words.next() else { continue };
         last = line;
-        fn wrong(wanted: &'static str, line: usize, text: &[u8]) -> StlError {
+        fn word_error(wanted: &'static str, line: usize, text: &[u8]) -> StlError {
             StlError::Word { line, text: excerpt(text.trim_ascii()), wanted }
         }
         let mut first = first.to_ascii_lowercase();
@@ -247,18 +251,19 @@ fn read_text(bytes: &[u8], corners: &mut Corners) -> Result<(), StlError> {
             (b"outer" | b"endloop", Some(_)) => {}
             (b"facet", None) => (facet, is_open) = (Some(Vec::with_capacity(3)), true),
             (b"vertex", Some(facet)) => {
-                let mut place = [0.0; 3];
+                let mut position = [0.0; 3];
                 let mut found = 0;
                 for word in words {
-                    let broken = || StlError::Vertex { line, text: excerpt(text.trim_ascii()) };
-                    let number: f32 = real(word).ok_or_else(broken)?;
-                    *place.get_mut(found).ok_or_else(broken)? = number.into();
+                    let vertex_error =
+                        || StlError::Vertex { line, text: excerpt(text.trim_ascii()) };
+                    let number: f32 = parse_real(word).ok_or_else(vertex_error)?;
+                    *position.get_mut(found).ok_or_else(vertex_error)? = number.into();
                     found += 1;
                 }
                 if found < 3 {
                     return Err(StlError::Vertex { line, text: excerpt(text.trim_ascii()) });
                 }
-                facet.push(place);
+                facet.push(position);
             }
             (b"endfacet", Some(vertices)) => match vertices[..] {
                 [a, b, c] => {
@@ -267,9 +272,9 @@ fn read_text(bytes: &[u8], corners: &mut Corners) -> Result<(), StlError> {
                 }
                 _ => return Err(StlError::Facet { line, found: vertices.len() }),
             },
-            (_, None) => return Err(wrong("facet", line, text)),
+            (_, None) => return Err(word_error("facet", line, text)),
             (_, Some(vertices)) => {
-                return Err(wrong(
+                return Err(word_error(
                     if vertices.len() < 3 { "vertex" } else { "endloop" },
                     line,
                     text,
@@ -284,23 +289,23 @@ fn read_text(bytes: &[u8], corners: &mut Corners) -> Result<(), StlError> {
     }
 }
 
-/// Writes a mesh as binary STL; polygons are cut into triangles.
+/// Writes a mesh as binary STL; polygons are triangulated.
 pub(super) struct MeshStl;
 
 impl FileFormat for MeshStl {
     type Value = Mesh;
-    const ENDING: &'static str = "stl";
+    const EXTENSION: &'static str = "stl";
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::STL;
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, error::Error> {
-        Ok(NewFile::only(name, encode(&*upright(mesh)?)?))
+        Ok(NewFile::single(name, encode(&*upright(mesh)?)?))
     }
 
-    fn doubts(mesh: &Mesh) -> Vec<String> {
-        coarse_mesh(mesh)
+    fn warnings(mesh: &Mesh) -> Vec<String> {
+        mesh_precision_note(mesh)
             .into_iter()
-            .chain(open(mesh))
-            .chain(left_out::of_mesh(mesh, <Self as FileFormat>::FIDELITY))
+            .chain(open_mesh_note(mesh))
+            .chain(losses::mesh_warning(mesh, <Self as FileFormat>::FIDELITY))
             .collect()
     }
 }
@@ -327,12 +332,12 @@ fn encode(mesh: &Mesh) -> Result<Vec<u8>, StlError> {
 
 impl FileReader for MeshStl {
     type Value = Mesh;
-    const ENDINGS: &'static [&'static str] = &["stl"];
+    const EXTENSIONS: &'static [&'static str] = &["stl"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::STL_READ;
 
-    fn read(file: &Reading<'_>) -> Result<Mesh, error::Error> {
-        let (mesh, notes) = read_noted(file.bytes())?;
-        notes.into_iter().for_each(|note| file.doubt(note));
+    fn read(file: &InputFile<'_>) -> Result<Mesh, error::Error> {
+        let (mesh, notes) = read_with_notes(file.bytes())?;
+        notes.into_iter().for_each(|note| file.warn(note));
         Ok(mesh)
     }
 }
@@ -361,7 +366,7 @@ mod tests {
     }
 
     #[test]
-    fn files_of_others_read() {
+    fn files_of_other_programs_are_read() {
         let mesh = read(include_bytes!("../../tests/data/formats/square.stl")).unwrap();
         assert_eq!(mesh.faces().iter().collect::<Vec<_>>(), [[0, 1, 2], [0, 2, 3]]);
     }
@@ -375,10 +380,10 @@ mod tests {
 
     #[test]
     fn a_quad_is_written_as_two_triangles_with_their_normals() {
-        fn at(x: f64, y: f64) -> Point3<f64> {
+        fn point(x: f64, y: f64) -> Point3<f64> {
             Point3::new(x, y, 0.25)
         }
-        let positions = vec![at(0., 0.), at(1., 0.), at(1., 1.), at(0., 1.)];
+        let positions = vec![point(0., 0.), point(1., 0.), point(1., 1.), point(0., 1.)];
         let quad = Mesh::new(positions, Faces::uniform(4, vec![0, 1, 2, 3]).unwrap()).unwrap();
         let bytes = encode(&quad).unwrap();
         assert_eq!(bytes.len(), 84 + 2 * 50);
@@ -389,30 +394,31 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_count_is_told_and_all_that_is_there_is_read() {
+    fn a_wrong_count_gives_a_warning_and_all_triangles_are_read() {
         let square = binary();
         fn with_count(count: u32, more: &[u8], square: &[u8]) -> Result<(usize, String), StlError> {
             let mut bytes = [square, more].concat();
             bytes[80..84].copy_from_slice(&count.to_le_bytes());
-            read_noted(&bytes).map(|(mesh, notes)| (mesh.faces().len(), notes.join("; ")))
+            read_with_notes(&bytes).map(|(mesh, notes)| (mesh.faces().len(), notes.join("; ")))
         }
-        let told =
-            |count| format!("the header counts {count} triangles, but there are 2: all are read");
-        assert_eq!(with_count(0, &[], &square).unwrap(), (2, told(0)));
-        assert_eq!(with_count(1, &[], &square).unwrap(), (2, told(1)));
-        let told = "7 bytes at the end are left out: the header counts 2 triangles";
-        assert_eq!(with_count(2, &[0; 7], &square).unwrap(), (2, told.to_owned()));
+        fn wrong_count(count: u32) -> String {
+            format!("the header states {count} triangles, but the file has 2: all are read")
+        }
+        assert_eq!(with_count(0, &[], &square).unwrap(), (2, wrong_count(0)));
+        assert_eq!(with_count(1, &[], &square).unwrap(), (2, wrong_count(1)));
+        let message = "7 bytes at the end are left out: the header states 2 triangles";
+        assert_eq!(with_count(2, &[0; 7], &square).unwrap(), (2, message.to_owned()));
         assert!(
             with_count(0, &[0; 7], &square)
                 .unwrap_err()
                 .to_string()
-                .ends_with("the file is damaged, or no STL file")
+                .ends_with("it is damaged, or not an STL file")
         );
         assert!(
             with_count(3, &[], &square)
                 .unwrap_err()
                 .to_string()
-                .ends_with("the file is cut off, or no STL file")
+                .ends_with("it is truncated, or not an STL file")
         );
     }
 
@@ -443,18 +449,18 @@ mod tests {
     }
 
     #[test]
-    fn a_triangle_that_is_none_is_left_out() {
+    fn a_degenerate_triangle_is_left_out() {
         let mesh = read(TEXT.replacen("vertex 1 0 0", "vertex 0 0 0", 1).as_bytes()).unwrap();
         assert_eq!(mesh.faces().len(), 1);
     }
 
     #[test]
-    fn a_triangle_with_a_corner_nowhere_is_left_out_and_told() {
+    fn a_triangle_that_is_not_finite_is_left_out_with_a_warning() {
         for nowhere in ["nan", "inf"] {
             let text = TEXT.replacen("vertex 1 0 0", &format!("vertex 1 0 {nowhere}"), 1);
-            let file = Reading::alone("a.stl", text.as_bytes());
+            let file = InputFile::standalone("a.stl", text.as_bytes());
             assert_eq!(MeshStl::read(&file).unwrap().faces().len(), 1);
-            assert_eq!(file.doubts(), ["1 face is left out: a coordinate is NaN or infinite"]);
+            assert_eq!(file.warnings(), ["1 face is left out: a coordinate is NaN or infinite"]);
         }
     }
 
@@ -464,48 +470,45 @@ mod tests {
     }
 
     #[test]
-    fn files_that_lie_are_refused_with_their_line() {
-        let text = "this is no STL file: 3 bytes are no text that begins with `solid`, nor a header of 84 bytes and 50 for each triangle";
+    fn invalid_files_are_rejected_with_their_line() {
+        let text = "this is not an STL file: expected a text that begins with `solid`, or a header of 84 bytes and 50 bytes per triangle, found 3 bytes";
         assert_eq!(read(b"stl").unwrap_err().to_string(), text);
         let mut cut = binary();
         cut.pop();
-        let told = "183 bytes, but the header counts 2 triangles, which take 184: the file is cut off, or no STL file";
-        assert_eq!(read(&cut).unwrap_err().to_string(), told);
-        // Four letters are no count.
+        let message = "the header states 2 triangles, which take 184 bytes, but the file has 183 bytes: it is truncated, or not an STL file";
+        assert_eq!(read(&cut).unwrap_err().to_string(), message);
+        // In this text, the four bytes at the position of the count are letters.
         let text = b"a text that is no file of triangles, but has as many letters as their header would take".repeat(2);
         assert!(matches!(read(&text), Err(StlError::NotStl { .. })));
-        assert_eq!(error("   vertex 1 0 0\n", ""), "line 7: a facet has three vertices, not 2");
+        assert_eq!(
+            error("   vertex 1 0 0\n", ""),
+            "line 7: expected three vertices in a facet, found 2"
+        );
         assert_eq!(
             error("vertex 1 0 0", "vertex 1 0"),
-            "line 5: a vertex has three numbers, not `vertex 1 0`"
+            "line 5: expected a vertex of three numbers, found `vertex 1 0`"
         );
         assert_eq!(
             error("vertex 1 0 0", "vertex 1 0 0 0"),
-            "line 5: a vertex has three numbers, not `vertex 1 0 0 0`"
+            "line 5: expected a vertex of three numbers, found `vertex 1 0 0 0`"
         );
-        assert_eq!(
-            error("vertex 1 0 0", "vortex"),
-            "line 5: `vortex`, where there must be `vertex`"
-        );
-        assert_eq!(
-            error("facet normal 0 0 1", "side"),
-            "line 2: `side`, where there must be `facet`"
-        );
+        assert_eq!(error("vertex 1 0 0", "vortex"), "line 5: expected `vertex`, found `vortex`");
+        assert_eq!(error("facet normal 0 0 1", "side"), "line 2: expected `facet`, found `side`");
         let start = &TEXT[..TEXT.find("endloop").unwrap()];
         assert_eq!(read(start.as_bytes()).unwrap_err(), StlError::Ends { line: 6 });
     }
 
     #[test]
-    fn capitals_say_the_same() {
+    fn keywords_may_be_upper_case() {
         let capitals = TEXT.to_ascii_uppercase();
         assert_eq!(read(capitals.as_bytes()).unwrap(), read(TEXT.as_bytes()).unwrap());
     }
 
     #[test]
-    fn a_text_that_is_cut_after_a_facet_is_refused() {
+    fn a_text_that_ends_after_a_facet_is_rejected() {
         let end = TEXT.find("endsolid").unwrap();
         let error = read(&TEXT.as_bytes()[..end]).unwrap_err().to_string();
-        assert_eq!(error, "line 15: the file ends without `endsolid`: it is cut off");
+        assert_eq!(error, "line 15: the file ends without `endsolid`: it is truncated");
         // Some files have several solids.
         let two = TEXT.repeat(2);
         assert_eq!(read(two.as_bytes()).unwrap().faces().len(), 4);
@@ -516,8 +519,8 @@ mod tests {
     fn a_vertex_beyond_single_precision_is_not_written_as_infinite() {
         let positions = vec![Point3::origin(), Point3::new(1., 0., 0.), Point3::new(0., -1e39, 0.)];
         let mesh = Mesh::new(positions, Faces::triangles(vec![[0, 1, 2]])).unwrap();
-        let text = "vertex 2 is at (0e0, -1e39, 0e0), but coordinates in such a file are at most 3.4e38 in size: scale or move it \
-            nearer before it is written";
+        let text = "vertex 2 is at (0e0, -1e39, 0e0), but coordinates in this format are at most 3.4e38: scale it or \
+            move it to the origin first";
         assert_eq!(encode(&mesh).unwrap_err().to_string(), text);
         assert_eq!(ply::encode(&mesh).unwrap_err().to_string(), text);
         for written in [
@@ -531,7 +534,7 @@ mod tests {
 
     #[test]
     fn hostile_files_give_errors() {
-        hostile::survive(TEXT.as_bytes(), read);
-        hostile::survive(&binary(), read);
+        hostile::check_no_panic(TEXT.as_bytes(), read);
+        hostile::check_no_panic(&binary(), read);
     }
 }

@@ -1,6 +1,6 @@
-//! What a capture gave, as it stands in files for viewers: y up, z towards the viewer.
+//! Rotates captures for viewers, which expect y up and z towards the viewer.
 //!
-//! Values keep the axes of the sensor, so that a cell is where its camera saw it. Only files for viewers are rotated, and only here.
+//! Values in memory keep the axes of the sensor. Only files for viewers are rotated, and only the functions of this module rotate them.
 
 use std::borrow::Cow;
 
@@ -8,26 +8,26 @@ use maquette_value::parallel::*;
 use maquette_value::{Attribute, Attributes, ControlNetError, Mesh, MeshError, Surface};
 use nalgebra::Point3;
 
-/// Half a turn about x: from a sensor's axes (y down, z away) to those of viewers.
-fn turned(point: &Point3<f64>) -> Point3<f64> {
+/// Rotates by 180 degrees about x: from the axes of a sensor (y down, z away) to the axes of viewers.
+fn rotate(point: &Point3<f64>) -> Point3<f64> {
     Point3::new(point.x, -point.y, -point.z)
 }
 
-/// The sign that y and z of a mesh's vectors get in files: a writer that goes through all of them needs no turned copy.
+/// The sign by which y and z of a mesh's vectors are multiplied when they are written. A writer that uses this sign needs no rotated copy.
 pub(super) fn upright_sign(mesh: &Mesh) -> f64 {
     if mesh.frame().is_some() { -1.0 } else { 1.0 }
 }
 
-/// The points of something that a capture gave if `is_captured`, else as they are.
+/// Returns the points; they are rotated upright if `is_captured` is true.
 pub(super) fn upright_points(points: &[Point3<f64>], is_captured: bool) -> Vec<Point3<f64>> {
     if is_captured {
-        points.par_iter().with_min_len(4096).map(turned).collect()
+        points.par_iter().with_min_len(4096).map(rotate).collect()
     } else {
         points.to_vec()
     }
 }
 
-/// The mesh, half a turn about x away if a capture gave it; its vectors turn along.
+/// Returns the mesh. If it has a capture frame, the positions and vectors are rotated upright.
 pub(super) fn upright(mesh: &Mesh) -> Result<Cow<'_, Mesh>, MeshError> {
     if mesh.frame().is_none() {
         return Ok(Cow::Borrowed(mesh));
@@ -57,7 +57,7 @@ pub(super) fn upright(mesh: &Mesh) -> Result<Cow<'_, Mesh>, MeshError> {
     Ok(Cow::Owned(upright))
 }
 
-/// The surface, half a turn about x away if a capture gave it.
+/// Returns the surface. If it has a capture frame, it is rotated upright.
 pub(super) fn upright_surface(surface: &Surface) -> Result<Cow<'_, Surface>, ControlNetError> {
     let net = surface.net();
     if net.frame().is_none() {
@@ -81,8 +81,8 @@ mod tests {
     use crate::stl::MeshStl;
     use crate::{glb, obj, ply, stl};
 
-    /// A triangle that looks at its sensor, as a capture gives it: y down, z away.
-    fn captured() -> Mesh {
+    /// Creates a triangle that faces its sensor, in the axes of a capture: y down, z away.
+    fn capture() -> Mesh {
         let places = [[0.0, 0.0, 500.0], [0.0, 10.0, 500.0], [20.0, 0.0, 520.0]].map(Point3::from);
         let frame =
             CaptureFrame { camera: None, picture: [4, 4], depth: 500.0, world_from_camera: None };
@@ -95,19 +95,17 @@ mod tests {
     }
 
     #[test]
-    fn every_file_for_viewers_has_a_capture_upright_and_facing() {
+    fn captures_are_upright_and_face_the_viewer_in_all_formats() {
         let expected =
             [[0.0, 0.0, -500.0], [0.0, -10.0, -500.0], [20.0, 0.0, -520.0]].map(Point3::from);
-        let write = |write: fn(&Mesh, &str) -> _| -> Vec<u8> {
-            let files: Result<Vec<maquette_node::pack::NewFile>, maquette_syntax::error::Error> =
-                write(&captured(), "it.x");
-            files.unwrap().swap_remove(0).bytes
-        };
+        fn write<F: FileFormat<Value = Mesh>>() -> Vec<u8> {
+            F::write(&capture(), "it.x").unwrap().swap_remove(0).bytes
+        }
         let read = [
-            ply::read(&write(MeshPly::write)).unwrap(),
-            obj::read(&write(MeshObj::write)).unwrap(),
-            stl::read(&write(MeshStl::write)).unwrap(),
-            glb::read(&write(MeshGlb::write)).unwrap(),
+            ply::read(&write::<MeshPly>()).unwrap(),
+            obj::read(&write::<MeshObj>()).unwrap(),
+            stl::read(&write::<MeshStl>()).unwrap(),
+            glb::read(&write::<MeshGlb>()).unwrap(),
         ];
         for mesh in &read {
             let places: Vec<_> =
@@ -123,8 +121,8 @@ mod tests {
     }
 
     #[test]
-    fn what_no_capture_gave_is_written_as_it_is() {
-        let plain = captured().with_frame(None);
+    fn values_without_a_capture_frame_are_not_rotated() {
+        let plain = capture().with_frame(None);
         assert!(matches!(upright(&plain), Ok(Cow::Borrowed(_))));
         assert_eq!(upright_points(plain.positions(), false), plain.positions().to_vec());
     }

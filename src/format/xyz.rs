@@ -1,71 +1,74 @@
-//! XYZ, points as text: a line each, `x y z`, and a color or a normal behind.
+//! XYZ, points as text: one line per point, `x y z`, optionally followed by a color or a normal.
 
+use maquette_node::importers::{FileReader, InputFile};
 use maquette_node::pack::{FileFormat, NewFile};
-use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error;
 use maquette_value::{Attribute, Points, PointsError, RangeImage, Rgb};
 use nalgebra::Point3;
 use thiserror::Error;
 
 use super::colors::{self, ColorRange};
-use super::finite::{self, Finite};
-use super::left_out;
-use super::{check_single, coarse, excerpt, real, words};
+use super::finite::{self, FiniteMask};
+use super::losses;
+use super::{check_single, excerpt, parse_real, precision_note, words};
 
-/// Why bytes are not points in an XYZ file.
+/// Error of reading points from an XYZ file.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum XyzError {
-    /// A word that is no number.
+    /// A word is not a number.
     #[error("line {line}: `{text}` is not a number")]
     Number {
-        /// The line, from 1.
+        /// The number of the line, from 1.
         line: usize,
-        /// The word.
+        /// The word that is not a number.
         text: String,
     },
-    /// A line with too many or too few numbers.
-    #[error("line {line}: {found} numbers, where there must be {expected}")]
+    /// A line has too many or too few numbers.
+    #[error("line {line}: expected {expected} numbers, found {found}")]
     Count {
-        /// The line, from 1.
+        /// The number of the line, from 1.
         line: usize,
-        /// Numbers in it.
+        /// The count of numbers in the line.
         found: usize,
-        /// How many the first line has, or at least three.
+        /// The expected count: that of the first line, or at least three.
         expected: String,
     },
-    /// Numbers of a language in which a comma stands for the point.
-    #[error("line {line}: `{text}` has a decimal comma: write a point")]
+    /// A number has a decimal comma.
+    #[error("line {line}: `{text}` has a decimal comma: use a point instead")]
     DecimalComma {
-        /// The line, from 1.
+        /// The number of the line, from 1.
         line: usize,
-        /// The number.
+        /// The number with the comma.
         text: String,
     },
-    /// Something else, or nothing.
-    #[error("there is no point in the file")]
+    /// The file has no points.
+    #[error("the file has no points")]
     Empty,
-    /// Points that cannot be.
+    /// The points are not valid as [`Points`].
     #[error(transparent)]
     Points(#[from] PointsError),
 }
 
-/// The points in an XYZ file.
+/// Reads the points in an XYZ file.
 ///
-/// Every line has as many numbers: a place, and what a first line of names says of the others (`//X,Y,Z,R,G,B` or `x y z nx ny nz intensity`). Without such a
-/// line three whole numbers from 0 to 255 in all lines are a color, attribute `color`, three of length one a normal, attribute `normal`, and others the numbers
-/// `intensity`, `column_5` and so on; six numbers in all are a place and a color or a normal. Blanks, commas or semicolons part the numbers; empty lines, a first
-/// line that counts the points, and what follows a `#` are passed over.
+/// All lines must have equally many numbers: a position, and further columns, which a header line may name (`//X,Y,Z,R,G,B` or
+/// `x y z nx ny nz intensity`). Without names, three columns of integers from 0 to 255 become the attribute `color`, three columns of unit
+/// length the attribute `normal`, and others the numbers `intensity`, `column_5` and so on; if there are six columns in total, they are a
+/// position and a color or a normal. Numbers are separated by blanks, commas or semicolons. Empty lines, a first line with the number of
+/// points, and text after `#` are ignored.
 ///
-/// Points at no finite place are left out.
+/// Points with NaN or infinite coordinates are left out.
 ///
-/// # Errors
-/// If a word is no number, lines have different numbers of them, or there is no point.
+/// Returns an error if a word is not a number, lines have different counts of numbers, or there is no point.
 pub fn read(bytes: &[u8]) -> Result<Points, XyzError> {
-    Ok(read_noted(bytes, None)?.0)
+    Ok(read_with_notes(bytes, None)?.0)
 }
 
-/// The same, and what the user should know of what is left out or understood in one of several ways.
-fn read_noted(bytes: &[u8], colors: Option<ColorRange>) -> Result<(Points, Vec<String>), XyzError> {
+/// Reads points like [`read`]. Also returns warnings about data that are left out or ambiguous.
+fn read_with_notes(
+    bytes: &[u8],
+    colors: Option<ColorRange>,
+) -> Result<(Points, Vec<String>), XyzError> {
     let mut table = Table::default();
     // Very old programs end lines with CR alone.
     let end = if bytes.contains(&b'\n') { b'\n' } else { b'\r' };
@@ -78,21 +81,21 @@ fn read_noted(bytes: &[u8], colors: Option<ColorRange>) -> Result<(Points, Vec<S
     if count == 0 {
         return Err(XyzError::Empty);
     }
-    if let Some(promised) = table.promised.filter(|promised| *promised != count as f64) {
-        notes.push(format!("the first line counts {promised} points, but there are {count}"));
+    if let Some(stated) = table.stated_count.filter(|stated| *stated != count as f64) {
+        notes.push(format!("the first line states {stated} points, but there are {count}"));
     }
     let roles = table.roles(&mut notes);
     let mut places = table.triples(0);
-    let finite = Finite::of(&mut places);
-    notes.extend(finite::doubt(finite.n_left_out(), "point"));
+    let finite = FiniteMask::clear_non_finite(&mut places);
+    notes.extend(finite::left_out_note(finite.n_left_out(), "point"));
     let mut points = Points::new(places)?;
     for (role, at) in roles {
         let (name, attribute) = match role {
             Role::Color => {
                 let channels = table.triples(at);
-                let all = || channels.iter().flat_map(|color| color.iter().copied());
-                let are_whole = all().all(|channel| channel.fract() == 0.0);
-                let range = colors::decide(colors, all(), are_whole, ColorRange::To255, &mut notes);
+                let all = channels.iter().flat_map(|color| color.iter().copied());
+                let are_whole = all.clone().all(|channel| channel.fract() == 0.0);
+                let range = colors::decide(colors, all, are_whole, ColorRange::To255, &mut notes);
                 (
                     "color".to_owned(),
                     Attribute::Color(
@@ -108,7 +111,9 @@ fn read_noted(bytes: &[u8], colors: Option<ColorRange>) -> Result<(Points, Vec<S
             Role::Normal => {
                 let mut normals: Vec<_> =
                     table.triples(at).iter().map(|n| [n.x, n.y, n.z]).collect();
-                notes.extend(finite::mend(&mut normals, "normal", "point", |k| finite.contains(k)));
+                notes.extend(finite::replace_non_finite(&mut normals, "normal", "point", |k| {
+                    finite.contains(k)
+                }));
                 ("normal".to_owned(), Attribute::Vector(normals.into()))
             }
             Role::Number(name) => (name, Attribute::Number(table.column(at).collect())),
@@ -118,7 +123,7 @@ fn read_noted(bytes: &[u8], colors: Option<ColorRange>) -> Result<(Points, Vec<S
     Ok((finite.points(points), notes))
 }
 
-/// What numbers behind a place are.
+/// The meaning of one or three columns after the coordinates.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Role {
     Color,
@@ -126,16 +131,16 @@ enum Role {
     Number(String),
 }
 
-/// The numbers of a file, line by line.
+/// All numbers of a file, line by line.
 #[derive(Default)]
 struct Table {
     numbers: Vec<f64>,
-    /// Of a line.
+    /// The number of columns.
     columns: usize,
-    /// What a first line calls them, in small letters.
+    /// The column names in a header line, in lower case.
     names: Vec<String>,
-    /// How many lines there are, as a first line says.
-    promised: Option<f64>,
+    /// The number of points that a first line states.
+    stated_count: Option<f64>,
 }
 
 impl Table {
@@ -152,13 +157,13 @@ impl Table {
         let found = self.numbers.len() - before;
         match found {
             0 => {}
-            1 if is_first && self.promised.is_none() => self.promised = self.numbers.pop(),
+            1 if is_first && self.stated_count.is_none() => self.stated_count = self.numbers.pop(),
             3.. if is_first => self.columns = found,
             _ if found == self.columns => {}
             _ => {
                 let expected = match self.columns {
                     0 => "at least 3".to_owned(),
-                    columns => format!("{columns}, as before"),
+                    columns => columns.to_string(),
                 };
                 return Err(XyzError::Count { line, found, expected });
             }
@@ -175,11 +180,11 @@ impl Table {
         lines.map(|line| Point3::new(line[at], line[at + 1], line[at + 2])).collect()
     }
 
-    /// What the columns behind the places are, and where each begins.
+    /// Returns the roles of the columns after the coordinates, each with its first column.
     fn roles(&self, notes: &mut Vec<String>) -> Vec<(Role, usize)> {
         if !self.names.is_empty() && self.names.len() != self.columns {
             let (names, columns) = (self.names.len(), self.columns);
-            notes.push(format!("the first line has {names} names, but the others {columns} numbers: names are left out"));
+            notes.push(format!("the names in the first line are ignored: there are {names} names, but {columns} columns"));
         } else if !self.names.is_empty() {
             return self.named_roles();
         }
@@ -193,13 +198,13 @@ impl Table {
                 3.. => self.guess(at).filter(|role| !has(role, &roles)),
                 _ => None,
             };
-            // Of four numbers that may be colors the first is an intensity, unless the last one is an opacity.
-            let is_before = |role: &Role| {
-                (self.columns - at) % 3 == 1
-                    && self.guess(at + 1).as_ref() == Some(role)
-                    && !self.is_opacity(at + 3)
-            };
-            let role = role.filter(|role| !is_before(role)).unwrap_or_else(|| {
+            // If a color is guessed among four remaining columns, the first column is an intensity, unless the last one is an opacity.
+            let role = role.filter(|role| {
+                (self.columns - at) % 3 != 1
+                    || self.guess(at + 1).as_ref() != Some(role)
+                    || self.is_opacity(at + 3)
+            });
+            let role = role.unwrap_or_else(|| {
                 let is_first = !roles.iter().any(|(role, _)| matches!(role, Role::Number(_)));
                 Role::Number(if is_first {
                     "intensity".to_owned()
@@ -220,26 +225,25 @@ impl Table {
                 Role::Normal => "normal",
                 Role::Number(name) => name,
             });
-            let names = Vec::from_iter(names).join(", ");
-            notes.push(format!("what stands behind the coordinates is read as {names}; a first line of names (`x y z intensity r g b`) says otherwise"));
+            let names = names.collect::<Vec<_>>().join(", ");
+            notes.push(format!("the columns after the coordinates are read as {names}; if that is wrong, add a first line of names such as `x y z intensity r g b`"));
         }
         roles
     }
 
-    /// Returns true if all numbers of a column are the largest of a color's range.
+    /// Returns true if all numbers in a column equal the maximum of a color's range: 1 or 255.
     fn is_opacity(&self, at: usize) -> bool {
         let mut column = self.column(at);
         let first = column.next().unwrap_or_default();
         [1.0, 255.0].contains(&first) && column.all(|number| number == first)
     }
 
-    /// Whether three columns are a color or a normal.
+    /// Guesses the meaning of three columns: a color, a normal, or `None`.
     fn guess(&self, at: usize) -> Option<Role> {
         let lines = || self.numbers.chunks_exact(self.columns).map(|line| &line[at..at + 3]);
         fn length(line: &[f64]) -> f64 {
             line.iter().map(|x| x * x).sum::<f64>().sqrt()
         }
-        let is_byte = |x: &f64| (0.0..=255.0).contains(x) && x.fract() == 0.0;
         if lines().all(|line| {
             line.iter().any(|x| !x.is_finite())
                 || (length(line) - 1.0).abs() < 0.01
@@ -248,26 +252,29 @@ impl Table {
         {
             return Some(Role::Normal);
         }
-        let all = |is: &dyn Fn(&f64) -> bool| lines().flatten().all(|x| is(x) || !x.is_finite());
-        let is_color = all(&is_byte) || all(&|x| (0.0..=1.0).contains(x));
+        let mut finite = lines().flatten().filter(|x| x.is_finite());
+        let mut again = finite.clone();
+        let is_color = finite.all(|x| (0.0..=255.0).contains(x) && x.fract() == 0.0)
+            || again.all(|x| (0.0..=1.0).contains(x));
         is_color.then_some(Role::Color)
     }
 
-    /// What the names of the columns say.
+    /// Returns true if the three columns that begin at `at` have names from the three given lists.
+    fn has_names(&self, at: usize, names: [&[&str]; 3]) -> bool {
+        (0..3).all(|k| self.names.get(at + k).is_some_and(|name| names[k].contains(&&**name)))
+    }
+
+    /// Determines the roles of the columns from their names.
     fn named_roles(&self) -> Vec<(Role, usize)> {
-        fn is(at: usize, names: [&[&str]; 3], self_names: &[String]) -> bool {
-            (0..3).all(|k| self_names.get(at + k).is_some_and(|name| names[k].contains(&&**name)))
-        }
+        const COLOR: [&[&str]; 3] = [&["r", "red"], &["g", "green"], &["b", "blue"]];
+        const NORMAL: [&[&str]; 3] =
+            [&["nx", "normal_x"], &["ny", "normal_y"], &["nz", "normal_z"]];
         let mut roles = Vec::new();
         let mut at = 3;
         while at < self.columns {
-            let role = if is(at, [&["r", "red"], &["g", "green"], &["b", "blue"]], &self.names) {
+            let role = if self.has_names(at, COLOR) {
                 Role::Color
-            } else if is(
-                at,
-                [&["nx", "normal_x"], &["ny", "normal_y"], &["nz", "normal_z"]],
-                &self.names,
-            ) {
+            } else if self.has_names(at, NORMAL) {
                 Role::Normal
             } else {
                 Role::Number(match &*self.names[at] {
@@ -279,7 +286,7 @@ impl Table {
             roles.push((role, at));
             at += width;
         }
-        // A name may stand there twice.
+        // If two columns have the same name, the later one is renamed.
         for k in 0..roles.len() {
             let (role, at) = &roles[k];
             if roles[..k].iter().any(|(known, _)| known == role) && matches!(role, Role::Number(_))
@@ -291,7 +298,7 @@ impl Table {
     }
 }
 
-/// The names of columns in a line that begins with those of coordinates, in small letters.
+/// Returns the names in a header line, in lower case; `None` if the line does not begin with the names of the coordinates.
 fn names(text: &[u8]) -> Option<Vec<String>> {
     let text = text.trim_ascii();
     let text = text.strip_prefix(b"//").unwrap_or(text);
@@ -312,9 +319,9 @@ fn names(text: &[u8]) -> Option<Vec<String>> {
     names.get(..3).is_some_and(|three| three == ["x", "y", "z"]).then_some(names)
 }
 
-/// Puts the numbers of a line behind others.
+/// Appends the numbers of a line to `numbers`.
 fn read_numbers(text: &[u8], line: usize, numbers: &mut Vec<f64>) -> Result<(), XyzError> {
-    // Between semicolons a comma stands for the point.
+    // If numbers are separated by semicolons, a comma is a decimal comma.
     let has_semicolons = text.contains(&b';');
     let commas = has_semicolons.then(|| {
         text.iter().map(|&byte| if byte == b',' { b'.' } else { byte }).collect::<Vec<_>>()
@@ -325,12 +332,13 @@ fn read_numbers(text: &[u8], line: usize, numbers: &mut Vec<f64>) -> Result<(), 
     }
     let separator = if has_semicolons { b';' } else { b',' };
     for word in text.split(|&byte| byte == separator).flat_map(words) {
-        numbers.push(real(word).ok_or_else(|| XyzError::Number { line, text: excerpt(word) })?);
+        numbers
+            .push(parse_real(word).ok_or_else(|| XyzError::Number { line, text: excerpt(word) })?);
     }
     Ok(())
 }
 
-/// The first number with a comma in it, if blanks part as many numbers as a line has.
+/// Returns the first number with a decimal comma, if the line has 3 or 6 words separated by blanks.
 fn decimal_comma(text: &[u8]) -> Option<&[u8]> {
     if !text.contains(&b',') {
         return None;
@@ -338,18 +346,19 @@ fn decimal_comma(text: &[u8]) -> Option<&[u8]> {
     fn commas(word: &[u8]) -> usize {
         word.iter().filter(|&&byte| byte == b',').count()
     }
-    let is_number =
-        |word: &[u8]| commas(word) <= 1 && !word.starts_with(b",") && !word.ends_with(b",");
+    fn is_number(word: &[u8]) -> bool {
+        commas(word) <= 1 && !word.starts_with(b",") && !word.ends_with(b",")
+    }
     let is_line = matches!(words(text).count(), 3 | 6) && words(text).all(is_number);
     words(text).find(|word| is_line && commas(word) == 1)
 }
 
-/// Writes points with their colors, or else their normals.
+/// Writes points with their colors, or with their normals if they have no colors.
 pub(super) struct PointsXyz;
 
 impl FileFormat for PointsXyz {
     type Value = Points;
-    const ENDING: &'static str = "xyz";
+    const EXTENSION: &'static str = "xyz";
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_XYZ;
 
     fn write(points: &Points, name: &str) -> Result<Vec<NewFile>, error::Error> {
@@ -360,13 +369,13 @@ impl FileFormat for PointsXyz {
             let normal = normals.filter(|_| colors.is_none()).map(|normals| normals[index]);
             (*point, colors.map(|colors| colors[index]), normal)
         });
-        Ok(NewFile::only(name, encode(points.positions(), lines)))
+        Ok(NewFile::single(name, encode(points.positions(), lines)))
     }
 
-    fn doubts(points: &Points) -> Vec<String> {
+    fn warnings(points: &Points) -> Vec<String> {
         let has_colors = points.attributes().colors("color").is_some();
         let held = if has_colors { "color" } else { "normal" };
-        left_out::of_points(points, &[held]).into_iter().collect()
+        losses::points_warning(points, &[held]).into_iter().collect()
     }
 }
 
@@ -375,14 +384,14 @@ pub(super) struct RangeXyz;
 
 impl FileFormat for RangeXyz {
     type Value = RangeImage;
-    const ENDING: &'static str = "xyz";
+    const EXTENSION: &'static str = "xyz";
 
     fn write(range: &RangeImage, name: &str) -> Result<Vec<NewFile>, error::Error> {
         check_single("cell", range.points())?;
         let lines = (0..range.points().len()).filter_map(|cell| {
             Some((range.point(cell)?, range.colors().map(|colors| colors[cell]), None))
         });
-        Ok(NewFile::only(name, encode(range.points(), lines)))
+        Ok(NewFile::single(name, encode(range.points(), lines)))
     }
 }
 
@@ -391,9 +400,9 @@ fn encode(
     lines: impl Iterator<Item = (Point3<f64>, Option<Rgb>, Option<[f64; 3]>)>,
 ) -> Vec<u8> {
     let mut text = String::new();
-    let is_far = coarse(all).is_some();
+    let is_far = precision_note(all).is_some();
     for (point, color, normal) in lines {
-        // Single precision, like all files of points, unless that would move them; the shortest text that reads as the same.
+        // Numbers are written in single precision unless that would move the points, as the shortest text that reads as the same number.
         let [x, y, z] = [point.x, point.y, point.z];
         match is_far {
             true => text.push_str(&format!("{x} {y} {z}")),
@@ -413,12 +422,12 @@ fn encode(
 
 impl FileReader for PointsXyz {
     type Value = Points;
-    const ENDINGS: &'static [&'static str] = &["xyz", "xyzn", "xyzrgb", "xyzi", "pts", "asc"];
+    const EXTENSIONS: &'static [&'static str] = &["xyz", "xyzn", "xyzrgb", "xyzi", "pts", "asc"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_READ;
 
-    fn read(file: &Reading<'_>) -> Result<Points, error::Error> {
-        let (points, notes) = read_noted(file.bytes(), file.color_range())?;
-        notes.into_iter().for_each(|note| file.doubt(note));
+    fn read(file: &InputFile<'_>) -> Result<Points, error::Error> {
+        let (points, notes) = read_with_notes(file.bytes(), file.color_range())?;
+        notes.into_iter().for_each(|note| file.warn(note));
         Ok(points)
     }
 }
@@ -441,7 +450,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_are_no_colors_are_normals() {
+    fn unit_vectors_are_normals() {
         let points = read(b"# x, y, z\n1,2, 3,0,0,1\r\n\n4 5 6\t0 0.6 0.8 # the last\n").unwrap();
         let normals = [[0.0, 0.0, 1.0], [0.0, 0.6, 0.8]];
         assert_eq!(points.attributes().vectors("normal").unwrap()[..], normals);
@@ -450,7 +459,7 @@ mod tests {
     }
 
     #[test]
-    fn places_of_a_survey_keep_their_digits() {
+    fn coordinates_of_a_survey_keep_their_digits() {
         let places =
             vec![Point3::new(503_123_456.75, 4.5, 0.125), Point3::new(503_123_460.5, 0.0, 1.0)];
         let points = Points::new(places.clone()).unwrap();
@@ -467,11 +476,11 @@ mod tests {
     }
 
     #[test]
-    fn columns_are_what_their_numbers_or_their_names_say() {
-        fn told(text: &str) -> (String, usize) {
-            let (points, notes) = read_noted(text.as_bytes(), None).unwrap();
+    fn roles_of_columns_follow_from_names_or_numbers() {
+        fn read_names(text: &str) -> (String, usize) {
+            let (points, notes) = read_with_notes(text.as_bytes(), None).unwrap();
             let names = points.attributes().iter().map(|(name, _)| name.to_owned());
-            (Vec::from_iter(names).join(" "), notes.len())
+            (names.collect::<Vec<_>>().join(" "), notes.len())
         }
         for (text, names, notes) in [
             ("0 0 0 0.5 255 0 0\n1 0 0 0.25 10 200 30\n", "color intensity", 1),
@@ -487,41 +496,36 @@ mod tests {
             ("3\n0 0 0\n1 0 0\n", "", 1),
             ("0,5;0,25;1\n1;2;3,5\n", "", 0),
         ] {
-            assert_eq!(told(text), (names.to_owned(), notes), "{text}");
+            assert_eq!(read_names(text), (names.to_owned(), notes), "{text}");
         }
     }
 
     #[test]
-    fn points_that_are_nowhere_are_left_out_and_told_of() {
-        let file = Reading::alone("a.xyz", b"1 2 3 0 0 255\nnan nan nan 0 9 0\n4 5 inf 1 0 0\n");
+    fn points_that_are_not_finite_are_left_out_with_a_warning() {
+        let file =
+            InputFile::standalone("a.xyz", b"1 2 3 0 0 255\nnan nan nan 0 9 0\n4 5 inf 1 0 0\n");
         let points = PointsXyz::read(&file).unwrap();
         assert_eq!(points.positions()[..], [Point3::new(1.0, 2.0, 3.0)]);
         assert_eq!(points.attributes().colors("color").unwrap()[..], [[0, 0, 255]]);
-        assert_eq!(file.doubts(), ["2 points are left out: a coordinate is NaN or infinite"]);
+        assert_eq!(file.warnings(), ["2 points are left out: a coordinate is NaN or infinite"]);
     }
 
     #[test]
-    fn files_that_lie_are_refused_with_their_line() {
+    fn invalid_files_are_rejected_with_their_line() {
         fn error(text: &str) -> String {
             read(text.as_bytes()).unwrap_err().to_string()
         }
-        assert_eq!(error("1 2\n"), "line 1: 2 numbers, where there must be at least 3");
-        assert_eq!(
-            error("1 2 3\n1 2 3 4 5 6\n"),
-            "line 2: 6 numbers, where there must be 3, as before"
-        );
-        assert_eq!(
-            error("1 2 3 4 5 6\n1 2 3\n"),
-            "line 2: 3 numbers, where there must be 6, as before"
-        );
+        assert_eq!(error("1 2\n"), "line 1: expected at least 3 numbers, found 2");
+        assert_eq!(error("1 2 3\n1 2 3 4 5 6\n"), "line 2: expected 3 numbers, found 6");
+        assert_eq!(error("1 2 3 4 5 6\n1 2 3\n"), "line 2: expected 6 numbers, found 3");
         assert_eq!(error("1 2 c\n"), "line 1: `c` is not a number");
-        assert_eq!(error("# nothing\n"), "there is no point in the file");
-        let comma = "line 2: `2,5` has a decimal comma: write a point";
+        assert_eq!(error("# nothing\n"), "the file has no points");
+        let comma = "line 2: `2,5` has a decimal comma: use a point instead";
         assert_eq!(error("1 2 3\n1 2,5 3\n"), comma);
     }
 
     #[test]
     fn hostile_files_give_errors() {
-        hostile::survive(FILE, read);
+        hostile::check_no_panic(FILE, read);
     }
 }

@@ -1,4 +1,4 @@
-//! ZIP archives. Those that are written are the same bytes each time: without dates, and packed by one thread.
+//! Reads and writes ZIP archives. Written archives are reproducible: they contain no dates, and one thread packs them.
 //!
 //! PKWARE, "APPNOTE.TXT - .ZIP File Format Specification", 6.3.10 (2022), sections 4.3 and 4.4.
 
@@ -6,20 +6,20 @@ use miniz_oxide::deflate::compress_to_vec;
 use miniz_oxide::inflate::decompress_to_vec_with_limit;
 use thiserror::Error;
 
-/// Why files do not fit into an archive.
+/// The error if files do not fit into an archive.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error("{bytes} bytes are more than the 4 GiB of a ZIP archive")]
 pub(super) struct TooLarge {
     bytes: usize,
 }
 
-/// The first of January 1980, where dates begin.
+/// The first of January 1980, the earliest date that the format can store.
 const DATE: u16 = 1 << 5 | 1;
 
 const DEFLATED: u16 = 8;
 const STORED: u16 = 0;
 
-/// An archive of files with these names, in this order.
+/// Creates an archive of the given names and contents, in this order.
 pub(super) fn archive(files: &[(&str, &[u8])]) -> Result<Vec<u8>, TooLarge> {
     let (mut bytes, mut directory) = (Vec::new(), Vec::new());
     for &(name, content) in files {
@@ -28,21 +28,22 @@ pub(super) fn archive(files: &[(&str, &[u8])]) -> Result<Vec<u8>, TooLarge> {
             true => (DEFLATED, &packed[..]),
             false => (STORED, content),
         };
-        // What both headers tell: version 2.0, no flags, the method, time and date, checksum, sizes, the length of the name and none more.
-        let mut told = Vec::new();
-        [20, 0, method, 0, DATE].iter().for_each(|it: &u16| told.extend(it.to_le_bytes()));
-        told.extend(crc32fast::hash(content).to_le_bytes());
-        told.extend(four(data.len())?);
-        told.extend(four(content.len())?);
-        [name.len() as u16, 0].iter().for_each(|it| told.extend(it.to_le_bytes()));
+        // The part that the local header and the directory entry share: version 2.0, no flags, method, time and date, checksum, sizes, the
+        // length of the name, and no extra field.
+        let mut shared = Vec::new();
+        [20, 0, method, 0, DATE].iter().for_each(|it: &u16| shared.extend(it.to_le_bytes()));
+        shared.extend(crc32fast::hash(content).to_le_bytes());
+        shared.extend(le_bytes(data.len())?);
+        shared.extend(le_bytes(content.len())?);
+        [name.len() as u16, 0].iter().for_each(|it| shared.extend(it.to_le_bytes()));
         directory.extend(b"PK\x01\x02\x14\0");
-        directory.extend(&told);
-        // No comment, the first disk, no attributes.
+        directory.extend(&shared);
+        // The entry has no comment, is on the first disk, and has no attributes.
         directory.extend([0; 10]);
-        directory.extend(four(bytes.len())?);
+        directory.extend(le_bytes(bytes.len())?);
         directory.extend(name.as_bytes());
         bytes.extend(b"PK\x03\x04");
-        bytes.extend(told);
+        bytes.extend(shared);
         bytes.extend(name.as_bytes());
         bytes.extend(data);
     }
@@ -51,47 +52,47 @@ pub(super) fn archive(files: &[(&str, &[u8])]) -> Result<Vec<u8>, TooLarge> {
     bytes.append(&mut directory);
     bytes.extend(b"PK\x05\x06\0\0\0\0");
     [count, count].iter().for_each(|it| bytes.extend(it.to_le_bytes()));
-    bytes.extend(four(length)?);
-    bytes.extend(four(start)?);
+    bytes.extend(le_bytes(length)?);
+    bytes.extend(le_bytes(start)?);
     bytes.extend([0; 2]);
     Ok(bytes)
 }
 
-fn four(count: usize) -> Result<[u8; 4], TooLarge> {
+fn le_bytes(count: usize) -> Result<[u8; 4], TooLarge> {
     u32::try_from(count).map(u32::to_le_bytes).map_err(|_| TooLarge { bytes: count })
 }
 
-/// Why an archive, or a file in it, cannot be read.
+/// Error of reading an archive or a file in it.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
-pub(crate) enum NotRead {
-    /// No directory at the end.
-    #[error("the file is none, or it is cut off")]
-    NoArchive,
-    /// A file that is encrypted, or packed in another way than Deflate.
+pub(crate) enum ArchiveError {
+    /// The file has no directory at its end.
+    #[error("this file is not one, or is truncated")]
+    NotAnArchive,
+    /// A file is encrypted, or not packed with Deflate.
     #[error(
-        "`{name}` in it is encrypted or packed in an unusual way (method {method}): pack it again with Deflate"
+        "`{name}` in it is encrypted or packed with method {method}: pack it again with Deflate"
     )]
     Method {
-        /// The file.
+        /// The name of the file.
         name: String,
-        /// The number of the method.
+        /// The number of the packing method.
         method: usize,
     },
-    /// A file that is not what its checksum says.
+    /// A file does not match its checksum.
     #[error("`{name}` in it is damaged")]
     Damaged {
-        /// The file.
+        /// The name of the file.
         name: String,
     },
-    /// A file that unpacks to too much.
-    #[error("`{name}` in it unpacks to {bytes} bytes, more than {most}")]
+    /// A file is too large.
+    #[error("`{name}` in it unpacks to {bytes} bytes, but the maximum is {limit}")]
     TooMuch {
-        /// The file.
+        /// The name of the file.
         name: String,
-        /// Bytes that it says to have.
+        /// The size that the header states, in bytes.
         bytes: usize,
-        /// Bytes that it may have.
-        most: usize,
+        /// The maximum size, in bytes.
+        limit: usize,
     },
 }
 
@@ -101,7 +102,7 @@ pub(crate) struct Archive<'b> {
     entries: Vec<Entry>,
 }
 
-/// A line of the directory.
+/// An entry of the archive's directory.
 struct Entry {
     name: String,
     method: usize,
@@ -109,54 +110,54 @@ struct Entry {
     checksum: u32,
     packed: usize,
     size: usize,
-    /// Where its own header begins.
+    /// The offset of the file's local header.
     start: usize,
 }
 
-/// A number of 2 or 4 bytes, the lowest first.
+/// Reads a little-endian number of `size` bytes.
 fn number(bytes: &[u8], at: usize, size: usize) -> Option<usize> {
     let bytes = bytes.get(at..)?.get(..size)?;
     Some(bytes.iter().rev().fold(0, |sum, byte| sum << 8 | usize::from(*byte)))
 }
 
 impl<'b> Archive<'b> {
-    /// Reads the directory.
-    pub(crate) fn open(bytes: &'b [u8]) -> Result<Self, NotRead> {
-        // A comment of up to 65 535 bytes may stand behind the end of the directory.
+    /// Opens an archive and reads its directory.
+    pub(crate) fn open(bytes: &'b [u8]) -> Result<Self, ArchiveError> {
+        // The end record of the directory may be followed by a comment of up to 65 535 bytes.
         let from = bytes.len().saturating_sub(22 + 0xffff);
         let end = bytes[from..].windows(4).rposition(|four| four == b"PK\x05\x06");
-        let end = from + end.ok_or(NotRead::NoArchive)?;
-        let mut at = number(bytes, end + 16, 4).ok_or(NotRead::NoArchive)?;
+        let end = from + end.ok_or(ArchiveError::NotAnArchive)?;
+        let mut at = number(bytes, end + 16, 4).ok_or(ArchiveError::NotAnArchive)?;
         if at == LARGE {
-            at = large_directory(bytes, end).ok_or(NotRead::NoArchive)?;
+            at = large_directory(bytes, end).ok_or(ArchiveError::NotAnArchive)?;
         }
         let mut entries = Vec::new();
         while bytes.get(at..).is_some_and(|rest| rest.starts_with(b"PK\x01\x02")) {
-            let (entry, length) = Entry::read(&bytes[at..]).ok_or(NotRead::NoArchive)?;
+            let (entry, length) = Entry::read(&bytes[at..]).ok_or(ArchiveError::NotAnArchive)?;
             entries.push(entry);
             at += length;
         }
         Ok(Self { bytes, entries })
     }
 
-    /// The names of all files.
+    /// Returns the names of all files in the archive.
     pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
         self.entries.iter().map(|entry| &entry.name[..])
     }
 
-    /// The name of a file as the archive has it: a slash at its start and the case of letters make no difference.
+    /// Finds a file, ignoring case and a leading slash. Returns its name as stored in the archive.
     pub(crate) fn find(&self, name: &str) -> Option<&str> {
         let name = name.trim_start_matches('/');
-        self.names().find(|own| own.trim_start_matches('/').eq_ignore_ascii_case(name))
+        self.names().find(|part| part.trim_start_matches('/').eq_ignore_ascii_case(name))
     }
 
-    /// The content of a file, of at most so many bytes.
-    pub(crate) fn read(&self, name: &str, most: usize) -> Result<Vec<u8>, NotRead> {
-        let damaged = || NotRead::Damaged { name: name.to_owned() };
+    /// Reads the content of a file. Returns an error if it has more than `limit` bytes.
+    pub(crate) fn read(&self, name: &str, limit: usize) -> Result<Vec<u8>, ArchiveError> {
+        let damaged = || ArchiveError::Damaged { name: name.to_owned() };
         let entry = self.entries.iter().find(|entry| entry.name == name).ok_or_else(damaged)?;
         let Entry { method, size, packed, start, .. } = *entry;
-        if most < size {
-            return Err(NotRead::TooMuch { name: name.to_owned(), bytes: size, most });
+        if limit < size {
+            return Err(ArchiveError::TooMuch { name: name.to_owned(), bytes: size, limit });
         }
         let lengths = number(self.bytes, start + 26, 2).zip(number(self.bytes, start + 28, 2));
         let data = lengths
@@ -164,41 +165,41 @@ impl<'b> Archive<'b> {
         let data = data.ok_or_else(damaged)?;
         let content = match method {
             _ if entry.is_encrypted => {
-                return Err(NotRead::Method { name: name.to_owned(), method });
+                return Err(ArchiveError::Method { name: name.to_owned(), method });
             }
             0 => data.to_vec(),
             8 => decompress_to_vec_with_limit(data, size).map_err(|_| damaged())?,
-            _ => return Err(NotRead::Method { name: name.to_owned(), method }),
+            _ => return Err(ArchiveError::Method { name: name.to_owned(), method }),
         };
         let is_whole = content.len() == size && crc32fast::hash(&content) == entry.checksum;
         if is_whole { Ok(content) } else { Err(damaged()) }
     }
 }
 
-/// Stands for a number that is elsewhere, since it may need 8 bytes (section 4.3.14: ZIP64).
+/// A number with this value is stored elsewhere, with 8 bytes (section 4.3.14: ZIP64).
 const LARGE: usize = 0xffff_ffff;
 
-/// Where the directory of a ZIP64 archive begins, whose short end is at `end`.
+/// Returns the offset of the directory of a ZIP64 archive. `end` is the offset of its end record.
 fn large_directory(bytes: &[u8], end: usize) -> Option<usize> {
     let locator = end.checked_sub(20).filter(|&at| bytes[at..].starts_with(b"PK\x06\x07"))?;
     number(bytes, number(bytes, locator + 8, 8)?.checked_add(48)?, 8)
 }
 
 impl Entry {
-    /// The entry that begins here, and its length.
+    /// Reads the directory entry at the start of `bytes`. Returns it with its length.
     fn read(bytes: &[u8]) -> Option<(Self, usize)> {
         let [name, extra, comment] = [28, 30, 32].map(|at| number(bytes, at, 2));
         let name = name?;
-        let behind = bytes.get(46..)?;
-        let mut large = large_numbers(behind.get(name..)?.get(..extra?)?);
+        let after = bytes.get(46..)?;
+        let mut large = large_numbers(after.get(name..)?.get(..extra?)?);
         let mut number_at = |at: usize| match number(bytes, at, 4)? {
             LARGE => large.next(),
             found => Some(found),
         };
-        // The large ones are in this order.
+        // The extra field contains the large numbers in this order.
         let (size, packed, start) = (number_at(24)?, number_at(20)?, number_at(42)?);
         let entry = Self {
-            name: String::from_utf8_lossy(behind.get(..name)?).into_owned(),
+            name: String::from_utf8_lossy(after.get(..name)?).into_owned(),
             method: number(bytes, 10, 2)?,
             is_encrypted: number(bytes, 8, 2)? & 1 == 1,
             checksum: number(bytes, 16, 4)? as u32,
@@ -210,13 +211,13 @@ impl Entry {
     }
 }
 
-/// The numbers of 8 bytes in the extra field of ZIP64.
+/// Returns the 8-byte numbers in the extra field of ZIP64.
 fn large_numbers(mut extra: &[u8]) -> impl Iterator<Item = usize> {
     let mut found = &[][..];
     while let Some((kind, length)) = number(extra, 0, 2).zip(number(extra, 2, 2)) {
-        let (own, rest) = extra[4..].split_at(length.min(extra.len() - 4));
+        let (part, rest) = extra[4..].split_at(length.min(extra.len() - 4));
         if kind == 1 {
-            found = own;
+            found = part;
         }
         extra = rest;
     }
@@ -227,7 +228,7 @@ fn large_numbers(mut extra: &[u8]) -> impl Iterator<Item = usize> {
 mod tests {
     use super::*;
 
-    /// The same archive with numbers of 8 bytes, as MeshLab writes it: the directory and its end.
+    /// Converts an archive to ZIP64, in the form that MeshLab writes.
     fn large(archive: &[u8]) -> Vec<u8> {
         let end = archive.len() - 22;
         let directory = number(archive, end + 16, 4).unwrap();
@@ -236,14 +237,14 @@ mod tests {
         let mut at = directory;
         while at < end {
             let (entry, length) = Entry::read(&archive[at..]).unwrap();
-            let mut own = archive[at..at + length].to_vec();
-            [20, 24, 42].iter().for_each(|&k| own[k..k + 4].fill(255));
-            own[30..32].copy_from_slice(&28u16.to_le_bytes());
-            own.extend([1, 0, 24, 0]);
+            let mut part = archive[at..at + length].to_vec();
+            [20, 24, 42].iter().for_each(|&k| part[k..k + 4].fill(255));
+            part[30..32].copy_from_slice(&28u16.to_le_bytes());
+            part.extend([1, 0, 24, 0]);
             [entry.size, entry.packed, entry.start]
                 .iter()
-                .for_each(|&it| own.extend((it as u64).to_le_bytes()));
-            bytes.extend(own);
+                .for_each(|&it| part.extend((it as u64).to_le_bytes()));
+            bytes.extend(part);
             at += length;
         }
         let record = bytes.len() as u64;
@@ -269,8 +270,11 @@ mod tests {
             for (name, content) in files {
                 assert_eq!(archive.read(name, 1000).unwrap(), content);
             }
-            let most = archive.read("a/b.txt", 100).unwrap_err();
-            assert_eq!(most, NotRead::TooMuch { name: "a/b.txt".into(), bytes: 900, most: 100 });
+            let error = archive.read("a/b.txt", 100).unwrap_err();
+            assert_eq!(
+                error,
+                ArchiveError::TooMuch { name: "a/b.txt".into(), bytes: 900, limit: 100 }
+            );
         }
         let mut spoiled = archive;
         spoiled[40] ^= 1;

@@ -1,8 +1,9 @@
-//! Two values compared by what they mean: how different they are, how much of it is allowed, and where it is worst.
+//! Compares two values by meaning: determines how large the differences are, whether they are within the tolerance, and where the largest
+//! one is.
 
 use std::collections::BTreeMap;
 
-use maquette_engine::six;
+use maquette_engine::six_digits;
 use maquette_value::{AnyValue, Mesh};
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -14,25 +15,27 @@ mod columns;
 mod mesh;
 mod order;
 
-pub(crate) use columns::{Rounding, allowed, compare_columns, given, limit_of, measure, size};
+pub(crate) use columns::{
+    Rounding, allowed_difference, compare_columns, explicit_limit, limit_of, measure, size,
+};
 pub(crate) use mesh::compare_meshes;
-pub(crate) use order::without_order;
+pub(crate) use order::unordered_hash;
 
-/// How alike two values are.
+/// The verdict of a comparison, in the order from equal to different.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Verdict {
-    /// The same to the last bit.
+    /// Equal to the last bit.
     Identical,
-    /// The same but for the order of vertices, faces or points.
+    /// Equal except for the order of vertices, faces or points.
     Reordered,
     /// All differences are within the tolerance.
     Within,
-    /// Something is not.
+    /// Some difference exceeds the tolerance.
     Different,
 }
 
 impl Verdict {
-    /// The word in reports.
+    /// Returns the word for the verdict in reports.
     pub fn word(self) -> &'static str {
         match self {
             Self::Identical => "identical",
@@ -43,65 +46,64 @@ impl Verdict {
     }
 }
 
-/// How much two values may differ. What is left out has a default: places a billionth of the diagonal of the box around them,
-/// numbers likewise of their range, everything else nothing. The same program gives the same bits.
+/// Limits of the differences between two values. Defaults: for positions a billionth of the diagonal of their bounding box, for numbers a
+/// billionth of their range, for everything else no difference. The same program computes the same bits.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Tolerance {
-    /// The largest distance of any place (mm), the largest difference of any number.
+    /// Largest distance of a position (mm), largest difference of a number.
     #[schemars(range(min = 0.0))]
     pub max: Option<f64>,
-    /// The root of the mean square of all distances.
+    /// Root mean square of all distances.
     #[schemars(range(min = 0.0))]
     pub rms: Option<f64>,
-    /// What 99 % of all distances stay below.
+    /// 99th percentile of all distances.
     #[schemars(range(min = 0.0))]
     pub p99: Option<f64>,
-    /// The largest angle between normals, in degrees.
+    /// Largest angle between normals, in degrees.
     #[schemars(range(min = 0.0, max = 180.0))]
     pub normals: Option<f64>,
-    /// The largest difference of attributes, by name.
+    /// Largest difference of attributes, by name.
     pub attributes: BTreeMap<String, f64>,
-    /// The share of pixels, or of other entries that are equal or not, that may differ.
+    /// Fraction of pixels, or of other entries that are equal or not, that may differ.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub differing: f64,
-    /// By how much a channel of a color may differ without counting: 0 to 255.
+    /// Difference of a color channel that does not count: 0 to 255.
     #[schemars(range(min = 0.0, max = 255.0))]
     pub level: f64,
-    /// The largest difference of any channel of a color, 0 to 255, however few pixels differ.
+    /// Largest difference of any color channel, 0 to 255, however few pixels differ.
     #[schemars(range(min = 0.0, max = 255.0))]
     pub hard: Option<f64>,
     /// Differences of colors and numbers up to this fraction of the mean of both do not count.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub relative: f64,
-    /// Lets a mesh be of other faces, as long as its surface is near.
+    /// Allows other faces of a mesh if its surface is near.
     pub remeshed: bool,
-    /// How much of the value a golden keeps.
+    /// Part of the value that a golden stores.
     pub keep: Keep,
-    /// The share of the diagonal, or of the range, that is allowed where nothing is said. Files whose numbers are `float` need
-    /// a millionth.
+    /// The fraction of the diagonal, or of the range, that is allowed by default. Files whose numbers are `float` need a millionth.
     #[serde(skip)]
-    pub share: Option<f64>,
+    pub default_fraction: Option<f64>,
 }
 
-/// How much of a value a golden keeps.
+/// Part of a value that a golden stores.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub enum Keep {
-    /// Every entry, so that every entry is judged.
+    /// Every entry, so that every entry is compared.
     #[default]
     Whole,
-    /// Some entries of what is too large to be kept whole: the others are judged by sums over all of them alone, and not at all
+    /// Some entries of a value that is too large to be stored whole. The others are compared only by sums over all of them, and not at all
     /// where a tolerance is given.
     Sampled {
-        /// One of so many entries of a list; of a picture one pixel of so many, in one row of so many.
+        /// Every n-th entry of a list; of a picture every n-th pixel in every n-th row.
         #[schemars(range(min = 2))]
         every: usize,
     },
 }
 
 impl Keep {
-    /// One of so many entries is kept.
+    /// Returns the distance between two stored entries: 1 if all entries are stored.
     pub(crate) fn stride(self) -> usize {
         match self {
             Self::Whole => 1,
@@ -111,96 +113,97 @@ impl Keep {
 }
 
 impl Tolerance {
-    /// Why these bounds cannot work together, and what helps.
+    /// Returns an error message and a help text if limits contradict each other.
     pub fn contradiction(&self) -> Option<(String, &'static str)> {
         let hard = self.hard.filter(|hard| *hard < self.level)?;
-        let (hard, level) = (six(hard), six(self.level));
+        let (hard, level) = (six_digits(hard), six_digits(self.level));
         let message = format!("expected `hard` to be at least `level`, {level}, found {hard}");
         Some((message, "raise `hard`, or lower `level`"))
     }
 
-    /// The largest differences that are said, by the name of what they are of.
+    /// Returns the limits that are set in the tolerance, each with its name.
     pub(crate) fn limits(&self) -> impl Iterator<Item = (&str, f64)> {
         let fields = [("max", self.max), ("normals", self.normals)].into_iter();
-        let fields = fields.filter_map(|(name, most)| Some((name, most?)));
-        fields.chain(self.attributes.iter().map(|(name, most)| (&name[..], *most)))
+        let fields = fields.filter_map(|(name, limit)| Some((name, limit?)));
+        fields.chain(self.attributes.iter().map(|(name, limit)| (&name[..], *limit)))
     }
 }
 
-/// How a column, or a surface, differs.
+/// The measured differences of a column or a surface.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measure {
-    /// What was compared.
+    /// The name of the column or surface.
     pub name: String,
     /// The largest difference.
     pub max: f64,
-    /// The root of the mean square.
+    /// The root mean square of the differences.
     pub rms: f64,
-    /// What 99 % stay below.
+    /// The 99th percentile of the differences.
     pub p99: f64,
-    /// The largest difference that counts: all but those that `relative` allows.
-    pub counted: f64,
-    /// The share of elements that differ.
+    /// The largest difference that counts. Differences that `relative` allows do not count.
+    pub counted_max: f64,
+    /// The fraction of elements that differ.
     pub differing: f64,
-    /// `mm`, `degrees` or nothing.
+    /// The unit: `mm`, `degrees` or empty.
     pub unit: &'static str,
-    /// Where the largest difference is; empty if there is none.
+    /// A description of the position of the largest difference. Empty if there is none.
     pub worst: String,
-    /// What was allowed: the largest difference, if one was.
+    /// The largest difference that is allowed.
     pub allowed: f64,
-    /// How much more or less each difference may be, because the old one was kept rounded.
+    /// The uncertainty of each difference. It is not zero if the old value was rounded when it was stored.
     pub error: f64,
-    /// The share of the elements that were compared.
-    pub seen: f64,
-    /// Whether its elements are equal or not, and their share is what counts.
-    pub by_share: bool,
-    /// What is not allowed, in words; empty if all is well.
-    pub broken: String,
+    /// The fraction of the elements that were compared.
+    pub compared_fraction: f64,
+    /// True if elements can only be equal or different, and the fraction of different elements decides.
+    pub is_by_fraction: bool,
+    /// A description of the violated limit; empty if there is none.
+    pub failure: String,
 }
 
 impl Measure {
-    /// Which measures tell most: distances, then angles, then numbers, then how many entries are others.
+    /// Returns the rank by which measures are sorted in reports: distances first, then angles, then numbers, then fractions of different
+    /// elements.
     fn rank(&self) -> usize {
         match self.unit {
             "mm" => 0,
             "degrees" => 1,
-            "" if self.by_share => 3,
+            "" if self.is_by_fraction => 3,
             _ => 2,
         }
     }
 
-    /// How much it differs, in words.
+    /// Describes the difference in words.
     pub fn in_words(&self) -> String {
-        match self.by_share {
-            true => format!("{} % of `{}` differ", six(100.0 * self.differing), self.name),
+        match self.is_by_fraction {
+            true => format!("{} % of `{}` differ", six_digits(100.0 * self.differing), self.name),
             false => format!("`{}` differs by {}", self.name, in_unit(self.max, self.unit)),
         }
     }
 }
 
-/// What a comparison found.
+/// The result of comparing two values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Comparison {
-    /// How alike the values are.
+    /// The verdict.
     pub verdict: Verdict,
-    /// Why they are different: counts and kinds that are not equal, and whatever exceeds its tolerance.
+    /// The reasons for the verdict "different": unequal counts and kinds, and exceeded tolerances.
     pub reasons: Vec<String>,
-    /// What was measured.
+    /// The measured differences.
     pub measures: Vec<Measure>,
 }
 
 impl Comparison {
-    pub(crate) fn alike(verdict: Verdict) -> Self {
+    pub(crate) fn from_verdict(verdict: Verdict) -> Self {
         Self { verdict, reasons: Vec::new(), measures: Vec::new() }
     }
 
-    /// The comparison of these facts and measures. Distances come first, the longest before all, then other differences, then
-    /// the facts.
+    /// Creates a comparison from the facts that differ and the measured differences. The reasons are sorted: first distances, the longest
+    /// before all others, then other differences, then facts.
     pub(crate) fn new(facts: Vec<String>, measures: Vec<Measure>) -> Self {
-        let mut broken: Vec<&Measure> = measures.iter().filter(|m| !m.broken.is_empty()).collect();
+        let mut broken: Vec<&Measure> = measures.iter().filter(|m| !m.failure.is_empty()).collect();
         broken.sort_by(|a, b| a.rank().cmp(&b.rank()).then(b.max.total_cmp(&a.max)));
         let mut reasons: Vec<String> = Vec::new();
-        for reason in broken.iter().map(|m| &m.broken).chain(&facts) {
+        for reason in broken.iter().map(|m| &m.failure).chain(&facts) {
             if !reasons.contains(reason) {
                 reasons.push(reason.clone());
             }
@@ -209,24 +212,25 @@ impl Comparison {
         Self { verdict, reasons, measures }
     }
 
-    /// The largest distance, or what differs most if nothing is one; none if nothing was measured to differ.
+    /// Returns the measure with the largest distance, or if no distances were measured, with the largest difference. Returns `None` if
+    /// nothing differs.
     pub fn worst(&self) -> Option<&Measure> {
         let differing = self.measures.iter().filter(|m| m.max > 0.0);
         differing.min_by(|a, b| a.rank().cmp(&b.rank()).then(b.max.total_cmp(&a.max)))
     }
 
-    /// The share of the elements that were compared.
-    pub fn seen(&self) -> f64 {
-        self.measures.iter().map(|m| m.seen).fold(1.0, f64::min)
+    /// Returns the smallest fraction of elements that was compared.
+    pub fn compared_fraction(&self) -> f64 {
+        self.measures.iter().map(|m| m.compared_fraction).fold(1.0, f64::min)
     }
 
-    /// The comparison as `--json` prints it.
+    /// Returns the comparison as `--json` prints it.
     pub fn to_json(&self) -> serde_json::Value {
         let measures = self.measures.iter().map(|m| {
             json!({
                 "name": m.name, "max": m.max, "rms": m.rms, "p99": m.p99, "differing": m.differing,
-                "unit": m.unit, "worst": m.worst, "allowed": m.allowed, "error": m.error, "seen": m.seen,
-                "passed": m.broken.is_empty(),
+                "unit": m.unit, "worst": m.worst, "allowed": m.allowed, "error": m.error, "seen": m.compared_fraction,
+                "passed": m.failure.is_empty(),
             })
         });
         json!({
@@ -237,27 +241,28 @@ impl Comparison {
     }
 }
 
-/// Compares two values of any types. Topology and counts come first; what is not the same there is still measured, if it can be.
+/// Compares two values of any type. Topology and counts are compared first. Even if they differ, differences are measured where that is
+/// possible.
 pub fn compare(old: &AnyValue, new: &AnyValue, tolerance: &Tolerance) -> Comparison {
     if old.kind() != new.kind() {
         let reason = format!("a {} became a {}", old.kind().name, new.kind().name);
         return Comparison::new(vec![reason], Vec::new());
     }
     if old.hash() == new.hash() {
-        return Comparison::alike(Verdict::Identical);
+        return Comparison::from_verdict(Verdict::Identical);
     }
     if let (Some(old), Some(new)) = (old.get::<Mesh>(), new.get::<Mesh>()) {
         return compare_meshes(old, new, tolerance, &|_| 0.0);
     }
     fn order(value: &AnyValue) -> Option<u128> {
-        without_order(value)
+        unordered_hash(value)
     }
     if let (Some(a), Some(b)) = (order(old), order(new))
         && a == b
     {
-        return Comparison::alike(Verdict::Reordered);
+        return Comparison::from_verdict(Verdict::Reordered);
     }
-    match (GoldenParts::of(old), GoldenParts::of(new)) {
+    match (GoldenParts::from_value(old), GoldenParts::from_value(new)) {
         (Some(old), Some(new)) => compare_parts(&old, &new, tolerance),
         _ => compare_summaries(old, new),
     }
@@ -270,12 +275,10 @@ pub(crate) fn compare_parts(
     tolerance: &Tolerance,
 ) -> Comparison {
     let mut reasons = different_facts(&old.facts, &new.facts);
-    let names = |parts: &GoldenParts| {
-        parts.columns.iter().map(|part| part.name.clone()).collect::<Vec<_>>()
-    };
-    let (before, now) = (names(old), names(new));
-    reasons.extend(before.iter().filter(|n| !now.contains(n)).map(|n| format!("`{n}` is gone")));
-    reasons.extend(now.iter().filter(|n| !before.contains(n)).map(|n| format!("`{n}` is new")));
+    let missing = old.columns.iter().filter(|part| new.column(&part.name).is_none());
+    reasons.extend(missing.map(|part| format!("`{}` is gone", part.name)));
+    let added = new.columns.iter().filter(|part| old.column(&part.name).is_none());
+    reasons.extend(added.map(|part| format!("`{}` is new", part.name)));
     let mut measures = Vec::new();
     for part in &old.columns {
         let Some(other) = new.column(&part.name) else { continue };
@@ -296,7 +299,7 @@ pub(crate) fn compare_parts(
     Comparison::new(reasons, measures)
 }
 
-/// Facts that are not the same, in words.
+/// Describes the facts that differ between two lists of facts.
 pub(crate) fn different_facts(old: &[(String, String)], new: &[(String, String)]) -> Vec<String> {
     let mut reasons = Vec::new();
     for (name, before) in old {
@@ -314,7 +317,7 @@ pub(crate) fn different_facts(old: &[(String, String)], new: &[(String, String)]
     reasons
 }
 
-/// Values of a type that only its pack knows: by what they tell of themselves.
+/// Compares two values by their summaries, because their type has no parts.
 fn compare_summaries(old: &AnyValue, new: &AnyValue) -> Comparison {
     fn facts(value: &AnyValue) -> Vec<(String, String)> {
         value
@@ -326,23 +329,23 @@ fn compare_summaries(old: &AnyValue, new: &AnyValue) -> Comparison {
     }
     let mut reasons = different_facts(&facts(old), &facts(new));
     if reasons.is_empty() {
-        reasons.push("the content changed, but nothing that its summary tells".into());
+        reasons.push("the content changed, but not its summary".into());
     }
     Comparison::new(reasons, Vec::new())
 }
 
-/// The class's word for what a difference is measured in.
+/// Returns the unit of the differences in columns of a class.
 pub(crate) fn unit(class: Class) -> &'static str {
     match class {
-        Class::Place => "mm",
+        Class::Position => "mm",
         Class::Normal => "degrees",
         Class::Number | Class::Level | Class::Exact => "",
     }
 }
 
-/// A measured number with its unit.
+/// Formats a measured number with its unit.
 pub fn in_unit(x: f64, unit: &str) -> String {
-    if unit.is_empty() { six(x) } else { format!("{} {unit}", six(x)) }
+    if unit.is_empty() { six_digits(x) } else { format!("{} {unit}", six_digits(x)) }
 }
 
 #[cfg(test)]

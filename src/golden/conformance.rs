@@ -1,4 +1,4 @@
-//! The laws that every pack keeps, as a function to call from a pack's own tests.
+//! Checks the laws that every pack must obey. The function [`check`] is called from the tests of a pack.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -8,11 +8,11 @@ use std::sync::Mutex;
 use maquette_engine::eval::Evaluator;
 use maquette_graph::catalog::{Catalog, Entry};
 use maquette_graph::{Graph, GraphNode, Options, is_name};
+use maquette_node::importers::Readers;
 use maquette_node::pack::Pack;
-use maquette_node::reading::Readers;
 use maquette_node::{CancelToken, Context, Progress};
 use maquette_syntax::error::Error;
-use maquette_syntax::{check_default, inside, resolve, variants};
+use maquette_syntax::{check_default, resolve, resolve_field, variants};
 use maquette_value::{AnyValue, ValueType};
 use serde_json::Value as Json;
 
@@ -26,36 +26,36 @@ mod promises;
 mod updates;
 mod values;
 
-/// How much memory the evaluators of a check may hold.
+/// The memory limit of the evaluators, in bytes.
 const MEMORY: usize = 1 << 30;
 
-/// Checks that `pack` keeps the laws:
+/// Checks that `pack` obeys these laws:
 ///
 /// 1. Names of nodes, values, ports and outputs are unique and well formed.
 /// 2. Every node, port, parameter and choice is documented.
-/// 3. Every default is valid, and so is its tolerance between machines, if it has one.
+/// 3. Every default is valid. If a node states a tolerance between machines, the tolerance is valid, too.
 /// 4. The node's example `<examples>/<Node>.ron` exists and runs.
-/// 5. Changing any parameter changes the key.
+/// 5. Changing any parameter of a node changes the key of its result.
 /// 6. Equal inputs give equal bytes for 1, 2 and 8 threads.
-/// 7. Hostile values of the input types cause errors, not panics.
-/// 8. With its numbers at the ends of their ranges, one by one and together, on the values of its example and on hostile ones, a node
-///    ends, fails with an error, or stops soon when it is told to.
-/// 9. Readers of files give a value or an error, whatever the bytes are; tried with files that the pack writes, whole and damaged.
-/// 10. What a node promises of its outputs holds: on its example, and on hostile values that it accepts.
-/// 11. Of the attributes of meshes, points and range images becomes what the node declares, from each port to each output.
-/// 12. What its migrations call old is not there, and what they call new is.
-/// 13. What a node makes of what it gave before is what it makes of its inputs alone, with the same warnings; and one that makes something
-///     of unchanged inputs does of changed ones, too.
-/// 14. What a format makes in pieces is what it writes as a whole, wherever they begin and end; pieces that are said to be made of the
-///     same are the same.
+/// 7. Edge cases of the input types cause errors, not panics.
+/// 8. With its numbers at the ends of their ranges, one by one and together, for the values of its example and for edge cases, a node
+///    finishes, fails with an error, or stops soon after cancellation.
+/// 9. Readers of files return a value or an error for any bytes. They are tested with files that the pack writes, intact and damaged.
+/// 10. The outputs of a node have the properties that it promises, for its example and for edge cases that it accepts.
+/// 11. Attributes of meshes, points and range images are handled as the node declares, from each port to each output.
+/// 12. The old names in migrations do not exist any more, and the new names exist.
+/// 13. A node's update gives the same result and warnings as computing it from its inputs alone; and a node that
+///     updates for unchanged inputs also updates for changed ones.
+/// 14. The pieces of a format are those of the whole file, wherever they begin and end; pieces with the same source
+///     are equal.
 ///
-/// `others` are the packs whose nodes the examples use beside those of `pack`.
+/// `others` are the packs whose nodes the examples use in addition to those of `pack`.
 ///
 /// # Errors
-/// Every law that is broken, in words.
+/// A message for each broken law.
 pub fn check(pack: &Pack, others: &[&Pack], examples: &Path) -> Result<(), Vec<String>> {
     let mut broken = Vec::new();
-    names(pack, others, &mut broken);
+    check_names(pack, others, &mut broken);
     let packs: Vec<&Pack> = std::iter::once(pack).chain(others.iter().copied()).collect();
     let catalog = Catalog::new(&packs);
     pack.values.iter().for_each(|kind| values::check(kind, &mut broken));
@@ -65,10 +65,10 @@ pub fn check(pack: &Pack, others: &[&Pack], examples: &Path) -> Result<(), Vec<S
     for node in pack.nodes {
         let name = (node.name)();
         let Some(entry) = catalog.find(&name) else { continue };
-        documentation(entry, &mut broken);
-        defaults(entry, &mut broken);
-        promises::names(entry, &catalog, &mut broken);
-        example(entry, &catalog, examples, &mut broken);
+        check_documentation(entry, &mut broken);
+        check_defaults(entry, &mut broken);
+        promises::check_names(entry, &catalog, &mut broken);
+        check_example(entry, &catalog, examples, &mut broken);
     }
     if broken.is_empty() { Ok(()) } else { Err(broken) }
 }
@@ -78,13 +78,13 @@ fn is_camel_case(name: &str) -> bool {
         && name.chars().all(|c| c.is_ascii_alphanumeric())
 }
 
-fn names(pack: &Pack, others: &[&Pack], broken: &mut Vec<String>) {
+fn check_names(pack: &Pack, others: &[&Pack], broken: &mut Vec<String>) {
     let mut seen = BTreeSet::new();
     let strangers = others.iter().filter(|other| other.name != pack.name);
     for (pack, is_own) in strangers.map(|other| (*other, false)).chain([(pack, true)]) {
         let nodes = pack.nodes.iter().map(|node| (node.name)().into_owned());
         let values = pack.values.iter().map(|value| value.name.to_owned());
-        // A node may be called like the value that it makes: ControlNet is both.
+        // A node and a value type may have one name, such as `ControlNet`, so the kind is part of the entry.
         let names = nodes.map(|name| ("node", name)).chain(values.map(|name| ("value", name)));
         for (what, name) in names {
             if is_own && !is_camel_case(&name) {
@@ -113,12 +113,11 @@ fn is_sentence(schema: &Json) -> bool {
     doc.ends_with(['.', ':', ')', '?', '`', '|'])
 }
 
-fn documentation(entry: &Entry, broken: &mut Vec<String>) {
+fn check_documentation(entry: &Entry, broken: &mut Vec<String>) {
     let schema = entry.schema();
-    let mut undocumented =
-        |what: String| broken.push(format!("{} has no documentation: {what}", entry.name));
+    let mut undocumented = Vec::new();
     if !is_sentence(schema) {
-        undocumented("the node itself".into());
+        undocumented.push("the node itself".to_owned());
     }
     let definitions = schema.get("$defs").and_then(Json::as_object).into_iter().flatten();
     for (owner, content) in
@@ -128,12 +127,12 @@ fn documentation(entry: &Entry, broken: &mut Vec<String>) {
             content.get("properties").and_then(Json::as_object).into_iter().flatten()
         {
             if !is_sentence(field) {
-                undocumented(format!("field {owner} {name}"));
+                undocumented.push(format!("field {owner} {name}"));
             }
         }
         for choice in content.get("oneOf").and_then(Json::as_array).into_iter().flatten() {
             if !is_sentence(choice) {
-                undocumented(format!(
+                undocumented.push(format!(
                     "choice {} of {owner}",
                     variants(&serde_json::json!({"oneOf": [choice]}))
                         .into_iter()
@@ -147,19 +146,21 @@ fn documentation(entry: &Entry, broken: &mut Vec<String>) {
                     content.1.get("properties").and_then(Json::as_object).into_iter().flatten()
                 {
                     if !is_sentence(field) {
-                        undocumented(format!("field {name} of {}", content.0));
+                        undocumented.push(format!("field {name} of {}", content.0));
                     }
                 }
             }
         }
-        // Words without a sentence each come as one list.
+        // All choices of an enum that have no documentation are in a single list of the schema.
         if content.get("enum").is_some() {
-            undocumented(format!("the choices of {owner}"));
+            undocumented.push(format!("the choices of {owner}"));
         }
     }
+    let name = &entry.name;
+    broken.extend(undocumented.iter().map(|what| format!("{name} has no documentation: {what}")));
 }
 
-fn defaults(entry: &Entry, broken: &mut Vec<String>) {
+fn check_defaults(entry: &Entry, broken: &mut Vec<String>) {
     if !entry.exactness().is_sound() {
         let (name, exactness) = (&entry.name, entry.exactness());
         broken.push(format!("{name} is {exactness:?}: expected a fraction between 0 and 1"));
@@ -175,15 +176,19 @@ fn defaults(entry: &Entry, broken: &mut Vec<String>) {
     }
 }
 
-/// Everything that needs a graph with the node in it.
-fn example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut Vec<String>) {
+/// Checks the laws that need a graph which contains the node.
+fn check_example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut Vec<String>) {
     let example = examples.join(format!("{}.ron", entry.name));
-    fn load(set: Vec<(String, String)>, path: &Path, catalog: &Catalog) -> maquette_graph::Checked {
+    fn load(
+        set: Vec<(String, String)>,
+        path: &Path,
+        catalog: &Catalog,
+    ) -> maquette_graph::CheckedGraph {
         Graph::load(path, catalog, &Options { set, ..Options::default() })
     }
     let checked = load(Vec::new(), &example, catalog);
     let Some(graph) = checked.graph else {
-        let why = checked.problems.into_iter().map(|problem| problem.message);
+        let why = checked.diagnostics.into_iter().map(|diagnostic| diagnostic.message);
         broken.push(format!(
             "the example {} does not check: {}",
             example.display(),
@@ -202,7 +207,7 @@ fn example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut Vec<S
                 values.iter().map(|value| value.as_ref().map(AnyValue::hash)).collect::<Vec<_>>(),
             ),
             Err(why) => {
-                broken.push(format!("the example {} does not run: {why}", example.display()))
+                broken.push(format!("the example {} does not run: {why}", example.display()));
             }
         }
     }
@@ -224,10 +229,11 @@ fn example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut Vec<S
         }
     }
     let Ok(values) = run_all(&graph) else { return };
-    let hostile = Hostile(catalog.value_types());
-    hostile_inputs(entry, &graph, index, &values, &hostile, broken);
+    let hostile = EdgeCases(catalog.value_types());
+    check_edge_cases(entry, &graph, index, &values, &hostile, broken);
     let load = |set| load(set, &example, catalog).graph;
-    let case = extremes::Case { entry, graph: &graph, index, values: &values, hostile: &hostile };
+    let case =
+        extremes::Case { entry, graph: &graph, index, values: &values, edge_cases: &hostile };
     promises::check(&case, broken);
     attributes::check(&case, broken);
     cells::check(&case, broken);
@@ -239,15 +245,15 @@ fn example(entry: &Entry, catalog: &Catalog, examples: &Path, broken: &mut Vec<S
     extremes::check(&case, &load, broken);
 }
 
-/// The first output of every node.
+/// Evaluates a graph and returns the first output of every node.
 fn run(graph: &Graph, threads: usize) -> Result<Vec<Option<AnyValue>>, String> {
     let mut evaluator = Evaluator::new(threads, MEMORY).map_err(|error| error.to_string())?;
     let evaluation = evaluator.evaluate_all_nodes(graph, &(), &CancelToken::default());
     let errors = evaluation
-        .problems()
+        .diagnostics()
         .into_iter()
-        .filter(|problem| problem.severity == maquette_syntax::error::Severity::Error);
-    let errors: Vec<String> = errors.map(|problem| problem.message).collect();
+        .filter(|diagnostic| diagnostic.severity == maquette_syntax::error::Severity::Error);
+    let errors: Vec<String> = errors.map(|diagnostic| diagnostic.message).collect();
     if errors.is_empty() {
         Ok((0..graph.nodes().len()).map(|node| evaluation.value(node, 0).cloned()).collect())
     } else {
@@ -255,7 +261,7 @@ fn run(graph: &Graph, threads: usize) -> Result<Vec<Option<AnyValue>>, String> {
     }
 }
 
-/// Another value for each parameter: its path and the value as RON.
+/// Returns changes of parameters. Each is the path of a parameter and another value for it, as RON.
 fn changes(parameters: &Json, schema: &Json) -> Vec<(String, String)> {
     let mut changes = Vec::new();
     for (name, value) in parameters.as_object().into_iter().flatten() {
@@ -272,7 +278,7 @@ fn change(
     path: &str,
     changes: &mut Vec<(String, String)>,
 ) {
-    let schema = inside(field, root);
+    let schema = resolve_field(field, root);
     match value {
         Json::Bool(value) => changes.push((path.into(), (!value).to_string())),
         Json::Number(number) => {
@@ -284,14 +290,14 @@ fn change(
         }
         Json::String(word) => {
             let others = variants(&schema).into_iter().filter(|(name, _)| *name != word);
-            // Of the fields of a variant all may have defaults.
+            // All fields of a variant may have defaults, so the variant can be written without fields.
             changes.extend(others.map(|(name, content): (&str, Option<&Json>)| match content {
                 Some(_) => (path.to_owned(), format!("{name}()")),
                 None => (path.to_owned(), name.to_owned()),
             }));
         }
         Json::Array(items) => {
-            // Lists may be long, and their entries are alike.
+            // Only the first four entries are changed, because lists may be long and their entries are similar.
             for (place, item) in items.iter().take(4).enumerate() {
                 change(item, &schema["items"], root, &format!("{path}.{place}"), changes);
             }
@@ -301,7 +307,8 @@ fn change(
             for (name, value) in entries.iter().filter(|(name, _)| !name.starts_with('$')) {
                 let chosen = choices.iter().find(|(known, _)| known == name);
                 match chosen.map(|(_, content)| content.map(|it| resolve(root, it))) {
-                    // The fields of a chosen variant stand directly behind its name in the file.
+                    // In the file, the fields of a chosen enum variant follow the name of the variant directly, so the path does not
+                    // contain the name.
                     Some(Some(content)) if content.get("properties").is_some() => {
                         change(value, &content, root, path, changes);
                     }
@@ -320,13 +327,13 @@ fn change(
     }
 }
 
-/// Runs the node with one input after the other replaced by values that are hard to treat.
-fn hostile_inputs(
+/// Runs the node with each of its inputs replaced by edge cases, one input at a time.
+fn check_edge_cases(
     entry: &Entry,
     graph: &Graph,
     index: usize,
     values: &Values,
-    hostile: &Hostile,
+    hostile: &EdgeCases,
     broken: &mut Vec<String>,
 ) {
     let outputs = values.iter().filter(|((node, _), _)| *node == index);
@@ -342,7 +349,7 @@ fn hostile_inputs(
             let mut inputs = good.clone();
             let what = format!("{value:?}");
             inputs[slot] = value;
-            if let Err(panic) = call(node, &inputs, Progress::none()) {
+            if let Err(panic) = run_node(node, &inputs, Progress::silent()) {
                 broken.push(format!(
                     "{} panics on a hostile {what} at `{}`: {panic}",
                     entry.name, link.port
@@ -352,25 +359,25 @@ fn hostile_inputs(
     }
 }
 
-/// The types of values that are known, by name.
-struct Hostile(HashMap<&'static str, &'static ValueType>);
+/// The known value types by name, which provide edge cases.
+struct EdgeCases(HashMap<&'static str, &'static ValueType>);
 
-impl Hostile {
-    /// Values of the type of this name that are hard to treat.
+impl EdgeCases {
+    /// Returns edge cases of the value type with this name.
     fn values(&self, kind: &str) -> Vec<AnyValue> {
-        self.0.get(kind).map_or_else(Vec::new, |kind| kind.hostile())
+        self.0.get(kind).map_or_else(Vec::new, |kind| kind.edge_cases())
     }
 }
 
-/// Outputs by node and output.
+/// Values by the indices of node and output.
 type Values = BTreeMap<(usize, usize), AnyValue>;
 
-/// What comes to a node's links.
+/// Returns the values of a node's links, or `None` if one of them is missing.
 fn inputs(node: &GraphNode, values: &Values) -> Option<Vec<AnyValue>> {
     node.links.iter().map(|link| values.get(&(link.node, link.output)).cloned()).collect()
 }
 
-/// All outputs of all nodes.
+/// Evaluates a graph and returns all outputs of all nodes.
 fn run_all(graph: &Graph) -> Result<Values, String> {
     let mut evaluator = Evaluator::new(0, MEMORY).map_err(|error| error.to_string())?;
     let evaluation = evaluator.evaluate_all_nodes(graph, &(), &CancelToken::default());
@@ -383,23 +390,23 @@ fn run_all(graph: &Graph) -> Result<Values, String> {
         .collect())
 }
 
-/// Evaluates a node by itself; an error is what a panic said.
-fn call(node: &GraphNode, inputs: &[AnyValue], progress: Progress<'_>) -> Result<(), String> {
-    made(node, inputs, progress).map(|_| ())
+/// Evaluates a single node. The error is the message of a panic.
+fn run_node(node: &GraphNode, inputs: &[AnyValue], progress: Progress<'_>) -> Result<(), String> {
+    evaluate_node(node, inputs, progress).map(|_| ())
 }
 
-/// What a node makes of some values, by itself; none if it fails.
-fn made(
+/// Evaluates a single node on some values. Returns `None` if the node fails; the error is the message of a panic.
+fn evaluate_node(
     node: &GraphNode,
     inputs: &[AnyValue],
     progress: Progress<'_>,
 ) -> Result<Option<Vec<AnyValue>>, String> {
-    let (result, _) = within(inputs, progress, |cx| node.node.eval(cx))?;
+    let (result, _) = call_with_context(inputs, progress, |cx| node.node.eval(cx))?;
     Ok(result.ok())
 }
 
-/// What some code of a node makes of some values, and what it warns of; an error is what a panic said.
-fn within<R>(
+/// Runs code of a node on some values. Returns the result and the warnings; the error is the message of a panic.
+fn call_with_context<R>(
     inputs: &[AnyValue],
     progress: Progress<'_>,
     work: impl FnOnce(&Context<'_>) -> Result<R, Error>,
@@ -414,7 +421,7 @@ fn within<R>(
         warnings: Mutex::default(),
     };
     let result = catch_unwind(AssertUnwindSafe(|| work(&cx)));
-    let result = result.map_err(|panic| maquette_syntax::error::in_words(&*panic))?;
+    let result = result.map_err(|panic| maquette_syntax::error::panic_message(&*panic))?;
     Ok((result, cx.warnings.into_inner().unwrap_or_else(|broken| broken.into_inner())))
 }
 
@@ -470,7 +477,7 @@ mod tests {
     }
 
     #[test]
-    fn parameters_are_changed_however_deep_they_are() {
+    fn nested_parameters_are_changed() {
         let node = Heal {
             holes: Holes::Region(Region::Ball { radius: 2.0, hard: false }),
             method: Some(Method::Exemplar(Exemplar { levels: 3, start: Start::Plate })),

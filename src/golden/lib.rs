@@ -1,21 +1,24 @@
-//! Tests of graphs: whether their outputs are still those that somebody has accepted.
+//! Tests of graphs: compares the outputs of graphs with accepted outputs, the goldens.
 //!
-//! [`parts`] takes the columns that a value tells of, which [`mod@compare`] measures and [`store`] keeps; [`case`] reads tests. [`suite`] runs
-//! the tests of many graphs, each by a session, and [`sweep`] reads what a batch runs: one graph over many scans and values.
-//! [`conformance`] has the laws that every pack keeps, as a function.
+//! [`parts`] turns a value into columns of numbers, which [`mod@compare`] compares and [`store`] writes and reads. [`case`] reads test
+//! files. [`suite`] runs the tests of many graphs, each in a session. [`sweep`] reads the files of batches, which run one graph for many
+//! scans and values. [`conformance`] checks the laws that every pack must obey.
 //!
-//! Begin reading in `suite.rs`, then `case.rs`, `store.rs` and `compare.rs`. Goldens are of values, not of files.
+//! Read `suite.rs` first, then `case.rs`, `store.rs` and `compare.rs`. A golden contains the value of an output, not the output's file.
 //!
-//! This crate knows no command, and prints nothing.
+//! This crate contains no command and prints nothing.
 
-#![allow(missing_docs, reason = "what others may use is documented where `maquette` hands it on")]
+#![allow(
+    missing_docs,
+    reason = "public items are documented where the crate `maquette` re-exports them"
+)]
 
 pub mod case;
 pub mod compare;
 pub mod conformance;
 pub mod parts;
+mod recover;
 mod sketch;
-mod sound;
 pub mod store;
 pub mod suite;
 pub mod sweep;

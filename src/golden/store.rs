@@ -1,24 +1,24 @@
-//! What is kept of a value: a summary that people read in a diff, and all of its numbers.
+//! Goldens: each consists of a summary of a value, which people read in a diff, and of all numbers of the value.
 //!
-//! The summary has the value's hash and a mark that does not depend on order, so that both best verdicts need no numbers; a
-//! sketch of each column tells whether any number of it changed. The numbers judge how far a value differs, and where: every
-//! entry is kept, however many there are, rounded far below what is allowed. What an author finds too large is kept in part by
-//! `keep: Sampled(..)` in the test file; then every verdict that needs numbers says what share of them was looked at.
+//! The summary contains the value's hash and a hash that does not depend on order, so the two best verdicts (identical and reordered) need
+//! no numbers. A sketch of each column shows whether any of its numbers has changed. The numbers show where a value differs, and by how
+//! much. All entries are stored, however many there are, rounded far below the tolerance. If the test file contains `keep: Sampled(..)`,
+//! only some entries are stored; then every verdict that needs numbers states the fraction of them that was compared.
 
 use std::path::Path;
 use std::sync::OnceLock;
 
+use maquette_engine::digits::six_digits;
 use maquette_engine::distances::distances_of;
-use maquette_engine::six::six;
 use maquette_format::png;
 use maquette_node::pack::NewFile;
 use maquette_render::{View, render};
-use maquette_syntax::{CONFLICT, conflict_line};
+use maquette_syntax::{CONFLICT_MESSAGE, conflict_line};
+use maquette_value::fs;
 use maquette_value::parallel::*;
-use maquette_value::plain;
 use maquette_value::{
-    AnyValue, Attribute, ControlNet, Faces, Hash, Image, Items, KnotVector, Meaning, Mesh, On, Rgb,
-    Surface,
+    AnyValue, Attribute, ControlNet, ElementKind, Faces, Hash, Image, Items, KnotVector, Meaning,
+    Mesh, Rgb, Surface,
 };
 use nalgebra::Point3;
 
@@ -32,34 +32,34 @@ mod pack;
 mod precision;
 mod summary;
 
-use pack::{EARLIER, Kept, pack, unpack};
+use pack::{EARLIER, StoredNumbers, pack, unpack};
 use summary::{Line, exact, summary};
 
-/// What was kept of a value. Its numbers and pictures are looked into when they are needed.
+/// The golden of a value. Its numbers and pictures are decoded only when they are needed.
 #[derive(Clone, Debug, Default)]
 pub struct Golden {
     pub(crate) lines: Vec<(String, String)>,
     bin: Option<Vec<u8>>,
     png: Option<Vec<u8>>,
     view: Option<Vec<u8>>,
-    kept: OnceLock<Option<Kept>>,
+    numbers: OnceLock<Option<StoredNumbers>>,
     picture: OnceLock<Option<Image>>,
 }
 
-/// A file that a value was written to.
+/// A file to which a value was written.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Written {
+pub(crate) struct WrittenFile {
     name: String,
-    /// Its length and hash.
+    /// A description of the file's content: its length and hash.
     content: String,
 }
 
-impl Written {
-    pub(crate) fn of(file: &NewFile) -> Self {
+impl WrittenFile {
+    pub(crate) fn from_file(file: &NewFile) -> Self {
         Self { name: file.name.clone(), content: content(&file.bytes) }
     }
 
-    /// The files in as many lines.
+    /// Returns a note that describes some files, with one line per file.
     pub(crate) fn note(files: &[Self]) -> Vec<u8> {
         files
             .iter()
@@ -80,39 +80,41 @@ impl Written {
     }
 }
 
-/// The files of a golden, by what follows its name.
+/// Returns the files of a golden. The name of each file is a suffix, to be appended to the golden's name.
 pub(crate) fn files(
     value: &AnyValue,
-    outputs: &[Written],
+    outputs: &[WrittenFile],
     needed: &[(String, f64)],
     tolerance: &Tolerance,
 ) -> Vec<NewFile> {
     let mut files = Vec::new();
     let mut text = String::new();
-    let parts = GoldenParts::of(value);
+    let parts = GoldenParts::from_value(value);
     let mut lines = summary(value, parts.as_ref(), outputs, tolerance);
-    lines
-        .extend(needed.iter().map(|(name, needed)| exact(&format!("needed {name}"), six(*needed))));
+    lines.extend(
+        needed.iter().map(|(name, needed)| exact(&format!("needed {name}"), six_digits(*needed))),
+    );
     let stride = tolerance.keep.stride();
     if let Some(picture) = picture_of(value) {
-        // A picture without pixels is no PNG.
-        let bytes = png::encode_rgb(&every(&picture, stride)).unwrap_or_default();
+        // A picture without pixels cannot be encoded as PNG.
+        let bytes = png::encode_rgb(&sample_picture(&picture, stride)).unwrap_or_default();
         files.push(NewFile { name: ".png".into(), bytes });
     } else if let Some(parts) = &parts {
         files.push(NewFile { name: ".bin".into(), bytes: pack(parts, tolerance, stride) });
         let view = View { size: [160, 120], ..View::front() };
-        // All of a mesh shows how it looked.
+        // If the whole mesh is stored, a picture of it can be rendered when it is needed.
         let mesh = (stride > 1).then(|| value.as_mesh()).flatten();
         let look = mesh.and_then(|mesh| png::encode_rgb(&render(&mesh, &view)).ok());
         files.extend(look.map(|bytes| NewFile { name: ".view.png".into(), bytes }));
     }
     lines.push(exact(FORM, THIS_FORM));
     if !files.is_empty() {
-        let kept = if stride > 1 { format!("every {stride}. entry") } else { "every entry".into() };
-        lines.push(exact("kept", kept));
+        let stored =
+            if stride > 1 { format!("every {stride}. entry") } else { "every entry".into() };
+        lines.push(exact("kept", stored));
         lines.push(exact(KEPT_FOR, bounds(tolerance)));
     }
-    lines.extend(files.iter().map(|file| exact(&kept_in(&file.name), content(&file.bytes))));
+    lines.extend(files.iter().map(|file| exact(&file_label(&file.name), content(&file.bytes))));
     lines.sort_by(|a, b| a.label.cmp(&b.label));
     for Line { label, text: fact, .. } in lines {
         text += &line(&label, &fact);
@@ -121,56 +123,56 @@ pub(crate) fn files(
     files
 }
 
-/// The line that says by which rules a golden is written.
+/// The label of the line with the version of the golden's format.
 const FORM: &str = "form";
 const THIS_FORM: &str = "2";
 
-/// The line that says what differences the numbers can judge.
+/// The label of the line with the tolerances for which the numbers of the golden were rounded.
 const KEPT_FOR: &str = "kept for";
 
-/// Begins the lines of a golden's other files.
-const KEPT_IN: &str = "kept in ";
+/// The beginning of the label of each line about another file of the golden.
+const FILE_LABEL: &str = "kept in ";
 
-/// The label of the line that names a file of a golden, by what follows the golden's name.
-pub(crate) fn kept_in(suffix: &str) -> String {
-    format!("{KEPT_IN}{suffix}")
+/// Returns the label of the line about a file of the golden with this suffix.
+pub(crate) fn file_label(suffix: &str) -> String {
+    format!("{FILE_LABEL}{suffix}")
 }
 
-/// The length and the hash of a file.
+/// Describes the content of a file by its length and hash.
 fn content(bytes: &[u8]) -> String {
-    format!("{} bytes, {}", bytes.len(), Hash::of(bytes).short())
+    format!("{} bytes, {}", bytes.len(), Hash::compute(bytes).short())
 }
 
-/// What is allowed, in words.
+/// Describes the limits of a tolerance.
 fn bounds(tolerance: &Tolerance) -> String {
     let means = [("rms", tolerance.rms), ("p99", tolerance.p99)];
-    let means = means.into_iter().filter_map(|(name, most)| Some((name, most?)));
-    let all = tolerance.limits().chain(means).map(|(name, most)| format!("{name} {most}"));
+    let means = means.into_iter().filter_map(|(name, limit)| Some((name, limit?)));
+    let all = tolerance.limits().chain(means).map(|(name, limit)| format!("{name} {limit}"));
     let all = Vec::from_iter(all);
     if all.is_empty() { "what is allowed where nothing is said".into() } else { all.join(", ") }
 }
 
-/// Begins the line that says why a golden is as it is.
-const BECAUSE: &str = "accepted because";
+/// The label of the line with the reason for accepting the golden.
+const REASON_LABEL: &str = "accepted because";
 
-/// The line of a summary that says why the golden was accepted; none if there is no reason to give.
-pub(crate) fn because(why: &[String]) -> String {
-    if why.is_empty() { String::new() } else { line(BECAUSE, &why.join("; ")) }
+/// Returns the line with the reasons for accepting a golden. It is empty if there are no reasons.
+pub(crate) fn reason_line(why: &[String]) -> String {
+    if why.is_empty() { String::new() } else { line(REASON_LABEL, &why.join("; ")) }
 }
 
 fn line(label: &str, text: &str) -> String {
     format!("{label:<28}  {text}\n")
 }
 
-/// What is nothing but colors of pixels, or flags of pixels, is kept as a picture.
+/// Returns the value as a picture, if it consists only of colors or flags of pixels. Such a value is stored as a picture.
 pub(crate) fn picture_of(value: &AnyValue) -> Option<Image> {
     let parts = value.parts();
-    let mut compared = parts.columns.iter().filter(|part| !part.aside);
+    let mut compared = parts.columns.iter().filter(|part| !part.is_hidden);
     let (Some(part), None) = (compared.next(), compared.next()) else { return None };
-    let pixels: Vec<Rgb> = match (part.on, part.meaning, part.width, &part.items) {
-        (On::Pixel, Meaning::Level, 3, Items::U8(_)) => part.colors().ok()?,
-        (On::Pixel, Meaning::Exact, 1, Items::U8(_)) => {
-            part.small(1).ok()?.into_iter().map(|inside| [255 * inside; 3]).collect()
+    let pixels: Vec<Rgb> = match (part.element_kind, part.meaning, part.width, &part.items) {
+        (ElementKind::Pixel, Meaning::Level, 3, Items::U8(_)) => part.colors().ok()?,
+        (ElementKind::Pixel, Meaning::Exact, 1, Items::U8(_)) => {
+            part.to_u8(1).ok()?.into_iter().map(|inside| [255 * inside; 3]).collect()
         }
         _ => return None,
     };
@@ -178,43 +180,44 @@ pub(crate) fn picture_of(value: &AnyValue) -> Option<Image> {
     Image::new(width, height, pixels).ok()
 }
 
-/// Every n-th pixel of every n-th row.
-pub(crate) fn every(picture: &Image, stride: usize) -> Image {
+/// Returns a picture with every n-th pixel of every n-th row.
+pub(crate) fn sample_picture(picture: &Image, stride: usize) -> Image {
     let (columns, rows) =
         ((0..picture.width()).step_by(stride), (0..picture.height()).step_by(stride));
     let size = [columns.len(), rows.len()];
-    let pixels = rows.flat_map(|row| columns.clone().map(move |column| picture.at([column, row])));
-    Image::new(size[0], size[1], pixels.collect::<Vec<_>>()).expect("a pixel for each place")
+    let pixels =
+        rows.flat_map(|row| columns.clone().map(move |column| picture.pixel([column, row])));
+    Image::new(size[0], size[1], pixels.collect::<Vec<_>>()).expect("one pixel per position")
 }
 
-/// Why a golden cannot be read.
+/// An error in reading a golden.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum NoGolden {
+pub enum GoldenError {
     Missing,
     Damaged(String),
 }
 
-/// The golden of this name in a folder.
-pub(crate) fn read(folder: &Path, name: &str) -> Result<Golden, NoGolden> {
+/// Reads the golden with this name from a folder of goldens.
+pub(crate) fn read(folder: &Path, name: &str) -> Result<Golden, GoldenError> {
     fn file(suffix: &str, name: &str, folder: &Path) -> Option<Vec<u8>> {
-        plain::read(&folder.join(format!("{name}{suffix}"))).ok()
+        fs::read(&folder.join(format!("{name}{suffix}"))).ok()
     }
-    fn damaged(suffix: &str, name: &str) -> NoGolden {
-        NoGolden::Damaged(format!("{name}{suffix} is damaged"))
+    fn damaged_error(suffix: &str, name: &str) -> GoldenError {
+        GoldenError::Damaged(format!("{name}{suffix} is damaged"))
     }
-    // Which of both is wrong cannot be told.
-    fn unlike(suffix: &str, name: &str) -> NoGolden {
-        NoGolden::Damaged(format!("{name}{suffix} is not what {name}.txt says of it"))
+    // The error that two files of a golden do not belong together. It is unknown which of them is wrong.
+    fn mismatch_error(suffix: &str, name: &str) -> GoldenError {
+        GoldenError::Damaged(format!("{name}{suffix} is not what {name}.txt says of it"))
     }
-    fn gone(suffix: &str, name: &str) -> NoGolden {
-        NoGolden::Damaged(format!("{name}{suffix} is gone"))
+    fn missing_error(suffix: &str, name: &str) -> GoldenError {
+        GoldenError::Damaged(format!("{name}{suffix} is gone"))
     }
-    let text = file(".txt", name, folder).ok_or(NoGolden::Missing)?;
-    let text = plain::text_of(text);
-    let text = text.map_err(|error| NoGolden::Damaged(format!("{name}.txt: {error}")))?;
+    let text = file(".txt", name, folder).ok_or(GoldenError::Missing)?;
+    let text = fs::decode_utf8(text);
+    let text = text.map_err(|error| GoldenError::Damaged(format!("{name}.txt: {error}")))?;
     if let Some(line) = conflict_line(&text) {
-        let message = format!("{name}.txt, line {line}: {CONFLICT}");
-        return Err(NoGolden::Damaged(message));
+        let message = format!("{name}.txt, line {line}: {CONFLICT_MESSAGE}");
+        return Err(GoldenError::Damaged(message));
     }
     let [bin, png, view] =
         [".bin", ".png", ".view.png"].map(|suffix| (suffix, file(suffix, name, folder)));
@@ -230,14 +233,14 @@ pub(crate) fn read(folder: &Path, name: &str) -> Result<Golden, NoGolden> {
     };
     if golden.line(FORM) == Some(THIS_FORM) {
         for (suffix, bytes) in [&bin, &png, &view] {
-            match (golden.line(&kept_in(suffix)), bytes.as_deref().map(content)) {
-                (Some(_), None) => return Err(gone(suffix, name)),
-                (was, is) if was != is.as_deref() => return Err(unlike(suffix, name)),
+            match (golden.line(&file_label(suffix)), bytes.as_deref().map(content)) {
+                (Some(_), None) => return Err(missing_error(suffix, name)),
+                (was, is) if was != is.as_deref() => return Err(mismatch_error(suffix, name)),
                 _ => {}
             }
         }
     } else if bin.1.as_ref().is_some_and(|bytes| !bytes.starts_with(EARLIER)) {
-        return Err(damaged(".bin", name));
+        return Err(damaged_error(".bin", name));
     }
     Ok(Golden { bin: bin.1, png: png.1, view: view.1, ..golden })
 }
@@ -247,8 +250,8 @@ impl Golden {
         self.lines.iter().find(|(name, _)| name == label).map(|(_, text)| &text[..])
     }
 
-    /// The largest differences that were ever accepted, by what was measured.
-    pub(crate) fn needed(&self) -> Vec<(String, f64)> {
+    /// Returns, for each measure by name, the largest difference that was ever accepted.
+    pub(crate) fn accepted_differences(&self) -> Vec<(String, f64)> {
         self.lines
             .iter()
             .filter_map(|(label, text)| {
@@ -257,27 +260,27 @@ impl Golden {
             .collect()
     }
 
-    /// Whether it was written by an earlier program, whose numbers are not enough to judge by.
-    pub(crate) fn is_earlier(&self) -> bool {
+    /// Returns true if an earlier version of the program wrote the golden in a format whose numbers are not sufficient for a comparison.
+    pub(crate) fn has_earlier_form(&self) -> bool {
         self.line(FORM) != Some(THIS_FORM)
     }
 
-    /// Whether another golden of the same value would keep it otherwise, in words.
-    pub(crate) fn outdated(&self, tolerance: &Tolerance) -> Option<&'static str> {
-        if self.is_earlier() {
-            return Some("is of an earlier form, which cannot judge a difference");
+    /// Returns the reason why a golden of the same value would now be stored differently, or `None`.
+    pub(crate) fn outdated_reason(&self, tolerance: &Tolerance) -> Option<&'static str> {
+        if self.has_earlier_form() {
+            return Some("has an earlier format, which cannot measure a difference");
         }
         self.line("kept")?;
         if self.stride() != tolerance.keep.stride() {
-            return Some("does not keep what the test file says");
+            return Some("does not store what `keep` in the test file says");
         }
         let other = self.line(KEPT_FOR) != Some(&bounds(tolerance));
-        other.then_some("was kept for other tolerances")
+        other.then_some("was stored for other tolerances")
     }
 
-    /// Why it was accepted.
-    pub fn because(&self) -> Vec<String> {
-        self.line(BECAUSE).map(str::to_owned).into_iter().collect()
+    /// Returns the reasons for which the golden was accepted.
+    pub fn reasons(&self) -> Vec<String> {
+        self.line(REASON_LABEL).map(str::to_owned).into_iter().collect()
     }
 
     fn stride(&self) -> usize {
@@ -285,39 +288,41 @@ impl Golden {
         words.unwrap_or(1)
     }
 
-    /// The picture that was kept, as it is or as every n-th pixel, or how a mesh looked of which only some was kept.
+    /// Returns the stored picture, which may contain only every n-th pixel. For a mesh that was stored only in part, returns its rendering.
     pub(crate) fn picture(&self) -> Option<&Image> {
         self.picture
             .get_or_init(|| png::read(self.png.as_ref().or(self.view.as_ref())?).ok())
             .as_ref()
     }
 
-    /// The numbers that were kept.
-    pub(crate) fn kept(&self) -> Option<&Kept> {
-        self.kept.get_or_init(|| unpack(self.bin.as_ref().filter(|_| !self.is_earlier())?)).as_ref()
+    /// Returns the stored numbers.
+    pub(crate) fn numbers(&self) -> Option<&StoredNumbers> {
+        self.numbers
+            .get_or_init(|| unpack(self.bin.as_ref().filter(|_| !self.has_earlier_form())?))
+            .as_ref()
     }
 
-    /// How far each vertex of a mesh is from where it was, judged by the vertex that was kept nearest to it: in the list if this
-    /// is as long as it was, else in space.
+    /// Returns the distance of each vertex of a mesh from its old position. The old position is that of the nearest stored vertex: nearest
+    /// in the list if the number of vertices is unchanged, otherwise nearest in space.
     pub(crate) fn differences(&self, mesh: &Mesh) -> Option<Vec<f64>> {
-        let position = &self.kept()?.column("position")?.part;
-        let kept: Vec<Point3<f64>> =
+        let position = &self.numbers()?.column("position")?.part;
+        let stored: Vec<Point3<f64>> =
             position.numbers.chunks_exact(3).map(|p| Point3::new(p[0], p[1], p[2])).collect();
         if position.count == mesh.positions().len() {
             let now = mesh.positions().iter().step_by(position.stride);
-            let far: Vec<f64> = now.zip(&kept).map(|(now, was)| (now - was).norm()).collect();
+            let far: Vec<f64> = now.zip(&stored).map(|(now, was)| (now - was).norm()).collect();
             return Some((0..position.count).map(|k| far[k / position.stride]).collect());
         }
-        let far = distances_of(&kept, mesh);
+        let far = distances_of(&stored, mesh);
         Some(
             mesh.positions()
                 .par_iter()
                 .map(|vertex| {
-                    fn distance_sq(k: &usize, kept: &[Point3<f64>], vertex: &Point3<f64>) -> f64 {
-                        (kept[*k] - vertex).norm_squared()
+                    fn distance_sq(k: &usize, stored: &[Point3<f64>], vertex: &Point3<f64>) -> f64 {
+                        (stored[*k] - vertex).norm_squared()
                     }
-                    let nearest = (0..kept.len()).min_by(|a, b| {
-                        distance_sq(a, &kept, vertex).total_cmp(&distance_sq(b, &kept, vertex))
+                    let nearest = (0..stored.len()).min_by(|a, b| {
+                        distance_sq(a, &stored, vertex).total_cmp(&distance_sq(b, &stored, vertex))
                     });
                     nearest.map_or(f64::INFINITY, |k| far[k])
                 })
@@ -325,47 +330,47 @@ impl Golden {
         )
     }
 
-    /// The mesh that was kept, or the surface as one, if all of it was.
+    /// Returns the stored mesh, or the stored surface as a mesh. Returns `None` if only a part was stored.
     pub(crate) fn mesh(&self) -> Option<Mesh> {
-        let kept = self.kept().filter(|_| self.stride() == 1)?;
+        let stored = self.numbers().filter(|_| self.stride() == 1)?;
         match self.line("type")? {
-            "Mesh" => Self::kept_mesh(kept),
-            "Surface" => self.kept_surface(kept)?.tessellate(0, 0).ok(),
+            "Mesh" => Self::stored_mesh(stored),
+            "Surface" => self.stored_surface(stored)?.tessellate(0, 0).ok(),
             _ => None,
         }
     }
 
-    fn kept_surface(&self, kept: &Kept) -> Option<Surface> {
-        let column = |name: &str| kept.numbers(name);
-        let places = |name: &str| {
-            let places = column(name)?.chunks_exact(3).map(|p| Point3::new(p[0], p[1], p[2]));
-            Some(places.collect::<Vec<_>>())
-        };
-        let knots = |name: &str| {
-            let degree = self.line(&format!("degree of {name}"))?.parse().ok()?;
-            KnotVector::new(degree, column(name)?.to_vec()).ok()
-        };
+    fn stored_surface(&self, stored: &StoredNumbers) -> Option<Surface> {
         let (rows, columns) = self.line("control points")?.split_once(" x ")?;
         let size = [rows, columns].map(|count| count.parse().unwrap_or(0));
-        let net = ControlNet::new(size[0], size[1], places("base")?).ok()?;
-        let net = net.with_points(places("point")?).ok()?;
-        let net = net.with_weights(column("weight")?.to_vec()).ok()?;
-        Surface::new(net, knots("knots u")?, knots("knots v")?).ok()
+        let net = ControlNet::new(size[0], size[1], stored.points("base")?).ok()?;
+        let net = net.with_points(stored.points("point")?).ok()?;
+        let net = net.with_weights(stored.numbers("weight")?.to_vec()).ok()?;
+        Surface::new(
+            net,
+            self.stored_knots(stored, "knots u")?,
+            self.stored_knots(stored, "knots v")?,
+        )
+        .ok()
     }
 
-    fn kept_mesh(kept: &Kept) -> Option<Mesh> {
-        let position = kept.numbers("position")?;
-        let positions = position.chunks_exact(3).map(|p| Point3::new(p[0], p[1], p[2]));
-        let corners = &kept.column("corners")?.part;
+    fn stored_knots(&self, stored: &StoredNumbers, name: &str) -> Option<KnotVector> {
+        let degree = self.line(&format!("degree of {name}"))?.parse().ok()?;
+        KnotVector::new(degree, stored.numbers(name)?.to_vec()).ok()
+    }
+
+    fn stored_mesh(stored: &StoredNumbers) -> Option<Mesh> {
+        let positions = stored.points("position")?;
+        let corners = &stored.column("corners")?.part;
         let vertices: Vec<u32> = corners.numbers.iter().map(|&x| x as u32).collect();
-        let faces = match kept.numbers("sides") {
+        let faces = match stored.numbers("sides") {
             Some(sides) => {
                 Faces::polygons(&sides.iter().map(|&x| x as usize).collect::<Vec<_>>(), vertices)
             }
             None => Faces::uniform(corners.width, vertices),
         };
-        let mut mesh = Mesh::new(positions.collect::<Vec<_>>(), faces.ok()?).ok()?;
-        for part in kept.columns.iter().map(|column| &column.part) {
+        let mut mesh = Mesh::new(positions, faces.ok()?).ok()?;
+        for part in stored.columns.iter().map(|column| &column.part) {
             if ["frame", "position", "corners", "sides", "creases"].contains(&&part.name[..]) {
                 continue;
             }

@@ -1,4 +1,4 @@
-//! Runs tests: every case of every graph, in parallel, and what became of each.
+//! Runs tests: every case of every graph, in parallel.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
@@ -10,107 +10,107 @@ use maquette_engine::eval::{RunTrace, ThreadsError};
 use maquette_engine::expect::Violation;
 use maquette_engine::session;
 use maquette_engine::session::Session;
-use maquette_engine::writing::{Destination, Refused, Sources};
+use maquette_engine::writing::{Destination, Sources, WriteError};
 use maquette_graph::catalog::Catalog;
 use maquette_node::pack::NewFile;
-use maquette_syntax::error::{Problem, Severity};
+use maquette_syntax::error::{Diagnostic, Severity};
 use maquette_value::AnyValue;
-use maquette_value::plain;
+use maquette_value::fs;
 
 use crate::case;
 use crate::case::TestFile;
 use crate::store;
-use crate::store::{Golden, NoGolden, Written, because};
+use crate::store::{Golden, GoldenError, WrittenFile, reason_line};
 use crate::{Comparison, Tolerance};
 
 mod file;
 pub mod html;
 mod job;
 pub mod junit;
-mod misfits;
 mod nodes;
 mod orphans;
 mod picture;
 mod shard;
 mod shared;
+mod validate;
 
-pub use file::{FileKind, of_file};
+pub use file::{FileKind, file_diagnostic};
 use job::Job;
 use nodes::{changed_lines, changed_warnings};
 pub use shard::Shard;
-pub use shared::shared;
+pub use shared::shared_golden_folders;
 
-/// The folder of goldens beside a test file.
-const FOLDER: &str = "goldens";
+/// The name of the folder of goldens next to a test file.
+const GOLDENS_FOLDER: &str = "goldens";
 
-/// The file of a case's golden that says what its nodes were.
-const NODES: &str = "nodes.txt";
+/// The name of the file among the goldens of a case that lists the nodes of the graph.
+const NODES_FILE: &str = "nodes.txt";
 
-/// The files of a golden, by what follows its name.
+/// The suffixes that the names of a golden's files can have.
 const SUFFIXES: [&str; 4] = [".txt", ".bin", ".png", ".view.png"];
 
-/// What became of a case.
+/// The outcome of a case.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum State {
     Passed,
     Failed,
-    /// The graph or its test is wrong.
+    /// The graph or its test has errors.
     Broken,
-    /// Why it was not run.
+    /// The case was skipped for this reason.
     Skipped(String),
 }
 
-/// One case of one graph, and what became of it.
+/// One case of one graph, and its outcome.
 pub struct Case {
     pub graph: PathBuf,
     pub name: String,
-    /// Where its goldens are.
+    /// The folder that contains the goldens of the case.
     pub folder: PathBuf,
-    /// Where its test is.
-    beside: PathBuf,
-    /// What it is made of and reads.
+    /// The folder that contains the test file.
+    test_folder: PathBuf,
+    /// The files that the graph consists of and reads.
     pub sources: Sources,
     pub state: State,
-    pub outputs: Vec<Compared>,
-    pub problems: Vec<Problem>,
+    pub outputs: Vec<OutputComparison>,
+    pub diagnostics: Vec<Diagnostic>,
     pub violations: Vec<Violation>,
-    /// Warnings of nodes that came or went.
+    /// The changes of warnings: warnings that are new, and warnings that are missing.
     pub warnings: Vec<String>,
-    /// Goldens that nothing asks for.
+    /// Goldens that belong to no output of the case.
     pub orphans: Vec<PathBuf>,
-    /// What is worth a word although it is no failure.
+    /// Notes for the user that are not failures.
     pub notes: Vec<String>,
     pub trace: RunTrace,
     pub seconds: f64,
-    /// How much of it writing the outputs took.
+    /// The time that encoding the outputs took, in seconds.
     pub(crate) file_seconds: f64,
-    /// The nodes as they are now; none if the graph could not be read.
+    /// The present nodes of the graph as text, or `None` if the graph could not be read.
     nodes: Option<String>,
 }
 
-/// A value that outputs give, beside its golden.
-pub struct Compared {
-    /// `node` or `node.output`: the golden's name.
+/// The value of one or more outputs, compared with its golden.
+pub struct OutputComparison {
+    /// The golden's name: `node` or `node.output`.
     pub name: String,
-    /// The files that it is written to.
+    /// The names of the files to which the value is written.
     pub files: Vec<String>,
     pub comparison: Comparison,
-    pub golden: Result<Golden, NoGolden>,
-    /// Why the golden would be kept otherwise now, even if the value is the same.
-    pub outdated: Option<&'static str>,
+    pub golden: Result<Golden, GoldenError>,
+    /// The reason why the golden would now be stored differently even if the value is equal, or `None`.
+    pub outdated_reason: Option<&'static str>,
     pub value: AnyValue,
-    /// Whether the golden would be another one.
+    /// True if accepting the value would change the golden.
     pub(crate) changed: bool,
-    /// What the golden would tell beside the value.
-    written: Vec<Written>,
-    needed: Vec<(String, f64)>,
+    /// The files to which the value was written. The golden lists them.
+    files_written: Vec<WrittenFile>,
+    accepted_differences: Vec<(String, f64)>,
     tolerance: Tolerance,
 }
 
-impl Compared {
-    /// The golden that would be written; of a large value it takes a while.
+impl OutputComparison {
+    /// Returns the files of a new golden. For a large value this takes time.
     fn new_files(&self) -> Vec<NewFile> {
-        store::files(&self.value, &self.written, &self.needed, &self.tolerance)
+        store::files(&self.value, &self.files_written, &self.accepted_differences, &self.tolerance)
     }
 }
 
@@ -119,15 +119,17 @@ impl Case {
         format!("{} {}", self.graph.display(), self.name)
     }
 
-    pub fn failed(&self) -> bool {
+    pub fn has_failed(&self) -> bool {
         matches!(self.state, State::Failed | State::Broken)
     }
 
-    /// Everything that is wrong, one thing a line.
+    /// Returns the reasons for the failure of the case, one per line.
     pub fn reasons(&self) -> Vec<String> {
-        let problems = self.problems.iter().filter(|p| p.severity == Severity::Error);
-        let mut reasons: Vec<String> = problems.map(|problem| problem.message.clone()).collect();
-        reasons.extend(self.violations.iter().map(|violation| violation.problem.message.clone()));
+        let diagnostics = self.diagnostics.iter().filter(|p| p.severity == Severity::Error);
+        let mut reasons: Vec<String> =
+            diagnostics.map(|diagnostic| diagnostic.message.clone()).collect();
+        reasons
+            .extend(self.violations.iter().map(|violation| violation.diagnostic.message.clone()));
         reasons.extend(self.warnings.iter().cloned());
         for output in &self.outputs {
             reasons.extend(
@@ -140,7 +142,7 @@ impl Case {
         reasons
     }
 
-    /// Which nodes are not what they were when the golden was accepted, in words.
+    /// Describes the nodes that have changed since the goldens were accepted.
     pub fn changed_nodes(&self) -> Vec<String> {
         match (self.nodes_before(), &self.nodes) {
             (Some(before), Some(now)) => changed_lines(&before, now),
@@ -149,25 +151,25 @@ impl Case {
     }
 
     fn nodes_before(&self) -> Option<String> {
-        plain::read_text(&self.folder.join(NODES)).ok()
+        fs::read_text(&self.folder.join(NODES_FILE)).ok()
     }
 
-    /// Finds the warnings that came or went since the golden was accepted.
+    /// Finds the warnings that are new or missing since the goldens were accepted.
     fn judge_warnings(&mut self) {
         if let (Some(before), Some(now)) = (self.nodes_before(), &self.nodes) {
             self.warnings = changed_warnings(&before, now);
         }
     }
 
-    /// The outputs whose goldens would be others.
-    pub fn changed_outputs(&self) -> impl Iterator<Item = &Compared> {
+    /// Returns the outputs whose goldens would change if they were accepted.
+    pub fn changed_outputs(&self) -> impl Iterator<Item = &OutputComparison> {
         self.outputs.iter().filter(|output| output.changed)
     }
 
-    /// Makes an output, as it is now, its golden, which says why it was accepted. Gives how many bytes it has.
-    pub fn bless(&self, output: &Compared, why: &[String]) -> Result<usize, Refused> {
-        let destination = Destination::own(&self.beside, &self.sources);
-        destination.judge_folder(&self.folder)?;
+    /// Accepts the value of an output as its golden, with the reasons `why`. Returns the size of the golden in bytes.
+    pub fn bless(&self, output: &OutputComparison, why: &[String]) -> Result<usize, WriteError> {
+        let destination = Destination::without_links(&self.test_folder, &self.sources);
+        destination.check_folder(&self.folder)?;
         destination.sweep(&self.folder);
         let new = output.new_files();
         let before = orphans::goldens(&self.folder).remove(&output.name).unwrap_or_default();
@@ -175,7 +177,7 @@ impl Case {
             let path = self.folder.join(format!("{}{suffix}", output.name));
             match new.iter().find(|file| file.name == suffix) {
                 Some(file) if suffix == ".txt" => {
-                    let because = because(why);
+                    let because = reason_line(why);
                     write(&destination, &path, &[&file.bytes[..], because.as_bytes()].concat())?;
                 }
                 Some(file) => write(&destination, &path, &file.bytes)?,
@@ -186,68 +188,68 @@ impl Case {
         Ok(new.iter().map(|file| file.bytes.len()).sum())
     }
 
-    /// Accepts what is no output: the nodes as they are, their warnings, and that orphans go.
-    pub fn bless_rest(&self) -> Result<(), Refused> {
-        let destination = Destination::own(&self.beside, &self.sources);
+    /// Accepts everything else in a case: its nodes and their warnings. Removes the goldens that belong to no output.
+    pub fn bless_rest(&self) -> Result<(), WriteError> {
+        let destination = Destination::without_links(&self.test_folder, &self.sources);
         if let Some(nodes) = self.nodes.as_ref().filter(|_| !self.outputs.is_empty()) {
-            write(&destination, &self.folder.join(NODES), nodes.as_bytes())?;
+            write(&destination, &self.folder.join(NODES_FILE), nodes.as_bytes())?;
         }
         self.orphans.iter().try_for_each(|orphan| destination.remove(orphan))
     }
 }
 
-fn write(destination: &Destination<'_>, path: &Path, bytes: &[u8]) -> Result<(), Refused> {
-    if plain::read_own(path).is_ok_and(|before| before == bytes) {
+fn write(destination: &Destination<'_>, path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
+    if fs::read_no_follow(path).is_ok_and(|before| before == bytes) {
         return Ok(());
     }
     destination.write(path, bytes).map(|_| ())
 }
 
-/// What shapes a run of tests.
+/// The settings of a test run.
 pub struct Settings<'a> {
     pub catalog: &'a Catalog,
-    /// Only cases whose title holds this.
+    /// Run only the cases whose title contains this text.
     pub filter: Option<&'a str>,
-    /// Only this part of the cases that are left.
+    /// Run only this part of the selected cases.
     pub shard: Option<Shard>,
-    /// Of these test files only the cases of these graphs.
+    /// For these test files, run only the cases of these graphs.
     pub graphs: &'a BTreeMap<PathBuf, BTreeSet<PathBuf>>,
-    /// Nothing may come from the cache.
+    /// Use no cached results.
     pub cold: bool,
-    /// Used graphs must be what lock files say.
+    /// Require that used graphs match the lock files.
     pub locked: bool,
     pub threads: usize,
-    /// Makes a session of one thread: each case is run by one, and each that runs beside others needs its own.
+    /// Creates a session with one thread. A session runs one case at a time, so cases that run in parallel need different sessions.
     pub session: &'a (dyn Fn() -> Result<Session, String> + Sync),
-    /// Is called with each session when there is nothing more to do for it.
+    /// Called with each session after the session has run its last case.
     pub finish: &'a (dyn Fn(&Session) + Sync),
 }
 
-/// What came out of all tests.
+/// The report of a test run.
 pub struct Report {
     pub cases: Vec<Case>,
-    /// What is wrong with test files and folders of goldens.
-    pub problems: Vec<Problem>,
+    /// The errors in test files and in folders of goldens.
+    pub diagnostics: Vec<Diagnostic>,
     pub orphans: Vec<PathBuf>,
     pub seconds: f64,
-    /// How many cases were run at once.
+    /// The number of cases that ran in parallel.
     pub threads: usize,
 }
 
 impl Report {
-    /// The time of all nodes that ran.
+    /// Returns the total time of all nodes that ran, in seconds.
     pub fn node_seconds(&self) -> f64 {
         self.cases.iter().flat_map(|case| &case.trace.0).map(|node| node.seconds).sum()
     }
 
-    /// The time of all outputs that were written.
+    /// Returns the total time for encoding the outputs, in seconds.
     pub fn file_seconds(&self) -> f64 {
         self.cases.iter().map(|case| case.file_seconds).sum()
     }
 
-    /// How many test files could not be run.
+    /// Returns the number of test files that could not be run.
     pub fn broken_files(&self) -> usize {
-        let files = self.problems.iter().map(|problem| &problem.source.name);
+        let files = self.diagnostics.iter().map(|diagnostic| &diagnostic.source.name);
         BTreeSet::from_iter(files).len()
     }
 
@@ -259,47 +261,48 @@ impl Report {
 /// Runs the tests of these files.
 pub fn run(paths: &[PathBuf], settings: &Settings<'_>) -> Result<Report, String> {
     let start = Instant::now();
-    let mut problems = Vec::new();
+    let mut diagnostics = Vec::new();
     let mut tests = Vec::new();
     for path in paths {
         match case::read(path, settings.catalog) {
             Ok(test) => tests.push(test),
-            Err(found) => problems.extend(found),
+            Err(found) => diagnostics.extend(found),
         }
     }
-    let (found, files) = shared(&tests);
-    problems.extend(found);
+    let (found, files) = shared_golden_folders(&tests);
+    diagnostics.extend(found);
     tests.retain(|test| !files.contains(&test.source.name));
     let jobs: Vec<Job<'_>> = tests.iter().flat_map(jobs_of).collect();
     let mut orphans = match settings.filter {
-        None if settings.graphs.is_empty() => orphans::unclaimed(&tests),
+        None if settings.graphs.is_empty() => orphans::unclaimed_goldens(&tests),
         _ => Vec::new(),
     };
-    ThreadsError::judge(settings.threads).map_err(|error| error.to_string())?;
-    let wanted = |job: &&Job<'_>| {
+    ThreadsError::check(settings.threads).map_err(|error| error.to_string())?;
+    let is_selected = |job: &&Job<'_>| {
         let graphs = settings.graphs.get(&job.test.source.name);
         graphs.is_none_or(|graphs| graphs.contains(&job.graph))
             && settings.filter.is_none_or(|filter| job.title().contains(filter))
     };
-    if let Some(filter) =
-        settings.filter.filter(|_| problems.is_empty() && !jobs.iter().any(|job| wanted(&job)))
+    if let Some(filter) = settings
+        .filter
+        .filter(|_| diagnostics.is_empty() && !jobs.iter().any(|job| is_selected(&job)))
     {
         return Err(no_case(filter, &jobs));
     }
-    let mut jobs: Vec<Job<'_>> = jobs.iter().filter(wanted).cloned().collect();
+    let mut jobs: Vec<Job<'_>> = jobs.iter().filter(is_selected).cloned().collect();
     if let Some(shard) = settings.shard {
         let mut is_in =
             shard.contains(&jobs.iter().map(Job::title).collect::<Vec<_>>()).into_iter();
         jobs.retain(|_| is_in.next().unwrap_or(false));
         if !shard.is_first() {
-            problems.clear();
+            diagnostics.clear();
             orphans.clear();
         }
     }
     let next = AtomicUsize::new(0);
     let done: Mutex<Vec<(usize, Case)>> = Mutex::new(Vec::new());
     let failed: Mutex<Option<String>> = Mutex::new(None);
-    let work = || match (settings.session)() {
+    let run_jobs = || match (settings.session)() {
         Err(why) => *failed.lock().unwrap_or_else(|broken| broken.into_inner()) = Some(why),
         Ok(mut session) => {
             while let Some((index, job)) = next_job(&next, &jobs) {
@@ -314,7 +317,7 @@ pub fn run(paths: &[PathBuf], settings: &Settings<'_>) -> Result<Report, String>
     };
     std::thread::scope(|scope| {
         for _ in 0..settings.threads.clamp(1, jobs.len().max(1)) {
-            scope.spawn(work);
+            scope.spawn(run_jobs);
         }
     });
     if let Some(why) = failed.into_inner().unwrap_or_else(|broken| broken.into_inner()) {
@@ -324,33 +327,34 @@ pub fn run(paths: &[PathBuf], settings: &Settings<'_>) -> Result<Report, String>
     cases.sort_by_key(|(index, _)| *index);
     let cases = cases.into_iter().map(|(_, case)| case).collect();
     let (seconds, threads) = (start.elapsed().as_secs_f64(), settings.threads);
-    Ok(Report { cases, problems, orphans, seconds, threads })
+    Ok(Report { cases, diagnostics, orphans, seconds, threads })
 }
 
-/// What came out of the tests of a folder.
+/// The result of running all tests in a folder.
 pub struct TestRun {
-    /// How many cases passed.
+    /// The number of passed cases.
     pub passed: usize,
     /// The graphs that were tested.
     pub graphs: Vec<PathBuf>,
-    /// What is wrong, one thing each.
+    /// The failures, one message per entry.
     pub failures: Vec<String>,
     report: Report,
 }
 
 impl TestRun {
-    /// The page of `maquette test --report`: old, new and difference of each result that is not its golden.
+    /// Returns the page that `maquette test --report` writes. For each result that differs from its golden it shows the old value, the new
+    /// value and the difference.
     pub fn html(&self) -> String {
         html::page(&self.report)
     }
 
-    /// The document of `maquette test --junit`, for CI systems.
+    /// Returns the document that `maquette test --junit` writes for CI systems.
     pub fn junit(&self) -> String {
         junit::document(&self.report)
     }
 }
 
-/// Runs all tests of graphs in a folder, as `maquette test --cold` does, so many at once.
+/// Runs all tests of graphs in a folder, `threads` of them at a time, as `maquette test --cold` does.
 ///
 /// # Errors
 /// If threads cannot be started.
@@ -369,8 +373,8 @@ pub fn test_graphs(folder: &Path, catalog: &Catalog, threads: usize) -> Result<T
     };
     let report = run(&case::find(folder), &settings)?;
     let mut failures =
-        report.problems.iter().map(|problem| problem.message.clone()).collect::<Vec<_>>();
-    for case in report.cases.iter().filter(|case| case.failed()) {
+        report.diagnostics.iter().map(|diagnostic| diagnostic.message.clone()).collect::<Vec<_>>();
+    for case in report.cases.iter().filter(|case| case.has_failed()) {
         failures.extend(case.reasons().iter().map(|why| format!("{}: {why}", case.title())));
     }
     let orphans = report.orphans.iter();
@@ -381,31 +385,32 @@ pub fn test_graphs(folder: &Path, catalog: &Catalog, threads: usize) -> Result<T
     Ok(TestRun { passed, graphs, failures, report })
 }
 
-/// A session of one thread that keeps nothing from one process to the next, and holds at most so much memory.
+/// Creates a session with one thread and a memory limit of `max_memory` bytes. Nothing is stored on disk.
 ///
 /// # Errors
 /// If the thread cannot be started.
 pub fn cold_session(catalog: &Arc<Catalog>, max_memory: Option<u64>) -> Result<Session, String> {
-    /// Results of one case are small; this is plenty.
+    /// The memory limit of results, in bytes. The results of one case are small, so they fit.
     const MEMORY: usize = 1 << 30;
     let none = session::Settings::in_memory();
     let settings = session::Settings { threads: 1, memory: MEMORY, max_memory, ..none };
     Session::with_catalog(catalog.clone(), &settings).map_err(|error| error.to_string())
 }
 
-/// What is said where no case is meant, with those that may have been.
+/// Returns the error that a filter matches no case, with titles that are similar to the filter.
 fn no_case(filter: &str, jobs: &[Job<'_>]) -> String {
-    const SOME: usize = 10;
+    const MAX_LISTED: usize = 10;
     let titles: Vec<_> = jobs.iter().map(Job::title).collect();
     let words = titles.iter().flat_map(|title| title.split([' ', '/', '.']));
     let help = maquette_syntax::nearest(filter, words);
-    fn some(titles: &[String]) -> String {
-        let more = if titles.len() > SOME { ", .." } else { "" };
-        let some = titles.iter().take(SOME).map(String::as_str).collect::<Vec<_>>().join(", ");
+    fn list_titles(titles: &[String]) -> String {
+        let more = if titles.len() > MAX_LISTED { ", .." } else { "" };
+        let some =
+            titles.iter().take(MAX_LISTED).map(String::as_str).collect::<Vec<_>>().join(", ");
         format!("the cases: {some}{more}")
     }
-    let help = if help.is_empty() { some(&titles).into() } else { help };
-    format!("no case of a graph holds `{filter}` in its name; {help}")
+    let help = if help.is_empty() { list_titles(&titles).into() } else { help };
+    format!("no case of a graph has `{filter}` in its name; {help}")
 }
 
 fn next_job<'a, 'j>(next: &AtomicUsize, jobs: &'j [Job<'a>]) -> Option<(usize, &'j Job<'a>)> {
@@ -414,17 +419,17 @@ fn next_job<'a, 'j>(next: &AtomicUsize, jobs: &'j [Job<'a>]) -> Option<(usize, &
 }
 
 fn jobs_of(test: &TestFile) -> Vec<Job<'_>> {
-    let beside = beside(test);
+    let beside = test_folder(test);
     let mut jobs = Vec::new();
     for graph in &test.graphs {
-        // A graph in a folder above the test's has its goldens beside the test all the same.
+        // The graph may be in a folder above the test. Its goldens are next to the test in this case, too.
         let place = graph.strip_prefix(beside).unwrap_or(graph).with_extension("");
         let parts = place.components().filter_map(|part| match part {
             Component::Normal(name) => Some(name),
             Component::ParentDir => Some("__above".as_ref()),
             _ => None,
         });
-        let goldens = beside.join(FOLDER).join(PathBuf::from_iter(parts));
+        let goldens = beside.join(GOLDENS_FOLDER).join(PathBuf::from_iter(parts));
         for (case, (name, _)) in test.cases.iter().enumerate() {
             jobs.push(Job { test, graph: graph.clone(), case, folder: goldens.join(name) });
         }
@@ -432,7 +437,7 @@ fn jobs_of(test: &TestFile) -> Vec<Job<'_>> {
     jobs
 }
 
-/// The folder of a test.
-fn beside(test: &TestFile) -> &Path {
+/// Returns the folder that contains a test file.
+fn test_folder(test: &TestFile) -> &Path {
     test.source.name.parent().unwrap_or(Path::new(""))
 }

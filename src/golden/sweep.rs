@@ -1,6 +1,7 @@
-//! Sweeps: one graph over many scans and many values.
+//! Sweeps: files that describe runs of one graph for many scans and values.
 //!
-//! A `Sweep(..)` says what differs from task to task ([`mod@file`], [`axis`], [`pattern`]) and what each is called ([`names`]).
+//! A `Sweep(..)` lists the values that differ between tasks ([`mod@file`], [`axis`], [`pattern`]). It also determines the names of the
+//! tasks ([`names`]).
 
 pub mod axis;
 pub mod file;
@@ -9,4 +10,4 @@ pub mod names;
 pub mod pattern;
 mod table;
 
-pub use file::{ENDING, Picture, Sweep, Task, read_text, read_untried, schema, words};
+pub use file::{EXTENSION, Picture, Sweep, Task, read_text, read_without_trying, schema, words};

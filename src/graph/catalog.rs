@@ -1,16 +1,16 @@
-//! All that the packs of a program offer: nodes, values and file formats, by name.
+//! The nodes, values and file formats of all packs of a program, by name.
 
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 use indexmap::IndexMap;
+use maquette_node::importers::{AnyReader, Readers};
 use maquette_node::pack::{Format, Migration, NewFile, Pack, Recipe};
-use maquette_node::reading::{AnyReader, Readers};
 use maquette_node::{Carry, Exactness, Fidelities, NodeType, Output, Term};
 use maquette_syntax::error::Error;
-use maquette_syntax::merged;
-use maquette_value::plain::ending;
+use maquette_syntax::merge_references;
+use maquette_value::fs::extension;
 use maquette_value::{AnyValue, TYPES, ValueType};
 use serde_json::{Value as Json, json};
 
@@ -18,9 +18,9 @@ mod description;
 
 pub use description::{Description, PortDescription, describe_default, describe_parameter, ports};
 
-/// What the packs of a program offer, by name.
+/// The nodes, values and file formats of all packs of a program, by name.
 ///
-/// Where two packs have a node of the same name, the first one has it; `conformance` reports that.
+/// If two packs have a node of the same name, the node of the first pack is used, and `conformance` reports the conflict.
 #[derive(Clone)]
 pub struct Catalog {
     entries: IndexMap<String, Arc<Entry>>,
@@ -32,19 +32,19 @@ pub struct Catalog {
     recipes: Vec<Recipe>,
 }
 
-/// By what the code of a pack is known.
+/// The identity of the code of a pack.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Code {
-    /// The pack.
+    /// The name of the pack.
     pub pack: &'static str,
-    /// The id of the build that it is of; empty if that is not known.
+    /// The id of the pack's build; empty if the id is unknown.
     pub build: &'static str,
-    /// Addresses of the code that it lists, if it has no id.
+    /// The addresses of the pack's functions, which identify the code if the build has no id.
     pub others: Vec<usize>,
 }
 
 impl Code {
-    fn of(pack: &Pack) -> Self {
+    fn from_pack(pack: &Pack) -> Self {
         let build = (pack.build)();
         let nodes = pack.nodes.iter().map(|node| node.read as usize);
         let values = pack.values.iter().map(|kind| kind.code());
@@ -56,7 +56,7 @@ impl Code {
     }
 }
 
-/// One node of a catalog.
+/// A node type of a catalog.
 pub struct Entry {
     pub name: String,
     pub pack: &'static str,
@@ -70,38 +70,38 @@ pub struct Entry {
 }
 
 impl Entry {
-    /// The JSON schema of the node's fields, ports included.
+    /// Returns the JSON schema of the node's fields, including its ports.
     pub fn schema(&self) -> &Json {
         self.schema.get_or_init(|| {
             let mut schema = Json::from((self.node.schema)());
-            name_endings(&mut schema, &self.readers);
+            add_extensions(&mut schema, &self.readers);
             for term in self.terms().iter().filter(|term| term.source.is_none()) {
                 let wants = &mut schema["properties"][term.at]["wants"];
                 if wants.is_null() {
                     *wants = json!([]);
                 }
-                wants.as_array_mut().into_iter().for_each(|all| all.push(json!(term.in_words())));
+                wants.as_array_mut().into_iter().for_each(|all| all.push(json!(term.describe())));
             }
             schema
         })
     }
 
-    /// The same without words beside references, for whom steps through it many times: [`merged`].
+    /// Returns the schema after its references have been resolved by [`merged`], for callers that navigate in it often.
     pub(crate) fn merged_schema(&self) -> &Json {
-        self.merged_schema.get_or_init(|| merged(self.schema()))
+        self.merged_schema.get_or_init(|| merge_references(self.schema()))
     }
 
-    /// What becomes of attributes.
+    /// Returns the documented effect of the node on attributes.
     pub fn carries(&self) -> &'static [Carry] {
         (self.node.carries)()
     }
 
-    /// How equal its results are on all machines and for all builds.
+    /// Returns the degree to which the node's results agree between machines and builds.
     pub fn exactness(&self) -> Exactness {
         self.node.exactness
     }
 
-    /// What it wants of its ports and promises of its outputs.
+    /// Returns the properties that the node requires of its ports, and those that it promises of its outputs.
     pub fn terms(&self) -> Vec<Term> {
         (self.node.terms)()
     }
@@ -110,17 +110,17 @@ impl Entry {
         self.outputs.get_or_init(|| (self.node.outputs)())
     }
 
-    /// Its ports, in order.
+    /// Returns the ports in order.
     pub fn ports(&self) -> Vec<PortDescription> {
         ports(self.schema())
     }
 
-    /// The node's description as `maquette nodes --json` prints it.
+    /// Returns the description of the node as `maquette nodes --json` prints it.
     pub fn to_json(&self) -> Json {
         self.description().to_json()
     }
 
-    /// What people and programs are told of it.
+    /// Returns the description of the node for people and programs.
     pub fn description(&self) -> Description<'_> {
         Description {
             name: &self.name,
@@ -138,7 +138,7 @@ impl Entry {
                 .terms()
                 .iter()
                 .filter(|term| term.source.is_some())
-                .map(|term| (term.at.to_owned(), term.in_words()))
+                .map(|term| (term.at.to_owned(), term.describe()))
                 .collect(),
             carries: self.carries(),
             exactness: self.exactness(),
@@ -146,7 +146,7 @@ impl Entry {
     }
 }
 
-/// No format holds such a value.
+/// The error for a value that cannot be stored in any format with this extension.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("no `.{ending}` file holds a value of the type {kind}; it can be written to: {}", known.join(", "))]
 struct NoFormat {
@@ -155,7 +155,7 @@ struct NoFormat {
     known: Vec<&'static str>,
 }
 
-/// Whether some name or description in a schema fits.
+/// Returns true if `fits` accepts a name or a description in a schema.
 fn has_text(schema: &Json, fits: &impl Fn(&str) -> bool) -> bool {
     let is_text = |value: &Json| value.as_str().is_some_and(fits);
     match schema {
@@ -175,7 +175,7 @@ fn has_text(schema: &Json, fits: &impl Fn(&str) -> bool) -> bool {
 }
 
 impl Catalog {
-    /// What these packs offer.
+    /// Creates the catalog of these packs.
     pub fn new(packs: &[&Pack]) -> Self {
         let readers = packs.iter().flat_map(|pack| pack.readers).copied();
         let readers = Arc::new(Readers::new(readers));
@@ -183,99 +183,103 @@ impl Catalog {
         for pack in packs {
             for node in pack.nodes {
                 let name = (node.name)().into_owned();
-                let entry = || Entry {
-                    name: name.clone(),
-                    pack: pack.name,
-                    version: pack.version,
-                    node: *node,
-                    readers: readers.clone(),
-                    schema: OnceLock::new(),
-                    merged_schema: OnceLock::new(),
-                    outputs: OnceLock::new(),
-                };
-                entries.entry(name.clone()).or_insert_with(|| Arc::new(entry()));
+                entries.entry(name.clone()).or_insert_with(|| {
+                    Arc::new(Entry {
+                        name,
+                        pack: pack.name,
+                        version: pack.version,
+                        node: *node,
+                        readers: readers.clone(),
+                        schema: OnceLock::new(),
+                        merged_schema: OnceLock::new(),
+                        outputs: OnceLock::new(),
+                    })
+                });
             }
         }
         let values = packs.iter().flat_map(|pack| pack.values).copied().collect();
         let formats = packs.iter().flat_map(|pack| pack.formats).copied().collect();
-        let code = packs.iter().map(|pack| Code::of(pack)).collect();
+        let code = packs.iter().map(|pack| Code::from_pack(pack)).collect();
         let migrations = packs.iter().flat_map(|pack| pack.migrations).copied().collect();
         let recipes = packs.iter().flat_map(|pack| pack.recipes).copied().collect();
         Self { entries, values, formats, readers, code, migrations, recipes }
     }
 
-    /// By what the code of its packs is known, in their order.
+    /// Returns the identities of the packs' code, in the order of the packs.
     pub fn code(&self) -> &[Code] {
         &self.code
     }
 
-    /// Whether the program has a pack of this name.
+    /// Returns true if the program has a pack of this name.
     pub(crate) fn has_pack(&self, name: &str) -> bool {
         self.code.iter().any(|code| code.pack == name)
     }
 
-    /// What became of nodes and fields, in the order of the packs and of their lists.
+    /// Returns the migrations of nodes and fields, in the order of the packs and of their lists.
     pub(crate) fn migrations(&self) -> impl Iterator<Item = &Migration> {
         self.migrations.iter()
     }
 
-    /// Graphs that a new project may begin with.
+    /// Returns the example graphs from which a new project may start.
     pub fn recipes(&self) -> &[Recipe] {
         &self.recipes
     }
 
-    /// What reads files.
+    /// Returns the file readers.
     pub fn readers(&self) -> &Arc<Readers> {
         &self.readers
     }
 
-    /// All nodes, with their ports, parameters and words, as `maquette nodes --json` prints them; and for each type of values the endings
-    /// of the files that it is read from and written to.
+    /// Returns all nodes with their ports, parameters and descriptions, as `maquette nodes --json` prints them. Also returns, for each type
+    /// of value, the extensions of the files from which it can be read and to which it can be written.
     pub fn to_json(&self) -> Json {
         let mut kinds: Vec<_> = self.value_types().into_values().collect();
         kinds.sort_by_key(|kind| kind.name);
-        let value = |kind: &ValueType| {
-            let (read, written) = (self.readers.endings(Some(kind.name)), self.endings(Some(kind)));
-            let mut value = json!({ "name": kind.name, "read": read, "written": written });
-            let properties = kind.properties().into_iter();
-            let properties = properties.map(|(name, doc)| json!({ "name": name, "doc": doc }));
-            let properties = Vec::from_iter(properties);
-            if !properties.is_empty() {
-                value["properties"] = json!(properties);
-            }
-            value
-        };
         json!({
             "nodes": self.entries().map(Entry::to_json).collect::<Vec<_>>(),
-            "values": kinds.into_iter().map(value).collect::<Vec<_>>(),
+            "values": kinds.into_iter().map(|kind| self.type_to_json(kind)).collect::<Vec<_>>(),
         })
     }
 
-    /// A value as the files of the format that the ending of `name` means: that file itself first, then those that belong to it.
+    fn type_to_json(&self, kind: &ValueType) -> Json {
+        let (read, written) =
+            (self.readers.extensions(Some(kind.name)), self.extensions(Some(kind)));
+        let mut value = json!({ "name": kind.name, "read": read, "written": written });
+        let properties = kind.properties().into_iter();
+        let properties: Vec<_> =
+            properties.map(|(name, doc)| json!({ "name": name, "doc": doc })).collect();
+        if !properties.is_empty() {
+            value["properties"] = json!(properties);
+        }
+        value
+    }
+
+    /// Writes a value in the format that belongs to the extension of `name`. Returns the file `name` first, then its companion files.
     ///
     /// # Errors
-    /// If no format with this ending takes such a value, or the value does not fit into it.
+    /// No format with this extension can store the value.
     pub fn write(&self, value: &AnyValue, name: &str) -> Result<Vec<NewFile>, Error> {
-        let (kind, ending) = (value.kind(), ending(name.as_ref()));
+        let (kind, ending) = (value.kind(), extension(name.as_ref()));
         match self.format(kind, &ending) {
             Some(format) => format.write(value, name),
             None => {
-                Err(NoFormat { kind: kind.name, ending, known: self.endings(Some(kind)) }.into())
+                Err(NoFormat { kind: kind.name, ending, known: self.extensions(Some(kind)) }.into())
             }
         }
     }
 
-    /// What of a value the file of this name cannot tell, or what its readers will stumble over: a warning for each.
+    /// Returns warnings about data that a file of this name cannot store, or that other programs may misread.
     pub fn doubts(&self, value: &AnyValue, name: &str) -> Vec<String> {
-        let format = self.format(value.kind(), &ending(name.as_ref()));
-        format.map_or_else(Vec::new, |format| format.doubts(value))
+        let format = self.format(value.kind(), &extension(name.as_ref()));
+        format.map_or_else(Vec::new, |format| format.warnings(value))
     }
 
-    /// The value in a file, and the doubts of its reader: of this type if one is named, else of that which the file's ending and content
-    /// mean. Files that it names, as materials are of an OBJ file, are read with it if they lie in its project.
+    /// Reads a file as a value, and returns the value with the warnings of the reader. The value has the given type, or else the type that
+    /// the file's extension and content suggest. Files to which the file refers, such as the materials of an OBJ file, are read too if they
+    /// are in the same project.
     ///
     /// # Errors
-    /// In words: nothing reads such a file, or it cannot be read.
+    /// No reader can read the file. The error is the message.
     pub fn read(
         &self,
         path: &Path,
@@ -284,12 +288,12 @@ impl Catalog {
         self.readers.open(path, kind)
     }
 
-    /// The type of values of this name, if there is one.
+    /// Returns the type of values that has this name.
     pub fn value_type(&self, name: &str) -> Option<&'static ValueType> {
         self.value_types().get(name).copied()
     }
 
-    /// Whether some pack has a node of this name.
+    /// Returns true if a pack has a node of this name.
     pub fn has(&self, node: &str) -> bool {
         self.entries.contains_key(node)
     }
@@ -298,8 +302,8 @@ impl Catalog {
         self.entries.get(name).map(|entry| &**entry)
     }
 
-    /// The same for who keeps it.
-    pub(crate) fn shared(&self, name: &str) -> Option<Arc<Entry>> {
+    /// Returns the entry of a node type, as a shared reference.
+    pub(crate) fn find_shared(&self, name: &str) -> Option<Arc<Entry>> {
         self.entries.get(name).cloned()
     }
 
@@ -311,10 +315,10 @@ impl Catalog {
         self.entries.keys().map(String::as_str).collect()
     }
 
-    /// Which nodes are described with a word, as a sentence: those that say it of themselves, or else those whose fields and choices do. Empty if
-    /// none are, or so many that nothing is meant by it, or nothing by so short a word.
+    /// Returns a sentence that lists the nodes whose descriptions contain the word. If there are none, it lists the nodes whose fields or
+    /// choices contain the word. Returns an empty string if there are no such nodes or too many of them, or if the word is too short.
     pub fn described_with(&self, word: &str) -> String {
-        const MOST: usize = 8;
+        const MAX_LISTED: usize = 8;
         let word = word.to_lowercase();
         let says = |text: &str| {
             let text = text.to_lowercase();
@@ -330,7 +334,7 @@ impl Catalog {
             }
         }
         let found = if of_themselves.is_empty() { of_fields } else { of_themselves };
-        let is_meant = 3 <= word.chars().count() && (1..=MOST).contains(&found.len());
+        let is_meant = 3 <= word.chars().count() && (1..=MAX_LISTED).contains(&found.len());
         let found = found.into_iter().filter(|_| is_meant).map(|name| format!("`{name}`"));
         match &Vec::from_iter(found)[..] {
             [] => String::new(),
@@ -341,55 +345,57 @@ impl Catalog {
         }
     }
 
-    /// Every type of values that the engine has, a node gives or a pack brings, by name.
+    /// Returns all types of values by name: those of the engine, of the nodes' outputs and of the packs.
     pub fn value_types(&self) -> HashMap<&'static str, &'static ValueType> {
         let outputs = self.entries().flat_map(Entry::outputs).flat_map(|output| &output.types);
         let types = TYPES.iter().chain(outputs).chain(&self.values);
         types.map(|kind| (kind.name, *kind)).collect()
     }
 
-    /// The format that writes a value of this type to a file with this ending.
+    /// Returns the format that writes a value of this type to a file with this extension.
     pub fn format(&self, kind: &ValueType, ending: &str) -> Option<&Format> {
-        self.formats.iter().find(|format| (format.kind)() == kind && format.ending == ending)
+        self.formats.iter().find(|format| (format.kind)() == kind && format.extension == ending)
     }
 
-    /// A format that writes files with this ending, of whatever values.
+    /// Returns a format that writes files with this extension, for whatever type of value.
     pub(crate) fn any_format(&self, ending: &str) -> Option<&Format> {
-        self.formats.iter().find(|format| format.ending == ending)
+        self.formats.iter().find(|format| format.extension == ending)
     }
 
-    /// The format of a value of this type where nobody asks for another one: the first that is listed for it.
+    /// Returns the default format of a type of value, which is the first format listed for the type.
     pub(crate) fn preferred_format(&self, kind: &ValueType) -> Option<&Format> {
         self.formats.iter().find(|format| (format.kind)() == kind)
     }
 
-    /// The endings of the files that this type of value can be written to; of all types without one.
-    pub fn endings(&self, kind: Option<&ValueType>) -> Vec<&'static str> {
+    /// Returns the extensions of the files to which this type of value can be written. If `kind` is `None`, returns the extensions for all
+    /// types.
+    pub fn extensions(&self, kind: Option<&ValueType>) -> Vec<&'static str> {
         let fitting =
             self.formats.iter().filter(|format| kind.is_none_or(|kind| (format.kind)() == kind));
-        let mut endings: Vec<&str> = fitting.map(|format| format.ending).collect();
+        let mut endings: Vec<&str> = fitting.map(|format| format.extension).collect();
         endings.sort_unstable();
         endings.dedup();
         endings
     }
 
-    /// What the files of each format keep of a type of values, as its writers or its readers say: their extensions, and the list.
+    /// Returns the fidelity of each file format for a type of value, when reading if `is_read` is true and otherwise when writing. Each
+    /// entry consists of the extensions of the format and a list of fidelities.
     pub fn fidelities(&self, kind: &ValueType, is_read: bool) -> Vec<(String, Fidelities)> {
         let written = self.formats.iter().filter(|it| !is_read && (it.kind)() == kind);
-        let written = written.map(|it| (it.ending.to_owned(), it.fidelity));
-        let read = self.readers.all().iter().filter(|it| is_read && it.kind() == kind);
-        let read = read.map(|it| (it.endings.join(" "), it.fidelity));
+        let written = written.map(|it| (it.extension.to_owned(), it.fidelity));
+        let read = self.readers.as_slice().iter().filter(|it| is_read && it.kind() == kind);
+        let read = read.map(|it| (it.extensions.join(" "), it.fidelity));
         written.chain(read).filter(|(_, list)| !list.is_empty()).collect()
     }
 
-    /// Nodes that take a value of the first type and give one of the second.
+    /// Returns the nodes that convert a value of the first type to the second.
     pub(crate) fn converters(&self, from: &str, to: &str) -> Vec<&str> {
         self.entries()
             .filter(|entry| {
                 entry
                     .outputs()
                     .first()
-                    // An output of several types has the one that came in.
+                    // An output with several types takes the type of the input.
                     .is_some_and(|output| output.types.len() == 1 && output.types[0].name == to)
                     && entry
                         .ports()
@@ -401,12 +407,12 @@ impl Catalog {
     }
 }
 
-/// Says of each file that a node reads as a type of values which endings such files have: `"reads": "Mesh"` gets `"endings"`.
-fn name_endings(schema: &mut Json, readers: &Readers) {
+/// Adds the key `"endings"` to each file field of a schema. It lists the extensions of the files that can be read as the type in `"reads"`.
+fn add_extensions(schema: &mut Json, readers: &Readers) {
     let fields = schema.get_mut("properties").and_then(Json::as_object_mut);
     for field in fields.into_iter().flat_map(|fields| fields.values_mut()) {
         if let Some(kind) = field.get("reads").and_then(Json::as_str) {
-            field["endings"] = json!(readers.endings(Some(kind)));
+            field["endings"] = json!(readers.extensions(Some(kind)));
         }
     }
 }
@@ -422,9 +428,9 @@ mod tests {
     use super::*;
 
     #[derive(Serialize, Deserialize, JsonSchema)]
-    struct Nothing {}
+    struct ExactNode {}
 
-    impl Node for Nothing {
+    impl Node for ExactNode {
         type Outputs = (Mesh,);
         const OUTPUTS: [&'static str; 1] = ["mesh"];
 
@@ -448,20 +454,20 @@ mod tests {
 
     #[test]
     fn a_node_says_how_exact_it_is_and_is_exact_if_it_does_not() {
-        const NODES: &[NodeType] = &[node::<Nothing>(), node::<Rough>()];
+        const NODES: &[NodeType] = &[node::<ExactNode>(), node::<Rough>()];
         let catalog = Catalog::new(&[&Pack { nodes: NODES, ..Pack::EMPTY }]);
-        fn told(name: &str, catalog: &Catalog) -> Json {
+        fn exactness_of(name: &str, catalog: &Catalog) -> Json {
             catalog.find(name).unwrap().to_json()["exactness"].take()
         }
         assert_eq!(
-            [told("Nothing", &catalog), told("Rough", &catalog)],
+            [exactness_of("ExactNode", &catalog), exactness_of("Rough", &catalog)],
             [json!("exact"), json!({ "tolerant": 1e-6 })]
         );
     }
 
     #[test]
     fn a_pack_is_known_by_its_build_or_by_where_its_code_is() {
-        const NODES: &[NodeType] = &[node::<Nothing>(), node::<Nothing>()];
+        const NODES: &[NodeType] = &[node::<ExactNode>(), node::<ExactNode>()];
         static VALUES: [&ValueType; 1] = [value_type::<Mesh>()];
         fn check(pack: Pack, build: &str, others: usize) {
             let code = Catalog::new(&[&Pack::EMPTY, &pack]).code()[1].clone();

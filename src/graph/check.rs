@@ -1,54 +1,54 @@
-//! The state of checking one file, which each part of the check adds to.
+//! The state of the check of one file. Each step of the check adds diagnostics to it.
 
 use std::collections::HashSet;
 use std::sync::Arc;
 
-use maquette_syntax::error::{MOST_TOLD, Span, Use, code};
-use maquette_syntax::{Doubts, Finding, Help, Sheet};
+use maquette_syntax::error::{MAX_REPORTED, Span, Use, code};
+use maquette_syntax::{Help, LocalDiagnostic, SourceMap, UncertainParts};
 
 use crate::world::World;
 
 /// Checks one file.
 pub struct Check<'w, 'a> {
     pub(super) world: &'w mut World<'a>,
-    pub(super) sheet: Arc<Sheet>,
-    /// The uses that lead to the file.
+    pub(super) source_map: Arc<SourceMap>,
+    /// The uses of graphs that lead to the file, from the outermost one.
     pub(super) uses: Vec<Use>,
-    pub(super) findings: Vec<Finding>,
-    /// How many links that lead to other links have been followed.
+    pub(super) diagnostics: Vec<LocalDiagnostic>,
+    /// The number of links that were followed one after the other.
     pub(super) depth: usize,
-    /// The packs that the file says it needs and the program does not have, with their versions.
+    /// The packs that the file needs and the program lacks, with their versions.
     pub(super) missing_packs: Vec<String>,
-    /// What stands as a name and cannot be one, of which nothing more is said.
+    /// Invalid names. No further errors about these names are reported.
     pub(super) misnamed: HashSet<String>,
-    /// Of texts with syntax errors, the parts that may say something else than was meant.
-    pub(super) doubts: Option<Doubts>,
+    /// The parts of a text with syntax errors that may have been misread.
+    pub(super) doubts: Option<UncertainParts>,
 }
 
 impl<'w, 'a> Check<'w, 'a> {
-    pub fn new(world: &'w mut World<'a>, sheet: Arc<Sheet>, uses: Vec<Use>) -> Self {
-        let (findings, missing_packs, misnamed) = (Vec::new(), Vec::new(), HashSet::new());
+    pub fn new(world: &'w mut World<'a>, source_map: Arc<SourceMap>, uses: Vec<Use>) -> Self {
+        let (diagnostics, missing_packs, misnamed) = (Vec::new(), Vec::new(), HashSet::new());
         let doubts = None;
-        Self { world, sheet, uses, findings, depth: 0, missing_packs, misnamed, doubts }
+        Self { world, source_map, uses, diagnostics, depth: 0, missing_packs, misnamed, doubts }
     }
 
-    /// Whether the file is that of the graph itself, and not of one that it uses.
-    pub(super) fn is_first(&self) -> bool {
+    /// Returns true for the graph's own file, and false for the files of graphs that it uses.
+    pub(super) fn is_root(&self) -> bool {
         self.uses.is_empty()
     }
 
-    pub(super) fn find(
+    pub(super) fn report(
         &mut self,
         code: &'static str,
         span: Span,
         message: String,
         help: impl Into<Help>,
     ) {
-        self.findings.push(Finding { code, span, message, help: help.into(), note: None });
+        self.diagnostics.push(LocalDiagnostic::new(code, span, message, help));
     }
 
-    /// Reports a name that stands in the way of another one, which is noted.
-    pub(super) fn find_beside(
+    /// Reports a name that conflicts with another name. A note shows the position of the other name.
+    pub(super) fn report_with_note(
         &mut self,
         span: Span,
         message: String,
@@ -56,13 +56,13 @@ impl<'w, 'a> Check<'w, 'a> {
         note: (Span, String),
     ) {
         let (code, help, note) = (code::BAD_NAME, help.into(), Some(note));
-        self.findings.push(Finding { code, span, message, help, note });
+        self.diagnostics.push(LocalDiagnostic { code, span, message, help, note });
     }
 
-    /// What may have been meant, as long as problems are few enough to be told: a guess looks at all that there is.
+    /// Returns a suggestion, unless there are already more diagnostics than will be shown. Each suggestion compares many names.
     pub(super) fn guess(&self, make: impl FnOnce() -> Help) -> Help {
-        let known = self.world.problems.len() + self.findings.len();
-        if known < MOST_TOLD { make() } else { Help::default() }
+        let known = self.world.diagnostics.len() + self.diagnostics.len();
+        if known < MAX_REPORTED { make() } else { Help::default() }
     }
 }
 

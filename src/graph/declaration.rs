@@ -1,17 +1,17 @@
-//! A graph's declaration of a parameter: its type, its default, and what values it may have.
+//! Declarations of parameters: type, default and range.
 
 use maquette_syntax::error::{Span, code};
-use maquette_syntax::{Body, Finding, Help, Kind, Origin, Tree, nearest, nearest_or_all};
+use maquette_syntax::{Body, Help, Kind, LocalDiagnostic, Origin, Tree, nearest, nearest_or_all};
 use maquette_value::Color;
 use serde_json::{Value as Json, json};
 
-use super::fitting::declaration_in_own_unit;
+use super::constants::declaration_in_own_unit;
 
 /// The types that a parameter can have.
 pub(super) const TYPES: [&str; 7] =
     ["Number", "Integer", "Toggle", "Color", "Text", "Choice", "Vector"];
 
-/// The fields of a declaration of this type.
+/// Returns the fields that a declaration of this type can have.
 pub(super) fn fields_of(kind: &str) -> &'static [&'static str] {
     match kind {
         "Number" | "Integer" | "Vector" => &["default", "doc", "min", "max", "unit"],
@@ -20,61 +20,54 @@ pub(super) fn fields_of(kind: &str) -> &'static [&'static str] {
     }
 }
 
-/// `"growth": Number(default: 12.0, min: 0.0, max: 40.0)`.
+/// The declaration of a parameter, such as `"growth": Number(default: 12.0, min: 0.0, max: 40.0)`.
 #[derive(Clone, Debug)]
 pub struct Declaration {
     pub name: String,
     kind: String,
     pub(crate) default: Tree,
-    /// Of a default that is a `Draft`, the values for final results and for drafts.
+    /// The values for final results and for drafts, if the default is a `Draft`.
     pub(super) sides: Option<[Tree; 2]>,
-    /// Whether its default is computed from other parameters.
-    pub(super) derives: bool,
+    /// True if the default is computed from other parameters.
+    pub(super) is_derived: bool,
     min: Option<f64>,
     max: Option<f64>,
     choices: Vec<String>,
     unit: Option<String>,
-    /// Where the unit stands.
+    /// The position of the unit in the file.
     pub(super) unit_span: Span,
     doc: String,
 }
 
 impl Declaration {
-    /// The declaration; none if it has no type or default.
-    pub(crate) fn read(name: &str, tree: &Tree, findings: &mut Vec<Finding>) -> Option<Self> {
-        let tree = &declaration_in_own_unit(tree, name, findings);
-        fn find(
-            code: &'static str,
-            span: Span,
-            message: String,
-            help: Help,
-            findings: &mut Vec<Finding>,
-        ) {
-            findings.push(Finding { code, span, message, help, note: None });
-        }
+    /// Reads a declaration. `None` if it has no type or no default.
+    pub(crate) fn read(
+        name: &str,
+        tree: &Tree,
+        diagnostics: &mut Vec<LocalDiagnostic>,
+    ) -> Option<Self> {
+        let tree = &declaration_in_own_unit(tree, name, diagnostics);
         let kind = match tree.name() {
             Some(kind) if TYPES.contains(&&kind.text[..]) => kind.text,
             Some(kind) => {
-                let message = format!("there is no type of parameters `{}`", kind.text);
-                find(
+                let message = format!("unknown parameter type `{}`", kind.text);
+                diagnostics.push(LocalDiagnostic::new(
                     code::WRONG_VALUE,
                     kind.span,
                     message,
                     nearest_or_all(&kind.text, "types", &TYPES),
-                    findings,
-                );
+                ));
                 return None;
             }
             None if tree.is_broken() => return None,
             None => {
                 let message = format!("parameter `{name}` has no type");
-                find(
+                diagnostics.push(LocalDiagnostic::new(
                     code::WRONG_VALUE,
                     tree.span,
                     message,
-                    "write Number(default: 1.0)".into(),
-                    findings,
-                );
+                    "write Number(default: 1.0)",
+                ));
                 return None;
             }
         };
@@ -84,7 +77,7 @@ impl Declaration {
             kind,
             default: Tree::new(tree.span, Kind::Broken),
             sides: None,
-            derives: false,
+            is_derived: false,
             min: None,
             max: None,
             choices: Vec::new(),
@@ -92,7 +85,7 @@ impl Declaration {
             unit_span: Span::default(),
             doc: String::new(),
         };
-        // What is known to be wrong says nothing of the default.
+        // After an error, the default is not checked.
         let mut is_whole = true;
         let (mut has_default, mut has_choices) = (false, declaration.kind != "Choice");
         for field in tree.fields().unwrap_or_default() {
@@ -101,13 +94,12 @@ impl Declaration {
             has_default |= word == "default";
             if !known.contains(&word) {
                 let message = format!("{} has no field `{word}`", declaration.kind);
-                find(
+                diagnostics.push(LocalDiagnostic::new(
                     code::UNKNOWN_FIELD,
                     field.name.span,
                     message,
                     nearest_or_all(word, "its fields", known),
-                    findings,
-                );
+                ));
                 continue;
             }
             let fits = match (word, &value.kind) {
@@ -127,7 +119,7 @@ impl Declaration {
                             _ => {
                                 is_whole = false;
                                 let message =
-                                    format!("a choice is a bare word, not {}", item.in_words());
+                                    format!("a choice is a bare word, not {}", item.describe());
                                 let help = match item.text().filter(|text| is_word(text)) {
                                     Some(text) => {
                                         let help = format!("write {text} without quotes");
@@ -135,7 +127,12 @@ impl Declaration {
                                     }
                                     None => "as in `of: [Left, Right]`".into(),
                                 };
-                                find(code::WRONG_VALUE, item.span, message, help, findings);
+                                diagnostics.push(LocalDiagnostic::new(
+                                    code::WRONG_VALUE,
+                                    item.span,
+                                    message,
+                                    help,
+                                ));
                             }
                         }
                     }
@@ -158,39 +155,47 @@ impl Declaration {
                     _ => format!(
                         "field `{word}` of {} cannot be {}",
                         declaration.kind,
-                        value.in_words()
+                        value.describe()
                     ),
                 };
-                find(code::WRONG_VALUE, value.span, message, Help::default(), findings);
+                diagnostics.push(LocalDiagnostic::new(
+                    code::WRONG_VALUE,
+                    value.span,
+                    message,
+                    Help::default(),
+                ));
             }
         }
         if !has_choices {
             let message = format!("parameter `{name}` has no choices");
-            find(
+            diagnostics.push(LocalDiagnostic::new(
                 code::MISSING_FIELD,
                 tree.span,
                 message,
-                "write `of: [Left, Right]`".into(),
-                findings,
-            );
+                "write `of: [Left, Right]`",
+            ));
             return None;
         }
         if let (Some(min), Some(max)) = (declaration.min, declaration.max)
             && max < min
         {
             let message = format!("parameter `{name}` has a `min`, {min}, above its `max`, {max}");
-            find(
+            diagnostics.push(LocalDiagnostic::new(
                 code::WRONG_VALUE,
                 tree.span,
                 message,
-                "no value is in between: swap them?".into(),
-                findings,
-            );
+                "swap them",
+            ));
             return None;
         }
         if !has_default {
             let message = format!("parameter `{name}` has no default");
-            find(code::MISSING_FIELD, tree.span, message, "write `default: ..`".into(), findings);
+            diagnostics.push(LocalDiagnostic::new(
+                code::MISSING_FIELD,
+                tree.span,
+                message,
+                "write `default: ..`",
+            ));
             return None;
         }
         is_whole.then_some(declaration)
@@ -204,15 +209,17 @@ impl Declaration {
         self.unit.as_deref()
     }
 
-    /// The value, if it is one of the declared type and in range.
-    pub(crate) fn value(&self, findings: &mut Vec<Finding>) -> Tree {
+    fn is_in_range(&self, x: f64) -> bool {
+        self.min.is_none_or(|min| min <= x) && self.max.is_none_or(|max| x <= max)
+    }
+
+    /// Returns the value, if it has the declared type and is in range; otherwise returns a broken value.
+    pub(crate) fn value(&self, diagnostics: &mut Vec<LocalDiagnostic>) -> Tree {
         let tree = &self.default;
-        if !tree.is_whole() {
+        if !tree.is_complete() {
             return Tree::new(tree.span, Kind::Broken);
         }
         let is_set = matches!(tree.origin, Some(Origin::Set(_)));
-        let in_range =
-            |x: f64| self.min.is_none_or(|min| min <= x) && self.max.is_none_or(|max| x <= max);
         fn number(tree: &Tree) -> Option<f64> {
             match tree.kind {
                 Kind::Number { value, .. } => Some(value),
@@ -221,7 +228,7 @@ impl Declaration {
         }
         let mut out_of_range = None;
         let mut limited = |x: f64| {
-            if !in_range(x) {
+            if !self.is_in_range(x) {
                 out_of_range = Some(x);
             }
             true
@@ -250,7 +257,7 @@ impl Declaration {
             _ => (tree.span, None),
         };
         let mut find = |code, message: String, help: Help| {
-            findings.push(Finding { code, span: at, message, help, note: note.clone() });
+            diagnostics.push(LocalDiagnostic { code, span: at, message, help, note: note.clone() });
         };
         if let Some(x) = out_of_range {
             let unit = self.unit.as_ref().map_or_else(String::new, |unit| format!(" {unit}"));
@@ -285,28 +292,29 @@ impl Declaration {
             Kind::Word(word) => nearest(word, self.choices.iter().map(String::as_str)),
             _ => Help::default(),
         };
-        let message = format!("parameter `{}` wants {wanted}, not {}", self.name, tree.in_words());
+        let message =
+            format!("parameter `{}`: expected {wanted}, found {}", self.name, tree.describe());
         find(code::WRONG_VALUE, message, help);
         Tree::new(tree.span, Kind::Broken)
     }
 }
 
-/// The description as that of a built-in node's field, so that a use of the graph is checked and documented by the same code.
+/// The schema has the form of the schema of a built-in node's field, so that the same code checks and documents uses of the graph.
 impl Declaration {
-    pub(crate) fn schema(&self) -> Json {
-        fn limited(kind: &str, min: &Option<f64>, max: &Option<f64>) -> Json {
-            let mut schema = json!({ "type": kind });
-            let limits = [("minimum", *min), ("maximum", *max)];
-            for (name, limit) in limits {
-                if let Some(limit) = limit {
-                    schema[name] = limit.into();
-                }
+    fn number_schema(&self, kind: &str) -> Json {
+        let mut schema = json!({ "type": kind });
+        for (name, limit) in [("minimum", self.min), ("maximum", self.max)] {
+            if let Some(limit) = limit {
+                schema[name] = limit.into();
             }
-            schema
         }
+        schema
+    }
+
+    pub(crate) fn schema(&self) -> Json {
         let mut schema = match &self.kind[..] {
-            "Number" => limited("number", &self.min, &self.max),
-            "Integer" => limited("integer", &self.min, &self.max),
+            "Number" => self.number_schema("number"),
+            "Integer" => self.number_schema("integer"),
             "Toggle" => json!({ "type": "boolean" }),
             "Color" => json!({ "type": "string", "format": "color" }),
             "Choice" => json!({ "type": "string", "enum": self.choices }),
@@ -315,7 +323,7 @@ impl Declaration {
                     Kind::Call { body: Body::Items(items), .. } => items.len(),
                     _ => 0,
                 };
-                let items = limited("number", &self.min, &self.max);
+                let items = self.number_schema("number");
                 json!({ "type": "array", "items": items, "minItems": count, "maxItems": count })
             }
             _ => json!({ "type": "string" }),
@@ -327,7 +335,7 @@ impl Declaration {
         if let Some(default) = as_json(&self.default) {
             schema["default"] = default;
         }
-        if self.derives {
+        if self.is_derived {
             schema["derives"] = true.into();
         }
         if let Some([last, first]) = &self.sides {
@@ -337,7 +345,7 @@ impl Declaration {
     }
 }
 
-/// Whether a text can stand without its quotes.
+/// Returns true if a text can be written without quotes.
 fn is_word(text: &str) -> bool {
     text.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
         && text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')

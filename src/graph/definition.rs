@@ -1,10 +1,10 @@
-//! What a file says that a graph is: checked once, however often other graphs use it.
+//! The definition of a graph by its file, checked once for all uses.
 
 use std::sync::Arc;
 
 use maquette_node::{AnyNode, Exactness};
 use maquette_syntax::error::Span;
-use maquette_syntax::{Finding, FoundFile, FoundLink, Name, Sheet, Tree};
+use maquette_syntax::{FoundFile, FoundLink, LocalDiagnostic, Name, SourceMap, Tree};
 use maquette_value::ValueType;
 use semver::Version;
 use serde_json::Value as Json;
@@ -19,137 +19,143 @@ use crate::flat::Lineage;
 use crate::parameters::is_parametric;
 use crate::recipe::Recipe;
 
-/// Properties that are wanted, and where each stands.
+/// Required properties, each with its position in the file.
 pub(super) type Wants = Vec<(&'static str, Span)>;
 
-/// A graph as its file has it, with the default values of its parameters.
+/// A graph as its file defines it, checked with the default values of its parameters.
 pub struct Definition {
-    pub sheet: Arc<Sheet>,
-    /// The tree of its text.
+    pub source_map: Arc<SourceMap>,
+    /// The syntax tree of the text.
     pub tree: Arc<Tree>,
     pub doc: String,
     pub(super) version: Option<Version>,
-    /// Its parameters and their values where a use gives none.
+    /// The declarations of the parameters, with their default values.
     pub declared: Vec<Declaration>,
     pub(super) defaults: Parameters,
-    /// Its inputs, as many as `inputs`, then its nodes.
-    pub drafts: Vec<Draft>,
+    /// The inputs of the graph, as many as `inputs`, followed by its nodes.
+    pub parsed_nodes: Vec<ParsedNode>,
     pub inputs: usize,
-    /// The drafts, each after those that it hangs on.
+    /// The indices of the nodes, ordered so that each node comes after those on which it depends.
     pub order: Vec<usize>,
-    pub eaches: Vec<Each>,
-    /// Its outputs, if other graphs use it; files are kept elsewhere.
+    pub for_each_nodes: Vec<ForEachNode>,
+    /// The outputs, if other graphs use this graph. Otherwise the outputs are files, which are stored in [`ParsedFile`].
     pub ports: Vec<Port>,
-    /// The properties that it wants of each input.
+    /// The required properties of each input.
     pub wants: Vec<Wants>,
-    /// What must hold of its values wherever it is used.
-    pub(super) expect: Vec<Expecting>,
-    /// Inputs and parameters by their names, described as a built-in node's fields are.
+    /// The expectations of the graph, which must hold wherever the graph is used.
+    pub(super) expect: Vec<BoundExpectation>,
+    /// The schema of the inputs and parameters, under their names.
     pub(super) schema: Json,
-    /// The same for who uses it: under the names of fields.
+    /// The schema of the inputs and parameters, under the names of fields: underscores replace hyphens.
     pub fields: Json,
 }
 
 impl Definition {
-    /// Whether a patch has made it of another graph.
+    /// Returns true if the graph is a patch of another graph.
     pub fn is_patched(&self) -> bool {
-        !self.sheet.parts.is_empty()
+        !self.source_map.parts.is_empty()
     }
 
-    /// The parameters whose defaults are computed from others, each behind all that it is computed from.
+    /// Returns true if an output or an input has this name.
+    pub(super) fn has_port_or_input(&self, name: &str) -> bool {
+        self.ports.iter().any(|port| port.name == name)
+            || self.parsed_nodes[..self.inputs].iter().any(|input| input.name.text == name)
+    }
+
+    /// Returns the parameters with computed defaults. Each comes after the parameters from which it is computed.
     pub fn derived_parameters(&self) -> Vec<&str> {
-        self.defaults.derived().map(|(name, _)| name).collect()
+        self.defaults.derived_parameters().map(|(name, _)| name).collect()
     }
 
-    /// How equal its results are on all machines: as equal as those of the worst of its nodes.
+    /// Returns the exactness of the graph's results, the agreement between machines: it is that of its least exact node.
     pub(super) fn exactness(&self) -> Exactness {
-        self.drafts
+        self.parsed_nodes
             .iter()
-            .map(|draft| match &draft.what {
-                What::Node(entry) => entry.exactness(),
-                What::Use(_, graph) => graph.exactness(),
+            .map(|parsed| match &parsed.what {
+                NodeKind::Node(entry) => entry.exactness(),
+                NodeKind::Use(_, graph) => graph.exactness(),
                 _ => Exactness::Exact,
             })
-            .fold(Exactness::Exact, Exactness::and)
+            .fold(Exactness::Exact, Exactness::combine)
     }
 }
 
-/// An output of a graph that others use.
+/// An output of a graph that other graphs use.
 pub struct Port {
     pub name: String,
-    /// The draft and output that it gives; none if its link is wrong.
+    /// The index of the node, and the index of the node's output. `None` if the link is wrong.
     pub(super) target: Option<(usize, usize)>,
     pub kind: Option<&'static ValueType>,
-    /// What from outside may shape it.
+    /// The values from outside of the graph on which the output depends.
     pub(super) lineage: Arc<Lineage>,
-    /// Its name in the file.
+    /// The position of the output's name in the file.
     pub(super) span: Span,
 }
 
-/// A type of nodes that a graph makes of another graph: its name there, and what it is if its file says so.
-pub(super) struct Used {
+/// A node type that `use` declares for a graph: its name, and the graph's definition if the file could be read.
+pub(super) struct UsedGraph {
     pub(super) name: String,
     pub(super) definition: Option<Arc<Definition>>,
 }
 
-/// What a file says, and what only the first one of a graph gives.
-pub struct Whole {
+/// A parsed file, with the data that exists only for the graph's own file.
+pub struct ParsedFile {
     pub definition: Definition,
-    /// Files, with the places of drafts for those of nodes.
+    /// The output files, each with the index of its node.
     pub(crate) outputs: Vec<GraphOutput>,
-    /// Those of which nobody knows what they hold: they hang on a node of an unknown type.
+    /// The output files whose type is unknown, because they depend on a node of an unknown type.
     pub(crate) undecided: Vec<GraphOutput>,
-    /// Whether it gives ports, not files.
+    /// True if the outputs are ports, not files.
     pub(crate) is_used: bool,
-    /// The nodes that nothing needs.
+    /// The nodes that no output or expectation needs, with the positions of their names.
     pub(crate) unused: Vec<(String, Span)>,
 }
 
-/// A node while it is checked.
-pub struct Draft {
+/// A node that is being checked.
+pub struct ParsedNode {
     pub name: Name,
-    /// What stands in the file.
+    /// The call of the node as it is written in the file.
     pub tree: Tree,
-    pub what: What,
+    pub what: NodeKind,
     pub links: Vec<FoundLink>,
-    /// For each link, the nodes and outputs that it names, if they exist.
+    /// For each link, the indices of the nodes and outputs to which it leads, if they exist.
     pub(crate) targets: Vec<Option<Vec<(usize, usize)>>>,
-    /// The type of each output, as far as it is known.
+    /// The type of each output, if it is known.
     pub types: Vec<Option<&'static ValueType>>,
-    /// Whether parameters of the graph shape it.
+    /// True if the node depends on parameters of its graph.
     pub(crate) parametric: bool,
-    /// Whether its fields have no problem with the defaults.
-    pub(crate) is_sound: bool,
-    /// Whether it is an input that a use may leave out.
+    /// True if the fields have no errors when parameters have their default values.
+    pub(crate) is_valid: bool,
+    /// True for an input that a use of the graph may omit.
     pub is_optional: bool,
-    /// Its fields with the defaults, if they have no problem, until the node is made of them.
-    pub survey: Option<Survey>,
-    /// A built-in node itself, with the defaults.
-    pub(crate) built: Option<Built>,
-    /// Whether it stands for as many as there will be.
+    /// The checked fields for the default values of parameters, if the fields have no errors. They are taken when the node is built.
+    pub checked_fields: Option<CheckedFields>,
+    /// The built-in node for the default values of parameters.
+    pub(crate) built: Option<BuiltNode>,
+    /// The repetition, if the node represents the elements of a `ForEach` whose number of elements is not known yet.
     pub(crate) repeat: Option<Repeat>,
 }
 
-/// What a node is.
-pub enum What {
-    /// Built in.
+/// The kind of a node.
+pub enum NodeKind {
+    /// A built-in node.
     Node(Arc<Entry>),
-    /// A graph, under this name.
+    /// A use of a graph, for which `use` declares this type name.
     Use(String, Arc<Definition>),
-    /// What comes into the graph.
+    /// An input of the graph.
     Input,
-    /// One of its links.
+    /// A `Switch`, which represents one of its links.
     Switch(Branches),
-    /// What a `ForEach` goes over: the elements of a value.
+    /// The elements of the value that a `ForEach` iterates over.
     Elements(Elements),
     /// One element of a `ForEach` over data.
     Pick(Pick),
-    /// Of a type that no pack has, with what is told of it; or something that is wrong in another way.
-    Unknown(Option<Finding>),
+    /// A node of a type that no pack has, with the diagnostic that reports it. Also an invalid entry.
+    Unknown(Option<LocalDiagnostic>),
 }
 
-impl What {
-    /// The names of the outputs.
+impl NodeKind {
+    /// Returns the names of the outputs.
     pub fn outputs(&self) -> Vec<&str> {
         match self {
             Self::Node(entry) => entry.outputs().iter().map(|output| output.name).collect(),
@@ -159,7 +165,7 @@ impl What {
         }
     }
 
-    /// Its ports, if it is a node or a graph.
+    /// Returns the ports of a built-in node, or of a used graph.
     pub fn ports(&self) -> Vec<PortDescription> {
         match self {
             Self::Node(entry) => entry.ports(),
@@ -168,7 +174,7 @@ impl What {
         }
     }
 
-    /// The type of each output, as far as no link decides it.
+    /// Returns the type of each output, if the types do not depend on links.
     pub fn types(&self) -> Vec<Option<&'static ValueType>> {
         match self {
             Self::Node(entry) => entry
@@ -184,7 +190,7 @@ impl What {
         }
     }
 
-    /// The description of its fields.
+    /// Returns the schema of the node's fields.
     pub fn schema(&self) -> Option<&Json> {
         match self {
             Self::Node(entry) => Some(entry.merged_schema()),
@@ -193,7 +199,7 @@ impl What {
         }
     }
 
-    /// The name of its type.
+    /// Returns the name of the node's type.
     pub(crate) fn kind(&self) -> &str {
         match self {
             Self::Node(entry) => &entry.name,
@@ -207,22 +213,27 @@ impl What {
     }
 }
 
-impl Draft {
+impl ParsedNode {
     pub(crate) fn input(
         name: Name,
         tree: Tree,
         kind: Option<&'static ValueType>,
         is_optional: bool,
     ) -> Self {
-        Self { types: vec![kind], is_optional, ..Self::new(name, tree, What::Input) }
+        Self { types: vec![kind], is_optional, ..Self::new(name, tree, NodeKind::Input) }
     }
 
-    /// A draft that is no node of the catalog, with its links.
-    pub(crate) fn linked(name: Name, tree: Tree, what: What, links: Vec<FoundLink>) -> Self {
+    /// Creates an entry that has links but is not a node of the catalog.
+    pub(crate) fn with_links(
+        name: Name,
+        tree: Tree,
+        what: NodeKind,
+        links: Vec<FoundLink>,
+    ) -> Self {
         Self { links, ..Self::new(name, tree, what) }
     }
 
-    pub(crate) fn new(name: Name, tree: Tree, what: What) -> Self {
+    pub(crate) fn new(name: Name, tree: Tree, what: NodeKind) -> Self {
         Self {
             name,
             parametric: is_parametric(&tree),
@@ -231,15 +242,15 @@ impl Draft {
             links: Vec::new(),
             targets: Vec::new(),
             types: Vec::new(),
-            is_sound: true,
+            is_valid: true,
             is_optional: false,
-            survey: None,
+            checked_fields: None,
             built: None,
             repeat: None,
         }
     }
 
-    /// Whether a link to this output leads to a list, of a length that is known late.
+    /// Returns true if a link to this output leads to a list whose length is not known yet.
     pub fn is_list(&self, output: usize) -> bool {
         let Some(repeat) = &self.repeat else { return false };
         let outputs = self.what.outputs();
@@ -248,23 +259,23 @@ impl Draft {
     }
 }
 
-/// A `ForEach`: one node for each element of a list.
-pub struct Each {
+/// A `ForEach` over a list, which becomes one node for each element.
+pub struct ForEachNode {
     pub name: String,
-    /// Where its name stands.
+    /// The position of the name of the `ForEach`.
     pub(crate) span: Span,
-    /// The type of its nodes.
+    /// The type of the nodes.
     pub(crate) kind: String,
-    /// Their places among the drafts.
+    /// The index of the node of each element.
     pub(crate) elements: Vec<usize>,
-    /// What each element takes from the one before, and what the first one takes instead.
+    /// The carried inputs, which take their values from the previous element. Each has the link that the first element uses.
     pub(crate) carry: Vec<(String, Tree)>,
-    /// The outputs of its nodes, if it has none.
+    /// The names of the node type's outputs, if there are no elements.
     pub outputs: Option<Vec<String>>,
 }
 
-impl Each {
-    /// Whether a link begins with its name.
+impl ForEachNode {
+    /// Returns true if a link begins with the name of the `ForEach`.
     pub(crate) fn is_named(&self, link: &str) -> bool {
         link.split('.').next() == Some(&self.name)
     }
@@ -272,31 +283,32 @@ impl Each {
 
 /// The branches of a `Switch`.
 pub struct Branches {
-    /// Names, and links to what each gives.
+    /// The name and the link of each case.
     pub(crate) cases: Vec<(String, Tree)>,
     pub(crate) choose: Tree,
 }
 
-/// An expectation in the file that has it, and the drafts and outputs whose values it speaks of; none for one that is not there.
-pub(crate) struct Expecting {
+/// An expectation, for the file that contains it. Each of its values is resolved to a node and an output, or to `None` if the value does
+/// not exist.
+pub(crate) struct BoundExpectation {
     pub(crate) expectation: Expectation,
     pub(crate) span: Span,
     pub(crate) targets: Vec<Option<(usize, usize)>>,
 }
 
-/// A node's fields, looked at: the values that they have, and the links and files among them.
-pub struct Survey {
+/// The checked fields of a node: their values, and the links and files among them.
+pub struct CheckedFields {
     pub(crate) tree: Tree,
     pub(crate) links: Vec<FoundLink>,
     pub(crate) files: Vec<FoundFile>,
-    /// Whether it has other links than those that are written: without those to optional inputs that have no value, or as many as data
-    /// has elements. Then it may be one that nothing needs.
+    /// True if the links differ from those in the file, because optional inputs are omitted or because data determine the number of links.
+    /// In that case an error of the node is not an error of the file.
     pub(crate) has_other_links: bool,
 }
 
-/// A built-in node, ready to be put into a graph.
+/// A built-in node that can be added to a graph.
 #[derive(Clone)]
-pub(crate) struct Built {
+pub(crate) struct BuiltNode {
     pub(crate) node: Arc<dyn AnyNode>,
     pub(crate) pack: &'static str,
     pub(crate) recipe: Arc<Recipe>,
@@ -304,51 +316,51 @@ pub(crate) struct Built {
     pub(crate) tree: Arc<Tree>,
 }
 
-/// How a draft is repeated whose number is no matter of its file.
+/// The repetition of a `ForEach` whose number of elements is not known when its file is read.
 pub(crate) struct Repeat {
-    pub(crate) count: Counted,
-    /// The parameter that gets the element's number, from 1.
+    pub(crate) count: ElementCount,
+    /// The parameter that receives the number of the element, from 1.
     pub(crate) number: Option<Name>,
-    /// What each element takes from the one before, and what the first one takes instead.
+    /// The carried inputs, which take their values from the previous element. Each has the link that the first element uses.
     pub(crate) carry: Vec<(String, Tree)>,
-    pub(crate) most: Option<Tree>,
+    pub(crate) max_elements: Option<Tree>,
 }
 
 impl Repeat {
-    /// What says how many elements there are, and may be, if numbers do.
+    /// Returns the expressions that define the number of elements and its maximum.
     pub(crate) fn numbers(&self) -> impl Iterator<Item = &Tree> {
         let count = match &self.count {
-            Counted::Number(count) => Some(count),
-            Counted::Data(..) => None,
+            ElementCount::Number(count) => Some(count),
+            ElementCount::Data(..) => None,
         };
-        count.into_iter().chain(&self.most)
+        count.into_iter().chain(&self.max_elements)
     }
 }
 
-/// What says how many there are.
-pub(crate) enum Counted {
-    /// A number.
+/// The source of the number of elements.
+pub(crate) enum ElementCount {
+    /// A number, or an expression that defines it.
     Number(Tree),
-    /// The draft of the elements of a value, and the port that takes each.
+    /// The index of the node that splits a value into elements, and the port that takes each element.
     Data(usize, String),
 }
 
-/// The elements of a value, for a `ForEach`.
+/// The elements of a value that a `ForEach` iterates over.
 pub struct Elements {
-    /// Which ones, if a word says so.
+    /// The word that selects the kind of elements; empty for the default kind.
     pub(crate) word: String,
-    /// The `ForEach`.
+    /// The name of the `ForEach`.
     pub(crate) each: String,
-    pub(crate) most: Option<Tree>,
+    pub(crate) max_elements: Option<Tree>,
 }
 
-/// One element of a `ForEach` whose number is known late.
+/// A link to one element of a `ForEach` whose number of elements is not known yet.
 pub struct Pick {
-    /// The draft that is repeated.
+    /// The index of the repeated node.
     pub(crate) of: usize,
-    /// Which one, from 1.
+    /// The number of the element, from 1.
     pub(crate) number: usize,
-    /// What it is: its type and outputs.
+    /// The type of the node of that element.
     pub(crate) kind: String,
     pub(crate) outputs: Vec<String>,
 }

@@ -1,4 +1,4 @@
-//! What is told of a graph that others use: the same as of a built-in node.
+//! Descriptions of graphs used as nodes, in the same form as those of built-in nodes.
 
 use maquette_node::Exactness;
 use serde_json::{Map, Value as Json};
@@ -6,10 +6,10 @@ use serde_json::{Map, Value as Json};
 use super::definition::Definition;
 use crate::catalog::Description;
 
-/// A graph that others use, as far as they see it.
+/// A graph used as a node, described as its users see it.
 #[derive(Clone)]
 pub struct Subgraph {
-    /// The type of nodes that it is for who uses it.
+    /// The node type under which it is used.
     pub name: String,
     pub file: String,
     version: Option<String>,
@@ -23,7 +23,7 @@ impl Subgraph {
     pub fn new(name: &str, definition: &Definition) -> Self {
         Self {
             name: name.to_owned(),
-            file: definition.sheet.source.name.display().to_string(),
+            file: definition.source_map.source.name.display().to_string(),
             version: definition.version.as_ref().map(ToString::to_string),
             schema: definition.fields.clone(),
             outputs: definition
@@ -43,13 +43,13 @@ impl Subgraph {
         Description { name, pack, version, schema, outputs, promises, carries: &[], exactness }
     }
 
-    /// The description of its fields as a built-in node's.
+    /// Returns the schema of the graph's fields.
     pub fn schema(&self) -> &Json {
         &self.schema
     }
 
-    /// Makes two graphs' uses speak of the same defaults: of a used graph that both have, those that differ are forgotten, since a value
-    /// that is the default of one of them alone says something; one that cannot be read on one side is taken from the other.
+    /// Makes two sets of used graphs comparable. If the defaults of a parameter differ, both defaults are removed, because omitting the
+    /// field means something else on each side. A graph that only one side could read is copied to the other side.
     pub(super) fn make_comparable(old: &mut Vec<Self>, new: &mut Vec<Self>) {
         fn properties(graph: &mut Subgraph) -> Option<&mut Map<String, Json>> {
             graph.schema.get_mut("properties").and_then(Json::as_object_mut)
@@ -67,18 +67,20 @@ impl Subgraph {
                 }
             }
         }
-        let missing = |from: &[Self], to: &[Self]| {
-            from.iter()
-                .filter(|graph| to.iter().all(|other| other.name != graph.name))
-                .cloned()
-                .collect::<Vec<_>>()
-        };
-        let (from_old, from_new) = (missing(old, new), missing(new, old));
+        let (from_old, from_new) = (Self::missing_in(new, old), Self::missing_in(old, new));
         old.extend(from_new);
         new.extend(from_old);
     }
 
-    /// The name of its first output.
+    /// Returns the graphs in `from` whose names do not occur in `to`.
+    fn missing_in(to: &[Self], from: &[Self]) -> Vec<Self> {
+        from.iter()
+            .filter(|graph| to.iter().all(|other| other.name != graph.name))
+            .cloned()
+            .collect()
+    }
+
+    /// Returns the name of the first output of the graph.
     pub(super) fn first_output(&self) -> Option<&str> {
         self.outputs.first().map(|(name, _)| &name[..])
     }

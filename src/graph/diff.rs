@@ -1,64 +1,65 @@
-//! How two graphs differ in what they say.
+//! Differences in meaning between two graphs.
 //!
-//! Entries are matched by name. What is left on both sides is matched as renamed: first what says exactly the same, then, best
-//! first, what is of one type and says half of it the same. Links to renamed nodes, and names of renamed parameters, count as
-//! the same.
+//! Entries are matched by name. The remaining entries of both sides are matched as renamed: first entries with equal meaning; then entries
+//! of one type that have at least half of their fields in common, the most similar first. Links to renamed nodes and names of renamed
+//! parameters count as equal.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fmt;
+use std::path::Path;
 
-use maquette_syntax::error::{Problem, Source};
+use maquette_syntax::error::{Diagnostic, Source};
 use maquette_syntax::paths::project_root;
-use maquette_syntax::{Body, Kind, Tree, parse, syntax_problems};
+use maquette_syntax::{Body, Kind, Tree, parse, syntax_diagnostics};
 use serde_json::json;
 
+use super::canonical::{CanonicalGraph, Item, SECTIONS, has_link, rename};
 use super::describe::Subgraph;
-use super::meaning::{Item, Meaning, SECTIONS, has_link, renamed};
-use super::migrate::renewed_graph;
+use super::migrate::migrate_graph;
 use super::patch::patched_tree;
-use super::rebase::seen_from;
+use super::rebase::text_relative_to;
 use super::{Files, Graph, Options};
 use crate::catalog::Catalog;
-use crate::load::first;
+use crate::load::check_file;
 use crate::options::folder_of;
-use crate::tree::{is_patch, joined, show};
+use crate::tree::{is_patch, join_path, show};
 
 /// One difference between two graphs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Difference {
-    /// `node`, `parameter`, `input`, `output`, `use` or `graph`.
+    /// The kind of entry: `node`, `parameter`, `input`, `output`, `use` or `graph`.
     pub what: &'static str,
-    /// Its name, the new one if it has two; empty for the graph itself.
+    /// The name of the entry, which is the new name if it was renamed. Empty for the graph itself.
     pub name: String,
-    /// How it differs.
+    /// The kind of the difference.
     pub change: Change,
-    /// The field that differs, with dots; empty if it is the whole.
+    /// The dotted path of the field that differs. Empty if the whole entry differs.
     pub field: String,
-    /// What was there, as text.
+    /// The previous value, as text.
     pub before: Option<String>,
-    /// What is there now, as text.
+    /// The new value, as text.
     pub after: Option<String>,
-    /// The graphs that lead to it, by the names that they are used by; empty in the graphs themselves.
+    /// The names of the uses that lead to the entry. Empty for an entry of the compared graphs themselves.
     pub inside: Vec<String>,
 }
 
-/// How a part of a graph differs from that of another one.
+/// The kind of a difference.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Change {
-    /// It is new.
+    /// The entry is new.
     Added,
-    /// It is gone.
+    /// The entry was removed.
     Removed,
-    /// It has another name.
+    /// The entry has another name.
     Renamed,
-    /// A link of it goes elsewhere.
+    /// A link leads to another output than before.
     Rewired,
-    /// A value of it is another one.
+    /// A value differs.
     Changed,
 }
 
 impl Change {
-    /// The word in messages: `added` and so on.
+    /// Returns the word for the kind in messages, such as `added`.
     pub fn word(self) -> &'static str {
         match self {
             Self::Added => "added",
@@ -71,9 +72,9 @@ impl Change {
 }
 
 impl Difference {
-    /// The difference as `maquette diff --json` prints it.
+    /// Returns the difference as `maquette diff --json` prints it.
     pub fn to_json(&self) -> serde_json::Value {
-        let mut told = json!({
+        let mut object = json!({
             "what": self.what,
             "name": self.name,
             "change": self.change.word(),
@@ -82,13 +83,13 @@ impl Difference {
             "after": self.after,
         });
         if !self.inside.is_empty() {
-            told["inside"] = json!(self.inside);
+            object["inside"] = json!(self.inside);
         }
-        told
+        object
     }
 }
 
-/// One line: `node red: changed select.distance: 30 -> 25`.
+/// Formats the difference on one line: `node red: changed select.distance: 30 -> 25`.
 impl fmt::Display for Difference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for name in &self.inside {
@@ -100,7 +101,7 @@ impl fmt::Display for Difference {
         }
         write!(f, ": {}", self.change.word())?;
         fn side(value: &Option<String>) -> Option<String> {
-            value.as_deref().map(shortened)
+            value.as_deref().map(shorten)
         }
         match (self.change, side(&self.before), side(&self.after)) {
             (Change::Added, _, Some(value)) | (Change::Removed, Some(value), _) => {
@@ -119,79 +120,87 @@ impl fmt::Display for Difference {
     }
 }
 
-/// A value as a line has room for it.
-fn shortened(value: &str) -> String {
-    const MOST: usize = 100;
-    match value.char_indices().nth(MOST) {
+/// Shortens a value for a line of output.
+fn shorten(value: &str) -> String {
+    const MAX_CHARS: usize = 100;
+    match value.char_indices().nth(MAX_CHARS) {
         Some((end, _)) => format!("{}...", &value[..end]),
         None => value.to_owned(),
     }
 }
 
 impl Graph {
-    /// How the graph `new` differs from `old` in what it says: spaces, comments, order, and values that are written out though
-    /// they are the defaults, make no difference. The files that they read need not be there. In one project paths are compared by
-    /// where they lead, and told relative to the old graph; between two, such as two checkouts, as they are written.
+    /// Returns the differences in meaning between the graphs `old` and `new`. Spaces, comments, order, and values that equal their defaults
+    /// are ignored. The files that the nodes read may be missing. If both graphs are in one project, paths are equal if they lead to the
+    /// same file, and are shown relative to the old graph. If they are in two projects, such as two checkouts, paths are compared as they
+    /// are written.
     ///
     /// # Errors
-    /// The mistakes in the texts, if one of them is no RON.
+    /// A text has syntax errors.
     pub fn differences(
         old: &Source,
         new: &Source,
         catalog: &Catalog,
-    ) -> Result<Vec<Difference>, Vec<Problem>> {
+    ) -> Result<Vec<Difference>, Vec<Diagnostic>> {
         let folder = folder_of(&old.name);
         let is_one_project = project_root(&folder) == project_root(&folder_of(&new.name));
-        fn read(
-            source: &Source,
-            is_one_project: bool,
-            folder: &std::path::Path,
-            catalog: &Catalog,
-        ) -> (Tree, Vec<Subgraph>, Vec<Problem>) {
-            let (tree, mistakes) = parse(&source.text);
-            let problems = syntax_problems(&source.name, &source.text, mistakes);
-            let is_plain = tree.fields().is_some_and(|fields| {
-                fields.iter().all(|field| field.name.text != "use" && field.name.text != "of")
-            });
-            let is_near = !is_one_project || folder_of(&source.name) == *folder;
-            if is_plain && is_near || !problems.is_empty() {
-                return (renewed_graph(&tree, catalog), Vec::new(), problems);
-            }
-            // The graphs that it uses say which of its values are defaults; a patch says what it is by the graph that it patches.
-            let options = Options { files: Files::Ignored, ..Options::default() };
-            let (path, text) = (&source.name, source.text.clone());
-            let (graphs, _) = Graph::subgraphs_of(path, text.clone(), catalog, &options);
-            let tree = match is_one_project {
-                true => first(path, text, catalog, &options)
-                    .1
-                    .map_or(tree, |whole| parse(&seen_from(&whole.definition, folder)).0),
-                false if is_patch(&tree) => patched_tree(path, text, catalog, &options),
-                false => tree,
-            };
-            (renewed_graph(&tree, catalog), graphs, problems)
+        let mut old = ComparedGraph::read(old, is_one_project, &folder, catalog);
+        let mut new = ComparedGraph::read(new, is_one_project, &folder, catalog);
+        Subgraph::make_comparable(&mut old.subgraphs, &mut new.subgraphs);
+        let diagnostics = [old.diagnostics, new.diagnostics].concat();
+        if !diagnostics.is_empty() {
+            return Err(diagnostics);
         }
-        let ((old, mut old_graphs, mut problems), (new, mut new_graphs, others)) = (
-            read(old, is_one_project, &folder, catalog),
-            read(new, is_one_project, &folder, catalog),
-        );
-        Subgraph::make_comparable(&mut old_graphs, &mut new_graphs);
-        let (old, new) =
-            (Meaning::of(&old, catalog, &old_graphs), Meaning::of(&new, catalog, &new_graphs));
-        problems.extend(others);
-        if problems.is_empty() { Ok(compare(&old, &new)) } else { Err(problems) }
+        let old = CanonicalGraph::new(&old.tree, catalog, &old.subgraphs);
+        let new = CanonicalGraph::new(&new.tree, catalog, &new.subgraphs);
+        Ok(compare(&old, &new))
     }
 }
 
-fn compare(old: &Meaning, new: &Meaning) -> Vec<Difference> {
+/// A graph that has been read for a comparison.
+struct ComparedGraph {
+    tree: Tree,
+    /// The graphs that it uses.
+    subgraphs: Vec<Subgraph>,
+    diagnostics: Vec<Diagnostic>,
+}
+
+impl ComparedGraph {
+    /// Reads a graph, and replaces old names in it by current ones. If both graphs are in one project, paths are converted to be relative
+    /// to `folder`.
+    fn read(source: &Source, is_one_project: bool, folder: &Path, catalog: &Catalog) -> Self {
+        let (tree, errors) = parse(&source.text);
+        let diagnostics = syntax_diagnostics(&source.name, &source.text, errors);
+        let is_plain = tree.fields().is_some_and(|fields| {
+            fields.iter().all(|field| field.name.text != "use" && field.name.text != "of")
+        });
+        let is_near = !is_one_project || folder_of(&source.name) == *folder;
+        if is_plain && is_near || !diagnostics.is_empty() {
+            let tree = migrate_graph(&tree, catalog);
+            return Self { tree, subgraphs: Vec::new(), diagnostics };
+        }
+        // The used graphs determine which values are defaults. For a patch, the graph that it makes is compared.
+        let options = Options { files: Files::Ignored, ..Options::default() };
+        let (path, text) = (&source.name, source.text.clone());
+        let (subgraphs, _) = Graph::subgraphs_of(path, text.clone(), catalog, &options);
+        let tree = match is_one_project {
+            true => check_file(path, text, catalog, &options)
+                .1
+                .map_or(tree, |whole| parse(&text_relative_to(&whole.definition, folder)).0),
+            false if is_patch(&tree) => patched_tree(path, text, catalog, &options),
+            false => tree,
+        };
+        Self { tree: migrate_graph(&tree, catalog), subgraphs, diagnostics }
+    }
+}
+
+fn compare(old: &CanonicalGraph, new: &CanonicalGraph) -> Vec<Difference> {
     let mut found = Vec::new();
     let added = new.rest.iter().filter(|item| old.rest.iter().all(|known| known.name != item.name));
     for Item { name, .. } in old.rest.iter().chain(added) {
-        let item = |rest: &'_ [Item]| rest.iter().find(|item| item.name == *name).cloned();
-        let (before, after) = (item(&old.rest), item(&new.rest));
-        fn value(item: &Option<Item>) -> Option<Tree> {
-            item.as_ref().map(|item| item.value.clone())
-        }
-        if value(&before) != value(&after) {
+        let [before, after] =
+            [old, new].map(|graph| graph.rest.iter().find(|item| item.name == *name));
+        if before.map(|item| &item.value) != after.map(|item| &item.value) {
             let [before, after] =
                 [before, after].map(|item| item.map(|item| item.show("", &item.value)));
             let (what, field) = ("graph", name.clone());
@@ -208,7 +217,7 @@ fn compare(old: &Meaning, new: &Meaning) -> Vec<Difference> {
             });
         }
     }
-    let mut names = Names::default();
+    let mut names = RenamedNames::default();
     for (section, (_, what)) in SECTIONS.iter().enumerate() {
         let section = Section { what, old: &old.sections[section], new: &new.sections[section] };
         section.compare(&mut names, &mut found);
@@ -216,28 +225,30 @@ fn compare(old: &Meaning, new: &Meaning) -> Vec<Difference> {
     found
 }
 
-/// What has another name in the new graph, by its new name.
+/// The renamed nodes and parameters, as a map from each new name to the old one.
 #[derive(Default)]
-struct Names {
+struct RenamedNames {
     nodes: HashMap<String, String>,
     parameters: HashMap<String, String>,
 }
 
-impl Names {
-    /// A value of the new graph in the old one's names.
+impl RenamedNames {
+    /// Replaces new names by old ones, in a value of the new graph.
     fn in_old(&self, tree: &Tree) -> Tree {
-        renamed(tree, &|name| self.nodes.get(name).cloned(), &|name| {
+        rename(tree, &|name| self.nodes.get(name).cloned(), &|name| {
             self.parameters.get(name).cloned()
         })
     }
 
-    /// A value in the old graph's names in those of the new one.
+    /// Replaces old names by new ones in a value.
     fn in_new(&self, tree: &Tree) -> Tree {
-        fn back(names: &HashMap<String, String>, wanted: &str) -> Option<String> {
+        fn new_name_of(names: &HashMap<String, String>, wanted: &str) -> Option<String> {
             let mut found = names.iter().filter(|(_, old)| *old == wanted);
             found.next().map(|(new, _)| new.clone())
         }
-        renamed(tree, &|name| back(&self.nodes, name), &|name| back(&self.parameters, name))
+        rename(tree, &|name| new_name_of(&self.nodes, name), &|name| {
+            new_name_of(&self.parameters, name)
+        })
     }
 
     fn add(&mut self, what: &str, new: &str, old: &str) {
@@ -249,7 +260,7 @@ impl Names {
     }
 }
 
-/// One section of both graphs.
+/// The same section of both graphs.
 struct Section<'m> {
     what: &'static str,
     old: &'m [Item],
@@ -257,7 +268,7 @@ struct Section<'m> {
 }
 
 impl Section<'_> {
-    fn compare(&self, names: &mut Names, found: &mut Vec<Difference>) {
+    fn compare(&self, names: &mut RenamedNames, found: &mut Vec<Difference>) {
         fn places(items: &[Item]) -> HashMap<String, usize> {
             let items = items.iter().enumerate();
             items.map(|(index, item)| (item.name.clone(), index)).collect()
@@ -265,10 +276,10 @@ impl Section<'_> {
         let (in_old, in_new) = (places(self.old), places(self.new));
         let gone = (0..self.old.len()).filter(|&k| !in_new.contains_key(&self.old[k].name));
         let come = (0..self.new.len()).filter(|&k| !in_old.contains_key(&self.new[k].name));
-        let mut match_up = MatchUp {
+        let mut match_up = RenameMatcher {
             section: self,
-            gone: gone.collect(),
-            come: come.collect(),
+            removed: gone.collect(),
+            added: come.collect(),
             pairs: BTreeMap::new(),
         };
         match_up.run(names);
@@ -276,7 +287,7 @@ impl Section<'_> {
         for (index, old) in self.old.iter().enumerate() {
             let renamed = pairs.get(&index).copied();
             let Some(new) = renamed.or_else(|| in_new.get(&old.name).copied()) else {
-                found.push(self.whole(old, Change::Removed));
+                found.push(self.entry_difference(old, Change::Removed));
                 continue;
             };
             let new = &self.new[new];
@@ -285,7 +296,7 @@ impl Section<'_> {
                     name: new.name.clone(),
                     before: Some(old.name.clone()),
                     after: Some(new.name.clone()),
-                    ..self.whole(new, Change::Renamed)
+                    ..self.entry_difference(new, Change::Renamed)
                 });
             }
             let value = names.in_old(&new.value);
@@ -297,13 +308,13 @@ impl Section<'_> {
         let matched: HashSet<usize> = pairs.values().copied().collect();
         for (index, new) in self.new.iter().enumerate() {
             if !matched.contains(&index) && !in_old.contains_key(&new.name) {
-                found.push(self.whole(new, Change::Added));
+                found.push(self.entry_difference(new, Change::Added));
             }
         }
     }
 
-    /// An entry that is only in one graph.
-    fn whole(&self, item: &Item, change: Change) -> Difference {
+    /// Returns the difference for an entry that only one graph has.
+    fn entry_difference(&self, item: &Item, change: Change) -> Difference {
         let text = Some(item.show("", &item.value));
         let (before, after) = match change {
             Change::Removed => (text, None),
@@ -315,56 +326,57 @@ impl Section<'_> {
     }
 }
 
-/// Finds which of the entries that are gone are those that have come, under another name.
-struct MatchUp<'m> {
+/// Matches removed entries with added entries that are equal except for their names.
+struct RenameMatcher<'m> {
     section: &'m Section<'m>,
-    gone: Vec<usize>,
-    come: Vec<usize>,
-    /// Places of old and new entries.
+    removed: Vec<usize>,
+    added: Vec<usize>,
+    /// For each matched old entry, the index of the new entry.
     pairs: BTreeMap<usize, usize>,
 }
 
-impl MatchUp<'_> {
-    /// Rounds of exact matches; each finds what hangs on the matches of the one before.
-    const ROUNDS: usize = 8;
+impl RenameMatcher<'_> {
+    /// The maximum number of rounds of exact matching. Each round finds entries that depend on the entries matched in the previous round.
+    const MAX_ROUNDS: usize = 8;
 
-    /// More pairs than this are not compared one by one.
-    const MOST_PAIRS: usize = 1_000_000;
+    /// The maximum number of pairs of entries that are compared one by one.
+    const MAX_PAIRS: usize = 1_000_000;
 
-    fn run(&mut self, names: &mut Names) {
+    fn run(&mut self, names: &mut RenamedNames) {
         let what = self.section.what;
-        for _ in 0..Self::ROUNDS {
+        for _ in 0..Self::MAX_ROUNDS {
             let before = self.pairs.len();
             let (old, new) = (self.old_values(false), self.new_values(names, false));
-            self.exact(&old, &new, names);
-            if self.pairs.len() == before || self.gone.is_empty() {
+            self.match_exact(&old, &new, names);
+            if self.pairs.len() == before || self.removed.is_empty() {
                 break;
             }
         }
         let (old, new) = (self.old_values(true), self.new_values(names, true));
-        self.exact(&old, &new, names);
-        // An output has no fields, and another file than before is another output.
-        if matches!(what, "output" | "use") || self.gone.len() * self.come.len() > Self::MOST_PAIRS
+        self.match_exact(&old, &new, names);
+        // Outputs are not matched: an output has no fields, and an output with another file name is a different output.
+        if matches!(what, "output" | "use")
+            || self.removed.len() * self.added.len() > Self::MAX_PAIRS
         {
             return;
         }
-        self.nearest(names);
+        self.match_nearest(names);
     }
 
-    /// The old entries that have no match.
+    /// Returns the values of the old entries without a match.
     fn old_values(&self, loose: bool) -> Vec<Tree> {
-        let values = self.gone.iter().map(|&index| self.section.old[index].value.clone());
-        self.loosened(values, self.section.old, &self.gone, loose)
+        let values = self.removed.iter().map(|&index| self.section.old[index].value.clone());
+        self.with_types_for_names(values, self.section.old, &self.removed, loose)
     }
 
-    /// The new entries that have no match, in the old graph's names.
-    fn new_values(&self, names: &Names, loose: bool) -> Vec<Tree> {
-        let values = self.come.iter().map(|&index| names.in_old(&self.section.new[index].value));
-        self.loosened(values, self.section.new, &self.come, loose)
+    /// Returns the values of the new entries without a match, with new names replaced by old ones.
+    fn new_values(&self, names: &RenamedNames, loose: bool) -> Vec<Tree> {
+        let values = self.added.iter().map(|&index| names.in_old(&self.section.new[index].value));
+        self.with_types_for_names(values, self.section.new, &self.added, loose)
     }
 
-    /// With `loose`, links to nodes that may be renamed themselves name the nodes' types instead.
-    fn loosened(
+    /// If `loose` is set, replaces links to unmatched nodes by the types of the nodes.
+    fn with_types_for_names(
         &self,
         values: impl Iterator<Item = Tree>,
         items: &[Item],
@@ -376,32 +388,33 @@ impl MatchUp<'_> {
         }
         let kinds: HashMap<&str, &str> =
             open.iter().map(|&index| (&items[index].name[..], items[index].kind())).collect();
-        let kind = |name: &str| kinds.get(name).map(|kind| format!("?{kind}"));
-        values.map(|value| renamed(&value, &kind, &|_| None)).collect()
+        values
+            .map(|value| rename(&value, &|name| Some(format!("?{}", kinds.get(name)?)), &|_| None))
+            .collect()
     }
 
-    /// Takes pairs that say exactly the same, in order.
-    fn exact(&mut self, old: &[Tree], new: &[Tree], names: &mut Names) {
+    /// Matches equal entries, in order.
+    fn match_exact(&mut self, old: &[Tree], new: &[Tree], names: &mut RenamedNames) {
         let mut waiting: HashMap<String, Vec<usize>> = HashMap::new();
-        for (value, &index) in new.iter().zip(&self.come).rev() {
+        for (value, &index) in new.iter().zip(&self.added).rev() {
             waiting.entry(show(value)).or_default().push(index);
         }
-        let pairs = old.iter().zip(&self.gone).filter_map(|(value, &index)| {
+        let pairs = old.iter().zip(&self.removed).filter_map(|(value, &index)| {
             let new = waiting.get_mut(&show(value)).and_then(Vec::pop)?;
             Some((index, new))
         });
         for (old, new) in Vec::from_iter(pairs) {
-            self.take(old, new, names);
+            self.add_pair(old, new, names);
         }
     }
 
-    /// Takes pairs of one type that say at least half the same, best first.
-    fn nearest(&mut self, names: &mut Names) {
+    /// Matches entries of one type with a similarity of at least 0.5, the most similar first.
+    fn match_nearest(&mut self, names: &mut RenamedNames) {
         let (old, new) = (self.old_values(true), self.new_values(names, true));
         let mut scored = Vec::new();
-        for (a, &gone) in old.iter().zip(&self.gone) {
-            for (b, &come) in new.iter().zip(&self.come) {
-                let likeness = likeness(a, b);
+        for (a, &gone) in old.iter().zip(&self.removed) {
+            for (b, &come) in new.iter().zip(&self.added) {
+                let likeness = similarity(a, b);
                 if likeness >= 0.5 {
                     scored.push((likeness, gone, come));
                 }
@@ -409,23 +422,23 @@ impl MatchUp<'_> {
         }
         scored.sort_by(|a, b| b.0.total_cmp(&a.0).then((a.1, a.2).cmp(&(b.1, b.2))));
         for (_, gone, come) in scored {
-            if self.gone.contains(&gone) && self.come.contains(&come) {
-                self.take(gone, come, names);
+            if self.removed.contains(&gone) && self.added.contains(&come) {
+                self.add_pair(gone, come, names);
             }
         }
     }
 
-    fn take(&mut self, old: usize, new: usize, names: &mut Names) {
+    fn add_pair(&mut self, old: usize, new: usize, names: &mut RenamedNames) {
         let Section { what, old: olds, new: news } = self.section;
         names.add(what, &news[new].name, &olds[old].name);
-        self.gone.retain(|&index| index != old);
-        self.come.retain(|&index| index != new);
+        self.removed.retain(|&index| index != old);
+        self.added.retain(|&index| index != new);
         self.pairs.insert(old, new);
     }
 }
 
-/// Which part of their fields two values of one type have in common, 0 to 1.
-fn likeness(a: &Tree, b: &Tree) -> f64 {
+/// Returns the fraction of fields that two values of one type have in common, from 0 to 1.
+fn similarity(a: &Tree, b: &Tree) -> f64 {
     let (Kind::Call { name: a_name, .. }, Kind::Call { name: b_name, .. }) = (&a.kind, &b.kind)
     else {
         return 0.0;
@@ -443,9 +456,9 @@ fn likeness(a: &Tree, b: &Tree) -> f64 {
 /// Compares two values of one entry, part by part.
 struct Walk<'a, 'm> {
     section: &'a Section<'m>,
-    /// Before and after.
+    /// The old entry and the new entry.
     items: [&'a Item; 2],
-    names: &'a Names,
+    names: &'a RenamedNames,
     found: &'a mut Vec<Difference>,
 }
 
@@ -476,11 +489,11 @@ impl Walk<'_, '_> {
         let (old, new) = (old.fields().unwrap_or_default(), new.fields().unwrap_or_default());
         for field in old {
             let other = new.iter().find(|other| other.name == field.name);
-            let path = joined(path, &field.name.text);
+            let path = join_path(path, &field.name.text);
             self.value(Some(&field.value), other.map(|other| &other.value), path);
         }
         for field in new.iter().filter(|field| old.iter().all(|other| other.name != field.name)) {
-            self.value(None, Some(&field.value), joined(path, &field.name.text));
+            self.value(None, Some(&field.value), join_path(path, &field.name.text));
         }
     }
 
@@ -511,7 +524,7 @@ impl Walk<'_, '_> {
         let change = if links { Change::Rewired } else { Change::Changed };
         let before = old.map(|old| self.items[0].show(&path, old));
         let after = new.map(|new| self.items[1].show(&path, &self.names.in_new(new)));
-        // What may be a link where the type is not known was one only as long as there was such a node.
+        // Two equal texts may differ here, if only one of them is treated as a link. Then there is no difference to show.
         if before == after {
             return;
         }
@@ -520,7 +533,7 @@ impl Walk<'_, '_> {
 
     fn items(&mut self, old: &[Tree], new: &[Tree], path: &str) {
         for (index, (old, new)) in old.iter().zip(new).enumerate() {
-            self.value(Some(old), Some(new), joined(path, &index.to_string()));
+            self.value(Some(old), Some(new), join_path(path, &index.to_string()));
         }
     }
 

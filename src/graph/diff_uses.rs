@@ -1,11 +1,11 @@
-//! How the graphs differ that two graphs use: where these lie in different places, as in two checkouts.
+//! Differences between the graphs that two graphs use, if they come from different files, as in two checkouts.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use maquette_syntax::error::{Problem, Source};
+use maquette_syntax::error::{Diagnostic, Source};
 use maquette_syntax::{Tree, parse};
-use maquette_value::plain;
+use maquette_value::fs;
 
 use super::{Change, Difference, Graph};
 use crate::catalog::Catalog;
@@ -13,16 +13,16 @@ use crate::options::folder_of;
 use crate::tree::entries;
 
 impl Graph {
-    /// How two graphs differ, and those that they use, in them and so on, where both have one under the same name in different files. A
-    /// file that is used in several places is told of once.
+    /// Returns the differences between two graphs. Then continues recursively with the graphs that they use under the same name from
+    /// different files. Each pair of files is compared once.
     ///
     /// # Errors
-    /// Those of [`differences`](Self::differences) for the graphs themselves; what cannot be read of others is not compared.
+    /// The errors of [`differences`](Self::differences) for the two graphs themselves. Used graphs that cannot be read are not compared.
     pub fn differences_with_uses(
         old: &Source,
         new: &Source,
         catalog: &Catalog,
-    ) -> Result<Vec<Difference>, Vec<Problem>> {
+    ) -> Result<Vec<Difference>, Vec<Diagnostic>> {
         let mut found = Self::differences(old, new, catalog)?;
         let mut walk = Uses { catalog, seen: BTreeSet::new(), found: &mut found };
         walk.follow(old, new, &[]);
@@ -32,14 +32,14 @@ impl Graph {
 
 struct Uses<'a> {
     catalog: &'a Catalog,
-    /// Pairs of files that have been compared.
+    /// The pairs of files that have already been compared.
     seen: BTreeSet<(PathBuf, PathBuf)>,
     found: &'a mut Vec<Difference>,
 }
 
 impl Uses<'_> {
     fn follow(&mut self, old: &Source, new: &Source, inside: &[String]) {
-        let (before, after) = (used(old), used(new));
+        let (before, after) = (used_graphs(old), used_graphs(new));
         for (name, from) in &before {
             let Some((_, to)) = after.iter().find(|(other, _)| other == name) else { continue };
             if from == to || !self.seen.insert((from.clone(), to.clone())) {
@@ -62,7 +62,7 @@ impl Uses<'_> {
     }
 }
 
-/// A used graph whose file only one side has.
+/// Returns the difference for a used graph whose file exists on one side only.
 fn missing(name: &str, inside: &[String], is_there: [bool; 2]) -> Difference {
     let [before, after] = is_there.map(|is_there| {
         let word = if is_there { "found" } else { "missing" };
@@ -73,19 +73,19 @@ fn missing(name: &str, inside: &[String], is_there: [bool; 2]) -> Difference {
 }
 
 fn source(path: &Path) -> Option<Source> {
-    Some(Source { name: path.to_owned(), text: plain::read_text(path).ok()? })
+    Some(Source { name: path.to_owned(), text: fs::read_text(path).ok()? })
 }
 
-/// The graphs that a text uses, by name. A patch uses those of the graph that it is of: all that
-/// this one says itself is compared with the patch in it.
-fn used(source: &Source) -> Vec<(String, PathBuf)> {
-    used_through(source, MOST_PATCHES)
+/// Returns the graphs that a text uses, by name. For a patch, returns the graphs that the patched graph uses; the patch's own values are
+/// compared as part of the patch.
+fn used_graphs(source: &Source) -> Vec<(String, PathBuf)> {
+    used_graphs_within(source, MAX_PATCHES)
 }
 
-/// So many patches may be of each other: they are read before anybody knows whether they go round in a circle.
-const MOST_PATCHES: usize = 64;
+/// The maximum length of a chain of patches. It bounds the search, because cycles of patches have not been detected at this point.
+const MAX_PATCHES: usize = 64;
 
-fn used_through(source: &Source, most: usize) -> Vec<(String, PathBuf)> {
+fn used_graphs_within(source: &Source, most: usize) -> Vec<(String, PathBuf)> {
     let (tree, _) = parse(&source.text);
     let fields = tree.fields().unwrap_or_default();
     fn path(tree: &Tree, source_name: &Path) -> Option<PathBuf> {
@@ -98,7 +98,7 @@ fn used_through(source: &Source, most: usize) -> Vec<(String, PathBuf)> {
     }
     if let Some(of) = fields.iter().find(|field| field.name.text == "of").filter(|_| 0 < most) {
         let patched = path(&of.value, &source.name).and_then(|path| self::source(&path));
-        return patched.map(|patched| used_through(&patched, most - 1)).unwrap_or_default();
+        return patched.map(|patched| used_graphs_within(&patched, most - 1)).unwrap_or_default();
     }
     entries(fields, "use")
         .filter_map(|(name, value)| Some((name.to_owned(), path(value, &source.name)?)))

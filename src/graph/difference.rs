@@ -1,34 +1,39 @@
-//! What differs between the parameters of two nodes, in words.
+//! Differences between the parameters of two nodes.
 
 use maquette_syntax::{FILE, LINK};
 use serde_json::Value as Json;
 
-/// The first place where two parameters differ, and what stands there; links and files are no parameters.
+/// Returns the path of the first difference between two sets of parameters, with both values. Links and files do not count as parameters.
 pub fn parameter_difference(before: &Json, now: &Json) -> Option<(Vec<String>, Json, Json)> {
     fn plain(json: &Json) -> bool {
         json.get(LINK).is_none() && json.get(FILE).is_none()
     }
-    fn inside(name: String, before: &Json, now: &Json) -> Option<(Vec<String>, Json, Json)> {
+    fn difference_inside(
+        name: String,
+        before: &Json,
+        now: &Json,
+    ) -> Option<(Vec<String>, Json, Json)> {
         let (mut path, before, now) = parameter_difference(before, now)?;
         path.insert(0, name);
         Some((path, before, now))
     }
     match (before, now) {
         _ if before == now || !plain(before) || !plain(now) => None,
-        (Json::Object(a), Json::Object(b)) if a.keys().eq(b.keys()) => {
-            a.iter().zip(b.values()).find_map(|((name, a), b)| inside(name.clone(), a, b))
-        }
+        (Json::Object(a), Json::Object(b)) if a.keys().eq(b.keys()) => a
+            .iter()
+            .zip(b.values())
+            .find_map(|((name, a), b)| difference_inside(name.clone(), a, b)),
         (Json::Array(a), Json::Array(b)) if a.len() == b.len() => {
             let mut pairs = a.iter().zip(b).enumerate();
-            pairs.find_map(|(index, (a, b))| inside(index.to_string(), a, b))
+            pairs.find_map(|(index, (a, b))| difference_inside(index.to_string(), a, b))
         }
         _ => Some((Vec::new(), before.clone(), now.clone())),
     }
 }
 
-/// `distance` for `select.Near.distance`, `corners[2]` for `corners.2`.
+/// Formats a path: `distance` for `select.Near.distance`, and `corners[2]` for `corners.2`.
 pub fn parameter_name(path: &[String]) -> String {
-    fn is_index(part: &String) -> bool {
+    fn is_index(part: &str) -> bool {
         part.bytes().all(|byte| byte.is_ascii_digit())
     }
     let Some(last) = path.iter().rposition(|part| !is_index(part)) else { return path.join(".") };
@@ -36,16 +41,16 @@ pub fn parameter_name(path: &[String]) -> String {
     path[last].clone() + &String::from_iter(indices)
 }
 
-/// A parameter's value as a message shows it.
-pub fn in_short(value: &Json) -> String {
-    const MOST: usize = 40;
+/// Returns a parameter's value as text, shortened for messages.
+pub fn short_text(value: &Json) -> String {
+    const MAX_CHARS: usize = 40;
     let text = match value {
         Json::Number(number) => {
             number.as_f64().map_or_else(|| number.to_string(), |x| x.to_string())
         }
         other => other.to_string(),
     };
-    match text.char_indices().nth(MOST) {
+    match text.char_indices().nth(MAX_CHARS) {
         Some((end, _)) => format!("{}...", &text[..end]),
         None => text,
     }
@@ -59,7 +64,10 @@ mod tests {
 
     #[test]
     fn values_are_shown_as_people_write_them() {
-        assert_eq!((in_short(&json!(30.0)), in_short(&json!(25.5))), ("30".into(), "25.5".into()));
+        assert_eq!(
+            (short_text(&json!(30.0)), short_text(&json!(25.5))),
+            ("30".into(), "25.5".into())
+        );
         let path = ["corners", "2"].map(str::to_owned);
         assert_eq!(parameter_name(&path), "corners[2]");
     }

@@ -1,24 +1,24 @@
-//! The fields of a graph that have a value for a first look.
+//! The fields of a graph with `Draft(..)` values.
 
 use std::collections::HashMap;
 
 use maquette_syntax::{Body, Kind, Tree, parse};
 
 use crate::Graph;
-use crate::quality::{is_draft, side};
-use crate::tree::{entries, joined, show};
+use crate::draft_value::{is_draft, side};
+use crate::tree::{entries, join_path, show};
 
-/// A `Draft(..)` that stands in a field of a node, as text.
+/// A `Draft(..)` in a field of a node, with its values as text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DraftField {
-    /// The way there: `select.distance`.
+    /// The dotted path of the field: `select.distance`.
     pub field: String,
-    /// What final results have, and what drafts have.
+    /// The value for final results and the value for drafts.
     pub sides: [String; 2],
 }
 
 impl Graph {
-    /// The drafts in the fields of the nodes of its own file, by the nodes' names.
+    /// Returns the `Draft(..)` values in the fields of the graph's own nodes, by the names of the nodes.
     pub fn draft_fields(&self) -> HashMap<String, Vec<DraftField>> {
         let (tree, _) = parse(&self.source.text);
         let nodes = entries(tree.fields().unwrap_or_default(), "nodes");
@@ -31,7 +31,7 @@ impl Graph {
     }
 }
 
-/// The drafts in a value, to which this way leads.
+/// Collects the `Draft(..)` values in a value and in its parts; `path` is the path of the value.
 pub(crate) fn collect(tree: &Tree, path: &str, found: &mut Vec<DraftField>) {
     if is_draft(tree) {
         fn text(draft: bool, tree: &Tree) -> String {
@@ -43,22 +43,20 @@ pub(crate) fn collect(tree: &Tree, path: &str, found: &mut Vec<DraftField>) {
         });
         return;
     }
-    fn inside(step: &str, tree: &Tree, path: &str, found: &mut Vec<DraftField>) {
-        collect(tree, &joined(path, step), found)
-    }
     match &tree.kind {
         Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => {
-            items
-                .iter()
-                .enumerate()
-                .for_each(|(index, item)| inside(&index.to_string(), item, path, found));
+            for (index, item) in items.iter().enumerate() {
+                collect(item, &join_path(path, &index.to_string()), found);
+            }
         }
         Kind::Call { body: Body::Fields(fields), .. } => {
-            fields.iter().for_each(|field| inside(&field.name.text, &field.value, path, found));
+            for field in fields {
+                collect(&field.value, &join_path(path, &field.name.text), found);
+            }
         }
         Kind::Map(entries) => {
             for (key, value) in entries {
-                inside(key.text().unwrap_or_default(), value, path, found);
+                collect(value, &join_path(path, key.text().unwrap_or_default()), found);
             }
         }
         _ => {}

@@ -1,114 +1,115 @@
-//! One flat graph of built-in nodes, made of a graph and all that it uses.
+//! Expansion of a graph and all graphs that it uses into one flat graph of built-in nodes.
 //!
-//! The nodes of a use `nose` are named `nose/mask`. The evaluator knows nothing of uses: two of them with equal inputs have nodes
-//! with equal keys, which are computed once.
+//! If a node `nose` uses a graph, the nodes of that graph are named `nose/mask` and so on. The evaluator does not know about uses. If two
+//! uses have equal inputs, their nodes have equal keys and are computed once.
 //!
-//! Drafts that no parameter shapes are shared by all uses; all others are made again with the values of the use. Only there can an error
-//! appear that the check of the file has not found: it is reported inside, with the path of uses and the position of the value. A link to
-//! an output of a `Switch` becomes a link to what the `Switch` chooses.
+//! Nodes that do not depend on parameters are built once and shared by all uses. The other nodes are built again with the values that a use
+//! gives to the parameters. Errors that appear only with these values are reported at the position of the value, with the path of uses. A
+//! link to an output of a `Switch` becomes a link to the chosen case.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::Arc;
 
-use maquette_syntax::error::{Problem, Severity, Use, code};
-use maquette_syntax::{Body, Field, Finding, Kind, Tree};
+use maquette_syntax::error::{Diagnostic, Severity, Use, code};
+use maquette_syntax::{Body, Field, Kind, LocalDiagnostic, Tree};
 
 use super::check::Check;
 use super::definition::Definition;
-use super::expected::Expected;
-use super::guards::Known;
+use super::expected::GraphExpectation;
+use super::guards::KnownProperties;
+use super::header::name_of;
 use super::input::input_node;
-use super::parameters::{Parameters, handed_over};
-use super::top::name_of;
+use super::parameters::{Parameters, for_other_file};
 use super::unknown::unknown_node;
-use super::{Graph, GraphInput, GraphNode, GraphOutput, GraphPort, GraphUse, Link, Shape};
-use crate::definition::{Branches, Built, Draft, Survey, What, Whole};
+use super::{Graph, GraphInput, GraphNode, GraphOutput, GraphPort, GraphUse, Link, Topology};
+use crate::definition::{Branches, BuiltNode, CheckedFields, NodeKind, ParsedFile, ParsedNode};
 use crate::flat::{Counts, Loop};
-use crate::world::{World, deeper};
+use crate::world::{World, with_enough_stack};
 
 mod elements;
 mod expect;
 mod optional;
 
-use optional::{absent, without_links};
+use optional::{absent_links, without_links};
 
-/// A node and an output of it, by their places in the flat graph.
+/// The index of a node in the flat graph, and the index of the node's output.
 type Target = (usize, usize);
 
-/// What the drafts of a graph give.
+/// The outputs of the nodes of one use of a graph.
 struct Values {
-    /// The value at each output of each draft.
-    single: Vec<Vec<Target>>,
-    /// The drafts that are repeated.
-    repeated: HashMap<usize, Elemental>,
+    /// For each node, the value at each of its outputs.
+    first_targets: Vec<Vec<Target>>,
+    /// The values of repeated nodes, by the indices of these nodes.
+    repeated: HashMap<usize, RepeatedValues>,
 }
 
-/// What the elements of a `ForEach` give.
-struct Elemental {
-    /// Of each element, the value at each output.
+/// The outputs of the elements of a `ForEach`.
+struct RepeatedValues {
+    /// For each element, the value at each of its outputs.
     elements: Vec<Vec<Target>>,
-    /// At each output the values of all, or the last one of what is carried.
+    /// For each output, the values of all elements; if the output is carried, only the value of the last element.
     outputs: Vec<Vec<Target>>,
-    /// Whether there is an example only.
+    /// True if the number of elements is not known, so that a single example represents them.
     is_open: bool,
 }
 
 impl Values {
-    /// The values that a link leads to.
-    fn get(&self, (draft, output): (usize, usize)) -> &[Target] {
-        match self.repeated.get(&draft) {
+    /// Returns the values to which a link leads.
+    fn get(&self, (node, output): (usize, usize)) -> &[Target] {
+        match self.repeated.get(&node) {
             Some(repeated) => repeated.outputs.get(output).map_or(&[], Vec::as_slice),
-            None => self.single[draft].get(output).map_or(&[], std::slice::from_ref),
+            None => self.first_targets[node].get(output).map_or(&[], std::slice::from_ref),
         }
     }
 
-    /// The only value that a link leads to.
-    fn only(&self, target: (usize, usize)) -> Option<Target> {
+    /// Returns the first value to which a link leads.
+    fn first_target(&self, target: (usize, usize)) -> Option<Target> {
         self.get(target).first().copied()
     }
 }
 
-/// A graph of more nodes than this is a mistake, or a trap: ten files that use each other ten times each would make 10^10.
-const MOST: usize = 1_000_000;
+/// The maximum number of nodes of a graph. Without a limit, ten files in a chain, each of which uses the next one ten times, would make
+/// 10^10 nodes.
+const MAX_NODES: usize = 1_000_000;
 
-/// The flat graph; none if something is wrong that depends on the values which uses give to parameters, which is reported, or
-/// if the graph is broken anyway.
+/// Expands a graph. Returns `None` if the graph is broken, or if the values that uses give to parameters cause errors. These errors are
+/// reported.
 pub(super) fn expand<'a>(
     world: &mut World<'a>,
-    whole: &Whole,
+    whole: &ParsedFile,
     is_broken: bool,
     is_partial: bool,
     counts: &Counts,
 ) -> Option<Graph> {
-    let Whole { definition, outputs, undecided, unused, .. } = whole;
+    let ParsedFile { definition, outputs, undecided, unused, .. } = whole;
     let (nodes, uses, loops, expect) = Default::default();
     let mut expansion = Expansion { world, nodes, uses, loops, expect, counts, count: 0 };
-    let inputs = expansion.inputs(definition);
+    let inputs = expansion.expand_inputs(definition);
     let scope = Scope { prefix: String::new(), uses: Arc::new([]), inputs, values: None };
-    let values = expansion.graph(definition, &scope);
-    expansion.guard(definition, &scope, 0);
+    let values = expansion.expand_graph(definition, &scope);
+    expansion.add_guards(definition, &scope, 0);
     let Expansion { mut nodes, uses, loops, mut expect, .. } = expansion;
     if !is_broken {
-        // With more elements the same is said of pins.
+        // Later expansions, with more elements, would report the diagnostics of pins again.
         if counts.is_empty() {
-            world.judge_pins(&nodes, &definition.sheet.source);
+            world.report_stale_pins(&nodes, &definition.source_map.source);
         }
-        world.put_pins(&mut nodes);
+        world.insert_pinned_nodes(&mut nodes);
     }
-    // Where something is wrong, links may lead to nodes that could not be made.
-    if is_broken || world.problems.iter().any(|problem| world.is_fatal(problem)) {
+    // After an error, some links may lead to nodes that were not built.
+    if is_broken || world.diagnostics.iter().any(|diagnostic| world.is_fatal(diagnostic)) {
         return None;
     }
-    let (known, mut doubts) = Known::settle(&mut nodes);
-    known.judge(&mut expect, &mut doubts);
+    let (known, mut doubts) = KnownProperties::resolve_guards(&mut nodes);
+    known.retain_open_promises(&mut expect, &mut doubts);
     expect.retain(|expected| !expected.is_example);
-    // Of these nothing will come, which is to be told.
+    // If the graph is partial, these outputs are kept, so that their failure is reported.
     let undecided = undecided.iter().filter(|_| is_partial);
     let outputs = outputs
         .iter()
         .chain(undecided)
         .map(|output| {
-            let (node, index) = values.only((output.node, output.output))?;
+            let (node, index) = values.first_target((output.node, output.output))?;
             Some(GraphOutput { node, output: index, ..output.clone() })
         })
         .collect::<Option<_>>()?;
@@ -116,36 +117,28 @@ pub(super) fn expand<'a>(
         .ports
         .iter()
         .filter_map(|port| {
-            let (node, output) = values.only(port.target?)?;
+            let (node, output) = values.first_target(port.target?)?;
             let (name, lineage) = (port.name.clone(), port.lineage.clone());
             Some(GraphPort { name, kind: port.kind, node, output, lineage, span: port.span })
         })
         .collect();
     let inputs = definition
-        .drafts
+        .parsed_nodes
         .iter()
         .zip(&scope.inputs)
-        .filter_map(|(draft, target): (&Draft, &Option<Target>)| {
-            let kind = draft.types.first().copied().flatten()?;
-            Some(GraphInput::new(draft, kind, target.as_ref()?.0))
+        .filter_map(|(parsed, target): (&ParsedNode, &Option<Target>)| {
+            let kind = parsed.types.first().copied().flatten()?;
+            Some(GraphInput::new(parsed, kind, target.as_ref()?.0))
         })
         .collect();
-    let shape = Arc::new(Shape::new(&nodes));
-    let source = definition.sheet.source.clone();
-    let Definition { sheet, doc, schema, .. } = definition;
-    fn warning(
-        code: &'static str,
-        span: maquette_syntax::Span,
-        message: String,
-        help: &'static str,
-        sheet: &Arc<maquette_syntax::Sheet>,
-    ) -> Problem {
-        let finding = Finding { code, span, message, help: help.into(), note: None };
-        Problem { severity: Severity::Warning, ..sheet.problem(finding, &[]) }
-    }
+    let shape = Arc::new(Topology::new(&nodes));
+    let source = definition.source_map.source.clone();
+    let Definition { source_map, doc, schema, .. } = definition;
     let unused = unused.iter().map(|(name, span)| {
-        let help = "name an output for it, or leave it out";
-        warning(code::UNUSED, *span, format!("nothing needs `{name}`"), help, sheet)
+        let help = "add an output for it, or remove it";
+        let message = format!("nothing needs `{name}`");
+        let diagnostic = LocalDiagnostic::new(code::UNUSED, *span, message, help);
+        Diagnostic { severity: Severity::Warning, ..source_map.diagnostic(diagnostic, &[]) }
     });
     let warnings = unused.chain(doubts).collect();
     let subgraphs = world.subgraphs.clone();
@@ -154,7 +147,7 @@ pub(super) fn expand<'a>(
         subgraphs,
         doc: doc.clone(),
         nodes: nodes.into(),
-        shape,
+        topology: shape,
         outputs,
         readers: world.catalog.readers().clone(),
         inputs,
@@ -164,7 +157,7 @@ pub(super) fn expand<'a>(
         schema: schema.clone(),
         uses: uses.into(),
         loops: loops.into(),
-        settled: BTreeSet::new(),
+        counted: BTreeSet::new(),
         stage: None,
         given: BTreeMap::new(),
         words: world.options.words().into(),
@@ -177,40 +170,40 @@ struct Expansion<'w, 'a> {
     nodes: Vec<GraphNode>,
     uses: Vec<GraphUse>,
     loops: Vec<Loop>,
-    expect: Vec<Expected>,
+    expect: Vec<GraphExpectation>,
     counts: &'w Counts,
-    /// How many graphs and nodes have been put in.
+    /// The number of graphs and nodes that have been added so far.
     count: usize,
 }
 
-/// What one node or use differs in from its draft.
+/// The data in which a node or use differs from the parsed node from which it is made.
 #[derive(Default)]
-struct One {
-    /// Its name, if it is an element.
+struct Instance {
+    /// The name, if the node is an element of a `ForEach`.
     name: Option<String>,
-    /// What comes in at some of its ports.
+    /// The values that replace the links at some ports.
     links: Vec<(String, Target)>,
-    /// The field that gets its number.
+    /// The field that receives the number of the element.
     number: Option<Field>,
 }
 
-impl One {
-    fn name(&self, draft: &Draft, scope: &Scope) -> String {
-        format!("{}{}", scope.prefix, self.name.as_ref().unwrap_or(&draft.name.text))
+impl Instance {
+    fn name(&self, parsed: &ParsedNode, scope: &Scope) -> String {
+        format!("{}{}", scope.prefix, self.name.as_ref().unwrap_or(&parsed.name.text))
     }
 
-    /// What comes in at a link of the draft.
-    fn linked(&self, draft: &Draft, link: usize, values: &Values) -> Vec<Target> {
-        let port = &draft.links[link].port;
+    /// Returns the values to which a link leads.
+    fn targets_at(&self, parsed: &ParsedNode, link: usize, values: &Values) -> Vec<Target> {
+        let port = &parsed.links[link].port;
         match self.links.iter().find(|(own, _)| own == port) {
             Some((_, target)) => vec![*target],
-            None => linked(draft, link, values),
+            None => link_targets(parsed, link, values),
         }
     }
 
-    /// The draft's fields with its own.
-    fn tree(&self, draft: &Draft) -> Tree {
-        let mut tree = draft.tree.clone();
+    /// Returns the fields, including the one that receives the element's number.
+    fn tree(&self, parsed: &ParsedNode) -> Tree {
+        let mut tree = parsed.tree.clone();
         if let (Some(number), Kind::Call { body: Body::Fields(fields), .. }) =
             (&self.number, &mut tree.kind)
         {
@@ -221,14 +214,14 @@ impl One {
     }
 }
 
-/// One use of a graph.
+/// A use of a graph while it is expanded.
 struct Scope {
-    /// What stands before the names of its nodes: `nose/`.
+    /// The prefix of the names of the graph's nodes, such as `nose/`.
     prefix: String,
     uses: Arc<[Use]>,
-    /// What comes in; none where an input is left out.
+    /// The value at each input of the graph. `None` if the use omits the input.
     inputs: Vec<Option<Target>>,
-    /// The values of its parameters, if some are not the defaults.
+    /// The values of the graph's parameters, if they differ from the defaults.
     values: Option<Parameters>,
 }
 
@@ -239,59 +232,64 @@ impl Scope {
 }
 
 impl<'a> Expansion<'_, 'a> {
-    /// Nodes that stand for the inputs of a graph that nobody uses.
-    fn inputs(&mut self, definition: &Definition) -> Vec<Option<Target>> {
+    /// Adds a node for each input of a graph that no other graph uses.
+    fn expand_inputs(&mut self, definition: &Definition) -> Vec<Option<Target>> {
         let scope =
             Scope { prefix: String::new(), uses: Arc::new([]), inputs: Vec::new(), values: None };
-        let inputs = definition.drafts[..definition.inputs].iter().map(|draft| {
-            let name = draft.name.text.clone();
+        let inputs = definition.parsed_nodes[..definition.inputs].iter().map(|parsed| {
+            let name = parsed.name.text.clone();
             if self.world.absent.contains(&name) {
                 return None;
             }
-            let built = input_node(&name, &draft.tree);
-            let put = Put { name, built, links: Vec::new(), outputs: vec!["value"] };
-            Some((self.put(definition, draft, put, &scope), 0))
+            let built = input_node(&name, &parsed.tree);
+            let new_node = NewNode { name, built, links: Vec::new(), outputs: vec!["value"] };
+            Some((self.push_node(definition, parsed, new_node, &scope), 0))
         });
         inputs.collect()
     }
 
-    /// Puts the nodes of a graph in; what all of its nodes give.
-    fn graph(&mut self, definition: &Definition, scope: &Scope) -> Values {
+    /// Adds the nodes of a graph, and returns the outputs of these nodes.
+    fn expand_graph(&mut self, definition: &Definition, scope: &Scope) -> Values {
         let first = self.nodes.len();
-        let single = vec![Vec::new(); definition.drafts.len()];
-        let mut values = Values { single, repeated: HashMap::new() };
+        let single = vec![Vec::new(); definition.parsed_nodes.len()];
+        let mut values = Values { first_targets: single, repeated: HashMap::new() };
         for &index in &definition.order {
-            if self.is_full(definition, &definition.drafts[index], scope) {
+            if self.count_and_check(definition, &definition.parsed_nodes[index], scope) {
                 break;
             }
-            let draft = &definition.drafts[index];
-            if let Some(repeat) = &draft.repeat {
-                let given = self.repeated(definition, draft, repeat, scope, &values);
+            let parsed = &definition.parsed_nodes[index];
+            if let Some(repeat) = &parsed.repeat {
+                let given = self.expand_repeated(definition, parsed, repeat, scope, &values);
                 values.repeated.insert(index, given);
                 continue;
             }
-            values.single[index] = match &draft.what {
-                What::Input => scope.inputs.get(index).copied().flatten().into_iter().collect(),
-                What::Node(_) | What::Use(..) => {
-                    self.one(definition, draft, &One::default(), scope, &values)
+            values.first_targets[index] = match &parsed.what {
+                NodeKind::Input => scope.inputs.get(index).copied().flatten().into_iter().collect(),
+                NodeKind::Node(_) | NodeKind::Use(..) => {
+                    self.expand_instance(definition, parsed, &Instance::default(), scope, &values)
                 }
-                What::Switch(branches) => self.switch(definition, draft, branches, scope, &values),
-                What::Elements(elements) => {
-                    self.elements(definition, draft, elements, scope, &values)
+                NodeKind::Switch(branches) => {
+                    self.expand_switch(definition, parsed, branches, scope, &values)
                 }
-                What::Pick(pick) => self.pick(definition, draft, pick, scope, &values),
-                What::Unknown(told) => {
-                    let told = told.clone();
-                    let told = told.map(|told| definition.sheet.problem(told, &scope.uses));
-                    let (built, links) = (unknown_node(&draft.tree, told), Vec::new());
-                    let name = One::default().name(draft, scope);
-                    let put = Put { name, built, links, outputs: vec!["value"] };
-                    vec![(self.put(definition, draft, put, scope), 0)]
+                NodeKind::Elements(elements) => {
+                    self.expand_elements(definition, parsed, elements, scope, &values)
+                }
+                NodeKind::Pick(pick) => self.expand_pick(definition, parsed, pick, scope, &values),
+                NodeKind::Unknown(diagnostic) => {
+                    let diagnostic = diagnostic.clone();
+                    let diagnostic = diagnostic.map(|diagnostic| {
+                        definition.source_map.diagnostic(diagnostic, &scope.uses)
+                    });
+                    let (built, links) = (unknown_node(&parsed.tree, diagnostic), Vec::new());
+                    let name = Instance::default().name(parsed, scope);
+                    let new_node = NewNode { name, built, links, outputs: vec!["value"] };
+                    vec![(self.push_node(definition, parsed, new_node, scope), 0)]
                 }
             };
         }
-        for each in &definition.eaches {
-            let element = each.elements.first().map(|&element| &definition.drafts[element].what);
+        for each in &definition.for_each_nodes {
+            let element =
+                each.elements.first().map(|&element| &definition.parsed_nodes[element].what);
             let Some(element) = element else { continue };
             let outputs = element
                 .outputs()
@@ -304,7 +302,7 @@ impl<'a> Expansion<'_, 'a> {
                     } else {
                         &each.elements
                     };
-                    let given = elements.iter().filter_map(|&k| values.only((k, index)));
+                    let given = elements.iter().filter_map(|&k| values.first_target((k, index)));
                     (name.to_owned(), given.collect())
                 })
                 .collect();
@@ -312,92 +310,101 @@ impl<'a> Expansion<'_, 'a> {
             let (kind, inputs) = (format!("ForEach({})", each.kind), Vec::new());
             self.uses.push(GraphUse { name, kind, inputs, outputs, is_open: false });
         }
-        self.expect(definition, scope, first..self.nodes.len(), &values);
+        self.add_expectations(definition, scope, first..self.nodes.len(), &values);
         values
     }
 
-    /// Counts one more; whether that is one too many, which is told once.
-    fn is_full(&mut self, definition: &Definition, draft: &Draft, scope: &Scope) -> bool {
-        self.count += 1;
-        if self.count == MOST + 1 {
-            self.checked(definition, scope, |check| {
-                let message = format!("the graph has more than {MOST} nodes");
-                let help = "use fewer graphs in each other, or go over fewer elements";
-                check.find(code::CYCLE, draft.name.span, message, help);
-            });
-        }
-        self.count > MOST
-    }
-
-    /// Puts a node or a used graph in; what it gives.
-    fn one(
+    /// Counts one more node. Returns true if the number of nodes exceeds the limit. The first time, this is reported.
+    fn count_and_check(
         &mut self,
         definition: &Definition,
-        draft: &Draft,
-        one: &One,
+        parsed: &ParsedNode,
+        scope: &Scope,
+    ) -> bool {
+        self.count += 1;
+        if self.count == MAX_NODES + 1 {
+            self.with_check(definition, scope, |check| {
+                let message = format!("the graph has more than {MAX_NODES} nodes");
+                let help = "use fewer nested graphs, or iterate over fewer elements";
+                check.report(code::CYCLE, parsed.name.span, message, help);
+            });
+        }
+        self.count > MAX_NODES
+    }
+
+    /// Adds a node or a used graph, and returns its outputs.
+    fn expand_instance(
+        &mut self,
+        definition: &Definition,
+        parsed: &ParsedNode,
+        one: &Instance,
         scope: &Scope,
         values: &Values,
     ) -> Vec<Target> {
-        match &draft.what {
-            What::Node(_) => self.node(definition, draft, one, scope, values),
-            What::Use(_, graph) => self.used(definition, draft, graph, one, scope, values),
+        match &parsed.what {
+            NodeKind::Node(_) => self.expand_node(definition, parsed, one, scope, values),
+            NodeKind::Use(_, graph) => {
+                self.expand_use(definition, parsed, graph, one, scope, values)
+            }
             _ => Vec::new(),
         }
     }
 
-    /// Does something that may find problems in the file of a graph.
-    fn checked<R>(
+    /// Runs a check for the file of a graph, and reports the diagnostics of the check.
+    fn with_check<R>(
         &mut self,
         definition: &Definition,
         scope: &Scope,
         work: impl FnOnce(&mut Check<'_, 'a>) -> R,
     ) -> R {
-        let mut check = Check::new(self.world, definition.sheet.clone(), scope.uses.to_vec());
+        let mut check = Check::new(self.world, definition.source_map.clone(), scope.uses.to_vec());
         let result = work(&mut check);
-        let mut findings = check.findings;
-        findings.sort_by_key(|finding| finding.span);
-        let problems = findings.into_iter();
-        let problems = problems.map(|finding| definition.sheet.problem(finding, &scope.uses));
-        self.world.problems.extend(problems);
+        let mut diagnostics = check.diagnostics;
+        diagnostics.sort_by_key(|diagnostic| diagnostic.span);
+        let diagnostics = diagnostics.into_iter();
+        let diagnostics =
+            diagnostics.map(|diagnostic| definition.source_map.diagnostic(diagnostic, &scope.uses));
+        self.world.diagnostics.extend(diagnostics);
         result
     }
 
-    fn node(
+    fn expand_node(
         &mut self,
         definition: &Definition,
-        draft: &Draft,
-        one: &One,
+        parsed: &ParsedNode,
+        one: &Instance,
         scope: &Scope,
         values: &Values,
     ) -> Vec<Target> {
-        let What::Node(entry) = &draft.what else { return Vec::new() };
-        let absent = absent(definition, draft, scope);
-        let targets = draft.targets.iter().flatten().flatten();
+        let NodeKind::Node(entry) = &parsed.what else { return Vec::new() };
+        let absent = absent_links(definition, parsed, scope);
+        let targets = parsed.targets.iter().flatten().flatten();
         let takes_lists = targets.clone().any(|(node, _)| values.repeated.contains_key(node));
-        let as_it_stands = draft.built.as_ref().filter(|_| {
-            let is_parametric = scope.values.is_some() && draft.parametric;
+        let reusable = parsed.built.as_ref().filter(|_| {
+            let is_parametric = scope.values.is_some() && parsed.parametric;
             !is_parametric && !takes_lists && one.number.is_none() && absent.is_empty()
         });
-        let coming = (0..draft.links.len()).map(|link| one.linked(draft, link, values));
-        let coming = Vec::from_iter(coming);
-        let built = match as_it_stands {
+        let targets_by_link =
+            (0..parsed.links.len()).map(|link| one.targets_at(parsed, link, values));
+        let targets_by_link = Vec::from_iter(targets_by_link);
+        let built = match reusable {
             Some(built) => Some(built.clone()),
-            None => self.checked(definition, scope, |check| {
-                let tree = without_links(&one.tree(draft), &absent);
-                let survey = check.survey(&draft.what, &tree, scope.values(definition));
+            None => self.with_check(definition, scope, |check| {
+                let tree = without_links(&one.tree(parsed), &absent);
+                let checked = check.check_fields(&parsed.what, &tree, scope.values(definition));
                 let has_other_links = takes_lists || !absent.is_empty();
-                let survey = Survey { has_other_links, ..survey };
-                survey.files.iter().for_each(|file| check.may_read(file));
-                let sound = check.is_sound_since(0) && survey.tree.is_whole();
-                let links = draft.links.iter().zip(&coming);
-                let there = links.filter(|(link, _)| !absent.contains_key(&link.span));
-                let counts = there.map(|(_, targets)| targets.len());
-                sound.then(|| check.built(entry, survey, counts)).flatten()
+                let checked = CheckedFields { has_other_links, ..checked };
+                checked.files.iter().for_each(|file| check.check_file_access(file));
+                let is_valid = check.is_valid_since(0) && checked.tree.is_complete();
+                let links = parsed.links.iter().zip(&targets_by_link);
+                let present = links.filter(|(link, _)| !absent.contains_key(&link.span));
+                let counts = present.map(|(_, targets)| targets.len());
+                is_valid.then(|| check.build_node(entry, checked, counts)).flatten()
             }),
         };
         let Some(built) = built else { return Vec::new() };
-        let mut links = Vec::with_capacity(draft.links.len());
-        for (link, targets) in draft.links.iter().zip(coming) {
+        let mut links = Vec::with_capacity(parsed.links.len());
+        for (link, targets) in parsed.links.iter().zip(targets_by_link) {
             links.extend(targets.into_iter().map(|(node, output)| Link {
                 port: link.port.clone(),
                 node,
@@ -405,90 +412,98 @@ impl<'a> Expansion<'_, 'a> {
             }));
         }
         let outputs = entry.outputs().iter().map(|output| output.name).collect();
-        let put = Put { name: one.name(draft, scope), built, links, outputs };
-        let node = self.put(definition, draft, put, scope);
-        (0..draft.types.len()).map(|output| (node, output)).collect()
+        let new_node = NewNode { name: one.name(parsed, scope), built, links, outputs };
+        let node = self.push_node(definition, parsed, new_node, scope);
+        (0..parsed.types.len()).map(|output| (node, output)).collect()
     }
 
-    fn put(&mut self, definition: &Definition, draft: &Draft, put: Put, scope: &Scope) -> usize {
-        let Put { name, built, links, outputs } = put;
-        let last = draft.types.last().copied().flatten();
-        let types = draft.types.iter().copied().chain(std::iter::repeat(last));
+    fn push_node(
+        &mut self,
+        definition: &Definition,
+        parsed: &ParsedNode,
+        new_node: NewNode,
+        scope: &Scope,
+    ) -> usize {
+        let NewNode { name, built, links, outputs } = new_node;
+        let last = parsed.types.last().copied().flatten();
+        let types = parsed.types.iter().copied().chain(std::iter::repeat(last));
         self.nodes.push(GraphNode {
             name,
             recipe: built.recipe,
-            sheet: definition.sheet.clone(),
-            span: draft.tree.span,
+            source_map: definition.source_map.clone(),
+            span: parsed.tree.span,
             uses: scope.uses.clone(),
             node: built.node,
             pack: built.pack,
             links,
             files: built.files,
             tree: built.tree,
-            types: types.take(outputs.len().max(draft.types.len())).collect(),
+            types: types.take(outputs.len().max(parsed.types.len())).collect(),
             outputs,
             guards: Vec::new(),
         });
         self.nodes.len() - 1
     }
 
-    /// Puts a used graph in; what its ports give.
-    fn used(
+    /// Adds a used graph, and returns its outputs.
+    fn expand_use(
         &mut self,
         definition: &Definition,
-        draft: &Draft,
+        parsed: &ParsedNode,
         graph: &Definition,
-        one: &One,
+        one: &Instance,
         scope: &Scope,
         values: &Values,
     ) -> Vec<Target> {
         let own = scope.values(definition);
-        let is_known = (scope.values.is_none() || !draft.parametric) && one.number.is_none();
+        let is_known = (scope.values.is_none() || !parsed.parametric) && one.number.is_none();
         let tree = match is_known {
-            true => draft.is_sound.then(|| {
-                own.fitted(&draft.tree, draft.what.kind(), &graph.fields, &mut Vec::new())
+            true => parsed.is_valid.then(|| {
+                own.resolve_call(&parsed.tree, parsed.what.kind(), &graph.fields, &mut Vec::new())
             }),
-            // Other values than those that the file has been checked with.
-            false => self.checked(definition, scope, |check| {
-                let survey = check.survey(&draft.what, &one.tree(draft), own);
-                (check.findings.is_empty() && survey.tree.is_whole()).then_some(survey.tree)
+            // The use gives other values to parameters than those with which the file was checked.
+            false => self.with_check(definition, scope, |check| {
+                let checked = check.check_fields(&parsed.what, &one.tree(parsed), own);
+                (check.diagnostics.is_empty() && checked.tree.is_complete()).then_some(checked.tree)
             }),
         };
-        // What is wrong at the border says nothing of the inside.
+        // If the fields of a use have an error, the nodes of the used graph are not checked.
         let Some(tree) = tree else { return Vec::new() };
         let fields = tree.fields().unwrap_or_default().iter();
         let given = fields.filter_map(|field| {
             let name = name_of(&field.name.text);
             let is_parameter = graph.declared.iter().any(|declared| declared.name == name);
-            is_parameter.then(|| (name, handed_over(field.value.clone(), &definition.sheet)))
+            is_parameter
+                .then(|| (name, for_other_file(field.value.clone(), &definition.source_map)))
         });
         let given = Vec::from_iter(given);
         let mut inputs = vec![None; graph.inputs];
         let mut linked_ports = Vec::with_capacity(graph.inputs);
-        for (case, link) in draft.links.iter().enumerate() {
+        for (case, link) in parsed.links.iter().enumerate() {
             let name = name_of(&link.port);
-            let port = graph.drafts[..graph.inputs].iter().position(|d| d.name.text == name);
-            let target = one.linked(draft, case, values).first().copied();
+            let port = graph.parsed_nodes[..graph.inputs].iter().position(|d| d.name.text == name);
+            let target = one.targets_at(parsed, case, values).first().copied();
             if let (Some(port), Some(target)) = (port, target) {
                 inputs[port] = Some(target);
                 linked_ports.push((link.port.clone(), target));
             }
         }
-        let (source, span) = definition.sheet.place(draft.name.span);
-        let name = one.name.clone().unwrap_or_else(|| draft.name.text.clone());
+        let (source, span) = definition.source_map.locate(parsed.name.span);
+        let name = one.name.clone().unwrap_or_else(|| parsed.name.text.clone());
         let uses = scope.uses.iter().cloned().chain([Use { name, source, span }]).collect();
-        let name = one.name(draft, scope);
+        let name = one.name(parsed, scope);
         let mut inside = Scope { prefix: format!("{name}/"), uses, inputs, values: None };
         if !given.is_empty() {
-            let values = self
-                .checked(graph, &inside, |check| graph.defaults.with(given, &mut check.findings));
+            let values = self.with_check(graph, &inside, |check| {
+                graph.defaults.with_values(given, &mut check.diagnostics)
+            });
             inside.values = Some(values);
         }
         let first = self.nodes.len();
-        let values = deeper(inside.uses.len(), || self.graph(graph, &inside));
-        self.guard(graph, &inside, first);
+        let values = with_enough_stack(inside.uses.len(), || self.expand_graph(graph, &inside));
+        self.add_guards(graph, &inside, first);
         fn output(port: &super::definition::Port, values: &Values) -> Option<(usize, usize)> {
-            values.only(port.target?)
+            values.first_target(port.target?)
         }
         let outputs = graph
             .ports
@@ -497,55 +512,55 @@ impl<'a> Expansion<'_, 'a> {
             .collect::<Vec<_>>();
         let names = graph.ports.iter().map(|port| port.name.clone());
         let given = names.zip(outputs.iter().map(|&target| vec![target])).collect();
-        let kind = draft.what.kind().to_owned();
+        let kind = parsed.what.kind().to_owned();
         let (inputs, is_open) = (linked_ports, false);
         self.uses.push(GraphUse { name, kind, inputs, outputs: given, is_open });
         outputs
     }
 
-    /// What the chosen branch gives. The nodes of the others are in the graph, but nothing needs them.
-    fn switch(
+    /// Returns the values of the chosen case. The nodes of the other cases are added as well, but no node depends on them.
+    fn expand_switch(
         &mut self,
         definition: &Definition,
-        draft: &Draft,
+        parsed: &ParsedNode,
         branches: &Branches,
         scope: &Scope,
         values: &Values,
     ) -> Vec<Target> {
-        let chosen = self.checked(definition, scope, |check| {
+        let chosen = self.with_check(definition, scope, |check| {
             let own = scope.values(definition);
-            let chosen = own.substitute(&branches.choose, &mut check.findings);
-            let case = branches.chosen(&chosen);
-            // What is wrong with a default is told where it stands.
+            let chosen = own.substitute(&branches.choose, &mut check.diagnostics);
+            let case = branches.find_case(&chosen);
+            // An error in a default is reported at the position of the default.
             if chosen.is_broken() {
                 Err(())
             } else {
                 case.map_err(|(message, word): (String, String)| {
-                    let help = check.guess(|| branches.meant(&word));
-                    check.find(code::WRONG_VALUE, chosen.span, message, help);
+                    let help = check.guess(|| branches.suggest_case(&word));
+                    check.report(code::WRONG_VALUE, chosen.span, message, help);
                 })
             }
         });
         let Ok(case) = chosen else { return Vec::new() };
-        let given = linked(draft, case, values);
+        let given = link_targets(parsed, case, values);
         let outputs = vec![(String::new(), given.clone())];
-        let name = format!("{}{}", scope.prefix, draft.name.text);
+        let name = format!("{}{}", scope.prefix, parsed.name.text);
         let inputs = Vec::new();
         self.uses.push(GraphUse { name, kind: "Switch".into(), inputs, outputs, is_open: false });
         given
     }
 }
 
-/// A node on its way into the flat graph.
-struct Put {
+/// The data of a node that is added to the flat graph.
+struct NewNode {
     name: String,
-    built: Built,
+    built: BuiltNode,
     links: Vec<Link>,
     outputs: Vec<&'static str>,
 }
 
-/// What comes in at a link of a draft.
-fn linked(draft: &Draft, link: usize, values: &Values) -> Vec<Target> {
-    let targets = draft.targets.get(link).and_then(Option::as_ref).into_iter().flatten();
+/// Returns the values to which a link of a parsed node leads.
+fn link_targets(parsed: &ParsedNode, link: usize, values: &Values) -> Vec<Target> {
+    let targets = parsed.targets.get(link).and_then(Option::as_ref).into_iter().flatten();
     targets.flat_map(|&target| values.get(target).iter().copied()).collect()
 }

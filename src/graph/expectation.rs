@@ -1,44 +1,45 @@
-//! What a graph or test expects of a value: its words, not yet the judgement.
+//! Expectations of a graph or test, in the form in which files contain them.
 
 use maquette_syntax::error::{Span, code};
-use maquette_syntax::{Body, Finding, Help, Kind, Tree, Walk, read_tree};
+use maquette_syntax::{Body, Help, Kind, LocalDiagnostic, Tree, Walk, read_tree};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::fitting::calls_in_plain_numbers;
+use super::constants::calls_in_plain_numbers;
 
-/// What must hold of a value, which is named by its link, `node` or `node.output`, or by the name of an output file.
+/// A condition on a value, which is named by its link, `node` or `node.output`, or by the name of an output file.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 pub enum Expectation {
     /// The mesh has no boundary.
     Closed(String),
-    /// No edge has more than two faces, and all faces that meet look to the same side.
+    /// No edge has more than two faces, and adjacent faces have the same orientation.
     Manifold(String),
-    /// No two faces of the mesh run through each other.
+    /// No two faces of the mesh intersect.
     NoSelfIntersection(String),
-    /// A printer can make it: it is closed, manifold, nowhere runs through itself, its outside is outside, and its walls are thick enough.
+    /// The mesh can be printed: it is closed, manifold and free of self-intersections, its faces are oriented outward, and its walls are
+    /// thick enough.
     Printable {
         /// The mesh.
         of: String,
-        /// How thick each wall must be, in mm: how far it is from the middle of each face, straight in, to the next one. If left out, any.
+        /// Minimum wall thickness in mm, measured from the middle of each face inward to the next face. If omitted, any.
         #[serde(default)]
         #[schemars(range(min = 0.0), extend("unit" = "mm"))]
         thickness: f64,
     },
-    /// A number is in a range.
+    /// A count is in a range.
     Count {
         /// The value.
         of: String,
-        /// What is counted: vertices, edges, faces, components, boundary edges, border loops, Euler characteristic, cells, pixels.
+        /// Quantity to count: vertices, edges, faces, components, boundary edges, border loops, Euler characteristic, cells, pixels.
         what: String,
-        /// At least so many.
+        /// Minimum count.
         #[serde(default)]
         min: Option<f64>,
-        /// At most so many.
+        /// Maximum count.
         #[serde(default)]
         max: Option<f64>,
     },
-    /// All of it lies in a box.
+    /// All points of the value are in a box.
     Bounds {
         /// The value.
         of: String,
@@ -49,28 +50,28 @@ pub enum Expectation {
         #[schemars(extend("unit" = "mm"))]
         high: (f64, f64, f64),
     },
-    /// All of its vertices are near another mesh or surface.
+    /// All vertices are near another mesh or surface.
     Near {
         /// The value.
         of: String,
-        /// The other one.
+        /// The other mesh or surface.
         to: String,
-        /// The largest distance that counts as near, in mm.
+        /// Maximum distance in mm.
         #[schemars(range(min = 0.0), extend("unit" = "mm"))]
         max: f64,
-        /// The largest root mean square of all distances, in mm.
+        /// Maximum root mean square of all distances in mm.
         #[serde(default)]
         #[schemars(range(min = 0.0), extend("unit" = "mm"))]
         rms: Option<f64>,
     },
-    /// Nothing is torn at a part of a capture: no border of the mesh is seen near it in the picture.
+    /// The mesh has no hole at a part of a capture: in the picture, no border of the mesh is near the part.
     Whole {
         /// The mesh, with its texture coordinates in the capture's picture.
         of: String,
-        /// The part.
+        /// The part of the capture.
         around: String,
-        /// How near counts as near, in pixels of the picture.
-        #[serde(default = "fifteen")]
+        /// Width of the band around the part in which no border may be, in pixels of the picture.
+        #[serde(default = "default_band")]
         #[schemars(range(min = 0.0), extend("unit" = "px"))]
         band: f64,
     },
@@ -78,39 +79,39 @@ pub enum Expectation {
     Bend {
         /// The mesh.
         of: String,
-        /// The largest angle between the normals of two faces that share an edge, in degrees.
+        /// Maximum angle between the normals of two faces that share an edge, in degrees.
         #[schemars(range(min = 0.0, max = 180.0), extend("unit" = "deg"))]
         max: f64,
     },
-    /// What is new goes on from what was there.
+    /// New faces continue the surface that was there before.
     Continuity {
         /// The mesh.
         of: String,
-        /// The part that is new. If left out, the vertices of the mesh say whether they were `filled`.
+        /// The new part. If omitted, the vertex attribute `filled` marks it.
         #[serde(default)]
         around: Option<String>,
-        /// The largest angle between the normals of a new face and one beside it that was there, in degrees.
+        /// Maximum angle between the normals of a new face and an adjacent old face, in degrees.
         #[schemars(range(min = 0.0, max = 180.0), extend("unit" = "deg"))]
         max: f64,
-        /// The largest jump of the curvature across the rim, as root mean square along it, in 1/mm. If left out, any.
+        /// Maximum jump of the curvature across the rim, as root mean square along it, in 1/mm. If omitted, any.
         #[serde(default)]
         #[schemars(range(min = 0.0), extend("unit" = "1/mm"))]
         curvature: Option<f64>,
     },
-    /// A number of the vertices, such as a curvature, is nowhere out of its range.
+    /// A vertex attribute, such as a curvature, is in a range everywhere.
     Attribute {
         /// The mesh.
         of: String,
-        /// The attribute's name.
+        /// The name of the attribute.
         name: String,
-        /// At least so much.
+        /// Minimum value.
         #[serde(default)]
         min: Option<f64>,
-        /// At most so much.
+        /// Maximum value.
         #[serde(default)]
         max: Option<f64>,
     },
-    /// A property of an output of a graph that others use, which it promises.
+    /// A promised property of an output of a graph that others use.
     #[serde(skip)]
     Promised {
         /// The output.
@@ -120,34 +121,34 @@ pub enum Expectation {
     },
 }
 
-fn fifteen() -> f64 {
+fn default_band() -> f64 {
     15.0
 }
 
 impl Expectation {
-    /// A list of expectations and where each stands, and every problem of it.
-    pub(crate) fn read_all(tree: &Tree) -> (Vec<(Self, Span)>, Vec<Finding>) {
+    /// Reads a list of expectations. Returns each expectation with its position, and all errors.
+    pub(crate) fn read_all(tree: &Tree) -> (Vec<(Self, Span)>, Vec<LocalDiagnostic>) {
         let (tree, misfits) = &Self::in_plain_numbers(tree);
         let root = serde_json::to_value(schemars::schema_for!(Vec<Self>)).unwrap_or_default();
         let mut walk = Walk {
             node: "Graph",
             root: &root,
-            sheet: None,
-            findings: misfits.clone(),
+            source_map: None,
+            diagnostics: misfits.clone(),
             links: Vec::new(),
             files: Vec::new(),
         };
         walk.value(tree, &root, "expect");
-        let mut findings = walk.findings;
+        let mut diagnostics = walk.diagnostics;
         let items = match &tree.kind {
-            Kind::List(items) if findings.is_empty() => &items[..],
+            Kind::List(items) if diagnostics.is_empty() => &items[..],
             _ => &[],
         };
         let mut expectations = Vec::new();
         for item in items {
             match read_tree(item) {
                 Ok(expectation) => expectations.push((expectation, item.span)),
-                Err(error) => findings.push(Finding {
+                Err(error) => diagnostics.push(LocalDiagnostic {
                     code: code::WRONG_VALUE,
                     span: error.span.unwrap_or(item.span),
                     message: error.message,
@@ -156,17 +157,17 @@ impl Expectation {
                 }),
             }
         }
-        (expectations, findings)
+        (expectations, diagnostics)
     }
 
-    /// A list of expectations with plain numbers in place of those with a unit, and what does not fit.
-    pub fn in_plain_numbers(list: &Tree) -> (Tree, Vec<Finding>) {
+    /// Converts the numbers with units in a list of expectations to plain numbers. Returns the converted list, and the errors.
+    pub fn in_plain_numbers(list: &Tree) -> (Tree, Vec<LocalDiagnostic>) {
         let schema = serde_json::to_value(schemars::schema_for!(Self)).unwrap_or_default();
-        let mut findings = Vec::new();
-        (calls_in_plain_numbers(list, &schema, &mut findings), findings)
+        let mut diagnostics = Vec::new();
+        (calls_in_plain_numbers(list, &schema, &mut diagnostics), diagnostics)
     }
 
-    /// The values that it speaks of.
+    /// Returns the names of the values to which the condition refers.
     pub fn values(&self) -> Vec<&str> {
         match self {
             Self::Closed(of) | Self::Manifold(of) | Self::NoSelfIntersection(of) => vec![of],
@@ -184,7 +185,7 @@ impl Expectation {
         }
     }
 
-    /// The same, to give them other names.
+    /// Returns mutable references to the names of the values, for renaming.
     pub fn values_mut(&mut self) -> Vec<&mut String> {
         match self {
             Self::Closed(of) | Self::Manifold(of) | Self::NoSelfIntersection(of) => vec![of],
@@ -200,13 +201,13 @@ impl Expectation {
         }
     }
 
-    /// The texts in a list of expectations that name values.
+    /// Returns those texts in a list of expectations that name values.
     pub fn value_texts(list: &Tree) -> Vec<&Tree> {
         let Kind::List(items) = &list.kind else { return Vec::new() };
         items.iter().flat_map(Self::value_texts_of).collect()
     }
 
-    /// The same in one of them.
+    /// Returns those texts in an expectation that name values.
     pub fn value_texts_of(item: &Tree) -> Vec<&Tree> {
         let mut texts = Vec::new();
         match &item.kind {
@@ -223,15 +224,15 @@ impl Expectation {
         texts
     }
 
-    /// The property that it is a promise of, if it is one.
-    pub(super) fn promised(&self) -> Option<&str> {
+    /// Returns the property, if the expectation is a promise. `None` for all other expectations.
+    pub(super) fn promised_property(&self) -> Option<&str> {
         match self {
             Self::Promised { property, .. } => Some(property),
             _ => None,
         }
     }
 
-    /// Its name, as in the file.
+    /// Returns the name as it is written in a file.
     pub fn name(&self) -> &str {
         match self {
             Self::Closed(_) => "Closed",
@@ -268,8 +269,8 @@ mod tests {
             Whole(of: "h", around: "i"), Bend(of: "j", max: 1), Continuity(of: "k", around: Some("l"), max: 1),
             Attribute(of: "m", name: "x"), Printable(of: "n", thickness: 1.2)]"#,
         );
-        let (read, findings) = Expectation::read_all(&list);
-        assert_eq!(findings, []);
+        let (read, diagnostics) = Expectation::read_all(&list);
+        assert_eq!(diagnostics, []);
         let values = read.iter().flat_map(|(expectation, _)| expectation.values());
         let texts = Expectation::value_texts(&list).into_iter().filter_map(Tree::text);
         assert_eq!(Vec::from_iter(texts), Vec::from_iter(values));

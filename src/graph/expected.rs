@@ -1,9 +1,9 @@
-//! What must hold of a graph's values: what its own file expects, and what the graphs that it uses do.
+//! Expectations of a flat graph: those of the graph's own file and those of the graphs that it uses.
 
 use std::ops::Range;
 use std::sync::Arc;
 
-use maquette_syntax::error::{Place, Problem, Severity, Source, Span, Use, code};
+use maquette_syntax::error::{Diagnostic, Position, Severity, Source, Span, Use, code};
 use maquette_syntax::{Kind, Tree};
 
 use super::check::Check;
@@ -11,94 +11,96 @@ use super::definition::Port;
 use super::expectation::Expectation;
 use super::link::Names;
 use super::{Graph, GraphOutput};
-use crate::definition::{Draft, Expecting};
+use crate::definition::{BoundExpectation, ParsedNode};
 
-/// An expectation of values of a flat graph, under the names that they have there.
+/// An expectation of values, which have the names that they have in the flat graph.
 #[derive(Clone)]
-pub struct Expected {
+pub struct GraphExpectation {
     pub expectation: Expectation,
-    /// The node and output of each value that it speaks of; none for one that the graph does not have.
+    /// The node and output of each value. `None` for a value that does not exist.
     pub values: Vec<Option<(usize, usize)>>,
-    /// Where it stands.
+    /// The position of the expectation.
     pub(crate) source: Arc<Source>,
     pub(crate) span: Span,
-    /// What uses the graph that expects it.
-    pub(super) of: Option<Expecter>,
-    /// Whether it speaks of the example that stands for the elements of a `ForEach`, of which nothing is judged.
+    /// The use of the graph that contains the expectation. `None` if it is in the graph's own file.
+    pub(super) of: Option<ExpectingUse>,
+    /// True if a value belongs to the example that represents the elements of a `ForEach`. Such an expectation is not evaluated.
     pub(super) is_example: bool,
 }
 
-/// A use of a graph that expects something.
+/// A use of a graph whose file contains expectations.
 #[derive(Clone)]
-pub(super) struct Expecter {
-    /// The uses that lead there, the outermost first.
+pub(super) struct ExpectingUse {
+    /// The uses that lead to the graph, from the outermost one.
     pub(super) uses: Arc<[Use]>,
-    /// The nodes inside.
+    /// The nodes of the used graph.
     pub(super) inside: Range<usize>,
-    /// The nodes that make what it gives.
+    /// The nodes that compute the outputs of the used graph.
     pub(super) givers: Vec<usize>,
 }
 
-impl Expected {
-    /// What is wrong if it does not hold: told where the graph that expects it is used.
-    pub fn problem(&self, message: String) -> Problem {
+impl GraphExpectation {
+    /// Returns the error for a violated expectation, at the position of the outermost use.
+    pub fn diagnostic(&self, message: String) -> Diagnostic {
         let (source, span) = (self.source.clone(), self.span);
         let (severity, code) = (Severity::Error, code::EXPECTED);
         let uses = self.of.as_ref().map_or(&[][..], |of| &of.uses);
         let Some((outermost, inner)) = uses.split_first() else {
-            return Problem::new(severity, code, (source, span), message);
+            return Diagnostic::new(severity, code, (source, span), message);
         };
-        let Place { line, column } = Place::of(&source.text, span.start);
+        let Position { line, column } = Position::from_offset(&source.text, span.start);
         let help = format!("this is expected at {}:{line}:{column}", source.name.display());
         let (source, span) = (outermost.source.clone(), outermost.span);
         let uses = inner.to_vec();
-        Problem { help, uses, ..Problem::new(severity, code, (source, span), message) }
+        Diagnostic { help, uses, ..Diagnostic::new(severity, code, (source, span), message) }
     }
 
-    /// The nodes whose values it speaks of.
+    /// Returns the nodes of the values of the expectation.
     fn nodes(&self) -> impl Iterator<Item = usize> {
         self.values.iter().flatten().map(|(node, _)| *node)
     }
 
-    /// Whether something of the use that expects it is needed.
-    fn is_live(&self, needed: &[bool]) -> bool {
+    /// Returns true if at least one node of the use that contains the expectation is needed.
+    fn is_use_needed(&self, needed: &[bool]) -> bool {
         let Some(of) = &self.of else { return true };
         of.inside.clone().chain(of.givers.iter().copied()).any(|node| needed[node])
     }
 }
 
 impl Graph {
-    /// What must hold where these nodes are wanted: what the graph's own file expects, and what each graph does of which a use is needed.
-    pub fn expected(&self, wanted: &[usize]) -> Vec<&Expected> {
-        self.expected_if(wanted, |_| true)
+    /// Returns the expectations that apply if these nodes are evaluated: all expectations of the graph's own file, and those of each used
+    /// graph that is needed.
+    pub fn expectations_for(&self, wanted: &[usize]) -> Vec<&GraphExpectation> {
+        self.expectations_where(wanted, |_| true)
     }
 
-    /// The same where these nodes alone are wanted: what the graph's own file expects of other values is left out.
-    pub fn expected_of_only(&self, wanted: &[usize]) -> Vec<&Expected> {
-        let needed = self.shape.needed_by(wanted);
-        self.expected_if(wanted, |expected| {
+    /// Returns the expectations that apply if only these nodes are evaluated. An expectation of the graph's own file about other values
+    /// does not apply.
+    pub fn expectations_for_only(&self, wanted: &[usize]) -> Vec<&GraphExpectation> {
+        let needed = self.topology.needed_by(wanted);
+        self.expectations_where(wanted, |expected| {
             let subject = expected.values.first().copied().flatten();
             subject.is_some_and(|(node, _)| needed[node])
         })
     }
 
-    /// What must hold where these nodes are wanted; of what the graph's own file expects, what `is_meant`.
-    fn expected_if(
+    /// Returns the expectations that apply if these nodes are evaluated. Expectations of the graph's own file are returned only if
+    /// `is_meant` accepts them.
+    fn expectations_where(
         &self,
         wanted: &[usize],
-        is_meant: impl Fn(&Expected) -> bool,
-    ) -> Vec<&Expected> {
+        is_meant: impl Fn(&GraphExpectation) -> bool,
+    ) -> Vec<&GraphExpectation> {
         let mut wanted = wanted.to_vec();
         let mut live = vec![false; self.expect.len()];
-        // What is expected of a value may need another use.
+        // To evaluate the values of an expectation, further uses may be needed.
         loop {
-            let needed = self.shape.needed_by(&wanted);
-            let is_live = |it: &Expected| match it.of {
-                Some(_) => it.is_live(&needed),
-                None => is_meant(it),
+            let needed = self.topology.needed_by(&wanted);
+            let is_new = |&at: &usize| {
+                let it = &self.expect[at];
+                !live[at] && if it.of.is_some() { it.is_use_needed(&needed) } else { is_meant(it) }
             };
-            let new: Vec<_> =
-                (0..live.len()).filter(|at| !live[*at] && is_live(&self.expect[*at])).collect();
+            let new: Vec<_> = (0..live.len()).filter(is_new).collect();
             if new.is_empty() {
                 break;
             }
@@ -110,31 +112,31 @@ impl Graph {
         self.expect.iter().zip(live).filter(|(_, live)| *live).map(|(it, _)| it).collect()
     }
 
-    /// The same of the graphs that it uses alone, as far as these nodes need what they speak of.
-    pub fn expected_of_uses(&self, wanted: &[usize]) -> Vec<&Expected> {
+    /// Returns the expectations of used graphs about the values on which these nodes depend.
+    pub fn expectations_of_uses(&self, wanted: &[usize]) -> Vec<&GraphExpectation> {
         if self.expect.iter().all(|expected| expected.of.is_none()) {
             return Vec::new();
         }
-        let needed = self.shape.needed_by(wanted);
+        let needed = self.topology.needed_by(wanted);
         self.expect
             .iter()
             .filter(|expected| {
                 expected.of.is_some()
-                    && expected.is_live(&needed)
+                    && expected.is_use_needed(&needed)
                     && expected.nodes().all(|it| needed[it])
             })
             .collect()
     }
 
-    /// An expectation of another file, such as a test, of this graph's values.
-    pub fn expecting(
+    /// Binds an expectation of another file, such as a test, to the values of this graph.
+    pub fn bind_expectation(
         &self,
         expectation: &Expectation,
         source: &Arc<Source>,
         span: Span,
-    ) -> Expected {
-        let values = expectation.values().into_iter().map(|name| self.value_named(name)).collect();
-        Expected {
+    ) -> GraphExpectation {
+        let values = expectation.values().into_iter().map(|name| self.find_value(name)).collect();
+        GraphExpectation {
             expectation: expectation.clone(),
             values,
             source: source.clone(),
@@ -146,66 +148,81 @@ impl Graph {
 }
 
 impl Check<'_, '_> {
-    /// What the graph expects of its values, each of which must be there as an output, an input or a node.
+    /// Reads the expectations of a graph. Each of their values must be an output, an input or a node.
     pub(super) fn expectations(
         &mut self,
         tree: Option<&Tree>,
         (ports, files): (&[Port], &[GraphOutput]),
         outputs: &[(Tree, Tree)],
-        drafts: &[Draft],
+        parsed_nodes: &[ParsedNode],
         names: &Names<'_>,
-    ) -> Vec<Expecting> {
+    ) -> Vec<BoundExpectation> {
         let Some(tree) = tree else { return Vec::new() };
-        let (expectations, findings) = Expectation::read_all(tree);
-        self.findings.extend(findings);
+        let (expectations, diagnostics) = Expectation::read_all(tree);
+        self.diagnostics.extend(diagnostics);
         let items = match &tree.kind {
             Kind::List(items) => &items[..],
             _ => &[],
         };
         let mut expecting = Vec::new();
         for (expectation, span) in expectations {
-            let target = |value: &str| {
-                // What is wrong with an output is said there.
-                if outputs.iter().any(|(key, _)| key.text() == Some(value)) {
-                    let port = ports.iter().find(|port| port.name == value);
-                    let file = files.iter().find(|file| file.name == value);
-                    return port
-                        .and_then(|port| port.target)
-                        .or_else(|| file.map(|file| (file.node, file.output)));
-                }
-                match self.target(value, span, drafts, names)?[..] {
-                    [(node, output)] if !drafts[node].is_list(output) => Some((node, output)),
-                    ref list => {
-                        let count = match list.len() {
-                            1 => String::new(),
-                            count => format!(" of {count}"),
-                        };
-                        let message = format!(
-                            "one value is expected to be so, but `{value}` is a list{count}"
-                        );
-                        let first = first_of(value);
-                        let help = format!(
-                            "say it in the graph that makes each of them, or of one: `{first}`"
-                        );
-                        self.find(code::WRONG_TYPE, span, message, help);
-                        None
-                    }
-                }
-            };
-            let targets: Vec<_> = expectation.values().into_iter().map(target).collect();
-            let kind =
-                |&(node, output): &(usize, usize)| drafts[node].types.get(output).copied()?;
-            let types = targets.iter().map(|target| target.as_ref().and_then(kind));
+            let targets: Vec<_> = expectation
+                .values()
+                .into_iter()
+                .map(|value| {
+                    self.expected_target(value, span, (ports, files), outputs, parsed_nodes, names)
+                })
+                .collect();
+            let types = targets.iter().map(|target| {
+                target.and_then(|(node, output)| *parsed_nodes[node].types.get(output)?)
+            });
             let item = items.iter().find(|item| item.span == span);
-            let fault = item.and_then(|item| expectation.fault(&Vec::from_iter(types), item));
-            self.findings.extend(fault);
-            expecting.push(Expecting { expectation, span, targets });
+            let fault =
+                item.and_then(|item| expectation.find_contradiction(&Vec::from_iter(types), item));
+            self.diagnostics.extend(fault);
+            expecting.push(BoundExpectation { expectation, span, targets });
         }
         expecting
     }
+
+    /// Returns the node and the output of a value of an expectation. Reports a name that does not exist, and a name of a list.
+    fn expected_target(
+        &mut self,
+        value: &str,
+        span: Span,
+        (ports, files): (&[Port], &[GraphOutput]),
+        outputs: &[(Tree, Tree)],
+        parsed_nodes: &[ParsedNode],
+        names: &Names<'_>,
+    ) -> Option<(usize, usize)> {
+        // Errors of outputs are reported at the outputs, not again here.
+        if outputs.iter().any(|(key, _)| key.text() == Some(value)) {
+            let port = ports.iter().find(|port| port.name == value);
+            let file = files.iter().find(|file| file.name == value);
+            return port
+                .and_then(|port| port.target)
+                .or_else(|| file.map(|file| (file.node, file.output)));
+        }
+        match self.target(value, span, parsed_nodes, names)?[..] {
+            [(node, output)] if !parsed_nodes[node].is_list(output) => Some((node, output)),
+            ref list => {
+                let count = match list.len() {
+                    1 => String::new(),
+                    count => format!(" of {count}"),
+                };
+                let message = format!("expected a single value, found the list `{value}`{count}");
+                let first = first_of(value);
+                let help = format!(
+                    "add the expectation to the graph of the elements, or use one element: `{first}`"
+                );
+                self.report(code::WRONG_TYPE, span, message, help);
+                None
+            }
+        }
+    }
 }
 
-/// The first of a list of values: `spots/1.mask` of `spots.mask`.
+/// Returns the first element, `spots/1.mask`, of a list of values, `spots.mask`.
 fn first_of(list: &str) -> String {
     match list.split_once('.') {
         Some((each, output)) => format!("{each}/1.{output}"),

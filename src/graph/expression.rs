@@ -1,50 +1,51 @@
 //! Arithmetic on a graph's parameters: `Expr("growth / 2 + 1")`.
 //!
-//! Numbers and truth values; `+ - * / %`, comparisons, `and or not`; the functions in `functions` and `if(condition, then,
-//! else)`. No loops, no I/O. A parameter's name may hold hyphens: `eye-step` is the parameter of that name if there is one,
-//! and otherwise a difference.
+//! An expression consists of numbers and truth values, `+ - * / %`, comparisons, `and or not`, the functions in `functions`, and
+//! `if(condition, then, else)`. There are no loops and no I/O. The name of a parameter may contain hyphens: `eye-step` is the parameter of
+//! that name if it exists, and otherwise a difference.
 //!
-//! Numbers have units: those of parameters, and those that are written, as in `growth + cm(1)`. What is added, compared or chosen from
-//! measures the same, and is converted to the unit of the first that has one; a pure number takes on the unit of the others. Products and
-//! quotients combine units.
+//! Numbers can have units, which come from parameters or are written, as in `growth + cm(1)`. The operands of a sum, comparison or choice
+//! must measure the same quantity, and are converted to the unit of the first operand that has one; an operand without a unit takes that
+//! unit. Products and quotients combine units.
 
 use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::Range;
 
-use maquette_syntax::{Help, Quantity, Unit, cut, nearest, unit_names};
+use maquette_syntax::{Help, Quantity, Unit, nearest, truncate, unit_names};
 
 mod functions;
 
-use functions::{Computes, Function};
+use functions::{Function, FunctionKind};
 pub(super) use functions::{function_names, is_constant};
 
-/// What an expression gives.
+/// The result of an expression.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Outcome {
     Number(Quantity),
     Truth(bool),
 }
 
-/// Why an expression cannot be computed, and what may have been meant.
+/// An error in an expression, with a suggestion.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ExpressionError {
     pub(crate) message: String,
-    /// Where in the text, if it is not the whole of it, and another place with words for it.
+    /// The range of the error in the text; without it, the error concerns the whole expression. `note` is a second range with an explaining
+    /// text.
     pub(crate) at: Option<Range<usize>>,
     pub(crate) note: Option<Box<(Range<usize>, String)>>,
     help: Help,
-    /// The parameter that is not there, if that is why.
+    /// The name of the unknown parameter, if the error is that a parameter is unknown.
     unknown: Option<String>,
 }
 
 impl ExpressionError {
-    /// The parameter that is not there, if that is why.
+    /// Returns the name of the unknown parameter, if the error is that a parameter is unknown.
     pub(crate) fn unknown(&self) -> Option<&str> {
         self.unknown.as_deref()
     }
 
-    /// What may have been meant.
+    /// Returns the suggestion.
     pub(crate) fn help(&self, parameters: &BTreeMap<String, Outcome>) -> Help {
         match &self.unknown {
             Some(name) => nearest(name, parameters.keys().map(String::as_str)),
@@ -63,45 +64,46 @@ fn error<T>(message: impl Into<String>) -> Result<T, ExpressionError> {
     Err(ExpressionError { message: message.into(), ..ExpressionError::default() })
 }
 
-/// The greatest number of hyphens in a name that an expression looks for.
+/// The maximum number of hyphens in a parameter name that an expression can contain.
 const MAX_HYPHENS: usize = 31;
 
-/// Computes `text` with these values for parameters.
+/// Evaluates the expression `text` with these values of parameters.
 ///
 /// # Errors
-/// If it is no expression, names an unknown parameter, mixes numbers and truth values, or a part of it that counts has no finite value.
+/// The text is not an expression, names an unknown parameter, or mixes numbers and truth values. Or a part of it that contributes to the
+/// result is not finite.
 pub fn evaluate(
     text: &str,
     parameters: &BTreeMap<String, Outcome>,
 ) -> Result<Outcome, ExpressionError> {
-    computed(text, parameters, true)
+    evaluate_with(text, parameters, true)
 }
 
-/// The same, where numbers may be infinite or none: a comparison with NaN does not hold.
+/// Evaluates the expression `text`. Infinite numbers and NaN are allowed; comparisons with NaN are false.
 pub fn evaluate_any(
     text: &str,
     parameters: &BTreeMap<String, Outcome>,
 ) -> Result<Outcome, ExpressionError> {
-    computed(text, parameters, false)
+    evaluate_with(text, parameters, false)
 }
 
-fn computed(
+fn evaluate_with(
     text: &str,
     parameters: &BTreeMap<String, Outcome>,
     must_be_finite: bool,
 ) -> Result<Outcome, ExpressionError> {
-    let tokens = pieces(text, &|name| parameters.contains_key(name))?;
+    let tokens = tokenize(text, &|name| parameters.contains_key(name))?;
     let tokens = &tokens[..];
     let mut parser = Parser { text, tokens, next: 0, parameters, depth: 0, must_be_finite };
     let outcome = parser.binary(0)?;
     match parser.peek() {
-        Some(token) => error(format!("the expression has `{token}` where it should end")),
+        Some(token) => error(format!("expected the end of the expression, found `{token}`")),
         None => Ok(outcome),
     }
 }
 
-/// Deepest nesting of an expression: far more than anyone writes, far less than the stack holds.
-const DEEPEST: usize = 64;
+/// The maximum nesting depth of an expression. It is far greater than anyone needs, and far less than the stack allows.
+const MAX_DEPTH: usize = 64;
 
 #[derive(Clone, Debug, PartialEq)]
 enum Token {
@@ -123,18 +125,18 @@ impl fmt::Display for Token {
 const SIGNS: [&str; 14] =
     ["<=", ">=", "==", "!=", "<", ">", "+", "-", "*", "/", "%", "(", ")", ","];
 
-/// Operators by how tightly they bind, loosest first.
+/// The operators by precedence, from the lowest one.
 const LEVELS: [&[&str]; 5] =
     [&["or"], &["and"], &["<=", ">=", "==", "!=", "<", ">"], &["+", "-"], &["*", "/", "%"]];
 
-/// Where an expression names parameters: places in its text. None if it is no expression.
+/// Returns the ranges of the parameter names in an expression; `None` if the text cannot be tokenized.
 pub fn named_parameters(text: &str, is_known: &dyn Fn(&str) -> bool) -> Option<Vec<Range<usize>>> {
-    let tokens = pieces(text, is_known).ok()?;
+    let tokens = tokenize(text, is_known).ok()?;
     let mut names = Vec::new();
     fn is_allowed(name: &str, is_known: &dyn Fn(&str) -> bool) -> bool {
         is_constant(name) && !is_known(name)
     }
-    // Whether a value has just ended, so that a word is an operator.
+    // True after an operand. Only there a word such as `and` is an operator.
     let mut is_behind = false;
     for (index, (at, token)) in tokens.iter().enumerate() {
         let opens = matches!(tokens.get(index + 1), Some((_, Token::Sign("("))));
@@ -147,8 +149,8 @@ pub fn named_parameters(text: &str, is_known: &dyn Fn(&str) -> bool) -> Option<V
     Some(names)
 }
 
-/// The tokens of an expression and their places.
-fn pieces(
+/// Splits an expression into tokens with their ranges.
+fn tokenize(
     text: &str,
     is_known: &dyn Fn(&str) -> bool,
 ) -> Result<Vec<(Range<usize>, Token)>, ExpressionError> {
@@ -160,7 +162,10 @@ fn pieces(
             let length = number_length(rest);
             match rest[..length].parse() {
                 Ok(number) if !f64::is_finite(number) => {
-                    return error(format!("`{}` is too large for a number", cut(&rest[..length])));
+                    return error(format!(
+                        "`{}` is too large for a number",
+                        truncate(&rest[..length])
+                    ));
                 }
                 Ok(number) => tokens.push((start..start + length, Token::Number(number))),
                 Err(_) => return error(format!("`{}` is not a number", &rest[..length])),
@@ -192,8 +197,8 @@ fn number_length(text: &str) -> usize {
         .unwrap_or(bytes.len())
 }
 
-/// The longest known parameter at the start of the text; if there is none, the word up to the first hyphen. Names with
-/// more than [`MAX_HYPHENS`] are not looked for, so that a long text is read in time that grows with its length.
+/// Returns the longest known parameter name at the start of the text, or else the word up to the first hyphen. A name with more than
+/// [`MAX_HYPHENS`] hyphens is not recognized, so that the time is linear in the length of the text.
 fn name_at<'a>(text: &'a str, is_known: &dyn Fn(&str) -> bool) -> &'a str {
     fn is_part(c: char) -> bool {
         c.is_ascii_alphanumeric() || c == '-' || c == '_'
@@ -222,11 +227,11 @@ struct Parser<'a> {
     next: usize,
     parameters: &'a BTreeMap<String, Outcome>,
     depth: usize,
-    /// Not in the branches of `if`, `and` and `or` that do not count.
+    /// False inside of a branch of `if`, `and` or `or` that does not contribute to the result.
     must_be_finite: bool,
 }
 
-/// A part of an expression, by its tokens, and what it gives.
+/// An operand: its value, and the range of its tokens.
 type Part = (Range<usize>, Quantity);
 
 impl Parser<'_> {
@@ -234,7 +239,7 @@ impl Parser<'_> {
         self.tokens.get(self.next).map(|(_, token)| token)
     }
 
-    /// The operator that comes next, if it is one of these.
+    /// Reads an operator, if it is one of `wanted`.
     fn operator(&mut self, wanted: &[&'static str]) -> Option<&'static str> {
         let found = match self.peek()? {
             Token::Sign(sign) => sign,
@@ -266,14 +271,14 @@ impl Parser<'_> {
                 (operator, left),
                 ("and", Outcome::Truth(false)) | ("or", Outcome::Truth(true))
             );
-            let right = self.counting(!decided, |it| it.binary(level + 1))?;
+            let right = self.read_counting(!decided, |it| it.binary(level + 1))?;
             left = self.combine(operator, (first..end, left), (second..self.next, right))?;
         }
         Ok(left)
     }
 
-    /// Reads a part of the expression that may not count.
-    fn counting<T>(&mut self, counts: bool, read: impl FnOnce(&mut Self) -> T) -> T {
+    /// Reads an operand. `counts` is false if the operand does not contribute to the result.
+    fn read_counting<T>(&mut self, counts: bool, read: impl FnOnce(&mut Self) -> T) -> T {
         let before = self.must_be_finite;
         self.must_be_finite &= counts;
         let part = read(self);
@@ -281,8 +286,8 @@ impl Parser<'_> {
         part
     }
 
-    /// The number that an operator or a function gives for some numbers, if it is finite or need not be.
-    fn finite(
+    /// Returns the result of an operator or a function. Returns an error if the result contributes to the expression and is not finite.
+    fn finite_outcome(
         &self,
         value: Quantity,
         user: &str,
@@ -297,26 +302,26 @@ impl Parser<'_> {
             .map(|x| if x.abs() < 1e16 { x.to_string() } else { format!("{x:e}") })
             .collect::<Vec<_>>()
             .join(" and ");
-        let message = format!("{} gives {}, from {from}", self.words(&at), value.value);
-        let at = Some(self.place(&at));
+        let message = format!("{} gives {}, from {from}", self.quoted_text(&at), value.value);
+        let at = Some(self.text_range(&at));
         let help = match user {
             "/" | "%" => "give another value where it is 0: if(b == 0, 0, a / b)",
             "sqrt" => "keep it at 0 or above: sqrt(max(a, 0))",
             "asin" | "acos" => "keep it between -1 and 1: clamp(a, -1, 1)",
-            _ => "keep the numbers smaller",
+            _ => "use smaller numbers",
         };
         Err(ExpressionError { message, at, help: help.into(), ..ExpressionError::default() })
     }
 
     fn unary(&mut self) -> Result<Outcome, ExpressionError> {
         self.depth += 1;
-        if self.depth > DEEPEST {
+        if self.depth > MAX_DEPTH {
             return error("the expression is nested too deeply");
         }
         let outcome = match self.operator(&["-", "+", "not"]) {
             Some("not") => match self.unary()? {
                 Outcome::Truth(truth) => Ok(Outcome::Truth(!truth)),
-                Outcome::Number(_) => error("`not` wants a condition, not a number"),
+                Outcome::Number(_) => error("`not`: expected a condition, found a number"),
             },
             Some(sign) => {
                 let x = number(self.unary()?, sign)?;
@@ -359,7 +364,8 @@ impl Parser<'_> {
         }
     }
 
-    /// The arguments of a call, up to its `)`. `counts` says of each, by those before it, whether it counts.
+    /// Reads the arguments of a call up to the closing `)`. `counts` receives the arguments before an argument, and returns true if the
+    /// argument contributes to the result.
     fn arguments(
         &mut self,
         counts: impl Fn(&[(Range<usize>, Outcome)]) -> bool,
@@ -370,7 +376,7 @@ impl Parser<'_> {
                 self.expect(",")?;
             }
             let first = self.next;
-            let argument = self.counting(counts(&arguments), |it| it.binary(0))?;
+            let argument = self.read_counting(counts(&arguments), |it| it.binary(0))?;
             arguments.push((first..self.next, argument));
         }
         Ok(arguments)
@@ -385,7 +391,7 @@ impl Parser<'_> {
         match &arguments[..] {
             [(_, Outcome::Truth(condition)), then, otherwise] => {
                 if let (Outcome::Number(a), Outcome::Number(b)) = (then.1, otherwise.1) {
-                    self.alike("if", &[(then.0.clone(), a), (otherwise.0.clone(), b)])?;
+                    self.in_common_unit("if", &[(then.0.clone(), a), (otherwise.0.clone(), b)])?;
                 }
                 Ok(if *condition { then.1 } else { otherwise.1 })
             }
@@ -394,16 +400,16 @@ impl Parser<'_> {
     }
 
     fn call(&mut self, name: &str) -> Result<Outcome, ExpressionError> {
-        // Its name and `(` have been read.
+        // The name of the function and its `(` have already been read.
         let start = self.next - 2;
         if name == "if" {
             return self.choice();
         }
         let arguments = self.arguments(|_| true)?;
-        let function = Function::named(name);
-        let unit = Unit::named(name);
+        let function = Function::find(name);
+        let unit = Unit::from_name(name);
         let (least, most) = match function {
-            Some(function) => (function.least, function.most),
+            Some(function) => (function.min_arguments, function.max_arguments),
             None if unit.is_some() => (1, 1),
             None => {
                 let help = nearest(name, function_names().chain(unit_names()));
@@ -419,38 +425,42 @@ impl Parser<'_> {
             .map(|(at, argument): (Range<usize>, _)| Ok((at, number(argument, name)?)))
             .collect::<Result<Vec<Part>, _>>()?;
         let from: Vec<_> = parts.iter().map(|(_, argument)| argument.value).collect();
-        let found = match function.map(|function| function.computes) {
-            Some(Computes::Alike(compute)) => {
-                let (values, unit) = self.alike(name, &parts)?;
+        let found = match function.map(|function| function.kind) {
+            Some(FunctionKind::Alike(compute)) => {
+                let (values, unit) = self.in_common_unit(name, &parts)?;
                 Quantity { value: compute(&values), unit }
             }
-            Some(Computes::Angle(compute)) => {
-                let (values, _) = self.alike(name, &parts)?;
-                Quantity { value: compute(&values), unit: Unit::named("rad").unwrap_or_default() }
+            Some(FunctionKind::Angle(compute)) => {
+                let (values, _) = self.in_common_unit(name, &parts)?;
+                Quantity {
+                    value: compute(&values),
+                    unit: Unit::from_name("rad").unwrap_or_default(),
+                }
             }
-            Some(Computes::Quantity(wanted, compute)) => {
+            Some(FunctionKind::Quantity(wanted, compute)) => {
                 let quantities: Vec<_> = parts.iter().map(|(_, argument)| *argument).collect();
-                compute(&quantities).map_err(|place| self.misfit(name, wanted, &parts[place]))?
+                compute(&quantities)
+                    .map_err(|place| self.unit_error(name, wanted, &parts[place]))?
             }
             None => match unit {
                 Some(unit) if parts[0].1.unit.is_pure() => Quantity { unit, ..parts[0].1 },
-                _ => return Err(self.misfit(name, "a pure number", &parts[0])),
+                _ => return Err(self.unit_error(name, "a pure number", &parts[0])),
             },
         };
-        // `f64::min` and `libm::pow` may give a number all the same.
+        // If an argument is NaN, `f64::min` and `libm::pow` may return a number.
         let is_none = from.iter().any(|x| x.is_nan());
         let found = if is_none { Quantity { value: f64::NAN, ..found } } else { found };
-        self.finite(found, name, start..self.next, &from)
+        self.finite_outcome(found, name, start..self.next, &from)
     }
 
-    /// Says that an argument is in a unit that the function does not take.
-    fn misfit(&self, name: &str, wanted: &str, (at, argument): &Part) -> ExpressionError {
+    /// Returns the error for an argument with a wrong unit.
+    fn unit_error(&self, name: &str, wanted: &str, (at, argument): &Part) -> ExpressionError {
         let unit = match argument.unit {
             unit if unit.is_pure() => "a pure number".to_owned(),
             unit => format!("in {unit}"),
         };
-        let message = format!("`{name}` wants {wanted}, but {} is {unit}", self.words(at));
-        ExpressionError { message, at: Some(self.place(at)), ..ExpressionError::default() }
+        let message = format!("`{name}` wants {wanted}, but {} is {unit}", self.quoted_text(at));
+        ExpressionError { message, at: Some(self.text_range(at)), ..ExpressionError::default() }
     }
 
     fn combine(
@@ -465,21 +475,25 @@ impl Parser<'_> {
                 "or" => Ok(Outcome::Truth(a || b)),
                 "==" => Ok(Outcome::Truth(a == b)),
                 "!=" => Ok(Outcome::Truth(a != b)),
-                _ => error(format!("`{operator}` wants numbers, not conditions")),
+                _ => error(format!("`{operator}`: expected numbers, found conditions")),
             };
         }
         let (left, right) = (number(left, operator)?, number(right, operator)?);
         let both = left_at.start..right_at.end;
         let from = [left.value, right.value];
         match operator {
-            "*" => return self.finite(left.times(right), operator, both, &from),
-            "/" => return self.finite(left.over(right), operator, both, &from),
-            "and" | "or" => return error(format!("`{operator}` wants conditions, not numbers")),
+            "*" => return self.finite_outcome(left.times(right), operator, both, &from),
+            "/" => return self.finite_outcome(left.divided_by(right), operator, both, &from),
+            "and" | "or" => {
+                return error(format!("`{operator}`: expected conditions, found numbers"));
+            }
             _ => {}
         }
-        let (values, unit) = self.alike(operator, &[(left_at, left), (right_at, right)])?;
+        let (values, unit) =
+            self.in_common_unit(operator, &[(left_at, left), (right_at, right)])?;
         let (a, b) = (values[0], values[1]);
-        let number = |value| self.finite(Quantity { value, unit }, operator, both.clone(), &from);
+        let number =
+            |value| self.finite_outcome(Quantity { value, unit }, operator, both.clone(), &from);
         Ok(match operator {
             "+" => number(a + b)?,
             "-" => number(a - b)?,
@@ -493,44 +507,48 @@ impl Parser<'_> {
         })
     }
 
-    /// The numbers in the unit of the first of them that has one, and that unit; pure numbers take it on.
-    fn alike(&self, user: &str, parts: &[Part]) -> Result<(Vec<f64>, Unit), ExpressionError> {
+    /// Converts numbers to the unit of the first number that has one. Numbers without a unit take that unit.
+    fn in_common_unit(
+        &self,
+        user: &str,
+        parts: &[Part],
+    ) -> Result<(Vec<f64>, Unit), ExpressionError> {
         let Some((first, Quantity { unit, .. })) = parts.iter().find(|(_, it)| !it.unit.is_pure())
         else {
             return Ok((parts.iter().map(|(_, it)| it.value).collect(), Unit::default()));
         };
-        let value = |(at, it): &Part| match it.unit {
+        let values = parts.iter().map(|(at, it)| match it.unit {
             own if own.is_pure() => Ok(it.value),
-            own if own.is_like(*unit) => Ok(it.in_unit(*unit)),
+            own if own.is_compatible(*unit) => Ok(it.to_unit(*unit)),
             own => Err(ExpressionError {
                 message: format!(
                     "`{user}` wants one unit, but {} is in {unit} and {} in {own}",
-                    self.words(first),
-                    self.words(at)
+                    self.quoted_text(first),
+                    self.quoted_text(at)
                 ),
-                at: Some(self.place(at)),
-                note: Some(Box::new((self.place(first), format!("this is in {unit}")))),
-                help: "what is added, compared or chosen from measures the same".into(),
+                at: Some(self.text_range(at)),
+                note: Some(Box::new((self.text_range(first), format!("this is in {unit}")))),
+                help: "use values of the same kind".into(),
                 ..ExpressionError::default()
             }),
-        };
-        Ok((parts.iter().map(value).collect::<Result<_, _>>()?, *unit))
+        });
+        Ok((values.collect::<Result<_, _>>()?, *unit))
     }
 
-    /// Where in the text some tokens stand.
-    fn place(&self, tokens: &Range<usize>) -> Range<usize> {
+    /// Returns the range in the text that a range of tokens covers.
+    fn text_range(&self, tokens: &Range<usize>) -> Range<usize> {
         self.tokens[tokens.start].0.start..self.tokens[tokens.end - 1].0.end
     }
 
-    fn words(&self, tokens: &Range<usize>) -> String {
-        format!("`{}`", cut(&self.text[self.place(tokens)]))
+    fn quoted_text(&self, tokens: &Range<usize>) -> String {
+        format!("`{}`", truncate(&self.text[self.text_range(tokens)]))
     }
 }
 
 fn number(outcome: Outcome, user: &str) -> Result<Quantity, ExpressionError> {
     match outcome {
         Outcome::Number(x) => Ok(x),
-        Outcome::Truth(_) => error(format!("`{user}` wants a number, not a condition")),
+        Outcome::Truth(_) => error(format!("`{user}`: expected a number, found a condition")),
     }
 }
 

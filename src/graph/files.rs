@@ -1,5 +1,6 @@
-//! The contents of the files that nodes read: each file read once an evaluation, and not at all if it is as it was. Files that a file
-//! names, as an OBJ file does its materials and their picture, are parts of it: they are read with it, and its hash is that of all.
+//! The contents of the files that nodes read. Each file is read at most once per evaluation, and not at all if it is unchanged. The
+//! companions of a file are files to which it refers, such as the materials and picture of an OBJ file. They are read with the file, and
+//! its hash covers them.
 
 use std::cell::{Cell, RefCell};
 use std::collections::HashMap;
@@ -9,128 +10,129 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Instant;
 
-use maquette_node::reading::{CompanionFiles, Readers, Reading};
+use maquette_node::importers::{CompanionFiles, InputFile, Readers};
 use maquette_node::{Companions, File, ReadError};
-use maquette_syntax::error::{Problem, in_words};
-use maquette_value::plain::ending;
-use maquette_value::{Hash, plain};
+use maquette_syntax::error::{Diagnostic, panic_message};
+use maquette_value::fs::extension;
+use maquette_value::{Hash, fs};
 use serde::{Deserialize, Serialize};
 
-use crate::stamp::Stamp;
+use crate::file_stat::FileStat;
 
 /// A file that a node reads.
 #[derive(Clone, Debug)]
 pub struct NodeFile {
-    /// The path as the graph has it.
+    /// The path as it is written in the graph.
     pub given: String,
     pub path: PathBuf,
-    /// Whether the node cannot do without it.
+    /// True if the node fails without the file.
     pub needed: bool,
-    /// The folders that a file named by it must lie in.
+    /// The folders that must contain the companions of the file.
     pub roots: Arc<[PathBuf]>,
-    /// What the check reports if the node needs it and it cannot be read.
-    pub missing: Option<Arc<Problem>>,
-    /// Whether it is that of an input, which a forecast has not read.
+    /// The diagnostic that the check reported, if the node requires the file and the file cannot be read.
+    pub missing: Option<Arc<Diagnostic>>,
+    /// True if the file belongs to an input, and a forecast has not read it.
     pub is_unread: bool,
 }
 
 impl NodeFile {
-    /// A file that is given from outside, and may name others in these folders.
-    pub fn given(path: &Path, roots: Arc<[PathBuf]>) -> Self {
+    /// Creates a file that is given from outside of the graph. Its companions must be in these folders.
+    pub fn from_path(path: &Path, roots: Arc<[PathBuf]>) -> Self {
         let (given, path) = (path.display().to_string(), path.to_owned());
         Self { given, path, needed: true, roots, missing: None, is_unread: false }
     }
 }
 
-/// A file that was read, and what the system said of it then.
+/// A file that was read, with the metadata that it had then.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct KnownFile {
     path: PathBuf,
-    as_read: AsRead,
+    as_read: ReadState,
 }
 
-/// What a file was when it was read.
+/// The metadata of a file and its companions when the file was read.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-struct AsRead {
-    stamp: Stamp,
-    /// The files that it names; none for those that were not there.
+struct ReadState {
+    stamp: FileStat,
+    /// The metadata of each companion of the file. `None` for a companion that did not exist.
     #[serde(default)]
-    companions: Vec<(PathBuf, Option<Stamp>)>,
+    companions: Vec<(PathBuf, Option<FileStat>)>,
     hash: Hash,
 }
 
-impl AsRead {
-    /// Whether the system says the same of all as it did then.
-    fn is_as_it_was(&self, stamp: Stamp) -> bool {
-        stamp == self.stamp && self.companions.iter().all(|(path, stamp)| Stamp::of(path) == *stamp)
+impl ReadState {
+    /// Returns true if the metadata of the file and of its companions has not changed.
+    fn is_unchanged(&self, stamp: FileStat) -> bool {
+        stamp == self.stamp
+            && self.companions.iter().all(|(path, stamp)| FileStat::read(path) == *stamp)
     }
 }
 
-/// The files that were read, by path, with what the system said of them then.
+/// The files that were read, by path, with the metadata that they had then.
 #[derive(Default)]
-pub struct Known(Mutex<HashMap<PathBuf, AsRead>>);
+pub struct KnownFiles(Mutex<HashMap<PathBuf, ReadState>>);
 
 impl KnownFile {
-    /// Returns the hash of what was read, if the file and those that it names are as they were then.
+    /// Returns the hash of the content, if the file and its companions are unchanged.
     pub fn hash(&self) -> Option<Hash> {
-        self.as_read.is_as_it_was(Stamp::of(&self.path)?).then_some(self.as_read.hash)
+        self.as_read.is_unchanged(FileStat::read(&self.path)?).then_some(self.as_read.hash)
     }
 }
 
-/// What the system says of a file and of those that it names before they are read.
-pub struct Stamps {
+/// The metadata of a file and its companions, taken before they are read.
+pub struct FileStats {
     path: PathBuf,
-    own: Option<Stamp>,
-    companions: RefCell<Vec<(PathBuf, Option<Stamp>)>>,
+    own: Option<FileStat>,
+    companions: RefCell<Vec<(PathBuf, Option<FileStat>)>>,
 }
 
-impl Stamps {
-    pub fn of(path: &Path) -> Self {
-        Self { path: path.to_owned(), own: Stamp::of(path), companions: RefCell::default() }
+impl FileStats {
+    pub fn read(path: &Path) -> Self {
+        Self { path: path.to_owned(), own: FileStat::read(path), companions: RefCell::default() }
     }
 
-    /// Adds a file that it names.
+    /// Adds a companion.
     pub fn add(&self, companion: &Path) {
-        self.companions.borrow_mut().push((companion.to_owned(), Stamp::of(companion)));
+        self.companions.borrow_mut().push((companion.to_owned(), FileStat::read(companion)));
     }
 
-    /// What a forecast need not read if the value in the file has this hash. None for small files, and where a later write could go
-    /// unnoticed.
-    pub fn known(self, hash: Hash) -> Option<KnownFile> {
+    /// Returns the file as one that a forecast does not have to read if its value has this hash. Returns `None` for a small file, and if a
+    /// later write to the file might not change its metadata.
+    pub fn into_known_file(self, hash: Hash) -> Option<KnownFile> {
         let (stamp, companions) = (self.own?, self.companions.into_inner());
         let all = companions.iter().filter_map(|(_, stamp)| *stamp).chain([stamp]);
         let bytes = all.clone().fold(0, |sum: u64, stamp| sum.saturating_add(stamp.size()));
         let is_worth_it = bytes > MAX_FORECAST_BYTES && all.clone().all(|it| it.is_settled());
-        let as_read = AsRead { stamp, companions, hash };
-        let is_same = is_worth_it && as_read.is_as_it_was(Stamp::of(&self.path)?);
+        let as_read = ReadState { stamp, companions, hash };
+        let is_same = is_worth_it && as_read.is_unchanged(FileStat::read(&self.path)?);
         is_same.then_some(KnownFile { path: self.path, as_read })
     }
 }
 
-impl Known {
-    /// The content's hash, or that there is no such file; none if it must be read to know.
-    pub fn look(&self, path: &Path) -> Option<Option<Hash>> {
+impl KnownFiles {
+    /// Returns the hash of the content if it is known, and `Some(None)` if the file does not exist. `None` if the file must be read.
+    pub fn cached_hash(&self, path: &Path) -> Option<Option<Hash>> {
         match std::fs::metadata(path) {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Some(None),
             Err(_) => None,
             Ok(metadata) => {
                 let as_read = lock(&self.0).get(path)?.clone();
-                as_read.is_as_it_was(Stamp::new(&metadata)).then_some(Some(as_read.hash))
+                as_read.is_unchanged(FileStat::new(&metadata)).then_some(Some(as_read.hash))
             }
         }
     }
 
-    /// Takes over what another process knew.
+    /// Adds the files that another process has read.
     pub fn extend(&self, files: Vec<KnownFile>) {
         lock(&self.0).extend(files.into_iter().map(|file| (file.path, file.as_read)));
     }
 
-    fn remember(&self, path: &Path, as_read: AsRead) {
+    fn remember(&self, path: &Path, as_read: ReadState) {
         lock(&self.0).insert(path.to_owned(), as_read);
     }
 
-    /// What is known of these files.
-    pub fn of<'a>(&self, paths: impl Iterator<Item = &'a Path>) -> Vec<KnownFile> {
+    /// Returns those of the paths whose files are known, with their data.
+    pub fn get_all<'a>(&self, paths: impl Iterator<Item = &'a Path>) -> Vec<KnownFile> {
         let known = lock(&self.0);
         paths
             .filter_map(|path| {
@@ -140,52 +142,52 @@ impl Known {
     }
 }
 
-/// The files of one evaluation.
+/// The files that one evaluation reads.
 pub struct Reads<'a> {
-    known: &'a Known,
+    known: &'a KnownFiles,
     readers: &'a Readers,
     read: Mutex<HashMap<PathBuf, Arc<Slot>>>,
-    /// The number of bytes that may still be read; none if all may be.
+    /// The number of bytes that may still be read. `None` if there is no limit.
     left: Option<AtomicU64>,
-    /// How long reading took, on all threads together.
+    /// The time spent reading, as a sum over all threads.
     nanoseconds: AtomicU64,
 }
 
 type Slot = OnceLock<Option<File>>;
 
 impl<'a> Reads<'a> {
-    pub fn new(known: &'a Known, readers: &'a Readers) -> Self {
+    pub fn new(known: &'a KnownFiles, readers: &'a Readers) -> Self {
         let (read, left, nanoseconds) = Default::default();
         Self { known, readers, read, left, nanoseconds }
     }
 
-    /// The same for a forecast, which reads no large files: see [`is_spared`](Self::is_spared).
+    /// Limits the number of bytes that are read, for a forecast, which does not read large files: see
+    /// [`is_too_large_for_forecast`](Self::is_too_large_for_forecast).
     #[must_use]
-    pub fn sparing(self) -> Self {
+    pub fn with_forecast_limit(self) -> Self {
         Self { left: Some(MAX_FORECAST_BYTES.into()), ..self }
     }
 
-    /// Returns true if a file, with those that it names, would have to be read to know its hash, and is too large for a forecast.
-    pub fn is_spared(&self, file: &NodeFile) -> bool {
+    /// Returns true if a file and its companions would have to be read to know their hash, and are too large for a forecast.
+    pub fn is_too_large_for_forecast(&self, file: &NodeFile) -> bool {
         if file.is_unread {
             return true;
         }
         if self.left.is_none() {
             return false;
         }
-        fn is_read(
-            read: &Mutex<HashMap<PathBuf, Arc<OnceLock<Option<File>>>>>,
-            file_path: &Path,
-        ) -> bool {
-            let slot = lock(read).get(file_path).cloned();
-            slot.is_some_and(|slot| slot.get().is_some())
-        }
-        self.known.look(&file.path).is_none()
-            && !is_read(&self.read, &file.path)
+        self.known.cached_hash(&file.path).is_none()
+            && !self.is_read(&file.path)
             && self.is_too_large(file)
     }
 
-    /// Returns true if a file, with those that it names, is too large for a forecast, after what that has read.
+    /// Returns true if the file has been read in this evaluation.
+    fn is_read(&self, path: &Path) -> bool {
+        let slot = lock(&self.read).get(path).cloned();
+        slot.is_some_and(|slot| slot.get().is_some())
+    }
+
+    /// Returns true if a file and its companions have more bytes than a forecast may still read.
     pub fn is_too_large(&self, file: &NodeFile) -> bool {
         let Some(left) = &self.left else { return false };
         let size = size_with_companions(file, self.readers);
@@ -193,29 +195,29 @@ impl<'a> Reads<'a> {
         left.fetch_update(order, order, |left| left.checked_sub(size)).is_err()
     }
 
-    /// How long reading took, on all threads together.
+    /// Returns the time spent reading in seconds, as a sum over all threads.
     pub fn seconds(&self) -> f64 {
         self.nanoseconds.load(Ordering::Relaxed) as f64 / 1e9
     }
 
-    /// The hash of the content; none if there is no such file and the node can do without it.
+    /// Returns the hash of the content. `None` if an optional file does not exist.
     pub fn hash(&self, file: &NodeFile) -> Result<Option<Hash>, ReadError> {
         let read = lock(&self.read).get(&file.path).cloned();
         if let Some(read) = read.as_ref().and_then(|slot| slot.get()) {
             return Ok(read.as_ref().map(|file| file.hash));
         }
-        match self.known.look(&file.path) {
+        match self.known.cached_hash(&file.path) {
             Some(Some(hash)) => Ok(Some(hash)),
             _ => Ok(self.file(file)?.map(|file| file.hash)),
         }
     }
 
-    /// The file with its content; none if there is no such file and the node can do without it.
+    /// Returns the file with its content. `None` if an optional file does not exist.
     pub fn file(&self, file: &NodeFile) -> Result<Option<File>, ReadError> {
         let slot = lock(&self.read).entry(file.path.clone()).or_default().clone();
         let found = match slot.get() {
             Some(found) => found.clone(),
-            // Not inside of `get_or_init`: a thread must not wait for another one that may wait for it.
+            // The file is not read inside of `get_or_init`, because a thread must not wait for a thread that may wait for it.
             None => {
                 let start = Instant::now();
                 let found = self.read(file)?;
@@ -232,14 +234,13 @@ impl<'a> Reads<'a> {
     }
 
     fn read(&self, file: &NodeFile) -> Result<Option<File>, ReadError> {
-        fn failed(error: std::io::Error, file_given: &str) -> Result<Option<File>, ReadError> {
-            Err(ReadError { name: file_given.to_owned(), reason: error.to_string() })
-        }
-        let stamp = Stamp::of(&file.path);
-        let bytes = match plain::read(&file.path) {
+        let stamp = FileStat::read(&file.path);
+        let bytes = match fs::read(&file.path) {
             Ok(bytes) => bytes,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-            Err(error) => return failed(error, &file.given),
+            Err(error) => {
+                return Err(ReadError { name: file.given.clone(), reason: error.to_string() });
+            }
         };
         let found = companions(file, &bytes, self.readers);
         let (companions, stamps) =
@@ -247,27 +248,27 @@ impl<'a> Reads<'a> {
         let hash = hash(&bytes, &companions);
         let all = stamp.into_iter().chain(stamps.iter().filter_map(|(_, stamp)| *stamp));
         if let Some(stamp) = stamp.filter(|_| all.clone().all(|stamp| stamp.is_settled())) {
-            self.known.remember(&file.path, AsRead { stamp, companions: stamps, hash });
+            self.known.remember(&file.path, ReadState { stamp, companions: stamps, hash });
         }
         let (name, companions) = (file.given.clone(), companions.into());
         Ok(Some(File { name, bytes: bytes.into(), companions, hash }))
     }
 }
 
-/// A forecast reads at most this many bytes of files: they are hashed in some 20 ms.
-/// A scan of 3 GB takes 22 s. If the stamp of such a file is not that of the last run, the answer is that it may have changed.
+/// The maximum number of bytes that a forecast reads. Hashing 64 MiB takes about 20 ms, whereas a scan of 3 GB takes 22 s. If a file is
+/// larger and its metadata differs from that of the last run, it is reported as possibly changed.
 const MAX_FORECAST_BYTES: u64 = 64 << 20;
 
-/// Returns the size of a file and of those that it names; more than a forecast reads if it is known to be larger.
+/// Returns the size of a file with its companions. If the size exceeds the limit of a forecast, any size above the limit may be returned.
 fn size_with_companions(file: &NodeFile, readers: &Readers) -> u64 {
     fn size(path: &Path) -> u64 {
         std::fs::metadata(path).map_or(0, |metadata| metadata.len())
     }
     let own = size(&file.path);
-    if own > MAX_FORECAST_BYTES || !readers.may_name(&ending(&file.path)) {
+    if own > MAX_FORECAST_BYTES || !readers.may_name(&extension(&file.path)) {
         return own;
     }
-    let Ok(bytes) = plain::read(&file.path) else { return own };
+    let Ok(bytes) = fs::read(&file.path) else { return own };
     let folder = file.path.parent().unwrap_or(Path::new(""));
     let (all, files) = (Cell::new(own), CompanionFiles::new(&file.roots));
     let beside = |name: &str| {
@@ -279,50 +280,50 @@ fn size_with_companions(file: &NodeFile, readers: &Readers) -> u64 {
         }
     };
     let name = file.path.to_string_lossy();
-    // A reader that panics is reported when the file is read.
-    let reading = Reading::new(&name, &bytes, &beside);
+    // If a reader panics, the panic is reported when the file is read.
+    let reading = InputFile::new(&name, &bytes, &beside);
     let _ = catch_unwind(AssertUnwindSafe(|| readers.ask_companions(&reading)));
     drop(reading);
     all.get()
 }
 
-/// Where the files are that a file names, which lie in these folders or are said not to.
-pub fn named_in(path: &Path, roots: &[PathBuf], readers: &Readers) -> Vec<PathBuf> {
-    // Only such files are read for what they name.
-    if !readers.may_name(&ending(path)) {
+/// Returns the paths of a file's companions, including those that are not in these folders.
+pub fn companion_paths(path: &Path, roots: &[PathBuf], readers: &Readers) -> Vec<PathBuf> {
+    // Files of other formats have no companions.
+    if !readers.may_name(&extension(path)) {
         return Vec::new();
     }
-    let file = NodeFile { needed: false, ..NodeFile::given(path, roots.into()) };
-    let found = companions(&file, &plain::read(path).unwrap_or_default(), readers);
+    let file = NodeFile { needed: false, ..NodeFile::from_path(path, roots.into()) };
+    let found = companions(&file, &fs::read(path).unwrap_or_default(), readers);
     found.map_or(Vec::new(), |(_, stamps)| stamps.into_iter().map(|(path, _)| path).collect())
 }
 
-/// The files that a file names, and what the system says of each before it is read.
-type Named = (Companions, Vec<(PathBuf, Option<Stamp>)>);
+/// The companions of a file, with the metadata that each has before it is read.
+type NamedFiles = (Companions, Vec<(PathBuf, Option<FileStat>)>);
 
-/// Asks the readers of a file which others it names.
+/// Determines the companions of a file by means of the readers for the file.
 ///
 /// # Errors
-/// In words, if a reader panics.
-fn companions(file: &NodeFile, bytes: &[u8], readers: &Readers) -> Result<Named, String> {
+/// A reader panics. The error is the message of the panic.
+fn companions(file: &NodeFile, bytes: &[u8], readers: &Readers) -> Result<NamedFiles, String> {
     let folder = file.path.parent().unwrap_or(Path::new(""));
     let files = CompanionFiles::new(&file.roots);
-    let named = RefCell::new(Named::default());
+    let named = RefCell::new(NamedFiles::default());
     let beside = |name: &str| {
         let (companions, stamps) = &mut *named.borrow_mut();
         companions
             .entry(name.to_owned())
             .or_insert_with(|| {
                 let path = folder.join(name);
-                stamps.push((path.clone(), Stamp::of(&path)));
+                stamps.push((path.clone(), FileStat::read(&path)));
                 files.read(name, &path)
             })
             .clone()
     };
     let name = file.path.to_string_lossy();
-    let reading = Reading::new(&name, bytes, &beside);
+    let reading = InputFile::new(&name, bytes, &beside);
     catch_unwind(AssertUnwindSafe(|| readers.ask_companions(&reading)))
-        .map_err(|panic| format!("its reader panicked: {}", in_words(&*panic)))?;
+        .map_err(|panic| format!("its reader panicked: {}", panic_message(&*panic)))?;
     drop(reading);
     Ok(named.into_inner())
 }
@@ -331,9 +332,9 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The hash of a file's content, and of that of the files that it names.
+/// Returns a hash of the content of a file and of its companions.
 fn hash(bytes: &[u8], companions: &Companions) -> Hash {
-    let own = Hash::of(bytes);
+    let own = Hash::compute(bytes);
     if companions.is_empty() {
         return own;
     }
@@ -341,16 +342,16 @@ fn hash(bytes: &[u8], companions: &Companions) -> Hash {
     let mut hashes = HashMap::new();
     for (name, found) in companions {
         let found = match found {
-            // Other names may lead to the same file.
+            // Different names may lead to the same companion.
             Ok(bytes) => hashes
                 .entry((bytes.as_ptr(), bytes.len()))
-                .or_insert_with(|| Hash::of(bytes).to_string())
+                .or_insert_with(|| Hash::compute(bytes).to_string())
                 .clone(),
             Err(why) => why.clone(),
         };
         all += &format!("\n{name}\n{found}");
     }
-    Hash::of(all.as_bytes())
+    Hash::compute(all.as_bytes())
 }
 
 #[cfg(test)]
@@ -365,29 +366,32 @@ mod tests {
         Readers::new(READERS.iter().copied())
     }
 
-    fn at(path: PathBuf) -> NodeFile {
+    fn file_at(path: PathBuf) -> NodeFile {
         let roots = path.parent().map(|root| std::fs::canonicalize(root).unwrap_or(root.into()));
         let roots = roots.into_iter().collect();
-        NodeFile { given: "a.txt".into(), ..NodeFile::given(&path, roots) }
+        NodeFile { given: "a.txt".into(), ..NodeFile::from_path(&path, roots) }
     }
 
     #[test]
     fn a_file_that_was_just_written_is_read_again_and_an_old_one_is_not() {
         let folder = tempfile::tempdir().unwrap();
-        let file = at(folder.path().join("a.txt"));
+        let file = file_at(folder.path().join("a.txt"));
         std::fs::write(&file.path, "new").unwrap();
-        let known = Known::default();
-        assert_eq!(Reads::new(&known, &readers()).hash(&file).unwrap(), Some(Hash::of(b"new")));
-        assert_eq!(known.look(&file.path), None, "a second write may have the same stamp");
+        let known = KnownFiles::default();
+        assert_eq!(
+            Reads::new(&known, &readers()).hash(&file).unwrap(),
+            Some(Hash::compute(b"new"))
+        );
+        assert_eq!(known.cached_hash(&file.path), None, "a second write may have the same stamp");
 
         let old = SystemTime::now() - Duration::from_secs(60);
         std::fs::File::options().append(true).open(&file.path).unwrap().set_modified(old).unwrap();
-        let stamp = Stamp::of(&file.path).unwrap();
-        let as_read = AsRead { stamp, companions: Vec::new(), hash: Hash::of(b"new") };
+        let stamp = FileStat::read(&file.path).unwrap();
+        let as_read = ReadState { stamp, companions: Vec::new(), hash: Hash::compute(b"new") };
         known.remember(&file.path, as_read);
-        assert_eq!(known.look(&file.path), Some(Some(Hash::of(b"new"))));
+        assert_eq!(known.cached_hash(&file.path), Some(Some(Hash::compute(b"new"))));
         std::fs::write(&file.path, "bad").unwrap();
-        assert_eq!(known.look(&file.path), None);
+        assert_eq!(known.cached_hash(&file.path), None);
     }
 
     #[test]
@@ -401,25 +405,26 @@ mod tests {
             file.set_modified(old).unwrap();
         }
         write("a.obj", "mtllib a.mtl\nv 0 0 0\n", &folder);
-        let file = NodeFile { path: folder.path().join("a.obj"), ..at(folder.path().join("a")) };
-        let known = Known::default();
-        fn read(known: &Known, file: &NodeFile) -> File {
+        let file =
+            NodeFile { path: folder.path().join("a.obj"), ..file_at(folder.path().join("a")) };
+        let known = KnownFiles::default();
+        fn read(known: &KnownFiles, file: &NodeFile) -> File {
             Reads::new(known, &readers()).file(file).unwrap().unwrap()
         }
         let missing = read(&known, &file);
         assert_eq!(missing.companion("a.mtl"), Err("there is no file `a.mtl`".into()));
-        let stamp = Stamp::of(&file.path).unwrap();
+        let stamp = FileStat::read(&file.path).unwrap();
         let companions = vec![(folder.path().join("a.mtl"), None)];
-        known.remember(&file.path, AsRead { stamp, companions, hash: missing.hash });
-        assert_eq!(known.look(&file.path), Some(Some(missing.hash)));
+        known.remember(&file.path, ReadState { stamp, companions, hash: missing.hash });
+        assert_eq!(known.cached_hash(&file.path), Some(Some(missing.hash)));
         write("a.mtl", "newmtl a\nmap_Kd a.png\n", &folder);
-        assert_eq!(known.look(&file.path), None, "a material has come");
+        assert_eq!(known.cached_hash(&file.path), None, "a material has come");
         let bare = read(&known, &file);
         assert_eq!(bare.companion("a.png"), Err("there is no file `a.png`".into()));
         write("a.png", "not yet a picture", &folder);
         let whole = read(&known, &file);
         assert_eq!(whole.companion("a.png").as_deref(), Ok(&b"not yet a picture"[..]));
-        let other = [missing.hash, bare.hash, Hash::of(whole.bytes())];
+        let other = [missing.hash, bare.hash, Hash::compute(whole.bytes())];
         assert!(!other.contains(&whole.hash));
         write("a.mtl", "newmtl a\nmap_Kd ../a.png\n", &folder);
         let outside = read(&known, &file).companion("../a.png").unwrap_err();
@@ -433,9 +438,10 @@ mod tests {
         let text = format!("{}mtllib b/../a.mtl\nv 0 0 0\n", String::from_iter(names));
         std::fs::create_dir(folder.path().join("b")).unwrap();
         std::fs::write(folder.path().join("a.mtl"), "newmtl a\n").unwrap();
-        let file = NodeFile { path: folder.path().join("a.obj"), ..at(folder.path().join("a")) };
+        let file =
+            NodeFile { path: folder.path().join("a.obj"), ..file_at(folder.path().join("a")) };
         std::fs::write(&file.path, text).unwrap();
-        let known = Known::default();
+        let known = KnownFiles::default();
         let read = Reads::new(&known, &readers()).file(&file).unwrap().unwrap();
         let first = read.companion("a.mtl").unwrap();
         assert_eq!(read.companions.len(), 391);
@@ -455,27 +461,16 @@ mod tests {
         large("a.mtl", &folder);
         std::fs::write(folder.path().join("a.obj"), "mtllib a.mtl\nv 0 0 0\n").unwrap();
         std::fs::write(folder.path().join("b.txt"), "small").unwrap();
-        let known = Known::default();
+        let known = KnownFiles::default();
         let readers = readers();
-        fn is_spared(
-            name: &str,
-            is_forecast: bool,
-            folder: &tempfile::TempDir,
-            known: &Known,
-            readers: &Readers,
-        ) -> bool {
-            let file = NodeFile { path: folder.path().join(name), ..at(folder.path().join("a")) };
-            let reads = Reads::new(known, readers);
-            let reads = if is_forecast { reads.sparing() } else { reads };
-            reads.is_spared(&file)
-        }
         for (name, expected) in [("large.txt", true), ("a.obj", true), ("b.txt", false)] {
+            let file =
+                NodeFile { path: folder.path().join(name), ..file_at(folder.path().join("a")) };
+            let reads = Reads::new(&known, &readers);
+            assert!(!reads.is_too_large_for_forecast(&file), "{name}");
             assert_eq!(
-                (
-                    is_spared(name, true, &folder, &known, &readers),
-                    is_spared(name, false, &folder, &known, &readers)
-                ),
-                (expected, false),
+                reads.with_forecast_limit().is_too_large_for_forecast(&file),
+                expected,
                 "{name}"
             );
         }
@@ -483,8 +478,8 @@ mod tests {
 
     #[test]
     fn a_file_that_is_not_there_is_an_error_only_if_it_is_needed() {
-        let file = at("/no/such/folder/a.txt".into());
-        let known = Known::default();
+        let file = file_at("/no/such/folder/a.txt".into());
+        let known = KnownFiles::default();
         let error = Reads::new(&known, &readers()).hash(&file).unwrap_err();
         assert_eq!(error.to_string(), "cannot read a.txt: there is no such file");
         assert_eq!(

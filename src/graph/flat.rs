@@ -1,55 +1,55 @@
-//! What a flat graph is made of: nodes, links and outputs.
+//! The parts of a flat graph: nodes, links and outputs.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use maquette_node::AnyNode;
 use maquette_node::pack::Format;
-use maquette_syntax::error::{Place, Problem, Severity, Source, Span, Use, code};
-use maquette_syntax::{Origin, Sheet, Tree};
+use maquette_syntax::error::{Diagnostic, Position, Severity, Source, Span, Use, code};
+use maquette_syntax::{Origin, SourceMap, Tree};
 use maquette_value::ValueType;
 use serde_json::Value as Json;
 
 use crate::files::NodeFile;
 use crate::recipe::Recipe;
 
-/// A node of a graph.
+/// A node of a flat graph.
 #[derive(Clone)]
 pub struct GraphNode {
     pub name: String,
     pub recipe: Arc<Recipe>,
-    /// The text in which it stands.
-    pub sheet: Arc<Sheet>,
+    /// The text of the file that contains the node.
+    pub source_map: Arc<SourceMap>,
     pub span: Span,
-    /// The uses of graphs that lead to it.
+    /// The uses of graphs that lead to the node, from the outermost one.
     pub uses: Arc<[Use]>,
     pub node: Arc<dyn AnyNode>,
-    /// The pack that has its type; empty for what is the engine's own.
+    /// The pack of the node type; empty for types of the engine itself.
     pub pack: &'static str,
-    /// What its ports are linked to; a port's slot is its index here.
+    /// The links of the ports. The index of a link in this list is the *slot* of its port.
     pub links: Vec<Link>,
-    /// The files that it reads.
+    /// The files that the node reads.
     pub files: Vec<NodeFile>,
-    /// What stands in the file.
+    /// The call as the file contains it, with parameters replaced by their values.
     pub(crate) tree: Arc<Tree>,
     pub outputs: Vec<&'static str>,
-    /// The type of each output; none for that of a union whose port has no link.
+    /// The type of each output. `None` if the type depends on a port without a link.
     pub types: Vec<Option<&'static ValueType>>,
-    /// What is tested of the values that come to it before it runs.
+    /// The tests of the node's inputs that are made before the node runs.
     pub guards: Vec<Guard>,
 }
 
-/// A use of a graph, or what else stands for nodes.
+/// A use of a graph, a `ForEach` or a `Switch`.
 #[derive(Clone)]
 pub struct GraphUse {
     pub name: String,
-    /// The type's name: `Feature`.
+    /// The name of the type: `Feature`.
     pub kind: String,
-    /// What each port is linked to, by node and output.
+    /// For each port, the linked node and output.
     pub inputs: Vec<(String, (usize, usize))>,
-    /// What each output gives; several values only for a `ForEach`.
+    /// For each output, the nodes and outputs that it represents. Only an output of a `ForEach` represents several.
     pub outputs: Vec<(String, Vec<(usize, usize)>)>,
-    /// A `ForEach` whose elements are not known yet: its nodes are those of an example.
+    /// True for a `ForEach` whose elements are not known yet, so that an example represents them.
     pub is_open: bool,
 }
 
@@ -61,74 +61,74 @@ pub struct Link {
     pub output: usize,
 }
 
-/// A file that a graph gives.
+/// An output file of a graph.
 #[derive(Clone)]
 pub struct GraphOutput {
-    /// Relative to the folder of all outputs.
+    /// The path relative to the output folder.
     pub name: String,
     pub node: usize,
     pub output: usize,
     pub format: Format,
-    /// What from outside may shape it.
+    /// The values from outside of the graph on which the output depends.
     pub lineage: Arc<Lineage>,
-    /// The file that names it, and where.
+    /// The file that declares the output. `span` is a position in that file.
     pub source: Arc<Source>,
     pub span: Span,
 }
 
 impl GraphNode {
-    /// The type's name: `Threshold`.
+    /// Returns the name of the type: `Threshold`.
     pub fn kind(&self) -> &str {
         &self.recipe.kind
     }
 
-    /// Where the parameter at the end of this way through the node's fields stands, as far as the file says it: in words. What
-    /// comes through uses stands where the first of them has it.
+    /// Returns the position of the parameter at a path through the node's fields, as text. If uses pass a value on to a parameter, the
+    /// position is the one at which the value is written.
     pub fn place_of(&self, path: &[String]) -> String {
-        let tree = self.tree.at(path);
+        let tree = self.tree.descend(path);
         match &tree.origin {
-            Some(Origin::Given(given)) => given.place(),
-            _ => self.sheet.place_in_words(tree.span),
+            Some(Origin::External(given)) => given.location(),
+            _ => self.source_map.describe_location(tree.span),
         }
     }
 
-    /// A problem of the node, at its place.
-    pub fn problem(
+    /// Returns a diagnostic at the position of the node.
+    pub fn diagnostic(
         &self,
         severity: Severity,
         code: &'static str,
         message: String,
         help: &str,
-    ) -> Problem {
-        let (source, span) = self.sheet.place(self.span);
-        Problem {
+    ) -> Diagnostic {
+        let (source, span) = self.source_map.locate(self.span);
+        Diagnostic {
             help: help.into(),
             uses: self.uses.to_vec(),
-            ..Problem::new(severity, code, (source, span), message)
+            ..Diagnostic::new(severity, code, (source, span), message)
         }
     }
 }
 
-/// The values from outside that may shape an output.
+/// The values from outside of a graph on which an output depends.
 #[derive(Debug, Default)]
 pub struct Lineage {
-    /// Whether each `Draft(..)` stands for its draft.
+    /// True for a draft, in which each `Draft(..)` has its draft value.
     pub draft: bool,
-    /// Names of parameters, in the order of the file.
+    /// The names of parameters, in the order of the file.
     pub parameters: Vec<String>,
-    /// Values of nodes' fields from `--set`.
+    /// The fields of nodes that `--set` has set.
     pub set: Vec<(String, Json)>,
 }
 
-/// How many elements each `ForEach` over data has, by its name, as far as that is known.
+/// The number of elements of each `ForEach` over data, by the name of the `ForEach`, if the number is known.
 pub type Counts = BTreeMap<String, Count>;
 
-/// What is known of the elements of a `ForEach`.
+/// The result of counting the elements of a `ForEach`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Count {
-    /// So many.
+    /// The number of elements.
     Of(usize),
-    /// Nothing can be made of them, because of this.
+    /// The data cannot be split into elements; contains the reason.
     Refused(String),
 }
 
@@ -137,47 +137,52 @@ pub enum Count {
 pub struct Loop {
     /// Its name.
     pub name: String,
-    /// The node that takes the data apart.
+    /// The node that splits the data into elements.
     pub node: usize,
-    /// Whether the number of its elements is not known: the graph has one example.
+    /// True if the number of elements is not known, so that the graph contains an example.
     pub is_open: bool,
 }
 
-/// A test of a value that comes to a node.
+/// A guard: a test of an input of a node, made before the node runs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Guard {
-    /// The place of the link.
+    /// The index of the link at the tested input.
     pub slot: usize,
     pub property: &'static str,
-    /// Who wants it, in words: port `mesh`, or input `skin` of `shell`.
+    /// A description of the part that has the requirement: port `mesh`, or input `skin` of `shell`.
     pub by: Arc<str>,
-    /// The input that wants it, if it is not a port of the node.
-    pub input: Option<Arc<Wanter>>,
+    /// The input of the graph that requires the property. `None` if a port of the node requires it.
+    pub input: Option<Arc<RequiringInput>>,
 }
 
-/// An input of a graph that wants a property.
+/// An input of a graph that requires a property.
 #[derive(Debug, PartialEq)]
-pub struct Wanter {
-    /// Where it says so.
+pub struct RequiringInput {
+    /// The file that declares the input. `span` is a position in that file.
     pub(crate) source: Arc<Source>,
     pub(crate) span: Span,
-    /// The uses that lead to the graph, the outermost first.
+    /// The uses that lead to the graph, from the outermost one.
     pub(crate) uses: Arc<[Use]>,
 }
 
-impl Wanter {
-    /// What comes in is not so: told where the graph is used, or where the input is declared if nobody uses it.
-    pub fn problem(&self, message: String, help: String) -> Problem {
+impl RequiringInput {
+    /// Returns the error for a violated requirement, at the position of the use. If no other graph uses the graph, the error is at the
+    /// declaration of the input.
+    pub fn diagnostic(&self, message: String, help: String) -> Diagnostic {
         let (source, span) = (self.source.clone(), self.span);
-        fn problem(place: (Arc<Source>, Span), message: String) -> Problem {
-            Problem::new(Severity::Error, code::FAILED, place, message)
+        fn failure(place: (Arc<Source>, Span), message: String) -> Diagnostic {
+            Diagnostic::new(Severity::Error, code::FAILED, place, message)
         }
         let Some((last, outer)) = self.uses.split_last() else {
-            return Problem { help, ..problem((source, span), message) };
+            return Diagnostic { help, ..failure((source, span), message) };
         };
-        let Place { line, column } = Place::of(&source.text, span.start);
-        let wanted = format!("this is wanted at {}:{line}:{column}", source.name.display());
+        let Position { line, column } = Position::from_offset(&source.text, span.start);
+        let wanted = format!("this is required at {}:{line}:{column}", source.name.display());
         let help = if help.is_empty() { wanted } else { format!("{wanted}; {help}") };
-        Problem { help, uses: outer.to_vec(), ..problem((last.source.clone(), last.span), message) }
+        Diagnostic {
+            help,
+            uses: outer.to_vec(),
+            ..failure((last.source.clone(), last.span), message)
+        }
     }
 }

@@ -1,118 +1,117 @@
-//! A graph that has been checked.
+//! Graphs that have been checked.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
-use maquette_node::reading::Readers;
-use maquette_syntax::error::{Problem, Severity, Source, Span};
-use maquette_syntax::{ron, shell};
+use maquette_node::importers::Readers;
+use maquette_syntax::error::{Diagnostic, Severity, Source, Span};
+use maquette_syntax::{quote_for_shell, to_ron};
 use maquette_value::{Hash, ValueType};
 
-use crate::Shape;
-use crate::definition::Whole;
-use crate::expected::Expected;
+use crate::Topology;
+use crate::definition::ParsedFile;
+use crate::expected::GraphExpectation;
 use crate::flat::{Counts, GraphNode, GraphOutput, GraphUse, Loop};
 use crate::input::{GraphInput, GraphPort, KnownInputs};
 use crate::options::{Options, ReadFile};
 use crate::pins::Pins;
 
-/// A graph that has been checked: every name, type, range and path in it is right.
+/// A checked graph, in which every name, type, range and path is valid.
 #[derive(Clone)]
 pub struct Graph {
     pub(crate) source: Arc<Source>,
-    /// The files of the graphs that it uses.
+    /// The files of the graphs that this graph uses.
     pub(crate) subgraphs: Vec<PathBuf>,
-    /// What it is for, in its author's words.
+    /// The author's description of the graph.
     pub(crate) doc: String,
-    /// Its nodes, each after those that it hangs on.
+    /// The nodes, ordered so that each node comes after those on which it depends.
     pub(crate) nodes: Arc<[GraphNode]>,
-    pub(crate) shape: Arc<Shape>,
+    pub(crate) topology: Arc<Topology>,
     pub(crate) outputs: Vec<GraphOutput>,
-    /// What reads the files of its nodes.
+    /// The file readers.
     pub(crate) readers: Arc<Readers>,
-    /// What it wants and gives if it is a function of values.
+    /// The inputs, if the graph is a function of values. In that case `ports` are its outputs.
     pub(crate) inputs: Vec<GraphInput>,
     pub(crate) ports: Vec<GraphPort>,
-    /// What it is made of again without some inputs, if it has such that may be left out and none has been given a value yet.
+    /// The text from which the graph can be expanded again without optional inputs. Present only if there are optional inputs, and none of
+    /// them has a value yet.
     pub(crate) text: Option<Arc<GraphText>>,
-    /// What must hold of its values, and of those of the graphs that it uses.
-    pub(crate) expect: Arc<[Expected]>,
-    /// Its inputs and parameters, described as a node's fields are.
+    /// The expectations of the graph and of the graphs that it uses.
+    pub(crate) expect: Arc<[GraphExpectation]>,
+    /// The schema of the inputs and parameters.
     pub(crate) schema: serde_json::Value,
-    /// What looks like a node in a file and is none: uses of graphs, `ForEach` and `Switch`.
+    /// The entries that are written like nodes but were expanded: uses of graphs, `ForEach` and `Switch`.
     pub(crate) uses: Arc<[GraphUse]>,
-    /// Each `ForEach` over data.
+    /// All `ForEach` over data.
     pub(crate) loops: Arc<[Loop]>,
-    /// Those of which the number of elements has been found out.
-    pub(crate) settled: BTreeSet<String>,
-    /// What it is expanded from again, if it has such.
+    /// Those `ForEach` over data whose number of elements is known.
+    pub(crate) counted: BTreeSet<String>,
+    /// The data from which the graph can be expanded again, if it has a `ForEach` over data.
     pub(crate) stage: Option<Arc<Stage>>,
-    /// The values at its inputs.
+    /// The values at the inputs of the graph.
     pub(crate) given: KnownInputs,
-    /// The words of a command that say how it was read.
+    /// The command-line options with which the graph was read.
     pub(crate) words: Arc<[String]>,
-    /// Names in its own file that no output of it needs, and what is wanted and never given.
-    pub(crate) warnings: Vec<Problem>,
+    /// Warnings about unused nodes, and about required properties that a value can never have.
+    pub(crate) warnings: Vec<Diagnostic>,
 }
 
-/// A graph, if it can be evaluated, and all problems of its file.
-pub struct Checked {
-    /// The graph; none if a problem is an error.
+/// The result of checking a graph file.
+pub struct CheckedGraph {
+    /// The graph; `None` if there are errors.
     pub graph: Option<Graph>,
-    /// If all errors are nodes of unknown types and missing files of nodes: the graph in which these nodes, and what depends on them,
-    /// give nothing.
+    /// The graph in which invalid nodes and their dependents fail. Present if all errors are unknown types or missing files of nodes.
     pub partial: Option<Graph>,
-    /// All problems, in the order of their places.
-    pub problems: Vec<Problem>,
-    /// The files that its nodes read, those that are not there included: all of them if there is a graph, else those of the
-    /// nodes that could be understood.
+    /// All diagnostics, in the order of their positions.
+    pub diagnostics: Vec<Diagnostic>,
+    /// The files that the nodes read, including missing files. If there is no graph, only the files of valid nodes.
     pub files: Vec<ReadFile>,
-    /// The files of the graphs that it uses, those that are not there included.
+    /// The files of the graphs that the graph uses, including missing files.
     pub subgraphs: Vec<PathBuf>,
 }
 
 impl Graph {
-    /// The text of its file.
+    /// Returns the text of the graph's file.
     pub fn source(&self) -> &Arc<Source> {
         &self.source
     }
 
-    /// Its nodes, each after those that it hangs on.
+    /// Returns the nodes. Each node comes after those on which it depends.
     pub fn nodes(&self) -> &Arc<[GraphNode]> {
         &self.nodes
     }
 
-    /// The files that it gives.
+    /// Returns the output files.
     pub fn outputs(&self) -> &[GraphOutput] {
         &self.outputs
     }
 
-    /// What looks like a node in a file and is none: uses of graphs, `ForEach` and `Switch`.
+    /// Returns the entries that are written like nodes but were expanded: uses of graphs, `ForEach` and `Switch`.
     pub fn uses(&self) -> &Arc<[GraphUse]> {
         &self.uses
     }
 
-    /// What must hold of its values, and of those of the graphs that it uses.
-    pub fn expectations(&self) -> &Arc<[Expected]> {
+    /// Returns the expectations of the graph and of the graphs that it uses.
+    pub fn expectations(&self) -> &Arc<[GraphExpectation]> {
         &self.expect
     }
 
-    /// What reads the files of its nodes.
+    /// Returns the file readers.
     pub fn readers(&self) -> &Arc<Readers> {
         &self.readers
     }
 
-    pub fn shape(&self) -> &Arc<Shape> {
-        &self.shape
+    pub fn topology(&self) -> &Arc<Topology> {
+        &self.topology
     }
 
-    /// The words of a command that say how it was read.
+    /// Returns the command-line options with which the graph was read.
     pub fn words(&self) -> &[String] {
         &self.words
     }
 
-    /// Remembers what it is made of, if it may have to be made again without some inputs.
+    /// Stores the text of the graph, if the graph may have to be expanded again without optional inputs.
     pub fn remember(&mut self, path: &Path, text: &str, options: &Options) {
         if self.inputs.iter().any(|input| input.optional) {
             let (path, text, options) = (path.to_owned(), text.to_owned(), options.clone());
@@ -120,50 +119,51 @@ impl Graph {
         }
     }
 
-    /// An error that has no place in the graph's text.
-    pub fn problem(&self, code: &'static str, message: String) -> Problem {
-        Problem::new(Severity::Error, code, (self.source.clone(), Span::default()), message)
+    /// Returns an error without a position in the graph's text.
+    pub fn diagnostic(&self, code: &'static str, message: String) -> Diagnostic {
+        Diagnostic::new(Severity::Error, code, (self.source.clone(), Span::default()), message)
     }
 
-    /// A warning for each node of its own file that nothing needs: no output, and nothing that is expected of a value; and for each
-    /// property that is wanted of a value that never has it.
-    pub fn unused(&self) -> &[Problem] {
+    /// Returns the warnings: one for each node of the graph's own file that no output or expectation needs, and one for each required
+    /// property that a value can never have.
+    pub fn unused_warnings(&self) -> &[Diagnostic] {
         &self.warnings
     }
 
-    /// What it is for, in its author's words.
+    /// Returns the author's description of the graph.
     pub fn doc(&self) -> &str {
         &self.doc
     }
 
-    /// The text of its file.
+    /// Returns the text of the graph's file.
     pub fn source_text(&self) -> &str {
         &self.source.text
     }
 
-    /// The names of its nodes, each after those that it hangs on.
+    /// Returns the names of the nodes. Each node comes after those on which it depends.
     pub fn node_names(&self) -> impl Iterator<Item = &str> {
         self.nodes.iter().map(|node| node.name.as_str())
     }
 
-    /// Its inputs and parameters as a JSON schema, as a node's fields are described: types, ranges, units, defaults, words.
+    /// Returns the inputs and parameters as a JSON schema in the form of a node's fields, with types, ranges, units, defaults and
+    /// descriptions.
     pub fn schema(&self) -> &serde_json::Value {
         &self.schema
     }
 
-    /// The hash of what it computes: of its nodes' names, types, parameters and links. Of files that it reads only their endings count, so
-    /// that it is the same wherever the graph lies.
+    /// Returns the hash of everything that the graph computes: names, types, parameters and links of the nodes. Only the extensions of file
+    /// paths are included, so the hash does not depend on the location of the graph.
     pub fn identity(&self) -> Hash {
-        self.shape.identity
+        self.topology.identity
     }
 
-    /// The names of its outputs.
+    /// Returns the names of the output files.
     pub fn output_names(&self) -> impl Iterator<Item = &str> {
         self.outputs.iter().map(|output| output.name.as_str())
     }
 
-    /// What it gives: the name of each file, or of each value of a graph that is a function, and the type of what it holds; no type if it
-    /// has that of what comes in.
+    /// Returns the name and type of each output file; for a function, those of each output value. `None` as the type if it depends on an
+    /// input.
     pub fn results(&self) -> impl Iterator<Item = (&str, Option<&'static ValueType>)> {
         let files =
             self.outputs.iter().map(|output| (&output.name[..], output.node, output.output));
@@ -174,35 +174,38 @@ impl Graph {
             .map(|(name, node, output): (_, usize, usize)| (name, self.nodes[node].types[output]))
     }
 
-    /// Returns true if the graph has the section `inputs`, even an empty one: its outputs are values in place of files.
+    /// Returns true if the graph has the section `inputs`, even an empty one. The outputs of such a graph are values, not files.
     pub fn is_function(&self) -> bool {
         self.outputs.is_empty() && !self.ports.is_empty()
     }
 
-    /// A value for a parameter of this name as RON, as [`Options::set`] takes it: words are choices, texts or colors, and lists are vectors,
-    /// as its declaration says. None if there is no such parameter.
+    /// Converts a value for a parameter to RON, as [`Options::set`] takes it. The declaration of the parameter determines if a string is a
+    /// choice, a text or a color; a list is a vector. Returns `None` if no such parameter exists.
     pub fn as_ron(&self, parameter: &str, value: &serde_json::Value) -> Option<String> {
         let declared = self.schema.get("properties")?.get(parameter)?;
-        Some(ron(value, declared, &self.schema))
+        Some(to_ron(value, declared, &self.schema))
     }
 
-    /// A command on one of its values for people, `maquette inspect graph.ron nose`, with the values that it was read with.
+    /// Returns a command line for one of the graph's values, such as `maquette inspect graph.ron nose`. It contains the options with which
+    /// the graph was read.
     pub fn command(&self, verb: &str, link: &str) -> String {
         let file = self.source.name.display().to_string();
         let given = self.given.keys().flat_map(|name| ["--input".into(), format!("{name}=..")]);
         let words = [file, link.into()].into_iter().chain(self.words.iter().cloned()).chain(given);
-        words.fold(format!("maquette {verb}"), |command, word| command + " " + &shell(&word))
+        words.fold(format!("maquette {verb}"), |command, word| {
+            command + " " + &quote_for_shell(&word)
+        })
     }
 
-    /// The node and output of a value by the name of an output, or by its link.
-    pub fn value_named(&self, name: &str) -> Option<(usize, usize)> {
+    /// Returns the node and output of a value, which is given by the name of an output or by a link.
+    pub fn find_value(&self, name: &str) -> Option<(usize, usize)> {
         let outputs = self.outputs.iter().map(|output| (&output.name, output.node, output.output));
         let ports = self.ports.iter().map(|port| (&port.name, port.node, port.output));
         let found = outputs.chain(ports).find(|(known, ..)| *known == name);
         found.map(|(_, node, output)| (node, output)).or_else(|| self.target(name))
     }
 
-    /// The node and output that a link names: `node`, `node.output`, and the same of a use of a graph.
+    /// Returns the node and output of a link: `node`, `node.output`, or an output of a use.
     pub fn target(&self, link: &str) -> Option<(usize, usize)> {
         let (name, output) = match link.split_once('.') {
             Some((name, output)) => (name, Some(output)),
@@ -224,7 +227,7 @@ impl Graph {
         }
     }
 
-    /// The nodes of this name, or all that make what a use of this name gives.
+    /// Returns the node of this name. For the name of a use, returns all nodes that compute the outputs of the use.
     pub fn nodes_of(&self, name: &str) -> Vec<usize> {
         let given = self.uses.iter().filter(|given| given.name == name);
         let given = given.flat_map(|given| &given.outputs).flat_map(|(_, targets)| targets);
@@ -236,30 +239,32 @@ impl Graph {
         nodes
     }
 
-    /// The names of nodes and of what else looks like nodes.
+    /// Returns the names of nodes, uses, `ForEach` and `Switch`.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.node_names().chain(self.uses.iter().map(|given| &given.name[..]))
     }
 
-    /// The place of a node, by name.
+    /// Returns the index of a node by its name.
     pub fn find(&self, name: &str) -> Option<usize> {
-        self.shape.names.iter().position(|other| other == name)
+        self.topology.names.iter().position(|other| other == name)
     }
 
-    /// Whether evaluating it computes and writes the same as evaluating the other one: they differ in comments and order of
-    /// fields at most, as long as no file that they read changes.
+    /// Returns true if the evaluation of either graph computes and writes the same. Such graphs differ only in comments and the order of
+    /// fields.
     pub fn means_the_same(&self, other: &Self) -> bool {
-        // Of a graph with an example of its elements the parts do not say all.
+        // If a graph contains an example of its elements, its parts do not determine it fully.
         self.stage.is_none() && self.has_the_same_parts(other)
     }
 
-    /// Whether its nodes, outputs and expectations are those of the other one; one element of a `ForEach` over data stands for all.
+    /// Returns true if both graphs have equal nodes, outputs and expectations. A `ForEach` over data is compared by its example.
     pub fn has_the_same_parts(&self, other: &Self) -> bool {
-        self.shape.identity == other.shape.identity
+        self.topology.identity == other.topology.identity
             && self.expect.len() == other.expect.len()
-            && self.expect.iter().zip(&*other.expect).all(|(a, b): (&Expected, &Expected)| {
-                (&a.expectation, &a.values) == (&b.expectation, &b.values)
-            })
+            && self.expect.iter().zip(&*other.expect).all(
+                |(a, b): (&GraphExpectation, &GraphExpectation)| {
+                    (&a.expectation, &a.values) == (&b.expectation, &b.values)
+                },
+            )
             && self.files().eq(other.files())
             && self.outputs.len() == other.outputs.len()
             && self.outputs.iter().zip(&other.outputs).all(
@@ -269,34 +274,34 @@ impl Graph {
             )
     }
 
-    /// The files that it is made of: its own, and those of the graphs that it uses.
+    /// Returns the files of the graph itself and of the graphs that it uses.
     pub fn texts(&self) -> impl Iterator<Item = &Path> {
         [&self.source.name].into_iter().chain(&self.subgraphs).map(|path| &**path)
     }
 
-    /// All files that evaluating it may read, those that need not be there included.
+    /// Returns all files that an evaluation may read, including optional ones.
     pub fn files(&self) -> impl Iterator<Item = &Path> {
         self.nodes.iter().flat_map(|node| &node.files).map(|file| &*file.path)
     }
 }
 
-/// The text of a graph, of which another graph is made where inputs are left out.
+/// The text from which a graph can be expanded again without optional inputs.
 pub(crate) struct GraphText {
     pub(crate) path: PathBuf,
     pub(crate) text: String,
     pub(crate) options: Options,
 }
 
-/// All that a graph is expanded from again.
+/// The data from which a graph can be expanded again with other numbers of elements.
 pub(crate) struct Stage {
-    pub whole: Arc<Whole>,
+    pub whole: Arc<ParsedFile>,
     pub options: Options,
     pub root: PathBuf,
-    /// Whether it has nodes of unknown types.
+    /// True if the graph has nodes of unknown types.
     pub is_partial: bool,
-    /// The inputs that are left out.
+    /// The inputs that are omitted.
     pub absent: BTreeSet<String>,
     pub pins: Arc<Pins>,
-    /// The last expansion, without this.
+    /// The last expansion with its numbers of elements. The `stage` of that graph is empty.
     pub last: Mutex<Option<(Counts, Graph)>>,
 }

@@ -1,32 +1,32 @@
-//! Which values are tested for what before nodes run on them: what is wanted and nobody promises.
+//! Guards: tests of properties that a node requires and the node that computes the value does not promise.
 
 use std::collections::HashSet;
 use std::sync::Arc;
 
 use maquette_node::Source as Origin;
-use maquette_syntax::error::{Problem, Severity, code};
+use maquette_syntax::error::{Diagnostic, Severity, code};
 
-use super::expected::Expected;
+use super::expected::GraphExpectation;
 use super::{ELEMENTS, Graph, GraphNode, Link};
 use crate::flat::Guard;
 
-/// A node and one of its outputs.
+/// The index of a node, and the index of the node's output.
 type Target = (usize, usize);
 
-/// Outputs and properties.
+/// Properties of outputs.
 type Facts<'p> = HashSet<(Target, &'p str)>;
 
-/// What is known of the values of a flat graph before it runs.
+/// The known properties: those that the values of a flat graph are known to have before it runs.
 #[derive(Default)]
-pub(super) struct Known {
+pub(super) struct KnownProperties {
     always: Facts<'static>,
     never: Facts<'static>,
 }
 
-impl Known {
-    /// Finds out what is known, adds what nodes themselves want to their guards, and takes away what need not be tested. Warns of what is
-    /// wanted and never given.
-    pub(super) fn settle(nodes: &mut [GraphNode]) -> (Self, Vec<Problem>) {
+impl KnownProperties {
+    /// Determines the known properties, adds the nodes' own requirements to their guards, and removes the guards that known properties
+    /// satisfy. Returns warnings about required properties that a value can never have.
+    pub(super) fn resolve_guards(nodes: &mut [GraphNode]) -> (Self, Vec<Diagnostic>) {
         let (mut known, mut warnings) = (Self::default(), Vec::new());
         for index in 0..nodes.len() {
             let mut guards = std::mem::take(&mut nodes[index].guards);
@@ -40,25 +40,9 @@ impl Known {
                 }
             }
             let node = &nodes[index];
-            fn target(slot: usize, node_links: &[Link]) -> (usize, usize) {
-                (node_links[slot].node, node_links[slot].output)
-            }
-            for guard in guards
-                .iter()
-                .filter(|it| known.never.contains(&(target(it.slot, &node.links), it.property)))
+            for guard in guards.iter().filter(|it| known.never.contains(&it.tested_property(node)))
             {
-                warnings.push(never(nodes, node, guard));
-            }
-            // On what it is run has been tested by then.
-            fn holds(
-                slot: usize,
-                property: &'static str,
-                guards: &[Guard],
-                known_always: &HashSet<((usize, usize), &'static str)>,
-                node_links: &[Link],
-            ) -> bool {
-                known_always.contains(&(target(slot, node_links), property))
-                    || guards.iter().any(|it| (it.slot, it.property) == (slot, property))
+                warnings.push(never_holds_warning(nodes, node, guard));
             }
             let mut found = Vec::new();
             for (output, property, source) in node.node.promises() {
@@ -70,10 +54,14 @@ impl Known {
                     Origin::From(port) => {
                         let links = node.links.iter().enumerate();
                         let mut links = links.filter(|(_, link)| link.port == port).peekable();
-                        // Of nothing anything holds, but not of what is made of it.
+                        // If there were no inputs, the condition would be trivially true. When the node runs, the guards have already
+                        // tested the inputs.
                         links.peek().is_some()
-                            && links.all(|(slot, _)| {
-                                holds(slot, property, &guards, &known.always, &node.links)
+                            && links.all(|(slot, link)| {
+                                known.always.contains(&((link.node, link.output), property))
+                                    || guards
+                                        .iter()
+                                        .any(|it| (it.slot, it.property) == (slot, property))
                             })
                     }
                     Origin::Never => {
@@ -83,31 +71,34 @@ impl Known {
                 };
                 found.extend(is_kept.then_some(((index, output), property)));
             }
-            guards
-                .retain(|it| !known.always.contains(&(target(it.slot, &node.links), it.property)));
+            guards.retain(|it| !known.always.contains(&it.tested_property(node)));
             nodes[index].guards = guards;
             known.always.extend(found);
         }
         (known, warnings)
     }
 
-    /// Leaves out those promises of graphs that follow from what is inside, as those of graphs that only hand one on, and warns of those
-    /// that cannot be kept: once for all elements of a `ForEach`.
-    pub(super) fn judge(&self, expected: &mut Vec<Expected>, warnings: &mut Vec<Problem>) {
+    /// Removes the promises of graphs that follow from promises of their nodes. Warns about promises that cannot be kept, once for all
+    /// elements of a `ForEach`.
+    pub(super) fn retain_open_promises(
+        &self,
+        expected: &mut Vec<GraphExpectation>,
+        warnings: &mut Vec<Diagnostic>,
+    ) {
         let (always, never): (&Facts<'_>, &Facts<'_>) = (&self.always, &self.never);
-        let (mut promised, mut told) = (HashSet::new(), HashSet::new());
+        let (mut promised, mut reported) = (HashSet::new(), HashSet::new());
         expected.retain(|it| {
-            let (Some(property), Some(target)) = (it.expectation.promised(), it.values[0]) else {
+            let (Some(property), Some(target)) = (it.expectation.promised_property(), it.values[0]) else {
                 return true;
             };
             let is_first = promised.insert((target, property.to_owned())) || it.of.is_none();
             if is_first && never.contains(&(target, property)) {
                 let name = it.expectation.values()[0];
                 let message =
-                    format!("`{name}` is promised to be {property}, but what gives it never is so");
-                let problem = Problem { severity: Severity::Warning, ..it.problem(message) };
-                if told.insert((it.source.name.clone(), it.span, problem.span)) {
-                    warnings.push(problem);
+                    format!("`{name}` is promised to be {property}, but the node that computes it never guarantees that");
+                let diagnostic = Diagnostic { severity: Severity::Warning, ..it.diagnostic(message) };
+                if reported.insert((it.source.name.clone(), it.span, diagnostic.span)) {
+                    warnings.push(diagnostic);
                 }
             }
             is_first && !always.contains(&(target, property))
@@ -115,33 +106,41 @@ impl Known {
     }
 }
 
-/// Whether values at a link can have the property; what has the type of what comes in somewhere may.
+impl Guard {
+    /// Returns the output that is tested, and the property.
+    fn tested_property(&self, node: &GraphNode) -> (Target, &'static str) {
+        let Link { node, output, .. } = node.links[self.slot];
+        ((node, output), self.property)
+    }
+}
+
+/// Returns true if a value to which the link leads may have the property.
 fn has_property(nodes: &[GraphNode], link: &Link, property: &str) -> bool {
     let kind = nodes[link.node].types.get(link.output).copied().flatten();
     kind.is_some_and(|kind| kind.property(property).is_some())
 }
 
-fn never(nodes: &[GraphNode], node: &GraphNode, guard: &Guard) -> Problem {
+fn never_holds_warning(nodes: &[GraphNode], node: &GraphNode, guard: &Guard) -> Diagnostic {
     let link = &node.links[guard.slot];
     let source = &nodes[link.node];
     let (kind, property) = (source.types[link.output].map_or("", |kind| kind.name), guard.property);
     let message = format!(
-        "{} of `{}` wants {kind}[{property}], but `{}` never is so",
+        "{} of `{}` wants {kind}[{property}], but `{}` never guarantees that",
         guard.by, node.name, source.name
     );
     let help = format!(
-        "the command `nodes {}` says what it promises with which parameters",
+        "the command `nodes {}` shows what it promises for which parameters",
         source.kind()
     );
-    node.problem(Severity::Warning, code::WRONG_TYPE, message, &help)
+    node.diagnostic(Severity::Warning, code::WRONG_TYPE, message, &help)
 }
 
 impl Graph {
-    /// What a link to this output of a node would say.
+    /// Returns the link that leads to an output of a node.
     pub fn link_name(&self, node: usize, output: usize) -> String {
         let GraphNode { name, outputs, .. } = &self.nodes[node];
         match (name.rsplit_once('/'), outputs.len()) {
-            // The data of one element.
+            // The data of one element of a `ForEach`.
             (Some((each, port)), _) if self.nodes[node].kind() == ELEMENTS => {
                 format!("{each}/{}/{port}", output + 1)
             }

@@ -1,40 +1,40 @@
-//! The inputs of a graph: values that come from a graph that uses it, or from whoever calls it as a function.
+//! The inputs of a graph. Their values come from a graph that uses this one, or from a caller of the graph as a function.
 //!
-//! A file for an input becomes the value that a node would read from it: `camera.json` beside a range file or picture counts.
+//! A file for an input is read as a node would read it, including a `camera.json` in the folder of a range file or picture.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use maquette_node::{AnyNode, Context, FilePath};
-use maquette_syntax::error::{Error, Problem, Severity, Span, code};
+use maquette_syntax::error::{Diagnostic, Error, Severity, Span, code};
 use maquette_syntax::{Tree, nearest_or_all, with_article};
 use maquette_value::{AnyValue, Hash, ValueType};
 use serde_json::json;
 
 use super::recipe::Recipe;
-use super::{Graph, GraphOutput, Shape};
+use super::{Graph, GraphOutput, Topology};
 use crate::catalog::Catalog;
-use crate::definition::{Built, Draft};
+use crate::definition::{BuiltNode, ParsedNode};
 use crate::files::NodeFile;
 use crate::flat::Lineage;
 
-/// Values for the inputs of a graph, by their names.
+/// The values for the inputs of a graph, by the names of the inputs.
 pub type InputValues = BTreeMap<String, AnyValue>;
 
-/// What is known of the values for the inputs of a graph, by their names.
+/// What is known about the values of a graph's inputs, by the names of the inputs.
 pub type KnownInputs = BTreeMap<String, KnownInput>;
 
-/// What is read for inputs, by their names, with warnings; or every error.
-pub type InputsOr<T> = Result<(BTreeMap<String, T>, Vec<Problem>), Vec<Problem>>;
+/// The values that were read for inputs, by the names of the inputs, with warnings. If reading fails, all errors.
+pub type ReadInputs<T> = Result<(BTreeMap<String, T>, Vec<Diagnostic>), Vec<Diagnostic>>;
 
-/// What is known of a value for an input. What is no value is known for a forecast alone.
+/// What is known about the value of an input. Everything except a forecast requires the value itself.
 #[derive(Clone, Debug)]
 pub enum KnownInput {
     Value(AnyValue),
     /// The hash of the value.
     Hash(Hash),
-    /// The file that has the value, and was not read.
+    /// The file that contains the value, and that has not been read.
     File(NodeFile),
 }
 
@@ -45,20 +45,20 @@ pub struct GraphInput {
     pub name: String,
     /// The type of values that it takes.
     pub kind: &'static ValueType,
-    /// What it is, in its author's words.
+    /// The description by its author.
     pub doc: String,
-    /// Whether it may be left out: then what is linked to it has one link less.
+    /// True if a use may omit the input, together with all links to it.
     pub optional: bool,
-    /// The node that stands for it.
+    /// The node that represents the input.
     pub(super) node: usize,
 }
 
-/// An output of a graph with inputs: a value for who uses or calls it.
+/// An output of a graph that has inputs. It is a value for users or callers of the graph.
 #[derive(Clone, Debug)]
 pub struct GraphPort {
     /// Its name.
     pub name: String,
-    /// The type of its values; none if it has the type that comes in somewhere.
+    /// The type of the values. `None` if the type depends on an input.
     pub kind: Option<&'static ValueType>,
     pub node: usize,
     pub output: usize,
@@ -67,46 +67,46 @@ pub struct GraphPort {
 }
 
 impl GraphInput {
-    /// The input that a declaration, such as `Mesh(doc: "..")`, makes.
-    pub(super) fn new(draft: &Draft, kind: &'static ValueType, node: usize) -> Self {
-        let mut fields = draft.tree.fields().unwrap_or_default().iter();
+    /// Creates an input from its declaration, such as `Mesh(doc: "..")`.
+    pub(super) fn new(parsed: &ParsedNode, kind: &'static ValueType, node: usize) -> Self {
+        let mut fields = parsed.tree.fields().unwrap_or_default().iter();
         let doc =
             fields.find(|field| field.name.text == "doc").and_then(|field| field.value.text());
-        let (name, doc) = (draft.name.text.clone(), doc.unwrap_or_default().to_owned());
-        Self { name, kind, doc, optional: draft.is_optional, node }
+        let (name, doc) = (parsed.name.text.clone(), doc.unwrap_or_default().to_owned());
+        Self { name, kind, doc, optional: parsed.is_optional, node }
     }
 }
 
 impl Graph {
-    /// The values that it wants, in the file's order.
+    /// Returns the inputs, in the order of the file.
     pub fn inputs(&self) -> &[GraphInput] {
         &self.inputs
     }
 
-    /// The values that it gives, if it has inputs, in the file's order.
+    /// Returns the output values of a graph with inputs, in the order of the file.
     pub fn ports(&self) -> &[GraphPort] {
         &self.ports
     }
 
-    /// The same graph with these values at its inputs, to be evaluated by itself. Results have the same keys as where another
-    /// graph uses it with equal values. Its outputs become files in the preferred format of their types.
+    /// Sets the values of inputs, so that the graph can be evaluated by itself. The results have the same keys as in a graph that uses this
+    /// one with equal values. The outputs become files in the default formats of their types.
     ///
-    /// Inputs without a value are no error: those that are optional are left out for good, and what hangs on others fails when it
-    /// is evaluated.
+    /// An input without a value is not an error. If it is optional, it is omitted permanently; otherwise the nodes that depend on it fail
+    /// when they are evaluated.
     ///
     /// # Errors
-    /// For each value of a wrong type, and each name that is no input's.
+    /// A value has a wrong type, or one of the names is not that of an input.
     pub fn with_inputs(
         &self,
         values: &InputValues,
         catalog: &Catalog,
-    ) -> Result<Self, Vec<Problem>> {
-        let value =
-            |(name, value): (&String, &AnyValue)| (name.clone(), KnownInput::Value(value.clone()));
-        self.with_known_inputs(&values.iter().map(value).collect(), catalog)
+    ) -> Result<Self, Vec<Diagnostic>> {
+        let known =
+            values.iter().map(|(name, value)| (name.clone(), KnownInput::Value(value.clone())));
+        self.with_known_inputs(&known.collect(), catalog)
     }
 
-    /// The same for a forecast, with what is known of these values.
+    /// Sets what is known about the values of inputs, for a forecast.
     ///
     /// # Errors
     /// As [`with_inputs`](Self::with_inputs).
@@ -114,20 +114,20 @@ impl Graph {
         &self,
         values: &KnownInputs,
         catalog: &Catalog,
-    ) -> Result<Self, Vec<Problem>> {
+    ) -> Result<Self, Vec<Diagnostic>> {
         let left_out =
             self.inputs.iter().filter(|it| it.optional && !values.contains_key(&it.name));
         let left_out = BTreeSet::from_iter(left_out.map(|input| input.name.clone()));
         if let Some(text) = self.text.as_ref().filter(|_| !left_out.is_empty()) {
             return text.graph_without(left_out, catalog)?.with_known_inputs(values, catalog);
         }
-        let mut problems = Vec::new();
+        let mut diagnostics = Vec::new();
         let mut nodes = self.nodes.to_vec();
         for (name, known) in values {
             let input = match self.input(name) {
                 Ok(input) => input,
-                Err(problem) => {
-                    problems.push(*problem);
+                Err(diagnostic) => {
+                    diagnostics.push(*diagnostic);
                     continue;
                 }
             };
@@ -136,7 +136,7 @@ impl Graph {
             }
             let (parameters, value) = match known {
                 KnownInput::Value(value) if input.kind != value.kind() => {
-                    problems.push(self.wrong_input(input, value, catalog));
+                    diagnostics.push(self.input_type_error(input, value, catalog));
                     continue;
                 }
                 KnownInput::Value(value) => (of_hash(value.hash()), Some(value.clone())),
@@ -150,101 +150,117 @@ impl Graph {
                 node.files = vec![NodeFile { is_unread: true, ..file.clone() }];
             }
         }
-        if !problems.is_empty() {
-            return Err(problems);
+        if !diagnostics.is_empty() {
+            return Err(diagnostics);
         }
-        let shape = Arc::new(Shape::new(&nodes));
+        let shape = Arc::new(Topology::new(&nodes));
         let outputs = self.ports.iter().filter_map(|port| self.file_of(port, catalog)).collect();
         let mut given = self.given.clone();
         given.extend(values.clone());
-        Ok(Self { nodes: nodes.into(), shape, outputs, text: None, given, ..self.clone() })
+        Ok(Self {
+            nodes: nodes.into(),
+            topology: shape,
+            outputs,
+            text: None,
+            given,
+            ..self.clone()
+        })
     }
 
-    /// The file that an output becomes where nobody names one.
+    /// Returns the output file for an output port, in the default format of its type.
     fn file_of(&self, port: &GraphPort, catalog: &Catalog) -> Option<GraphOutput> {
         let format = *catalog.preferred_format(port.kind?)?;
         let (node, output, span) = (port.node, port.output, port.span);
         let lineage = port.lineage.clone();
-        let name = Path::new(&port.name).with_extension(format.ending).display().to_string();
+        let name = Path::new(&port.name).with_extension(format.extension).display().to_string();
         let source = self.source.clone();
         Some(GraphOutput { name, node, output, format, lineage, source, span })
     }
 
-    /// The values in some files for its inputs, by their types and the files' endings, and warnings of what is to be doubted of them.
+    /// Reads the values of inputs from files, and returns them with warnings. The type of the input and the extension of the file select
+    /// the reader.
+    ///
+    /// # Errors
+    /// A name is not that of an input, or a file cannot be read.
     pub fn read_inputs(
         &self,
         files: &[(String, PathBuf)],
         catalog: &Catalog,
-    ) -> Result<(InputValues, Vec<Problem>), Vec<Problem>> {
+    ) -> Result<(InputValues, Vec<Diagnostic>), Vec<Diagnostic>> {
         self.read_inputs_by(files, |path, kind| catalog.readers().open(path, Some(kind)))
     }
 
-    /// The same, where `open` gives what is in a file for an input of a type, with its warnings.
+    /// Reads inputs with `open`. That function returns the content of a file for an input of a given type, and warnings.
     ///
     /// # Errors
-    /// For each name that is no input's, and each file that cannot be read.
+    /// A name is not that of an input, or a file cannot be read.
     pub fn read_inputs_by<T>(
         &self,
         files: &[(String, PathBuf)],
         open: impl Fn(&Path, &'static ValueType) -> Result<(T, Vec<String>), String>,
-    ) -> InputsOr<T> {
+    ) -> ReadInputs<T> {
         let (mut values, mut warnings, mut errors) = (BTreeMap::new(), Vec::new(), Vec::new());
         for (name, path) in files {
             let input = match self.input(name) {
                 Ok(input) => input,
-                Err(problem) => {
-                    errors.push(*problem);
+                Err(diagnostic) => {
+                    errors.push(*diagnostic);
                     continue;
                 }
             };
-            let problem = |severity, code, text: &str| {
-                self.problem_of_input(input, severity, code, format!("input `{name}`: {text}"))
+            let diagnostic = |severity, code, text: &str| {
+                self.input_diagnostic(input, severity, code, format!("input `{name}`: {text}"))
             };
             match open(path, input.kind) {
                 Ok((value, doubts)) => {
                     let doubts = doubts.iter();
                     warnings.extend(
-                        doubts.map(|doubt| problem(Severity::Warning, code::WARNING, doubt)),
+                        doubts.map(|doubt| diagnostic(Severity::Warning, code::WARNING, doubt)),
                     );
                     values.insert(name.clone(), value);
                 }
-                Err(why) => errors.push(problem(Severity::Error, code::FAILED, &why)),
+                Err(why) => errors.push(diagnostic(Severity::Error, code::FAILED, &why)),
             }
         }
         if errors.is_empty() { Ok((values, warnings)) } else { Err(errors) }
     }
 
-    /// The input of this name.
+    /// Returns the input of this name.
     ///
     /// # Errors
-    /// If there is none.
-    fn input(&self, name: &str) -> Result<&GraphInput, Box<Problem>> {
+    /// There is no such input.
+    fn input(&self, name: &str) -> Result<&GraphInput, Box<Diagnostic>> {
         let found = self.inputs.iter().find(|input| input.name == name);
         found.ok_or_else(|| Box::new(self.no_input(name)))
     }
 
-    /// A problem at the place where an input is declared.
-    pub(crate) fn problem_of_input(
+    /// Returns a diagnostic whose position is the declaration of an input.
+    pub(crate) fn input_diagnostic(
         &self,
         input: &GraphInput,
         severity: Severity,
         code: &'static str,
         message: String,
-    ) -> Problem {
-        self.nodes[input.node].problem(severity, code, message, "")
+    ) -> Diagnostic {
+        self.nodes[input.node].diagnostic(severity, code, message, "")
     }
 
-    fn no_input(&self, name: &str) -> Problem {
+    fn no_input(&self, name: &str) -> Diagnostic {
         let known: Vec<_> = self.inputs.iter().map(|input| &input.name[..]).collect();
         let help = match known.is_empty() {
             true => "it has no inputs at all; --set changes parameters".into(),
             false => nearest_or_all(name, "its inputs", &known),
         };
         let message = format!("the graph has no input `{name}`");
-        Problem { help: help.into(), ..self.problem(code::UNKNOWN_FIELD, message) }
+        Diagnostic { help: help.into(), ..self.diagnostic(code::UNKNOWN_FIELD, message) }
     }
 
-    fn wrong_input(&self, input: &GraphInput, value: &AnyValue, catalog: &Catalog) -> Problem {
+    fn input_type_error(
+        &self,
+        input: &GraphInput,
+        value: &AnyValue,
+        catalog: &Catalog,
+    ) -> Diagnostic {
         let (wanted, given) = (input.kind.name, value.kind().name);
         let message = format!(
             "input `{}` wants {}, but it is given {}",
@@ -257,20 +273,20 @@ impl Graph {
             .first()
             .map(|maker| format!("{} makes {} of it", with_article(maker), with_article(wanted)));
         let node = &self.nodes[input.node];
-        node.problem(Severity::Error, code::WRONG_TYPE, message, &maker.unwrap_or_default())
+        node.diagnostic(Severity::Error, code::WRONG_TYPE, message, &maker.unwrap_or_default())
     }
 }
 
-/// What the nodes that stand for inputs are called, where the types of nodes are told.
+/// The type name of the nodes that represent inputs.
 pub const INPUT: &str = "Input";
 
-/// The node that stands for an input, and its value if it has one.
+/// The node that represents an input, with the input's value if that is set.
 struct Input {
     name: String,
     value: Option<AnyValue>,
 }
 
-/// A graph with inputs was evaluated without a value for one.
+/// The error for evaluating a graph while an input has no value.
 #[derive(Debug, thiserror::Error)]
 #[error(
     "it is an input without a value: `maquette run --input {0}=FILE` gives it one, as does a graph that uses this one"
@@ -292,9 +308,9 @@ impl AnyNode for Input {
     }
 }
 
-/// What stands for an input until it has a value.
-pub(super) fn input_node(name: &str, tree: &Tree) -> Built {
+/// Creates the node of an input without a value.
+pub(super) fn input_node(name: &str, tree: &Tree) -> BuiltNode {
     let recipe = Arc::new(Recipe::new(INPUT, json!({ "name": name }), &[]));
     let node = Arc::new(Input { name: name.to_owned(), value: None });
-    Built { node, pack: "", recipe, files: Vec::new(), tree: Arc::new(tree.clone()) }
+    BuiltNode { node, pack: "", recipe, files: Vec::new(), tree: Arc::new(tree.clone()) }
 }

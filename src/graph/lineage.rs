@@ -1,21 +1,21 @@
-//! Which values from outside may shape an output: those that are named by what it hangs on, `Switch`es included.
+//! The values from outside of a graph on which an output depends: those to which its dependencies refer, including `Switch`es.
 
 use std::collections::HashMap;
 
 use maquette_syntax::parse;
 
 use super::Options;
-use super::needs::Needs;
+use super::dependencies::Dependencies;
 use super::parameters::{Parameters, names_in};
-use crate::definition::{Draft, Repeat};
+use crate::definition::{ParsedNode, Repeat};
 use crate::flat::Lineage;
 
 impl Lineage {
-    /// What shapes the draft at this place.
-    pub(super) fn of(
-        draft: usize,
-        drafts: &[Draft],
-        needs: &Needs,
+    /// Collects the values from outside of the graph on which the parsed node at `index` depends.
+    pub(super) fn new(
+        index: usize,
+        parsed_nodes: &[ParsedNode],
+        needs: &Dependencies,
         declared: &Parameters,
         options: &Options,
     ) -> Self {
@@ -24,35 +24,28 @@ impl Lineage {
         if names.is_empty() && set.is_empty() {
             return Self { draft: *is_draft, ..Self::default() };
         }
-        let needed = needs.of([draft]);
-        let needed = || drafts.iter().zip(&needed).filter(|(_, needed)| **needed);
+        let needed = parsed_nodes.iter().zip(needs.closure_of([index]));
+        let needed: Vec<_> =
+            needed.filter(|(_, is_needed)| *is_needed).map(|(parsed, _)| parsed).collect();
         let places: HashMap<&str, usize> = names.iter().copied().zip(0..).collect();
         let mut is_named = vec![false; names.len()];
-        for (draft, _) in needed() {
-            let numbers = draft.repeat.iter().flat_map(Repeat::numbers);
-            for value in numbers.chain([&draft.tree]) {
+        for parsed in &needed {
+            let numbers = parsed.repeat.iter().flat_map(Repeat::numbers);
+            for value in numbers.chain([&parsed.tree]) {
                 let found = names_in(value, &|name| places.contains_key(name));
                 let found = found.iter().filter_map(|name| places.get(&name[..]));
                 found.for_each(|&place| is_named[place] = true);
             }
         }
-        for (name, from) in declared.derived().rev() {
+        for (name, from) in declared.derived_parameters().rev() {
             if places.get(name).is_some_and(|&place| is_named[place]) {
                 let from = from.iter().filter_map(|name| places.get(&name[..]));
                 from.for_each(|&place| is_named[place] = true);
             }
         }
-        let is_of = |target: &str| {
-            fn of(name: &str, target: &str) -> bool {
-                target.strip_prefix(name).is_some_and(|it| it.starts_with('.'))
-            }
-            fn each(name: &str, target: &str) -> bool {
-                name.split_once('/').is_some_and(|(each, _)| of(each, target))
-            }
-            needed()
-                .any(|(draft, _)| of(&draft.name.text, target) || each(&draft.name.text, target))
-        };
-        let set = set.iter().filter(|(target, _)| is_of(target));
+        let set = set.iter().filter(|(target, _)| {
+            needed.iter().any(|parsed| sets_field_of(target, &parsed.name.text))
+        });
         Self {
             draft: *is_draft,
             parameters: names
@@ -66,7 +59,15 @@ impl Lineage {
     }
 }
 
-/// A text without its quotes, as it may be given, too.
+/// Returns true if a target of `--set` is in the node of this name, or in the `ForEach` of which the node is an element.
+fn sets_field_of(target: &str, node: &str) -> bool {
+    fn is_in(target: &str, node: &str) -> bool {
+        target.strip_prefix(node).is_some_and(|field| field.starts_with('.'))
+    }
+    is_in(target, node) || node.split_once('/').is_some_and(|(for_each, _)| is_in(target, for_each))
+}
+
+/// Returns a text without the quotes around it.
 fn plain(value: &str) -> String {
     let tree = parse(value).0;
     tree.text().unwrap_or(value).to_owned()

@@ -1,4 +1,4 @@
-//! Where the links of a graph lead, in which order its nodes come, and what flows on the links.
+//! Resolves links: determines their targets, the order of the nodes, and the types of values.
 
 use std::collections::HashMap;
 
@@ -7,58 +7,59 @@ use maquette_syntax::{FoundLink, Help, any_of, nearest_or_all, with_article};
 use maquette_value::ValueType;
 
 use super::check::Check;
-use super::needs::Needs;
-use super::top::name_of;
-use crate::definition::{Draft, Each, What};
+use super::dependencies::Dependencies;
+use super::header::name_of;
+use crate::definition::{ForEachNode, NodeKind, ParsedNode};
 
-/// More links than this one after the other through `ForEach`es without elements are a circle.
-const MOST_LINKS: usize = 64;
+/// The maximum number of links that are followed through `ForEach`es without elements. A longer chain must be a cycle.
+const MAX_CHAINED_LINKS: usize = 64;
 
-/// The names that links may begin with.
+/// The names at which a link may start.
 pub struct Names<'e> {
-    places: HashMap<String, Named>,
-    pub(super) eaches: &'e [Each],
+    places: HashMap<String, NamedTarget>,
+    pub(super) for_each_nodes: &'e [ForEachNode],
 }
 
-/// What a name means, by its place among the drafts or the `ForEach`es.
+/// The part of the graph that a name refers to, as an index among the nodes or among the `ForEach`es.
 #[derive(Clone, Copy)]
-pub(super) enum Named {
-    Draft(usize),
-    Each(usize),
+pub(super) enum NamedTarget {
+    Node(usize),
+    ForEach(usize),
 }
 
 impl<'e> Names<'e> {
-    pub fn new(drafts: &[Draft], eaches: &'e [Each]) -> Self {
-        let nodes = drafts.iter().enumerate();
-        let nodes = nodes.map(|(index, draft)| (draft.name.text.clone(), Named::Draft(index)));
-        let all = eaches.iter().enumerate();
-        let all = all.map(|(index, each)| (each.name.clone(), Named::Each(index)));
-        Self { places: nodes.chain(all).collect(), eaches }
+    pub fn new(parsed_nodes: &[ParsedNode], for_each_nodes: &'e [ForEachNode]) -> Self {
+        let nodes = parsed_nodes.iter().enumerate();
+        let nodes =
+            nodes.map(|(index, parsed)| (parsed.name.text.clone(), NamedTarget::Node(index)));
+        let all = for_each_nodes.iter().enumerate();
+        let all = all.map(|(index, each)| (each.name.clone(), NamedTarget::ForEach(index)));
+        Self { places: nodes.chain(all).collect(), for_each_nodes }
     }
 
-    pub(super) fn find(&self, name: &str) -> Option<Named> {
+    pub(super) fn find(&self, name: &str) -> Option<NamedTarget> {
         self.places.get(name).copied()
     }
 }
 
 impl<'a> Check<'_, 'a> {
-    /// Finds what each link names.
-    pub(super) fn link(&mut self, drafts: &mut [Draft], names: &Names<'_>) {
-        for index in 0..drafts.len() {
-            let targets = (0..drafts[index].links.len()).map(|link| {
-                let link = &drafts[index].links[link];
-                self.target(&link.text, link.span, drafts, names)
+    /// Resolves the targets of all links.
+    pub(super) fn resolve_links(&mut self, parsed_nodes: &mut [ParsedNode], names: &Names<'_>) {
+        for index in 0..parsed_nodes.len() {
+            let targets = (0..parsed_nodes[index].links.len()).map(|link| {
+                let link = &parsed_nodes[index].links[link];
+                self.target(&link.text, link.span, parsed_nodes, names)
             });
-            drafts[index].targets = targets.collect();
+            parsed_nodes[index].targets = targets.collect();
         }
     }
 
-    /// The nodes and outputs that a link names, by the drafts' places: several if it names the output of a `ForEach`.
+    /// Returns the indices of the nodes and outputs to which a link leads. A link to an output of a `ForEach` leads to several.
     pub fn target(
         &mut self,
         text: &str,
         span: Span,
-        drafts: &[Draft],
+        parsed_nodes: &[ParsedNode],
         names: &Names<'_>,
     ) -> Option<Vec<(usize, usize)>> {
         let (node, output) = match text.split_once('.') {
@@ -66,40 +67,44 @@ impl<'a> Check<'_, 'a> {
             None => (text, None),
         };
         match names.find(node) {
-            Some(Named::Draft(index)) => {
-                let what = &drafts[index].what;
+            Some(NamedTarget::Node(index)) => {
+                let what = &parsed_nodes[index].what;
                 let output = match output {
-                    Some(output) if !matches!(what, What::Unknown(_)) => {
+                    Some(output) if !matches!(what, NodeKind::Unknown(_)) => {
                         self.output(node, what.kind(), &what.outputs(), output, span)
                     }
                     _ => Some(0),
                 };
                 output.map(|output| vec![(index, output)])
             }
-            Some(Named::Each(index)) => {
-                self.target_in_each(&names.eaches[index], output, span, drafts, names)
-            }
+            Some(NamedTarget::ForEach(index)) => self.target_in_for_each(
+                &names.for_each_nodes[index],
+                output,
+                span,
+                parsed_nodes,
+                names,
+            ),
             None if self.misnamed.contains(node) => None,
-            // What is wrong with a `ForEach` says nothing of its elements.
-            None if is_element_of_unknown(node, drafts) => None,
+            // The errors of the `ForEach` have already been reported.
+            None if is_element_of_unknown(node, parsed_nodes) => None,
             None => {
-                if let Some((message, help)) = self.unfound(text, drafts, names) {
-                    self.find(code::UNKNOWN_LINK, span, message, help);
+                if let Some((message, help)) = self.dangling_link(text, parsed_nodes, names) {
+                    self.report(code::UNKNOWN_LINK, span, message, help);
                     return None;
                 }
                 let help = self.guess(|| {
-                    let all = drafts.iter().map(|draft| &draft.name.text[..]);
+                    let all = parsed_nodes.iter().map(|parsed| &parsed.name.text[..]);
                     let mut known: Vec<_> = all.filter(|name| !name.contains('/')).collect();
-                    known.extend(names.eaches.iter().map(|each| &each.name[..]));
+                    known.extend(names.for_each_nodes.iter().map(|each| &each.name[..]));
                     nearest_or_all(node, "the graph's nodes", &known)
                 });
-                self.find(code::UNKNOWN_LINK, span, format!("there is no node `{node}`"), help);
+                self.report(code::UNKNOWN_LINK, span, format!("there is no node `{node}`"), help);
                 None
             }
         }
     }
 
-    /// The place of the output of this name.
+    /// Returns the index of the output of this name.
     fn output(
         &mut self,
         node: &str,
@@ -113,26 +118,28 @@ impl<'a> Check<'_, 'a> {
             let kind = with_article(kind);
             let message = format!("`{node}` is {kind}, which has no output `{output}`");
             let help = self.guess(|| match (nearest_or_all(output, "its outputs", names), names) {
-                (help, [only]) if help.meant().is_none() => Help::rename(help.into(), output, only),
+                (help, [only]) if help.suggested_name().is_none() => {
+                    Help::rename(help.into(), output, only)
+                }
                 (help, _) => help,
             });
-            self.find(code::UNKNOWN_LINK, span, message, help);
+            self.report(code::UNKNOWN_LINK, span, message, help);
         }
         found
     }
 
-    fn target_in_each(
+    fn target_in_for_each(
         &mut self,
-        each: &Each,
+        each: &ForEachNode,
         output: Option<&str>,
         span: Span,
-        drafts: &[Draft],
+        parsed_nodes: &[ParsedNode],
         names: &Names<'_>,
     ) -> Option<Vec<(usize, usize)>> {
-        let element = each.elements.first().map(|&element| &drafts[element].what);
+        let element = each.elements.first().map(|&element| &parsed_nodes[element].what);
         let outputs = match (element, &each.outputs) {
             (None, None) => return None,
-            (Some(What::Unknown(_)), _) => {
+            (Some(NodeKind::Unknown(_)), _) => {
                 let is_carried = each.carry.iter().any(|(name, _)| Some(&name[..]) == output);
                 let last = each.elements.len() - 1;
                 let elements = if is_carried { &each.elements[last..] } else { &each.elements };
@@ -151,11 +158,11 @@ impl<'a> Check<'_, 'a> {
         };
         match each.elements.last() {
             Some(&last) => Some(vec![(last, output)]),
-            // Nothing is done to what is carried through no element. A circle of links through such has no end.
-            None if self.depth < MOST_LINKS => {
+            // If there are no elements, a carried output has the value of the corresponding input. A cycle of such links would have no end.
+            None if self.depth < MAX_CHAINED_LINKS => {
                 self.depth += 1;
                 let found =
-                    self.target(first.text().unwrap_or_default(), first.span, drafts, names);
+                    self.target(first.text().unwrap_or_default(), first.span, parsed_nodes, names);
                 self.depth -= 1;
                 found
             }
@@ -163,31 +170,35 @@ impl<'a> Check<'_, 'a> {
         }
     }
 
-    /// What hangs on what, by the drafts' places.
-    pub(super) fn needs(drafts: &[Draft]) -> Needs {
-        let links = drafts.iter().enumerate().flat_map(|(user, draft)| {
-            let targets = draft.targets.iter().flatten().flatten();
+    /// Returns the dependencies between nodes, by the indices of the nodes.
+    pub(super) fn dependencies(parsed_nodes: &[ParsedNode]) -> Dependencies {
+        let links = parsed_nodes.iter().enumerate().flat_map(|(user, parsed)| {
+            let targets = parsed.targets.iter().flatten().flatten();
             targets.map(move |(source, _)| (user, *source))
         });
-        Needs::new(drafts.len(), links)
+        Dependencies::new(parsed_nodes.len(), links)
     }
 
-    /// The nodes, each after those that it hangs on as far as there is no cycle; cycles are reported.
-    pub(super) fn order(&mut self, drafts: &[Draft], needs: &Needs) -> Vec<usize> {
+    /// Returns the nodes in an order in which each comes after those on which it depends, and reports cycles.
+    pub(super) fn order(
+        &mut self,
+        parsed_nodes: &[ParsedNode],
+        needs: &Dependencies,
+    ) -> Vec<usize> {
         let (order, cycles) = needs.order();
-        cycles.iter().for_each(|cycle| self.cycle(cycle, drafts));
+        cycles.iter().for_each(|cycle| self.report_cycle(cycle, parsed_nodes));
         order
     }
 
-    fn cycle(&mut self, cycle: &[usize], drafts: &[Draft]) {
+    fn report_cycle(&mut self, cycle: &[usize], parsed_nodes: &[ParsedNode]) {
         let lowest =
-            (0..cycle.len()).min_by_key(|&k| drafts[cycle[k]].name.span).unwrap_or_default();
-        let around =
-            (0..=cycle.len()).map(|k| &drafts[cycle[(lowest + k) % cycle.len()]].name.text[..]);
+            (0..cycle.len()).min_by_key(|&k| parsed_nodes[cycle[k]].name.span).unwrap_or_default();
+        let around = (0..=cycle.len())
+            .map(|k| &parsed_nodes[cycle[(lowest + k) % cycle.len()]].name.text[..]);
         let path = Vec::from_iter(around).join(" <- ");
-        let span = drafts[cycle[lowest]].name.span;
-        let message = format!("nodes hang on each other in a circle: {path}");
-        self.find(
+        let span = parsed_nodes[cycle[lowest]].name.span;
+        let message = format!("cycle: {path}");
+        self.report(
             code::CYCLE,
             span,
             message,
@@ -195,123 +206,132 @@ impl<'a> Check<'_, 'a> {
         );
     }
 
-    /// Finds the type of every output and checks that every link fits.
-    pub(super) fn types(&mut self, drafts: &mut [Draft], order: &[usize], eaches: &[Each]) {
+    /// Determines the type of every output, and checks the types of all links.
+    pub(super) fn types(
+        &mut self,
+        parsed_nodes: &mut [ParsedNode],
+        order: &[usize],
+        for_each_nodes: &[ForEachNode],
+    ) {
         for &index in order {
-            let draft = &drafts[index];
-            if let What::Elements(elements) = &draft.what {
-                drafts[index].types = vec![self.element_type(draft, &elements.word, drafts)];
+            let parsed = &parsed_nodes[index];
+            if let NodeKind::Elements(elements) = &parsed.what {
+                parsed_nodes[index].types =
+                    vec![self.element_type(parsed, &elements.word, parsed_nodes)];
                 continue;
             }
-            if let What::Pick(pick) = &draft.what {
-                drafts[index].types = drafts[pick.of].types.clone();
+            if let NodeKind::Pick(pick) = &parsed.what {
+                parsed_nodes[index].types = parsed_nodes[pick.of].types.clone();
                 continue;
             }
-            let mut came_in: Vec<(&str, &'static ValueType)> = Vec::new();
-            let mut misfits = Vec::new();
-            for (link, targets) in draft.links.iter().zip(&draft.targets) {
+            let mut accepted: Vec<(&str, &'static ValueType)> = Vec::new();
+            let mut rejected = Vec::new();
+            for (link, targets) in parsed.links.iter().zip(&parsed.targets) {
                 let Some(targets) = targets else { continue };
-                let is_list = targets.iter().any(|&(node, output)| drafts[node].is_list(output));
-                if (is_list || targets.len() != 1) && !link.many {
+                let is_list =
+                    targets.iter().any(|&(node, output)| parsed_nodes[node].is_list(output));
+                if (is_list || targets.len() != 1) && !link.is_list {
                     let place = match targets.first() {
-                        Some(&(node, _)) => Some(drafts[node].name.span),
-                        None => eaches
+                        Some(&(node, _)) => Some(parsed_nodes[node].name.span),
+                        None => for_each_nodes
                             .iter()
                             .find(|each| each.is_named(&link.text))
                             .map(|each| each.span),
                     };
                     let count = (!is_list).then_some(targets.len());
-                    self.not_one(draft.what.kind(), link, count);
-                    self.note(place, || "this gives the list".into());
+                    self.report_list(parsed.what.kind(), link, count);
+                    self.add_note(place, || "this gives the list".into());
                     continue;
                 }
                 for &(node, output) in targets {
-                    let Some(kind) = drafts[node].types.get(output).copied().flatten() else {
+                    let Some(kind) = parsed_nodes[node].types.get(output).copied().flatten() else {
                         continue;
                     };
-                    let fits = match draft.what {
-                        What::Switch(_) => came_in.first().is_none_or(|(_, first)| *first == kind),
+                    let fits = match parsed.what {
+                        NodeKind::Switch(_) => {
+                            accepted.first().is_none_or(|(_, first)| *first == kind)
+                        }
                         _ => link.types.iter().any(|fits| fits == kind.name || fits.is_empty()),
                     };
                     if fits {
-                        came_in.push((&link.wants, kind));
+                        accepted.push((&link.wants, kind));
                     } else {
-                        misfits.push((link.clone(), kind, drafts[node].name.span));
+                        rejected.push((link.clone(), kind, parsed_nodes[node].name.span));
                         break;
                     }
                 }
             }
-            let first = came_in.first().map(|(_, kind)| *kind);
-            let types = match &draft.what {
-                What::Node(entry) => entry
+            let first = accepted.first().map(|(_, kind)| *kind);
+            let types = match &parsed.what {
+                NodeKind::Node(entry) => entry
                     .outputs()
                     .iter()
                     .map(|output| match output.types[..] {
                         [kind] => Some(kind),
-                        _ => came_in.iter().find(|(wants, _)| *wants == output.kind).map(|x| x.1),
+                        _ => accepted.iter().find(|(wants, _)| *wants == output.kind).map(|x| x.1),
                     })
                     .collect(),
-                What::Switch(_) => vec![first],
-                _ => draft.types.clone(),
+                NodeKind::Switch(_) => vec![first],
+                _ => parsed.types.clone(),
             };
-            let is_switch = matches!(draft.what, What::Switch(_));
-            let owner = draft.what.kind().to_owned();
-            drafts[index].types = types;
-            for (link, kind, place) in misfits {
+            let is_switch = matches!(parsed.what, NodeKind::Switch(_));
+            let owner = parsed.what.kind().to_owned();
+            parsed_nodes[index].types = types;
+            for (link, kind, place) in rejected {
                 match first.filter(|_| is_switch) {
-                    Some(first) => self.unlike(&link, first, kind),
-                    None => self.misfit(&owner, &link, kind, drafts, Some(index)),
+                    Some(first) => self.report_case_type(&link, first, kind),
+                    None => self.report_type(&owner, &link, kind, parsed_nodes, Some(index)),
                 }
-                self.note(Some(place), || format!("this gives {}", with_article(kind.name)));
+                self.add_note(Some(place), || format!("this gives {}", with_article(kind.name)));
             }
-            self.carried(&drafts[index]);
+            self.check_carried(&parsed_nodes[index]);
         }
     }
 
-    /// Whether each element of a repeated draft can take what the one before gives.
-    fn carried(&mut self, draft: &Draft) {
-        let Some(repeat) = &draft.repeat else { return };
-        let (name, kind, outputs) = (&draft.name.text, draft.what.kind(), draft.what.outputs());
+    /// Checks that each element of a repeated node accepts the output that the previous element carries over.
+    fn check_carried(&mut self, parsed: &ParsedNode) {
+        let Some(repeat) = &parsed.repeat else { return };
+        let (name, kind, outputs) = (&parsed.name.text, parsed.what.kind(), parsed.what.outputs());
         for (port, first) in &repeat.carry {
             let Some(output) = self.output(name, kind, &outputs, port, first.span) else {
                 continue;
             };
-            let link = draft.links.iter().find(|link| name_of(&link.port) == *port);
-            let (Some(link), Some(kind)) = (link, draft.types.get(output).copied().flatten())
+            let link = parsed.links.iter().find(|link| name_of(&link.port) == *port);
+            let (Some(link), Some(kind)) = (link, parsed.types.get(output).copied().flatten())
             else {
                 continue;
             };
             if link.types.iter().all(|fits| fits != kind.name && !fits.is_empty()) {
                 let link = FoundLink { text: format!("{name}.{port}"), ..link.clone() };
-                self.misfit(draft.what.kind(), &link, kind, &[], None);
+                self.report_type(parsed.what.kind(), &link, kind, &[], None);
             }
         }
     }
 
-    /// Gives the last finding its other end.
-    fn note(&mut self, place: Option<Span>, words: impl FnOnce() -> String) {
-        if let Some(finding) = self.findings.last_mut() {
-            finding.note = place.map(|place| (place, words()));
+    /// Adds a note to the diagnostic that was reported last.
+    fn add_note(&mut self, place: Option<Span>, words: impl FnOnce() -> String) {
+        if let Some(diagnostic) = self.diagnostics.last_mut() {
+            diagnostic.note = place.map(|place| (place, words()));
         }
     }
 
-    /// The type of the elements that a word means in what comes in.
+    /// Returns the type of the elements that `word` selects from the linked value.
     fn element_type(
         &mut self,
-        draft: &Draft,
+        parsed: &ParsedNode,
         word: &str,
-        drafts: &[Draft],
+        parsed_nodes: &[ParsedNode],
     ) -> Option<&'static ValueType> {
-        let (link, targets) = (draft.links.first()?, draft.targets.first()?.as_ref()?);
+        let (link, targets) = (parsed.links.first()?, parsed.targets.first()?.as_ref()?);
         let [(node, output)] = targets[..] else {
-            self.not_one("ForEach", link, Some(targets.len()));
+            self.report_list("ForEach", link, Some(targets.len()));
             return None;
         };
-        if drafts[node].is_list(output) {
-            self.not_one("ForEach", link, None);
+        if parsed_nodes[node].is_list(output) {
+            self.report_list("ForEach", link, None);
             return None;
         }
-        let kind = drafts[node].types.get(output).copied().flatten()?;
+        let kind = parsed_nodes[node].types.get(output).copied().flatten()?;
         let known = kind.elements();
         if let Some(found) = known.iter().find(|known| known.word == word) {
             return Some(found.kind);
@@ -319,23 +339,23 @@ impl<'a> Check<'_, 'a> {
         let (text, what) = (&link.text, with_article(kind.name));
         let words: Vec<_> = known.iter().map(|known| known.word).collect();
         let message = match word {
-            "" => format!("ForEach cannot go over `{text}`, which is {what}"),
+            "" => format!("ForEach cannot iterate over `{text}`, which is {what}"),
             _ => format!("{what} such as `{text}` has no {word}"),
         };
         let help = match words[..] {
-            [] => self.gone_over(),
+            [] => self.iterable_types(),
             [""] => format!("write `over: \"{text}\"` for its {}", known[0].name),
             _ => {
                 let ways = words.iter().map(|word| format!("{word}(\"{text}\")"));
                 format!("write {}", any_of(Vec::from_iter(ways).iter().map(String::as_str)))
             }
         };
-        self.find(code::WRONG_TYPE, link.span, message, help);
+        self.report(code::WRONG_TYPE, link.span, message, help);
         None
     }
 
-    /// What a `ForEach` can go over.
-    fn gone_over(&self) -> String {
+    /// Returns a sentence with the types over which a `ForEach` can iterate.
+    fn iterable_types(&self) -> String {
         let ways: Vec<_> = self
             .world
             .values
@@ -348,46 +368,46 @@ impl<'a> Check<'_, 'a> {
                 words.collect::<Vec<_>>()
             })
             .collect();
-        format!("it goes over {}", any_of(ways.iter().map(String::as_str)))
+        format!("it can iterate over {}", any_of(ways.iter().map(String::as_str)))
     }
 
-    /// A list of values comes to a port for one.
-    fn not_one(&mut self, owner: &str, link: &FoundLink, count: Option<usize>) {
+    /// Reports a link to a list at a port that takes one value.
+    fn report_list(&mut self, owner: &str, link: &FoundLink, count: Option<usize>) {
         let (port, text) = (&link.port, &link.text);
         let list = count.map_or_else(|| "a list".to_owned(), |count| format!("a list of {count}"));
         let message = format!("port `{port}` of {owner} takes one link, but `{text}` is {list}");
         let help = match count {
-            Some(0) => "a port that takes many links takes it".to_owned(),
+            Some(0) => "link it to a port that takes many links".to_owned(),
             _ => {
                 let (node, output) = match text.split_once('.') {
                     Some((node, output)) => (node, format!(".{output}")),
                     None => (&text[..], String::new()),
                 };
-                format!("a port that takes many links takes it; `{node}/1{output}` is the first")
+                format!("link it to a port that takes many links; `{node}/1{output}` is the first")
             }
         };
-        self.find(code::WRONG_TYPE, link.span, message, help);
+        self.report(code::WRONG_TYPE, link.span, message, help);
     }
 
-    /// What a `Switch` gives must not hang on what it chooses.
-    fn unlike(&mut self, link: &FoundLink, first: &ValueType, kind: &ValueType) {
+    /// Reports a case whose type differs from that of the other cases. The type of a `Switch` must not depend on the choice.
+    fn report_case_type(&mut self, link: &FoundLink, first: &ValueType, kind: &ValueType) {
         let (case, other, kind) = (&link.port, with_article(first.name), with_article(kind.name));
         let message = format!("case `{case}` of Switch is {kind}, but the first one is {other}");
-        self.find(code::WRONG_TYPE, link.span, message, "all cases give one type");
+        self.report(code::WRONG_TYPE, link.span, message, "use cases of one type");
     }
 
-    fn misfit(
+    fn report_type(
         &mut self,
         owner: &str,
         link: &FoundLink,
         kind: &ValueType,
-        drafts: &[Draft],
+        parsed_nodes: &[ParsedNode],
         user: Option<usize>,
     ) {
         let wanted = any_of(link.types.iter().map(String::as_str));
-        let data = drafts.iter().find(|draft| draft.name.text == link.text);
-        let data = data.filter(|draft| matches!(draft.what, What::Elements(_)));
-        let given = match data.and_then(|draft| draft.links.first()) {
+        let data = parsed_nodes.iter().find(|parsed| parsed.name.text == link.text);
+        let data = data.filter(|parsed| matches!(parsed.what, NodeKind::Elements(_)));
+        let given = match data.and_then(|parsed| parsed.links.first()) {
             Some(over) => format!("an element of `{}`", over.text),
             None => format!("`{}`", link.text),
         };
@@ -407,18 +427,19 @@ impl<'a> Check<'_, 'a> {
         });
         let words = Vec::from_iter(words).join("; ");
         let mut help = Help::from(words);
-        let edits = user.and_then(|user| self.fitted(link, kind, drafts, &drafts[user]));
+        let edits =
+            user.and_then(|user| self.type_fix(link, kind, parsed_nodes, &parsed_nodes[user]));
         if let Some(edits) = edits {
-            help.with_edits(edits);
+            help.set_edits(edits);
         }
-        self.find(code::WRONG_TYPE, link.span, message, help);
+        self.report(code::WRONG_TYPE, link.span, message, help);
     }
 }
 
-/// Whether a name is that of an element of what could not be understood.
-fn is_element_of_unknown(name: &str, drafts: &[Draft]) -> bool {
+/// Returns true if a name is that of an element of an invalid node.
+fn is_element_of_unknown(name: &str, parsed_nodes: &[ParsedNode]) -> bool {
     let outer = name.split_once('/').map(|(outer, _)| outer);
-    let is_it =
-        |draft: &Draft| outer == Some(&draft.name.text) && matches!(draft.what, What::Unknown(_));
-    drafts.iter().any(is_it)
+    parsed_nodes.iter().any(|parsed| {
+        outer == Some(&parsed.name.text) && matches!(parsed.what, NodeKind::Unknown(_))
+    })
 }

@@ -1,30 +1,30 @@
-//! Edits that make problems of links go away, where there is one answer.
+//! Edits that fix errors of links. An edit is proposed only if it is the only fix.
 
 use maquette_syntax::FoundLink;
-use maquette_syntax::error::{MOST_TOLD, Span};
+use maquette_syntax::error::{MAX_REPORTED, Span};
 use maquette_value::ValueType;
 
 use super::check::Check;
-use super::needs::Needs;
+use super::dependencies::Dependencies;
 use super::splice::newline;
-use crate::definition::{Draft, What};
+use crate::definition::{NodeKind, ParsedNode};
 
-/// What stands at a span becomes the text.
+/// A replacement of a span by a text.
 type Edit = (Span, String);
 
 impl Check<'_, '_> {
-    /// How what comes in at a link of this draft gets the type that is wanted: as another output of the same node, or by a node
-    /// between both that needs nothing else.
-    pub(super) fn fitted(
+    /// Returns the edits that give a link the required type, if there is exactly one way. The link can lead to another output of the same
+    /// node, or a conversion node without other required fields can be inserted.
+    pub(super) fn type_fix(
         &self,
         link: &FoundLink,
         kind: &ValueType,
-        drafts: &[Draft],
-        user: &Draft,
+        parsed_nodes: &[ParsedNode],
+        user: &ParsedNode,
     ) -> Option<Vec<Edit>> {
         let node = link.text.split('.').next().unwrap_or_default();
-        let source = drafts.iter().find(|draft| draft.name.text == node)?;
-        if matches!(source.what, What::Elements(_)) {
+        let source = parsed_nodes.iter().find(|parsed| parsed.name.text == node)?;
+        if matches!(source.what, NodeKind::Elements(_)) {
             return None;
         }
         let outputs = source.what.outputs();
@@ -32,7 +32,7 @@ impl Check<'_, '_> {
         let outputs = outputs.filter(|(_, kind)| {
             kind.is_some_and(|kind| link.types.iter().any(|wanted| wanted == kind.name))
         });
-        let siblings = outputs.map(|(output, _)| vec![(link.span, quoted(&[node, output]))]);
+        let siblings = outputs.map(|(output, _)| vec![(link.span, quote(&[node, output]))]);
         let makers = link.types.iter().flat_map(|wanted| {
             let catalog = &self.world.catalog;
             catalog.converters(kind.name, wanted).into_iter().filter_map(|name| catalog.find(name))
@@ -41,22 +41,24 @@ impl Check<'_, '_> {
             let port = maker.ports().into_iter().next()?;
             let required = maker.schema().get("required")?.as_array()?;
             let is_all = matches!(&required[..], [only] if only.as_str() == Some(&port.name));
-            is_all.then(|| self.between(link, maker.name.as_str(), &port.name, drafts, user))?
+            is_all.then(|| {
+                self.insert_converter(link, maker.name.as_str(), &port.name, parsed_nodes, user)
+            })?
         });
         let mut answers = siblings.chain(between);
         answers.next().filter(|_| answers.next().is_none())
     }
 
-    /// A new node before the draft, which takes what the link leads to; the link leads to it.
-    fn between(
+    /// Returns the edits that insert a node before the user of a link, and link the new node between source and user.
+    fn insert_converter(
         &self,
         link: &FoundLink,
         maker: &str,
         port: &str,
-        drafts: &[Draft],
-        user: &Draft,
+        parsed_nodes: &[ParsedNode],
+        user: &ParsedNode,
     ) -> Option<Vec<Edit>> {
-        let (source, at) = self.sheet.place(user.name.span);
+        let (source, at) = self.source_map.locate(user.name.span);
         let start = source.text.get(..at.start)?.rfind(['\n', '\r']).map_or(0, |end| end + 1);
         let indent = source.text.get(start..at.start)?;
         let gap = match indent.trim().is_empty() {
@@ -64,64 +66,61 @@ impl Check<'_, '_> {
             false => " ".into(),
         };
         let name = format!("{}-{}", link.text.replace(['.', '/'], "-"), maker.to_lowercase());
-        if drafts.iter().any(|draft| draft.name.text == name) {
+        if parsed_nodes.iter().any(|parsed| parsed.name.text == name) {
             return None;
         }
         let span = Span { start: user.name.span.start, end: user.name.span.start };
-        let entry =
-            format!("{}: {maker}({port}: {}),{gap}", quoted(&[&name]), quoted(&[&link.text]));
-        Some(vec![(span, entry), (link.span, quoted(&[&name]))])
+        let entry = format!("{}: {maker}({port}: {}),{gap}", quote(&[&name]), quote(&[&link.text]));
+        Some(vec![(span, entry), (link.span, quote(&[&name]))])
     }
 
-    /// Links at ports that lack one, if one value of the graph has the type that is wanted and does not hang on the node. Of problems
-    /// that are told, alone: each looks at all that there is.
-    pub(super) fn link_lacking(&mut self, drafts: &[Draft], needs: &Needs) {
-        for at in 0..self.findings.len().min(MOST_TOLD) {
-            let finding = &self.findings[at];
-            let Some((port, wants)) = finding.help.lacking() else { continue };
-            let holds =
-                |tree: Span| tree.start <= finding.span.start && finding.span.end <= tree.end;
-            let Some(user) = drafts.iter().position(|draft| holds(draft.tree.span)) else {
-                continue;
-            };
-            let mut hangs_on_it = vec![false; drafts.len()];
+    /// Adds a fix to each error of a port without a link, if exactly one value of the graph has the required type and does not depend on
+    /// the node. Only the errors that are shown are considered, because each requires a comparison with all values.
+    pub(super) fn suggest_missing_links(
+        &mut self,
+        parsed_nodes: &[ParsedNode],
+        needs: &Dependencies,
+    ) {
+        for at in 0..self.diagnostics.len().min(MAX_REPORTED) {
+            let diagnostic = &self.diagnostics[at];
+            let Some((port, wants)) = diagnostic.help.missing_link() else { continue };
+            let user = parsed_nodes.iter().position(|parsed| {
+                let tree = parsed.tree.span;
+                tree.start <= diagnostic.span.start && diagnostic.span.end <= tree.end
+            });
+            let Some(user) = user else { continue };
+            let mut is_user = vec![false; parsed_nodes.len()];
             let mut open = vec![user];
             while let Some(index) = open.pop() {
-                if !std::mem::replace(&mut hangs_on_it[index], true) {
+                if !std::mem::replace(&mut is_user[index], true) {
                     open.extend(needs.users(index));
                 }
             }
-            let free = drafts.iter().zip(hangs_on_it).filter(|(draft, hangs_on_it)| {
-                !hangs_on_it && !draft.name.text.contains('/') && draft.repeat.is_none()
+            let free = parsed_nodes.iter().zip(is_user).filter(|(parsed, is_user)| {
+                !is_user && !parsed.name.text.contains('/') && parsed.repeat.is_none()
             });
-            let mut links = free.flat_map(|(draft, _)| {
-                let (name, names) = (&draft.name.text[..], draft.what.outputs());
-                let outputs = names.into_iter().zip(&draft.types);
+            let mut links = free.flat_map(|(parsed, _)| {
+                let (name, names) = (&parsed.name.text[..], parsed.what.outputs());
+                let outputs = names.into_iter().zip(&parsed.types);
                 let outputs = outputs.filter(|(_, kind)| {
                     kind.is_some_and(|kind| wants.iter().any(|wanted| wanted == kind.name))
                 });
-                fn link(
-                    output: &str,
-                    name: &str,
-                    draft_types: &[Option<&'static ValueType>],
-                ) -> String {
-                    match draft_types.len() {
-                        1 => quoted(&[name]),
-                        _ => quoted(&[name, output]),
-                    }
-                }
-                outputs.map(|(output, _)| link(output, name, &draft.types)).collect::<Vec<_>>()
+                let links = outputs.map(|(output, _)| match parsed.types.len() {
+                    1 => quote(&[name]),
+                    _ => quote(&[name, output]),
+                });
+                links.collect::<Vec<_>>()
             });
             let Some(link) = links.next().filter(|_| links.next().is_none()) else { continue };
-            if let Some(edit) = self.field_edit(finding.span, port, &link) {
-                self.findings[at].help.with_edits(vec![edit]);
+            if let Some(edit) = self.field_edit(diagnostic.span, port, &link) {
+                self.diagnostics[at].help.set_edits(vec![edit]);
             }
         }
     }
 
-    /// A new first field of the call at a span.
+    /// Returns the edit that inserts a field as the first one of the call at a span.
     fn field_edit(&self, span: Span, field: &str, value: &str) -> Option<Edit> {
-        let (source, place) = self.sheet.place(span);
+        let (source, place) = self.source_map.locate(span);
         let text = source.text.get(place.start..place.end)?;
         let open = text.find('(')? + 1;
         let rest = text[open..].trim_start();
@@ -131,7 +130,7 @@ impl Check<'_, '_> {
     }
 }
 
-/// A link, `"scan.color"`, or a name.
-fn quoted(parts: &[&str]) -> String {
+/// Returns a link such as `"scan.color"`, or a name, in quotes.
+fn quote(parts: &[&str]) -> String {
     format!("\"{}\"", parts.join("."))
 }

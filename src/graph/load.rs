@@ -1,133 +1,132 @@
-//! Reads a graph file and those that it uses, and finds every problem in them.
+//! Reads a graph file and the files that it uses, and finds all errors in them.
 //!
-//! A mistake causes one problem: a node whose fields are wrong still has its output types, and what cannot be known because
-//! of another problem is not reported. Each file is checked once, as a [`Definition`]; what uses of it make of it is the matter
-//! of `expand`.
+//! Each error is reported once: a node with invalid fields still has its output types, and errors that follow from another error are not
+//! reported. Each file is checked once, as a [`Definition`]; `expand` checks its uses.
 
 use std::collections::{BTreeSet, HashSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use maquette_syntax::error::{MOST_TOLD, Problem, Source, Span, Use, code};
+use maquette_syntax::error::{Diagnostic, MAX_REPORTED, Source, Span, Use, code};
 use maquette_syntax::paths::{MARKER, project_root};
-use maquette_syntax::{Finding, Help, Sheet, Tree, conflict_of};
-use maquette_value::plain::NoText;
+use maquette_syntax::{Help, LocalDiagnostic, SourceMap, Tree, conflict_diagnostic};
+use maquette_value::fs::NotUtf8;
 use serde_json::{Map, json};
 
 use crate::catalog::Catalog;
 use crate::check::Check;
-use crate::definition::{Definition, Draft, Port, What, Whole};
+use crate::definition::{Definition, NodeKind, ParsedFile, ParsedNode, Port};
+use crate::dependencies::Dependencies;
 use crate::describe::Subgraph;
 use crate::expand::expand;
 use crate::flat::{Counts, Lineage};
 use crate::graph::{GraphText, Stage};
+use crate::header::{Header, field_of};
 use crate::link::Names;
-use crate::needs::Needs;
 use crate::options::folder_of;
 use crate::parameters::Parameters;
-use crate::top::{TopLevel, field_of};
 use crate::world::World;
-use crate::{Checked, Graph, Options, ReadFile};
+use crate::{CheckedGraph, Graph, Options, ReadFile};
 
-pub(crate) fn load(path: &Path, catalog: &Catalog, options: &Options) -> Checked {
+pub(crate) fn load(path: &Path, catalog: &Catalog, options: &Options) -> CheckedGraph {
     match options.text(path) {
         Ok(text) => load_text(path, text, catalog, options),
         Err(error) => {
             let source = Arc::new(Source { name: path.to_owned(), text: String::new() });
-            let problem = unread("the graph", &error).at(&source);
-            let (problems, files, subgraphs) = (vec![problem], Vec::new(), Vec::new());
-            Checked { graph: None, partial: None, problems, files, subgraphs }
+            let diagnostic = read_error("the graph", &error).into_diagnostic(&source);
+            let (diagnostics, files, subgraphs) = (vec![diagnostic], Vec::new(), Vec::new());
+            CheckedGraph { graph: None, partial: None, diagnostics, files, subgraphs }
         }
     }
 }
 
-pub(crate) fn unread(what: &str, error: &std::io::Error) -> Finding {
-    let no_text = error.get_ref().and_then(|error| error.downcast_ref::<NoText>());
-    let help = no_text.map_or("", NoText::help);
+pub(crate) fn read_error(what: &str, error: &std::io::Error) -> LocalDiagnostic {
+    let no_text = error.get_ref().and_then(|error| error.downcast_ref::<NotUtf8>());
+    let help = no_text.map_or("", NotUtf8::help);
     let error = error.to_string();
     let error = error.strip_suffix(&format!("; {help}")).unwrap_or(&error);
     let message = format!("cannot read {what}: {error}");
     let (code, span, help) = (code::MISSING_FILE, Span::default(), Help::from(help));
-    Finding { code, span, message, help, note: None }
+    LocalDiagnostic { code, span, message, help, note: None }
 }
 
-/// The same for a text that stands, or will stand, in the file.
-pub fn load_text(path: &Path, text: String, catalog: &Catalog, options: &Options) -> Checked {
-    load_whole(path, text, catalog, options, |_, _| ()).0
+/// Checks a text as if it were the content of the file at `path`, which need not exist.
+pub fn load_text(path: &Path, text: String, catalog: &Catalog, options: &Options) -> CheckedGraph {
+    load_with(path, text, catalog, options, |_, _| ()).0
 }
 
-/// The same, and something else that is asked of what the text says; none if it cannot be said what stands in it.
-pub fn load_whole<T>(
+/// Checks a text, and calls `ask` with the parsed file. Returns `None` in place of the result of `ask` if the text cannot be parsed.
+pub fn load_with<T>(
     path: &Path,
     text: String,
     catalog: &Catalog,
     options: &Options,
-    ask: impl FnOnce(&mut World<'_>, &Arc<Whole>) -> T,
-) -> (Checked, Option<T>) {
-    let (mut world, whole) = first(path, text.clone(), catalog, options);
+    ask: impl FnOnce(&mut World<'_>, &Arc<ParsedFile>) -> T,
+) -> (CheckedGraph, Option<T>) {
+    let (mut world, whole) = check_file(path, text.clone(), catalog, options);
     let whole = whole.map(Arc::new);
     let answer = whole.as_ref().map(|whole| ask(&mut world, whole));
-    world.judge_lock(path, &text);
-    let mut checked = judged(world, whole);
+    world.report_lock_differences(path, &text);
+    let mut checked = finish_check(world, whole);
     for graph in [&mut checked.graph, &mut checked.partial].into_iter().flatten() {
         graph.remember(path, &text, options);
     }
     (checked, answer)
 }
 
-/// What is made of the text of a graph's own file, and of the files that it uses.
-pub fn judged(mut world: World<'_>, whole: Option<Arc<Whole>>) -> Checked {
-    let mut problems = std::mem::take(&mut world.problems);
-    // What does not depend on a node of an unknown type, or on a missing file, is as good as ever.
-    let is_broken = problems.iter().any(|problem| world.is_fatal(problem));
-    let is_partial = problems.iter().any(|it| it.code == code::UNKNOWN_NODE);
-    // What uses make of a graph adds nothing to more problems than are told.
-    let whole = whole.filter(|_| problems.len() < MOST_TOLD);
+/// Finishes a check: expands the parsed file of the graph and collects all diagnostics.
+pub fn finish_check(mut world: World<'_>, whole: Option<Arc<ParsedFile>>) -> CheckedGraph {
+    let mut diagnostics = std::mem::take(&mut world.diagnostics);
+    // Nodes of unknown types and missing files affect only those nodes that depend on them.
+    let is_broken = diagnostics.iter().any(|diagnostic| world.is_fatal(diagnostic));
+    let is_partial = diagnostics.iter().any(|it| it.code == code::UNKNOWN_NODE);
+    // If there are already more errors than will be shown, errors of uses need not be found.
+    let whole = whole.filter(|_| diagnostics.len() < MAX_REPORTED);
     let graph = whole.and_then(|whole| {
-        world.read_pins(&whole.definition.sheet.source.name);
+        world.read_pins(&whole.definition.source_map.source.name);
         let graph = expand(&mut world, &whole, is_broken, is_partial, &Counts::new())?;
         let stage =
             (!graph.loops.is_empty()).then(|| Arc::new(Stage::new(whole, is_partial, &world)));
         Some(Graph { stage, ..graph })
     });
-    problems.append(&mut world.problems);
-    // What is wrong with a file shows again in every use of it.
+    diagnostics.append(&mut world.diagnostics);
+    // The errors of a file appear again for each use of the file.
     let mut seen = HashSet::new();
-    problems.retain(|problem| {
-        let place = (problem.source.name.clone(), problem.span.start, problem.span.end);
-        seen.insert((place, problem.code, problem.message.clone()))
+    diagnostics.retain(|diagnostic| {
+        let place = (diagnostic.source.name.clone(), diagnostic.span.start, diagnostic.span.end);
+        seen.insert((place, diagnostic.code, diagnostic.message.clone()))
     });
     let is_partial = is_partial || !world.missing.is_empty();
     let (graph, partial) = if is_partial { (None, graph) } else { (graph, None) };
     let files = graph.as_ref().map_or(world.files, files_of);
-    Checked { graph, partial, problems, files, subgraphs: world.subgraphs }
+    CheckedGraph { graph, partial, diagnostics, files, subgraphs: world.subgraphs }
 }
 
-/// What the text of a graph's own file says, and the files that it uses; all of their problems are in the world.
-pub fn first<'a>(
+/// Parses and checks the text of a graph's own file and the files that it uses. All diagnostics are stored in the returned world.
+pub fn check_file<'a>(
     path: &Path,
     text: String,
     catalog: &'a Catalog,
     options: &'a Options,
-) -> (World<'a>, Option<Whole>) {
+) -> (World<'a>, Option<ParsedFile>) {
     let folder = folder_of(path);
     let root = project_root(&folder);
     let marker = root.join(MARKER);
-    let conflict = options.text(&marker).ok().and_then(|text| conflict_of(&marker, &text));
+    let conflict = options.text(&marker).ok().and_then(|text| conflict_diagnostic(&marker, &text));
     let mut world = World::new(catalog, options, root);
-    world.problems.extend(conflict);
+    world.diagnostics.extend(conflict);
     let source = Arc::new(Source { name: path.to_owned(), text });
-    let sheet = Sheet::new(source, folder);
+    let source_map = SourceMap::new(source, folder);
     let real = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
-    world.open.push((real, path.to_owned()));
-    let mut check = Check::new(&mut world, sheet, Vec::new());
-    let whole = check.read();
-    let (mut findings, sheet) = (check.findings, check.sheet);
-    findings.sort_by_key(|finding| finding.span);
-    let own = findings.into_iter().map(|finding| sheet.problem(finding, &[]));
-    let mut problems = Vec::from_iter(own);
-    problems.append(&mut world.problems);
-    world.problems = problems;
+    world.open_files.push((real, path.to_owned()));
+    let mut check = Check::new(&mut world, source_map, Vec::new());
+    let whole = check.read_unless_broken();
+    let (mut diagnostics, source_map) = (check.diagnostics, check.source_map);
+    diagnostics.sort_by_key(|diagnostic| diagnostic.span);
+    let own = diagnostics.into_iter().map(|diagnostic| source_map.diagnostic(diagnostic, &[]));
+    let mut diagnostics = Vec::from_iter(own);
+    diagnostics.append(&mut world.diagnostics);
+    world.diagnostics = diagnostics;
     (world, whole)
 }
 
@@ -148,8 +147,8 @@ pub(crate) fn files_of(graph: &Graph) -> Vec<ReadFile> {
         .collect()
 }
 
-/// What the graph in a file is that others use; its problems go to the world.
-pub(crate) fn definition<'a>(
+/// Reads the definition of a used graph, and adds its diagnostics to the world.
+pub(crate) fn load_definition<'a>(
     world: &mut World<'a>,
     path: &Path,
     name: PathBuf,
@@ -157,223 +156,244 @@ pub(crate) fn definition<'a>(
 ) -> Option<Arc<Definition>> {
     let (text, error) = match world.options.text(path) {
         Ok(text) => (text, None),
-        Err(error) => (String::new(), Some(unread("the graph", &error))),
+        Err(error) => (String::new(), Some(read_error("the graph", &error))),
     };
-    let sheet = Sheet::new(Arc::new(Source { name, text }), folder_of(path));
-    let mut check = Check::new(world, sheet, uses);
+    let source_map = SourceMap::new(Arc::new(Source { name, text }), folder_of(path));
+    let mut check = Check::new(world, source_map, uses);
     let whole = match error {
-        None => check.read(),
+        None => check.read_unless_broken(),
         Some(error) => {
-            check.findings.push(error);
+            check.diagnostics.push(error);
             None
         }
     };
-    let (mut findings, uses, sheet) = (check.findings, check.uses, check.sheet);
-    findings.sort_by_key(|finding| finding.span);
-    world.problems.extend(findings.into_iter().map(|finding| sheet.problem(finding, &uses)));
+    let (mut diagnostics, uses, source_map) = (check.diagnostics, check.uses, check.source_map);
+    diagnostics.sort_by_key(|diagnostic| diagnostic.span);
+    world
+        .diagnostics
+        .extend(diagnostics.into_iter().map(|diagnostic| source_map.diagnostic(diagnostic, &uses)));
     whole.map(|whole| Arc::new(whole.definition))
 }
 
-/// The nodes that none of the `needed` ones hangs on, with the places of their names. The cases of a `Switch` are all needed.
-fn unused(
-    drafts: &[Draft],
+/// Returns the nodes on which none of the `needed` nodes depends, with the positions of their names. All cases of a `Switch` count as
+/// needed.
+fn unused_nodes(
+    parsed_nodes: &[ParsedNode],
     inputs: usize,
-    needs: &Needs,
+    needs: &Dependencies,
     needed: impl Iterator<Item = usize>,
 ) -> Vec<(String, Span)> {
-    let is_needed = needs.of(needed);
-    // The elements of a `ForEach` share one name in the file: it is needed if one of them is.
-    fn is_named(draft: &Draft) -> bool {
-        !matches!(draft.what, What::Elements(_) | What::Pick(_))
+    let is_needed = needs.closure_of(needed);
+    // In the file the elements of a `ForEach` share one name, which is needed if one of the elements is needed.
+    fn is_named(parsed: &ParsedNode) -> bool {
+        !matches!(parsed.what, NodeKind::Elements(_) | NodeKind::Pick(_))
     }
-    let names = || drafts.iter().zip(&is_needed).skip(inputs).filter(|(it, _)| is_named(it));
+    let names = || parsed_nodes.iter().zip(&is_needed).skip(inputs).filter(|(it, _)| is_named(it));
     let needed: HashSet<Span> =
-        names().filter(|(_, needed)| **needed).map(|(draft, _)| draft.name.span).collect();
+        names().filter(|(_, needed)| **needed).map(|(parsed, _)| parsed.name.span).collect();
     let mut unused = Vec::new();
-    for (draft, _) in names().filter(|(draft, _)| !needed.contains(&draft.name.span)) {
-        let name = draft.name.text.split('/').next().unwrap_or_default();
-        unused.push((name.to_owned(), draft.name.span));
+    for (parsed, _) in names().filter(|(parsed, _)| !needed.contains(&parsed.name.span)) {
+        let name = parsed.name.text.split('/').next().unwrap_or_default();
+        unused.push((name.to_owned(), parsed.name.span));
     }
     unused.dedup();
     unused
 }
 
 impl Graph {
-    /// Reads and checks a graph file and those that it uses. Runs no node and opens no other file.
-    pub fn load(path: &Path, catalog: &Catalog, options: &Options) -> Checked {
+    /// Reads and checks a graph file and the files of the graphs that it uses. Does not run nodes and does not open any other file.
+    pub fn load(path: &Path, catalog: &Catalog, options: &Options) -> CheckedGraph {
         load(path, catalog, options)
     }
 
-    /// The same for a text that stands, or will stand, in the file.
-    pub fn load_text(path: &Path, text: String, catalog: &Catalog, options: &Options) -> Checked {
+    /// Checks a text as if it were the content of the file at `path`, which need not exist.
+    pub fn load_text(
+        path: &Path,
+        text: String,
+        catalog: &Catalog,
+        options: &Options,
+    ) -> CheckedGraph {
         load_text(path, text, catalog, options)
     }
 
-    /// The graphs that a graph uses, and those that they use: outer ones first. Itself before them if it has inputs.
+    /// Returns the graphs that a graph uses, directly or indirectly. A graph comes before those that it uses. The graph itself comes first
+    /// if it has inputs.
     pub fn subgraphs(
         path: &Path,
         catalog: &Catalog,
         options: &Options,
-    ) -> (Vec<Subgraph>, Vec<Problem>) {
+    ) -> (Vec<Subgraph>, Vec<Diagnostic>) {
         match options.text(path) {
             Ok(text) => Self::subgraphs_of(path, text, catalog, options),
-            Err(_) => (Vec::new(), load(path, catalog, options).problems),
+            Err(_) => (Vec::new(), load(path, catalog, options).diagnostics),
         }
     }
 
-    /// The same for a text that stands in the file, or will.
+    /// Returns the graphs that a text uses, as if it were the content of the file at `path`, which need not exist.
     pub fn subgraphs_of(
         path: &Path,
         text: String,
         catalog: &Catalog,
         options: &Options,
-    ) -> (Vec<Subgraph>, Vec<Problem>) {
-        let (mut world, whole) = first(path, text, catalog, options);
+    ) -> (Vec<Subgraph>, Vec<Diagnostic>) {
+        let (mut world, whole) = check_file(path, text, catalog, options);
         let mut found = Vec::new();
-        if let Some(Whole { definition, .. }) = whole.filter(|whole| whole.is_used) {
+        if let Some(ParsedFile { definition, .. }) = whole.filter(|whole| whole.is_used) {
             let name = path.file_stem().unwrap_or_default().to_string_lossy();
             found.push(Subgraph::new(&name, &definition));
         }
-        world.listed.sort_by_key(|listed| listed.0);
-        let World { listed, problems, .. } = world;
+        world.node_types.sort_by_key(|listed| listed.0);
+        let World { node_types: listed, diagnostics, .. } = world;
         for (_, name, definition) in listed {
             let subgraph = Subgraph::new(&name, &definition);
-            let is_known =
-                |known: &Subgraph| (&known.name, &known.file) == (&subgraph.name, &subgraph.file);
-            if !found.iter().any(is_known) {
+            if found
+                .iter()
+                .all(|known| (&known.name, &known.file) != (&subgraph.name, &subgraph.file))
+            {
                 found.push(subgraph);
             }
         }
-        (found, problems)
+        (found, diagnostics)
     }
 }
 
 impl GraphText {
-    /// The graph without these inputs.
+    /// Expands the graph again, without these inputs.
     pub(crate) fn graph_without(
         &self,
         inputs: BTreeSet<String>,
         catalog: &Catalog,
-    ) -> Result<Graph, Vec<Problem>> {
-        let (mut world, whole) = first(&self.path, self.text.clone(), catalog, &self.options);
+    ) -> Result<Graph, Vec<Diagnostic>> {
+        let (mut world, whole) = check_file(&self.path, self.text.clone(), catalog, &self.options);
         world.absent = inputs;
-        let checked = judged(world, whole.map(Arc::new));
-        checked.graph.or(checked.partial).ok_or(checked.problems)
+        let checked = finish_check(world, whole.map(Arc::new));
+        checked.graph.or(checked.partial).ok_or(checked.diagnostics)
     }
 }
 
 impl Check<'_, '_> {
-    /// None if the text has syntax errors: then the rest of it is checked, but nothing is made of it.
-    fn read(&mut self) -> Option<Whole> {
-        let whole = self.whole();
+    /// Checks the file. If the text has syntax errors, checks the rest of the text and returns `None`.
+    fn read_unless_broken(&mut self) -> Option<ParsedFile> {
+        let whole = self.read_file();
         self.leave_out_doubts();
         whole.filter(|_| self.doubts.is_none())
     }
 
-    fn whole(&mut self) -> Option<Whole> {
+    fn read_file(&mut self) -> Option<ParsedFile> {
         let tree = Arc::new(self.tree()?);
-        let top = self.top_level(&tree)?;
-        Some(self.graph(&top, &tree))
+        let header = self.read_header(&tree)?;
+        Some(self.graph(&header, &tree))
     }
 
-    fn graph(&mut self, top: &TopLevel<'_>, tree: &Arc<Tree>) -> Whole {
-        let version = top.version.and_then(|version| self.version(version));
-        self.missing_packs = self.packs(top.packs);
-        let subgraphs = self.subgraphs(top);
-        let entries = top.inputs.unwrap_or_default();
-        let (mut drafts, mut described, wants) = self.inputs(entries);
-        let inputs = drafts.len();
-        let required =
-            drafts.iter().filter(|draft| !draft.is_optional).map(|draft| draft.name.text.clone());
+    fn graph(&mut self, header: &Header<'_>, tree: &Arc<Tree>) -> ParsedFile {
+        let version = header.version.and_then(|version| self.read_version(version));
+        self.missing_packs = self.missing_of_packs(header.packs);
+        let subgraphs = self.subgraphs(header);
+        let entries = header.inputs.unwrap_or_default();
+        let (mut parsed_nodes, mut described, wants) = self.inputs(entries);
+        let inputs = parsed_nodes.len();
+        let required = parsed_nodes
+            .iter()
+            .filter(|parsed| !parsed.is_optional)
+            .map(|parsed| parsed.name.text.clone());
         let required = Vec::from_iter(required);
-        let parameters = self.named(top.params, "parameter", entries);
+        let parameters = self.named_entries(header.params, "parameter", entries);
         let options = self.world.options;
-        let set: &[_] = if self.is_first() { &options.set } else { &[] };
+        let set: &[_] = if self.is_root() { &options.set } else { &[] };
         let draft = options.draft;
         let (declared, defaults) =
-            Parameters::read(&parameters, set, draft, &self.sheet, &mut self.findings);
+            Parameters::read(&parameters, set, draft, &self.source_map, &mut self.diagnostics);
         described
             .extend(declared.iter().map(|declared| (declared.name.clone(), declared.schema())));
-        let nodes = self.named(top.nodes, "node", entries);
-        let eaches = self.drafts(&nodes, &subgraphs, &defaults, &mut drafts);
-        if self.is_first() {
-            self.unknown_sets(&defaults, &drafts, &eaches);
+        let nodes = self.named_entries(header.nodes, "node", entries);
+        let for_each_nodes = self.parse_nodes(&nodes, &subgraphs, &defaults, &mut parsed_nodes);
+        if self.is_root() {
+            self.report_unknown_sets(&defaults, &parsed_nodes, &for_each_nodes);
         }
-        let outputs = top.outputs.iter().map(|(_, value)| value);
-        self.picks(&mut drafts, &outputs.chain(top.expect).collect::<Vec<_>>());
-        let names = Names::new(&drafts, &eaches);
-        self.link(&mut drafts, &names);
-        self.optional_inputs(&drafts);
-        let needs = Self::needs(&drafts);
-        let order = self.order(&drafts, &needs);
-        self.types(&mut drafts, &order, &eaches);
-        self.link_lacking(&drafts, &needs);
-        self.build(&mut drafts);
-        let is_used = !self.is_first() || top.inputs.is_some();
+        let outputs = header.outputs.iter().map(|(_, value)| value);
+        self.add_picks(&mut parsed_nodes, &outputs.chain(header.expect).collect::<Vec<_>>());
+        let names = Names::new(&parsed_nodes, &for_each_nodes);
+        self.resolve_links(&mut parsed_nodes, &names);
+        self.check_optional_inputs(&parsed_nodes);
+        let needs = Self::dependencies(&parsed_nodes);
+        let order = self.order(&parsed_nodes, &needs);
+        self.types(&mut parsed_nodes, &order, &for_each_nodes);
+        self.suggest_missing_links(&parsed_nodes, &needs);
+        self.build_nodes(&mut parsed_nodes);
+        let is_used = !self.is_root() || header.inputs.is_some();
         let (mut ports, mut outputs, mut undecided) = (Vec::new(), Vec::new(), Vec::new());
         match is_used {
-            true => ports = self.ports_of(top, &drafts, &names),
-            false => (outputs, undecided) = self.outputs(top.outputs, &drafts, &names),
+            true => ports = self.output_ports(header, &parsed_nodes, &names),
+            false => (outputs, undecided) = self.outputs(header.outputs, &parsed_nodes, &names),
         }
-        if self.is_first() {
-            let lineage = |draft| Arc::new(Lineage::of(draft, &drafts, &needs, &defaults, options));
+        if self.is_root() {
+            let lineage =
+                |index| Arc::new(Lineage::new(index, &parsed_nodes, &needs, &defaults, options));
             outputs.iter_mut().for_each(|output| output.lineage = lineage(output.node));
             for port in &mut ports {
-                port.lineage = port.target.map(|(draft, _)| lineage(draft)).unwrap_or_default();
+                port.lineage = port.target.map(|(index, _)| lineage(index)).unwrap_or_default();
             }
         }
-        let given_there = (&ports[..], &outputs[..]);
-        let mut expect = self.expectations(top.expect, given_there, top.outputs, &drafts, &names);
-        expect.extend(self.promises(top, &ports));
+        let given_outputs = (&ports[..], &outputs[..]);
+        let mut expect =
+            self.expectations(header.expect, given_outputs, header.outputs, &parsed_nodes, &names);
+        expect.extend(self.promises(header, &ports));
         let expected =
             expect.iter().flat_map(|it| it.targets.iter().flatten().map(|(node, _)| *node));
         let given = outputs.iter().map(|output| output.node);
         let ported = ports.iter().filter_map(|port| Some(port.target?.0));
-        let unused = unused(&drafts, inputs, &needs, given.chain(ported).chain(expected));
+        let unused =
+            unused_nodes(&parsed_nodes, inputs, &needs, given.chain(ported).chain(expected));
         let schema =
-            json!({ "description": top.doc, "properties": described, "required": required });
+            json!({ "description": header.doc, "properties": described, "required": required });
         let by_field = described.iter().map(|(name, it)| (field_of(name), it.clone()));
         let by_field = Map::from_iter(by_field);
         let required = required.iter().map(|name| field_of(name)).collect::<Vec<_>>();
         let fields =
-            json!({ "description": top.doc, "properties": by_field, "required": required });
+            json!({ "description": header.doc, "properties": by_field, "required": required });
         let definition = Definition {
-            sheet: self.sheet.clone(),
+            source_map: self.source_map.clone(),
             tree: tree.clone(),
-            doc: top.doc.clone(),
+            doc: header.doc.clone(),
             version,
             declared,
             defaults,
-            drafts,
+            parsed_nodes,
             inputs,
             order,
-            eaches,
+            for_each_nodes,
             ports,
             wants,
             expect,
             schema,
             fields,
         };
-        Whole { definition, outputs, undecided, is_used, unused }
+        ParsedFile { definition, outputs, undecided, is_used, unused }
     }
 }
 
 impl Check<'_, '_> {
-    /// What the graph gives to who uses it. Names of files say that it is none to be used, which is one mistake.
-    fn ports_of(&mut self, top: &TopLevel<'_>, drafts: &[Draft], names: &Names<'_>) -> Vec<Port> {
-        let known = self.findings.len();
-        let ports = self.ports(top.outputs, drafts, names);
-        fn is_file(finding: &Finding) -> bool {
-            finding.code == code::BAD_NAME
+    /// Returns the output ports. If a graph has output files, others cannot use it; that is reported once.
+    fn output_ports(
+        &mut self,
+        header: &Header<'_>,
+        parsed_nodes: &[ParsedNode],
+        names: &Names<'_>,
+    ) -> Vec<Port> {
+        let known = self.diagnostics.len();
+        let ports = self.ports(header.outputs, parsed_nodes, names);
+        fn is_file(diagnostic: &LocalDiagnostic) -> bool {
+            diagnostic.code == code::BAD_NAME
         }
-        if top.inputs.is_none() && self.findings[known..].iter().any(is_file) {
-            let mut found = self.findings.split_off(known);
-            found.retain(|finding| !is_file(finding));
-            self.findings.append(&mut found);
-            let span = top.outputs.first().map_or(Span::default(), |(name, _)| name.span);
-            let message = "this graph gives files and has no `inputs`: it is no node of another";
+        if header.inputs.is_none() && self.diagnostics[known..].iter().any(is_file) {
+            let mut found = self.diagnostics.split_off(known);
+            found.retain(|diagnostic| !is_file(diagnostic));
+            self.diagnostics.append(&mut found);
+            let span = header.outputs.first().map_or(Span::default(), |(name, _)| name.span);
+            let message =
+                "this graph has output files and no `inputs`, so it cannot be used as a node";
             let help = "declare `inputs: {..}`, and name its outputs as ports: lower-case letters, digits, hyphens";
-            self.find(code::BAD_NAME, span, message.to_owned(), help);
+            self.report(code::BAD_NAME, span, message.to_owned(), help);
         }
         ports
     }

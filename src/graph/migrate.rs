@@ -1,44 +1,46 @@
-//! Nodes and fields under their old names, brought up to date as their packs say ([`Migration`]).
+//! Migration of nodes and fields from old names to new ones, as packs declare it with [`Migration`].
 //!
-//! A graph with old names is read as if it had the new ones; `Graph::migrated` puts these into its text. Both go through the same
-//! steps, one of a call at a time, so that a node may have been renamed and changed over several versions.
+//! A graph with old names is read as if it had the new names. `Graph::migrate` writes the new names into the text of the graph. Both apply
+//! the same steps to one call at a time, so that a node that was changed in several versions is migrated step by step.
 
 use std::path::Path;
 use std::sync::Arc;
 
 use maquette_node::pack::{Migration, NewValue};
-use maquette_syntax::error::{Problem, Source, Span, code};
+use maquette_syntax::error::{Diagnostic, Source, Span, code};
 use maquette_syntax::{
-    Body, Field, Finding, Help, Kind, Name, Tree, parse, quoted, syntax_problems,
-    with_commas_behind,
+    Body, Field, Help, Kind, LocalDiagnostic, Name, Tree, edit_with_trailing_commas, parse, quote,
+    syntax_diagnostics,
 };
 
+use super::draft_value::{is_draft, map_sides};
 use super::patch::patched_tree;
-use super::quality::{each_side, is_draft};
-use super::{Files, Graph, Options, Splice, added, apply, without};
+use super::{Files, Graph, Options, Splice, add_field, apply, remove_parts};
 use crate::catalog::Catalog;
+use crate::tree::text_in_call;
 
-mod puts;
+mod migrated_values;
 mod sets;
 
-pub use puts::{
-    Renewed, node_steps, ready_for, renewed_node, renewed_put, renewed_target, renewed_text,
+pub use migrated_values::{
+    MigratedValue, migrate_field_value, migrate_target, migrated_text, node_steps, outdated_parts,
+    prepare_for,
 };
-use puts::{nodes_of_packs, of_patch};
+use migrated_values::{nodes_of_packs, patch_splices};
 
-/// No call needs as many steps: packs that send each other in a circle come to an end here.
-pub(super) const MOST_STEPS: usize = 100;
+/// The maximum number of steps for one call. The limit also ends migrations of packs that form a cycle.
+pub(super) const MAX_STEPS: usize = 100;
 
-/// The type of a node's call, and the groups that hold its fields: the call itself, or those of a `ForEach`.
+/// The type of the node in a call, and its groups of fields: the call itself, or the groups in a `ForEach`.
 struct Call<'t> {
     kind: Name,
-    /// Whether the type is a text, as in a `ForEach`.
+    /// True if the type is written as a text, as in a `ForEach`.
     is_text: bool,
     groups: Vec<&'t Tree>,
 }
 
 impl<'t> Call<'t> {
-    fn of(entry: &'t Tree) -> Option<Self> {
+    fn read(entry: &'t Tree) -> Option<Self> {
         let kind = entry.name()?;
         if kind.text != "ForEach" {
             return Some(Self { kind, is_text: false, groups: vec![entry] });
@@ -58,21 +60,21 @@ impl<'t> Call<'t> {
     }
 }
 
-/// What the packs of a program say of old names.
+/// The migrations of the packs of a program.
 #[derive(Clone, Copy)]
 struct Migrations<'c> {
     catalog: &'c Catalog,
 }
 
-/// The type of a node, or the one that a `ForEach` repeats.
+/// Returns the type of a node; for a `ForEach`, the type that it repeats.
 pub fn kind_of(node: &Tree) -> Option<Name> {
-    Call::of(node).map(|call| call.kind)
+    Call::read(node).map(|call| call.kind)
 }
 
 impl<'c> Migrations<'c> {
-    /// The name that a type of nodes has now.
-    fn kind(self, old: &str) -> Option<&'static str> {
-        // What is there is not old.
+    /// Returns the new name of a node type after a single step.
+    fn new_name(self, old: &str) -> Option<&'static str> {
+        // The name of an existing node type is never outdated.
         fn is_old(name: &str, catalog: &Catalog) -> bool {
             !catalog.has(name)
         }
@@ -85,20 +87,20 @@ impl<'c> Migrations<'c> {
             .filter(|_| is_old(old, self.catalog))
     }
 
-    /// The name that a type of nodes has now, after all that became of it.
-    fn present(self, name: &str) -> String {
+    /// Returns the current name of a node type after all steps.
+    fn current_name(self, name: &str) -> String {
         let mut present = name.to_owned();
-        for _ in 0..MOST_STEPS {
-            let Some(new) = self.kind(&present) else { break };
+        for _ in 0..MAX_STEPS {
+            let Some(new) = self.new_name(&present) else { break };
             new.clone_into(&mut present);
         }
         present
     }
 
-    /// Which of some fields of a node of this type is old, and what became of it.
-    fn field(self, kind: &str, group: &Tree) -> Option<(usize, &'c Migration)> {
+    /// Returns the first outdated field in a group of fields of a node of this type, with the migration of that field.
+    fn outdated_field(self, kind: &str, group: &Tree) -> Option<(usize, &'c Migration)> {
         let fields = group.fields().unwrap_or_default();
-        let present = self.present(kind);
+        let present = self.current_name(kind);
         self.catalog.migrations().find_map(|migration| {
             let Migration::Field { node, old, new, value } = migration else { return None };
             fn is_given(name: &str, fields: &[Field]) -> bool {
@@ -109,12 +111,12 @@ impl<'c> Migrations<'c> {
                 true => is_old(*value, &fields[at].value),
                 false => !is_given(new, fields),
             };
-            (is_old && self.present(node) == present).then_some((at, migration))
+            (is_old && self.current_name(node) == present).then_some((at, migration))
         })
     }
 }
 
-/// Whether a value is one of those that are said otherwise now.
+/// Returns true if a value contains words that are outdated.
 fn is_old(value: NewValue, tree: &Tree) -> bool {
     if is_draft(tree) {
         let sides = tree.fields().unwrap_or_default();
@@ -127,10 +129,10 @@ fn is_old(value: NewValue, tree: &Tree) -> bool {
     }
 }
 
-/// The value as it is said now, with the places that it had.
-fn renewed_value(new: NewValue, tree: &Tree) -> Tree {
+/// Returns the migrated value. Its parts have the positions of the old value.
+fn migrate_value(new: NewValue, tree: &Tree) -> Tree {
     if is_draft(tree) {
-        return each_side(tree, |side| renewed_value(new, side));
+        return map_sides(tree, |side| migrate_value(new, side));
     }
     let kind = match (new, &tree.kind) {
         (NewValue::Times(factor), Kind::Number { value, .. }) => {
@@ -138,15 +140,14 @@ fn renewed_value(new: NewValue, tree: &Tree) -> Tree {
             Kind::Number { value, whole: value.fract() == 0.0 }
         }
         (NewValue::Times(_), Kind::List(items)) => {
-            Kind::List(items.iter().map(|item| renewed_value(new, item)).collect())
+            Kind::List(items.iter().map(|item| migrate_value(new, item)).collect())
         }
         (NewValue::Times(_), Kind::Call { name: None, body: Body::Items(items) }) => {
-            let items = items.iter().map(|item| renewed_value(new, item)).collect();
+            let items = items.iter().map(|item| migrate_value(new, item)).collect();
             Kind::Call { name: None, body: Body::Items(items) }
         }
         (NewValue::Times(factor), Kind::Call { .. }) => {
-            let argument = |call| tree.call_of(call).and_then(|inner| inner.text());
-            let expression = match (argument("Param"), argument("Expr")) {
+            let expression = match (text_in_call(tree, "Param"), text_in_call(tree, "Expr")) {
                 (Some(name), _) => format!("{name} * {factor}"),
                 (_, Some(text)) => format!("({text}) * {factor}"),
                 _ => return tree.clone(),
@@ -170,16 +171,16 @@ fn renewed_value(new: NewValue, tree: &Tree) -> Tree {
     Tree { kind, ..tree.clone() }
 }
 
-/// The same in the text: only what is said otherwise is written anew.
+/// Returns the edits for a migrated value. They replace only those parts of the old value that differ.
 fn value_splices(value: NewValue, tree: &Tree, text: &str) -> Vec<Splice> {
-    let new = renewed_value(value, tree);
+    let new = migrate_value(value, tree);
     let mut splices = Vec::new();
-    written(tree, &new, text, &mut splices);
+    rewrite_value(tree, &new, text, &mut splices);
     splices
 }
 
-/// The edits that make a text say another value of the same form.
-fn written(old: &Tree, new: &Tree, text: &str, splices: &mut Vec<Splice>) {
+/// Collects the edits that change a value in a text to another value of the same form.
+fn rewrite_value(old: &Tree, new: &Tree, text: &str, splices: &mut Vec<Splice>) {
     if old == new {
         return;
     }
@@ -201,26 +202,26 @@ fn written(old: &Tree, new: &Tree, text: &str, splices: &mut Vec<Splice>) {
                     if old.name.text != new.name.text {
                         splices.push((old.name.span, new.name.text.clone()));
                     }
-                    written(&old.value, &new.value, text, splices);
+                    rewrite_value(&old.value, &new.value, text, splices);
                 }
             }
-            // It lies in a group now.
+            // The field was moved into a group of fields.
             (None, [inner]) => {
-                fn at(at: usize) -> Span {
+                fn empty_span(at: usize) -> Span {
                     Span { start: at, end: at }
                 }
-                splices.push((at(old.span.start), format!("({}: ", inner.name.text)));
-                written(old, &inner.value, text, splices);
-                splices.push((at(old.span.end), ")".to_owned()));
+                splices.push((empty_span(old.span.start), format!("({}: ", inner.name.text)));
+                rewrite_value(old, &inner.value, text, splices);
+                splices.push((empty_span(old.span.end), ")".to_owned()));
             }
             (None, _) => {}
         }
         return;
     }
-    let expression = new.call_of("Expr").and_then(Tree::text);
+    let expression = text_in_call(new, "Expr");
     match (&old.kind, &new.kind, expression) {
         (_, _, Some(expression)) => {
-            splices.push((old.span, format!("Expr({})", quoted(expression))));
+            splices.push((old.span, format!("Expr({})", quote(expression))));
         }
         (_, Kind::Number { value, .. }, _) => {
             let is_whole = !text[old.span.start..old.span.end].contains('.');
@@ -236,38 +237,25 @@ fn written(old: &Tree, new: &Tree, text: &str, splices: &mut Vec<Splice>) {
         }
         _ => {
             for (old, new) in items(old).iter().zip(&items(new)) {
-                written(old, new, text, splices);
+                rewrite_value(old, new, text, splices);
             }
         }
     }
 }
 
-/// A node as it is understood, and what is old about it.
-pub(super) fn renewed(entry: &Tree, catalog: &Catalog) -> (Tree, Vec<Finding>) {
+/// Returns a node in which all names are current, with warnings about its outdated parts.
+pub(super) fn migrate_node(entry: &Tree, catalog: &Catalog) -> (Tree, Vec<LocalDiagnostic>) {
     let migrations = Migrations { catalog };
     let mut entry = entry.clone();
-    let mut findings = Vec::new();
+    let mut diagnostics = Vec::new();
     if catalog.migrations().next().is_none() {
-        return (entry, findings);
+        return (entry, diagnostics);
     }
-    let Some(Call { kind, is_text, .. }) = Call::of(&entry) else { return (entry, findings) };
-    let present = migrations.present(&kind.text);
-    fn find(
-        span: Span,
-        message: String,
-        renamed: Option<(&str, &str)>,
-        findings: &mut Vec<Finding>,
-    ) {
-        let help = "`maquette migrate --write` puts the new name into the file";
-        let help = match renamed {
-            Some((old, new)) => Help::rename(help.into(), old, new),
-            None => help.into(),
-        };
-        findings.push(Finding { code: code::OUTDATED, span, message, help, note: None });
-    }
+    let Some(Call { kind, is_text, .. }) = Call::read(&entry) else { return (entry, diagnostics) };
+    let present = migrations.current_name(&kind.text);
     if present != kind.text {
         let message = format!("the node type `{}` is called `{present}` now", kind.text);
-        find(kind.span, message, Some((&kind.text, &present)), &mut findings);
+        diagnostics.push(outdated_name(kind.span, message, Some((&kind.text, &present))));
         match &mut entry.kind {
             Kind::Call { body: Body::Fields(fields), .. } if is_text => {
                 let graph = fields.iter_mut().find(|field| field.name.text == "graph");
@@ -280,47 +268,53 @@ pub(super) fn renewed(entry: &Tree, catalog: &Catalog) -> (Tree, Vec<Finding>) {
             _ => {}
         }
     }
-    let mut told = |group: &mut Tree| {
-        for _ in 0..MOST_STEPS {
-            let Some((at, migration)) = migrations.field(&present, group) else { break };
+    let mut migrate_group = |group: &mut Tree| {
+        for _ in 0..MAX_STEPS {
+            let Some((at, migration)) = migrations.outdated_field(&present, group) else { break };
             let Migration::Field { old, new, value, .. } = migration else { break };
             let Kind::Call { body: Body::Fields(fields), .. } = &mut group.kind else { break };
             let span = match old == new {
                 true => fields[at].value.span,
                 false => fields[at].name.span,
             };
-            find(
-                span,
-                match old == new {
-                    true => format!("field `{old}` of {present} is said otherwise now"),
-                    false => format!("field `{old}` of {present} is called `{new}` now"),
-                },
-                // Other values than names are for `migrate`.
-                (old != new && matches!(value, NewValue::Same) && !new.contains('.'))
-                    .then_some((old, new)),
-                &mut findings,
-            );
-            renew_field(fields, at, new, *value);
+            let message = match old == new {
+                true => format!("field `{old}` of {present} is written differently now"),
+                false => format!("field `{old}` of {present} is called `{new}` now"),
+            };
+            // Only `migrate` can fix a value that changes together with its name.
+            let is_renamed = old != new && matches!(value, NewValue::Same) && !new.contains('.');
+            diagnostics.push(outdated_name(span, message, is_renamed.then_some((old, new))));
+            migrate_field(fields, at, new, *value);
         }
     };
     match &mut entry.kind {
         Kind::Call { body: Body::Fields(fields), .. } if is_text => {
             for field in fields {
                 match (&field.name.text[..], &mut field.value.kind) {
-                    ("over", Kind::List(items)) => items.iter_mut().for_each(&mut told),
-                    ("with" | "links" | "carry", _) => told(&mut field.value),
+                    ("over", Kind::List(items)) => items.iter_mut().for_each(&mut migrate_group),
+                    ("with" | "links" | "carry", _) => migrate_group(&mut field.value),
                     _ => {}
                 }
             }
         }
-        _ => told(&mut entry),
+        _ => migrate_group(&mut entry),
     }
-    (entry, findings)
+    (entry, diagnostics)
 }
 
-/// Puts a field's value, as it is said now, to the place that it has now: `name`, or `group.name`.
-fn renew_field(fields: &mut Vec<Field>, at: usize, new: &str, value: NewValue) {
-    let renewed = renewed_value(value, &fields[at].value);
+/// Returns the diagnostic for an outdated name. It has a fix if nothing but the name has changed.
+fn outdated_name(span: Span, message: String, renamed: Option<(&str, &str)>) -> LocalDiagnostic {
+    let help = "run `maquette edit GRAPH migrate --write` to write the new name into the file";
+    let help = match renamed {
+        Some((old, new)) => Help::rename(help.into(), old, new),
+        None => help.into(),
+    };
+    LocalDiagnostic::new(code::OUTDATED, span, message, help)
+}
+
+/// Moves the migrated value of a field to the field's new path, which is `name` or `group.name`.
+fn migrate_field(fields: &mut Vec<Field>, at: usize, new: &str, value: NewValue) {
+    let renewed = migrate_value(value, &fields[at].value);
     let Some((group, inner)) = new.split_once('.') else {
         new.clone_into(&mut fields[at].name.text);
         fields[at].value = renewed;
@@ -343,13 +337,13 @@ fn renew_field(fields: &mut Vec<Field>, at: usize, new: &str, value: NewValue) {
     }
 }
 
-/// The tree of a graph with the new names of all that is old in it.
-pub(super) fn renewed_graph(tree: &Tree, catalog: &Catalog) -> Tree {
+/// Returns the tree of a graph in which all names are current.
+pub(super) fn migrate_graph(tree: &Tree, catalog: &Catalog) -> Tree {
     let mut tree = tree.clone();
     if let Kind::Call { body: Body::Fields(fields), .. } = &mut tree.kind {
         for nodes in fields.iter_mut().filter(|field| field.name.text == "nodes") {
             if let Kind::Map(entries) = &mut nodes.value.kind {
-                entries.iter_mut().for_each(|(_, entry)| *entry = renewed(entry, catalog).0);
+                entries.iter_mut().for_each(|(_, entry)| *entry = migrate_node(entry, catalog).0);
             }
         }
     }
@@ -357,43 +351,45 @@ pub(super) fn renewed_graph(tree: &Tree, catalog: &Catalog) -> Tree {
 }
 
 impl Graph {
-    /// The text of a graph file, or of a patch of one, with the new names of all nodes and fields that it has under old ones: the same text if
-    /// there are none. Every other byte is as it was.
+    /// Migrates the text of a graph file or a patch to current names. All bytes that are not outdated are kept; if nothing is outdated, the
+    /// text is returned unchanged.
     ///
     /// # Errors
-    /// The mistakes in the text, if it is no RON.
-    pub fn migrated(path: &Path, text: &str, catalog: &Catalog) -> Result<String, Vec<Problem>> {
-        let (_, mistakes) = parse(text);
-        if !mistakes.is_empty() {
-            return Err(syntax_problems(path, text, mistakes));
+    /// The text has syntax errors, or a migration would change the meaning of the graph.
+    pub fn migrate(path: &Path, text: &str, catalog: &Catalog) -> Result<String, Vec<Diagnostic>> {
+        let (_, errors) = parse(text);
+        if !errors.is_empty() {
+            return Err(syntax_diagnostics(path, text, errors));
         }
-        let migrated =
-            with_commas_behind(text, |text| Ok::<_, Vec<Problem>>(all_steps(path, text, catalog)))?;
+        let migrated = edit_with_trailing_commas(text, |text| {
+            Ok::<_, Vec<Diagnostic>>(all_steps(path, text, catalog))
+        })?;
         fn source(text: &str, path: &Path) -> Source {
             Source { name: path.to_owned(), text: text.to_owned() }
         }
         let differences =
             Self::differences(&source(text, path), &source(&migrated, path), catalog)?;
         let Some(difference) = differences.first() else { return Ok(migrated) };
-        let message = format!("its migration would change what the graph says: {difference}");
-        let help = "this is a fault of a pack's migrations, or of maquette: the file stays".into();
+        let message = format!("its migration would change the meaning of the graph: {difference}");
+        let help =
+            "this is a bug in a pack's migrations or in maquette; the file is unchanged".into();
         let source = Arc::new(source(text, path));
-        let finding =
-            Finding { code: code::PANIC, span: Span::default(), message, help, note: None };
-        Err(vec![finding.at(&source)])
+        let diagnostic =
+            LocalDiagnostic { code: code::PANIC, span: Span::default(), message, help, note: None };
+        Err(vec![diagnostic.into_diagnostic(&source)])
     }
 }
 
-/// The text after all steps.
+/// Applies all migration steps to a text.
 fn all_steps(path: &Path, text: &str, catalog: &Catalog) -> String {
     let (tree, _) = parse(text);
     let mut migrated = text.to_owned();
     if tree.name().is_some_and(|name| name.text == "Patch") {
         let options = Options { files: Files::Ignored, ..Options::default() };
         let graph = patched_tree(path, text.to_owned(), catalog, &options);
-        migrated = apply(text, of_patch(&tree, &graph, text, catalog));
+        migrated = apply(text, patch_splices(&tree, &graph, text, catalog));
     }
-    for _ in 0..MOST_STEPS {
+    for _ in 0..MAX_STEPS {
         let splices = next_steps(&migrated, catalog);
         if splices.is_empty() {
             break;
@@ -403,22 +399,22 @@ fn all_steps(path: &Path, text: &str, catalog: &Catalog) -> String {
     migrated
 }
 
-/// The edits of the next step of each call in a text.
+/// Returns the edits of the next migration step of each call.
 fn next_steps(text: &str, catalog: &Catalog) -> Vec<Splice> {
     let (tree, _) = parse(text);
     nodes_of_packs(&tree).flat_map(|(_, node)| call_steps(node, text, catalog)).collect()
 }
 
-/// Those of one of them.
+/// Returns the edits of the next migration step of a call.
 fn call_steps(node: &Tree, text: &str, catalog: &Catalog) -> Vec<Splice> {
     let migrations = Migrations { catalog };
-    let Some(Call { kind, is_text, groups }) = Call::of(node) else { return Vec::new() };
-    if let Some(new) = migrations.kind(&kind.text) {
-        return vec![(kind.span, if is_text { quoted(new) } else { new.to_owned() })];
+    let Some(Call { kind, is_text, groups }) = Call::read(node) else { return Vec::new() };
+    if let Some(new) = migrations.new_name(&kind.text) {
+        return vec![(kind.span, if is_text { quote(new) } else { new.to_owned() })];
     }
     groups
         .into_iter()
-        .flat_map(|group| match migrations.field(&kind.text, group) {
+        .flat_map(|group| match migrations.outdated_field(&kind.text, group) {
             Some((at, Migration::Field { new, value, .. })) => {
                 field_splices(text, group, at, new, *value)
             }
@@ -427,7 +423,7 @@ fn call_steps(node: &Tree, text: &str, catalog: &Catalog) -> Vec<Splice> {
         .collect()
 }
 
-/// The edits that put a field's value to the place that it has now.
+/// Returns the edits that move the value of a field to the field's new path.
 fn field_splices(text: &str, call: &Tree, at: usize, new: &str, value: NewValue) -> Vec<Splice> {
     let fields = call.fields().unwrap_or_default();
     let field = &fields[at];
@@ -449,17 +445,17 @@ fn field_splices(text: &str, call: &Tree, at: usize, new: &str, value: NewValue)
                     })
                     .collect(),
             );
-            let mut splices = without(text, call, &std::collections::BTreeSet::from([at]));
-            splices.extend(added(text, &other.value, inner, &moved));
+            let mut splices = remove_parts(text, call, &std::collections::BTreeSet::from([at]));
+            splices.extend(add_field(text, &other.value, inner, &moved));
             splices
         }
         None => {
-            fn at(at: usize) -> Span {
+            fn empty_span(at: usize) -> Span {
                 Span { start: at, end: at }
             }
             splices.push((field.name.span, group.to_owned()));
-            splices.insert(0, (at(field.value.span.start), format!("({inner}: ")));
-            splices.push((at(field.value.span.end), ")".to_owned()));
+            splices.insert(0, (empty_span(field.value.span.start), format!("({inner}: ")));
+            splices.push((empty_span(field.value.span.end), ")".to_owned()));
             splices
         }
     }

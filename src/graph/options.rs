@@ -1,10 +1,10 @@
-//! What shapes the reading of a graph, beside its file.
+//! Options for reading a graph.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use maquette_syntax::paths::without_dots;
-use maquette_value::plain;
+use maquette_value::fs;
 
 pub fn folder_of(path: &Path) -> PathBuf {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
@@ -12,35 +12,35 @@ pub fn folder_of(path: &Path) -> PathBuf {
     std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned())
 }
 
-/// What shapes the reading of a graph, beside its file.
+/// Options for reading a graph.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
-    /// Folders outside of the project that the graph may read.
+    /// Folders outside of the project from which the graph may read files.
     pub roots: Vec<PathBuf>,
-    /// Values in place of defaults and fields: (`name` or `node.field`, RON).
+    /// Values that replace defaults and fields, as pairs of `name` or `node.field` and a value in RON.
     pub set: Vec<(String, String)>,
-    /// Whether each `Draft(final: .., draft: ..)` stands for its draft. What is computed from another value has another key, so that a
-    /// final run never takes what a draft gave.
+    /// True if each `Draft(final: .., draft: ..)` has its draft value. Results that are computed from different values have different keys,
+    /// so a final run never uses the result of a draft.
     pub draft: bool,
-    /// Whether results that are pinned beside the graph's file stand in for their nodes.
+    /// True if results that are pinned next to the graph's file replace the nodes that computed them.
     pub pins: bool,
-    /// Whether the files that the graph reads must be there.
+    /// Requirements for the files that the graph reads.
     pub files: Files,
-    /// Texts that stand in place of files of graphs, by path: those that an editor has not saved yet.
+    /// Texts that replace the files of graphs, by path, such as the unsaved texts of an editor.
     pub texts: BTreeMap<PathBuf, String>,
-    /// Whether the graphs that it uses must be what the lock file beside it says; otherwise it is a warning if they are not.
+    /// True if the used graphs must be equal to those in the lock file. Otherwise differences are only warnings.
     pub locked: bool,
 }
 
 impl Options {
-    /// The same with a text in place of the file of a graph at this path.
+    /// Adds a text that replaces the file of a graph, which is at this path.
     #[must_use]
     pub fn with_text(mut self, path: impl Into<PathBuf>, text: impl Into<String>) -> Self {
         self.texts.insert(path.into(), text.into());
         self
     }
 
-    /// The words of a command that say the same of a graph, whether or not it has pins.
+    /// Returns command-line options with the same meaning. Pins are not included.
     pub fn words(&self) -> Vec<String> {
         let mut words = Vec::new();
         for (name, value) in &self.set {
@@ -55,15 +55,15 @@ impl Options {
         words
     }
 
-    /// The text of a graph's file, or the one that stands in its place.
+    /// Returns the text of a graph's file, or the text that replaces the file.
     pub fn text(&self, path: &Path) -> std::io::Result<String> {
         match self.text_in_place_of(path) {
             Some(text) => Ok(text.clone()),
-            None => plain::read_text(path),
+            None => fs::read_text(path),
         }
     }
 
-    /// However the path is written that leads there.
+    /// Returns the text that replaces a file. The path of the file may be spelled in any way.
     fn text_in_place_of(&self, path: &Path) -> Option<&String> {
         let texts = Some(&self.texts).filter(|texts| !texts.is_empty())?;
         texts
@@ -72,31 +72,31 @@ impl Options {
             .or_else(|| texts.get(&std::fs::canonicalize(path).ok()?))
     }
 
-    /// Whether a text stands in place of the file.
+    /// Returns true if a text replaces the file.
     pub fn has_text(&self, path: &Path) -> bool {
         self.text_in_place_of(path).is_some()
     }
 }
 
-/// What a check demands of the files that a graph reads.
+/// Requirements for the files that a graph reads.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Files {
-    /// They must be there, inside of the project.
+    /// Files must exist, and must be inside of the project.
     #[default]
     Needed,
-    /// They may be missing, but no other ones may be named than those inside of the project: the graph is edited.
+    /// Files may be missing, but must be inside of the project. This is for editing.
     Inside,
-    /// Nothing: the graph is looked at, not evaluated.
+    /// Files are not checked. This is for reading a graph without evaluating it.
     Ignored,
 }
 
 /// A file that a node of a graph reads.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReadFile {
-    /// Where it is, or would be.
+    /// The path of the file, which may be missing.
     pub path: PathBuf,
-    /// The name of the node.
+    /// The name of the node that reads the file.
     pub node: String,
-    /// Whether the node can do without it.
+    /// True if the node also runs without the file.
     pub optional: bool,
 }

@@ -1,20 +1,20 @@
-//! A graph's own parameters, and how their values stand in for `Param` and `Expr`.
+//! The parameters of a graph, and the evaluation of `Param` and `Expr`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::sync::Arc;
 
 use indexmap::IndexMap;
-use maquette_syntax::error::{MOST_TOLD, Span, code};
+use maquette_syntax::error::{MAX_REPORTED, Span, code};
 use maquette_syntax::{
-    Body, Field, Finding, Given, Help, Kind, Origin, Quantity, Sheet, Tree, Unit, cut,
-    nearest_or_all, parse,
+    Body, ExternalOrigin, Field, Help, Kind, LocalDiagnostic, Origin, Quantity, SourceMap, Tree,
+    Unit, nearest_or_all, parse, truncate,
 };
 
+use super::constants::{in_own_unit, resolve_in_unit};
 use super::declaration::Declaration;
+use super::draft_value::{has_draft, resolve_side};
 use super::expression::{ExpressionError, Outcome, evaluate, named_parameters};
-use super::fitting::{in_own_unit, own_value};
-use super::quality::{chosen, has_draft};
 
 mod order;
 
@@ -26,117 +26,120 @@ pub(crate) use order::names_in;
 pub(crate) struct Parameters {
     values: IndexMap<String, Tree>,
     numbers: BTreeMap<String, Outcome>,
-    /// Whether a `Draft` stands for its draft.
+    /// True for a draft, in which each `Draft` has its draft value.
     draft: bool,
-    /// The known units of those that have one, and where these are declared.
+    /// The units of parameters, as far as they are known, and the positions at which they are declared.
     units: BTreeMap<String, (Unit, Span)>,
-    /// Those whose defaults are computed from others, each behind all that it is computed from.
+    /// The parameters with computed defaults, ordered so that each comes after those from which it is computed.
     derived: Arc<[Declaration]>,
 }
 
-/// What a `Param` or `Expr` gives, or a number that is written with its unit.
-pub(super) struct Worked {
+/// The value of a `Param` or an `Expr`, or a number with a unit.
+pub(super) struct ResolvedValue {
     pub(super) value: Tree,
     pub(super) unit: Unit,
-    /// What it is, for messages: `Param("near")`.
+    /// The source of the value as it is named in messages: `Param("near")`.
     pub words: String,
-    /// Where its unit comes from, if that is another place.
+    /// A second position, with its text, if another position than the value's determines the unit.
     pub(super) note: Option<(Span, String)>,
 }
 
 impl Parameters {
-    /// Reads the declarations, with `--set` values in place of defaults, for a draft or for final results.
+    /// Reads the declarations for a draft or for final results. Values of `--set` replace defaults.
     pub(crate) fn read(
         entries: &[(&Tree, &Tree)],
         set: &[(String, String)],
         draft: bool,
-        sheet: &Sheet,
-        findings: &mut Vec<Finding>,
+        source_map: &SourceMap,
+        diagnostics: &mut Vec<LocalDiagnostic>,
     ) -> (Vec<Declaration>, Self) {
         let mut parameters = Self { draft, ..Self::default() };
         let mut declarations = Vec::with_capacity(entries.len());
         for (key, declaration) in entries {
             let Some(name) = key.text() else { continue };
-            parameters.put(name, Tree::new(declaration.span, Kind::Broken));
-            let Some(mut declared) = Declaration::read(name, declaration, findings) else {
+            parameters.insert(name, Tree::new(declaration.span, Kind::Broken));
+            let Some(mut declared) = Declaration::read(name, declaration, diagnostics) else {
                 continue;
             };
             if let Some((_, text)) = set.iter().rev().find(|(target, _)| target == name) {
                 let given = read_set(text, &format!("{name}={text}"), declaration.span);
-                declared.default = in_own_unit(&given, name, declared.unit(), findings);
+                declared.default = in_own_unit(&given, name, declared.unit(), diagnostics);
             }
             let unit = declared.unit().and_then(Unit::read);
             let unit = unit.map(|unit| (name.to_owned(), (unit, declared.unit_span)));
             parameters.units.extend(unit);
             declarations.push(declared);
         }
-        let order = Order::of(&declarations, sheet, findings);
-        let derived = order.all.iter().map(|&at| &declarations[at]);
+        let order = Order::compute(&declarations, source_map, diagnostics);
+        let derived = order.indices.iter().map(|&at| &declarations[at]);
         parameters.derived =
             derived.filter(|declared| is_parametric(&declared.default)).cloned().collect();
         let mut others = Self { draft: !draft, ..parameters.clone() };
         let has_sides = declarations.iter().any(|declared| has_draft(&declared.default));
-        // What is wrong with the other side is reported if it is not wrong with this one.
+        // Errors of the other side of a `Draft` are reported, unless the current side has the same errors.
         let (mut known, mut other_findings) = (Vec::new(), Vec::new());
-        for &at in &order.all {
+        for &at in &order.indices {
             let declared = &mut declarations[at];
             let own = parameters.value(declared, &mut known);
             if has_sides {
                 let other = others.value(declared, &mut other_findings);
-                others.put(&declared.name, other.clone());
+                others.insert(&declared.name, other.clone());
                 let sides = if draft { [other, own.clone()] } else { [own.clone(), other] };
                 declared.sides = Some(sides).filter(|_| has_draft(&declared.default));
             }
-            parameters.put(&declared.name, own.clone());
-            declared.derives = is_parametric(&declared.default);
+            parameters.insert(&declared.name, own.clone());
+            declared.is_derived = is_parametric(&declared.default);
             declared.default = own;
         }
-        other_findings.retain(|finding| !known.contains(finding));
-        findings.append(&mut known);
-        findings.append(&mut other_findings);
+        other_findings.retain(|diagnostic| !known.contains(diagnostic));
+        diagnostics.append(&mut known);
+        diagnostics.append(&mut other_findings);
         (declarations, parameters)
     }
 
-    /// The value that a parameter has by its default, which may be computed from others.
-    fn value(&self, declared: &Declaration, findings: &mut Vec<Finding>) -> Tree {
+    /// Evaluates the default of a parameter. The default may be computed from other parameters.
+    fn value(&self, declared: &Declaration, diagnostics: &mut Vec<LocalDiagnostic>) -> Tree {
         let default = &declared.default;
-        let mut value = of_side(chosen(default, self.draft, findings), default);
+        let mut value = of_side(resolve_side(default, self.draft, diagnostics), default);
         if is_parametric(&value) {
             let (name, unit, origin) = (&declared.name, declared.unit(), value.origin.clone());
-            value = own_value(&value, Some(self), name, unit, findings);
+            value = resolve_in_unit(&value, Some(self), name, unit, diagnostics);
             value.origin = origin;
         }
-        declared.with_default(value).value(findings)
+        declared.with_default(value).value(diagnostics)
     }
 
-    /// The same parameters with the values that a use gives to some of them.
-    pub(crate) fn with(
+    /// Replaces the values of some parameters by the values that a use of the graph gives.
+    pub(crate) fn with_values(
         &self,
         given: impl IntoIterator<Item = (String, Tree)>,
-        findings: &mut Vec<Finding>,
+        diagnostics: &mut Vec<LocalDiagnostic>,
     ) -> Self {
         let mut parameters = self.clone();
         let mut names = BTreeSet::new();
         for (name, value) in given {
-            parameters.put(&name, value);
+            parameters.insert(&name, value);
             names.insert(name);
         }
         for declared in self.derived.iter().filter(|declared| !names.contains(&declared.name)) {
-            let value = parameters.value(declared, findings);
-            parameters.put(&declared.name, value);
+            let value = parameters.value(declared, diagnostics);
+            parameters.insert(&declared.name, value);
         }
         parameters
     }
 
-    /// The parameters whose defaults are computed, each behind all that it is computed from, with the names in its default.
-    pub(crate) fn derived(&self) -> impl DoubleEndedIterator<Item = (&str, Vec<String>)> {
-        let is_known = |name: &str| self.values.contains_key(name);
-        self.derived
-            .iter()
-            .map(move |declared| (&declared.name[..], names_in(&declared.default, &is_known)))
+    /// Returns the parameters with computed defaults, in an order in which each comes after those from which it is computed. With each come
+    /// the names in its default.
+    pub(crate) fn derived_parameters(
+        &self,
+    ) -> impl DoubleEndedIterator<Item = (&str, Vec<String>)> {
+        self.derived.iter().map(|declared| {
+            let names = names_in(&declared.default, &|name| self.values.contains_key(name));
+            (&declared.name[..], names)
+        })
     }
 
-    fn put(&mut self, name: &str, value: Tree) {
+    fn insert(&mut self, name: &str, value: Tree) {
         match value.kind {
             Kind::Number { value, .. } => {
                 let unit = self.unit(name);
@@ -150,14 +153,18 @@ impl Parameters {
         self.values.insert(name.to_owned(), value);
     }
 
-    /// The same for what a `Draft` does not stand for now.
-    pub(super) fn of_other_side(&self) -> Self {
+    /// Returns the parameters for the other side of each `Draft`: the draft instead of the final results, or vice versa.
+    pub(super) fn for_other_side(&self) -> Self {
         Self { draft: !self.draft, ..self.clone() }
     }
 
-    /// What a `Draft` stands for now; none if something is wrong with it, which is reported.
-    pub(super) fn side<'t>(&self, tree: &'t Tree, findings: &mut Vec<Finding>) -> Option<&'t Tree> {
-        chosen(tree, self.draft, findings)
+    /// Returns the current side of a `Draft`. `None` if that side has errors, which are reported.
+    pub(super) fn side<'t>(
+        &self,
+        tree: &'t Tree,
+        diagnostics: &mut Vec<LocalDiagnostic>,
+    ) -> Option<&'t Tree> {
+        resolve_side(tree, self.draft, diagnostics)
     }
 
     pub(crate) fn names(&self) -> Vec<&str> {
@@ -172,47 +179,59 @@ impl Parameters {
         self.units.get(name).map(|(unit, _)| *unit).unwrap_or_default()
     }
 
-    /// Where the unit of a parameter is declared.
+    /// Returns a note at the position where the unit of a parameter is declared.
     fn note(&self, name: &str) -> Option<(Span, String)> {
         let (unit, span) = self.units.get(name)?;
         Some((*span, format!("`{name}` is in {unit}")))
     }
 
-    /// What a `Param` or `Expr` gives: something broken if that cannot be said, which is reported.
-    pub(super) fn worked_out(&self, tree: &Tree, findings: &mut Vec<Finding>) -> Worked {
-        let guesses = findings.len() < MOST_TOLD;
-        let worked = match (tree.call_of("Param"), tree.call_of("Expr")) {
+    /// Evaluates a `Param` or an `Expr`. If there is an error, it is reported and the value is broken.
+    pub(super) fn resolve(
+        &self,
+        tree: &Tree,
+        diagnostics: &mut Vec<LocalDiagnostic>,
+    ) -> ResolvedValue {
+        let guesses = diagnostics.len() < MAX_REPORTED;
+        let resolved = match (tree.call_of("Param"), tree.call_of("Expr")) {
             (Some(argument), _) => self.parameter(argument, guesses),
             (None, argument) => self.expression(tree, argument.unwrap_or(tree), guesses),
         };
-        match worked {
-            Ok(Worked { value, unit, words, note }) => {
+        match resolved {
+            Ok(ResolvedValue { value, unit, words, note }) => {
                 let value = match value.origin {
-                    Some(Origin::Given(_)) => moved(value, tree.span),
+                    Some(Origin::External(_)) => at_span(value, tree.span),
                     _ => Tree { span: tree.span, ..value },
                 };
-                Worked { value, unit, words, note }
+                ResolvedValue { value, unit, words, note }
             }
-            Err(finding) => {
-                findings.push(*finding);
+            Err(diagnostic) => {
+                diagnostics.push(*diagnostic);
                 let (value, unit) = (Tree::new(tree.span, Kind::Broken), Unit::default());
-                Worked { value, unit, words: String::new(), note: None }
+                ResolvedValue { value, unit, words: String::new(), note: None }
             }
         }
     }
 
-    fn parameter(&self, argument: &Tree, guesses: bool) -> Result<Worked, Box<Finding>> {
-        let name = written(argument)?;
+    fn parameter(
+        &self,
+        argument: &Tree,
+        guesses: bool,
+    ) -> Result<ResolvedValue, Box<LocalDiagnostic>> {
+        let name = text_argument(argument)?;
         let Some(value) = self.values.get(name).cloned() else {
             let help = match self.values.is_empty() {
                 true => "declare it under `params`".into(),
                 false if !guesses => Help::default(),
                 false => nearest_or_all(name, "its parameters", &self.names()),
             };
-            return Err(wrong(argument.span, format!("the graph has no parameter `{name}`"), help));
+            return Err(parameter_error(
+                argument.span,
+                format!("the graph has no parameter `{name}`"),
+                help,
+            ));
         };
         let words = format!("`Param(\"{name}\")`");
-        Ok(Worked { value, unit: self.unit(name), words, note: self.note(name) })
+        Ok(ResolvedValue { value, unit: self.unit(name), words, note: self.note(name) })
     }
 
     fn expression(
@@ -220,19 +239,19 @@ impl Parameters {
         call: &Tree,
         argument: &Tree,
         guesses: bool,
-    ) -> Result<Worked, Box<Finding>> {
-        let text = written(argument)?;
+    ) -> Result<ResolvedValue, Box<LocalDiagnostic>> {
+        let text = text_argument(argument)?;
         let (kind, unit) = match evaluate(text, &self.numbers) {
             Ok(Outcome::Number(Quantity { value, unit })) => {
                 (Kind::Number { value, whole: value.fract() == 0.0 }, unit)
             }
             Ok(Outcome::Truth(truth)) => (Kind::Bool(truth), Unit::default()),
-            // A parameter without a value has been reported where it is declared.
+            // If a parameter has no value, that was reported at its declaration.
             Err(error) if error.unknown().is_some_and(|name| self.is_broken(name)) => {
                 (Kind::Broken, Unit::default())
             }
             Err(error) if error.unknown().is_some_and(|name| self.values.contains_key(name)) => {
-                return Err(self.no_number(
+                return Err(self.not_a_number(
                     call,
                     argument,
                     text,
@@ -245,19 +264,28 @@ impl Parameters {
                 let place = |at: Range<usize>| place_in(call, argument, text, at);
                 let span = at.and_then(place).unwrap_or(argument.span);
                 let note = note.and_then(|note| Some((place(note.0)?, note.1)));
-                return Err(Box::new(Finding { note, ..*wrong(span, message, help) }));
+                return Err(Box::new(LocalDiagnostic {
+                    note,
+                    ..*parameter_error(span, message, help)
+                }));
             }
         };
         let named = named_parameters(text, &|name| self.values.contains_key(name));
         let note = named.into_iter().flatten().find_map(|at| self.note(&text[at]));
-        let words = format!("`Expr(\"{}\")`", cut(text));
-        Ok(Worked { value: Tree::new(Span::default(), kind), unit, words, note })
+        let words = format!("`Expr(\"{}\")`", truncate(text));
+        Ok(ResolvedValue { value: Tree::new(Span::default(), kind), unit, words, note })
     }
 }
 
 impl Parameters {
-    /// Says that an expression names a parameter with which nothing can be computed.
-    fn no_number(&self, call: &Tree, argument: &Tree, text: &str, name: &str) -> Box<Finding> {
+    /// Returns the error for an expression that names a parameter that is neither a number nor a toggle.
+    fn not_a_number(
+        &self,
+        call: &Tree,
+        argument: &Tree,
+        text: &str,
+        name: &str,
+    ) -> Box<LocalDiagnostic> {
         let named = named_parameters(text, &|known| known == name).into_iter().flatten().next();
         let at = named.and_then(|at| place_in(call, argument, text, at));
         let kind = match self.values.get(name).map(|value| &value.kind) {
@@ -265,13 +293,13 @@ impl Parameters {
             Some(Kind::Word(_)) => "a choice",
             _ => "a vector",
         };
-        let message = format!("`{name}` is {kind}, and Expr computes with numbers and toggles");
-        let help = format!("it is given to a field as it is: Param(\"{name}\")");
-        wrong(at.unwrap_or(argument.span), message, help.into())
+        let message = format!("`{name}` is {kind}, but Expr accepts only numbers and toggles");
+        let help = format!("pass it to a field unchanged: Param(\"{name}\")");
+        parameter_error(at.unwrap_or(argument.span), message, help.into())
     }
 }
 
-/// What a default has for this side of a `Draft`, with what is known of the default; broken if it has nothing.
+/// Returns the value of a default for the current side of a `Draft`, and the origin of the default. The value is broken if there is none.
 fn of_side(side: Option<&Tree>, default: &Tree) -> Tree {
     match (side, &default.origin) {
         (None, _) => Tree::new(default.span, Kind::Broken),
@@ -282,67 +310,76 @@ fn of_side(side: Option<&Tree>, default: &Tree) -> Tree {
     }
 }
 
-/// The text in a `Param` or `Expr`.
-fn written(argument: &Tree) -> Result<&str, Box<Finding>> {
-    fn found(argument: &Tree) -> String {
-        format!("this wants a text, not {}", argument.in_words())
+/// Returns the text between the parentheses of `Param` or `Expr`.
+fn text_argument(argument: &Tree) -> Result<&str, Box<LocalDiagnostic>> {
+    fn argument_message(argument: &Tree) -> String {
+        format!("expected a text, found {}", argument.describe())
     }
     let help = "write Param(\"name\") or Expr(\"a + b\")";
-    argument.text().ok_or_else(|| wrong(argument.span, found(argument), help.into()))
+    argument
+        .text()
+        .ok_or_else(|| parameter_error(argument.span, argument_message(argument), help.into()))
 }
 
-fn wrong(span: Span, message: String, help: Help) -> Box<Finding> {
-    Box::new(Finding { code: code::EXPRESSION, span, message, help, note: None })
+fn parameter_error(span: Span, message: String, help: Help) -> Box<LocalDiagnostic> {
+    Box::new(LocalDiagnostic { code: code::EXPRESSION, span, message, help, note: None })
 }
 
-/// The place of a part of an expression's text, if the text stands in the file as it is, without escapes.
+/// Returns the position of a part of an expression's text. `None` if the text contains escapes or is in another file.
 fn place_in(call: &Tree, argument: &Tree, text: &str, part: Range<usize>) -> Option<Span> {
     let Span { start, end } = argument.span;
-    // What was given elsewhere has one place for all of it.
+    // A value from another file has only a single position.
     let is_there = argument.span != call.span && end - start == text.len() + 2;
     is_there.then(|| Span { start: start + 1 + part.start, end: start + 1 + part.end })
 }
 
-/// A value from `--set`: RON, or else text. A word with more behind it is text: `data//mug.obj` is a path, and no word before a comment.
+/// Parses a value of `--set`: as RON, or else as text. A word that is followed by more text is a text. For example, `data//mug.obj` is a
+/// path, not a word before a comment.
 pub(crate) fn read_set(text: &str, set: &str, span: Span) -> Tree {
-    let (tree, mistakes) = parse(text);
+    let (tree, errors) = parse(text);
     let is_cut = matches!(&tree.kind, Kind::Word(word) if *word != text.trim());
-    let kind = match mistakes.is_empty() && !is_cut {
-        true => moved(tree, span).kind,
+    let kind = match errors.is_empty() && !is_cut {
+        true => at_span(tree, span).kind,
         false => Kind::Text(text.to_owned()),
     };
     Tree { span, kind, origin: Some(Origin::Set(set.to_owned())) }
 }
 
-/// The value as another file gets it: with the place in this file that it comes from.
-pub(crate) fn handed_over(tree: Tree, sheet: &Arc<Sheet>) -> Tree {
-    fn given(span: Span, set: Option<String>, sheet: &Arc<Sheet>) -> Option<Origin> {
-        Some(Origin::Given(Given { sheet: sheet.clone(), span, set }))
+/// Prepares a value for use in another file: stores the value's position in the present file as its origin.
+pub(crate) fn for_other_file(tree: Tree, source_map: &Arc<SourceMap>) -> Tree {
+    fn given_origin(
+        span: Span,
+        set: Option<String>,
+        source_map: &Arc<SourceMap>,
+    ) -> Option<Origin> {
+        Some(Origin::External(ExternalOrigin { source_map: source_map.clone(), span, set }))
     }
-    let again = |tree: Tree| handed_over(tree, sheet);
+    fn all_for_other_file(items: Vec<Tree>, source_map: &Arc<SourceMap>) -> Vec<Tree> {
+        items.into_iter().map(|item| for_other_file(item, source_map)).collect()
+    }
     let origin = match tree.origin {
-        Some(Origin::Default(span)) => given(span, None, sheet),
-        Some(Origin::Set(text)) => given(tree.span, Some(text), sheet),
-        None => given(tree.span, None, sheet),
-        // It was handed over before; where it was first is what counts.
+        Some(Origin::Default(span)) => given_origin(span, None, source_map),
+        Some(Origin::Set(text)) => given_origin(tree.span, Some(text), source_map),
+        None => given_origin(tree.span, None, source_map),
+        // If several files passed the value on, the first of them is the origin.
         given => given,
     };
     let kind = match tree.kind {
-        Kind::List(items) => Kind::List(items.into_iter().map(again).collect()),
+        Kind::List(items) => Kind::List(all_for_other_file(items, source_map)),
         Kind::Call { name, body: Body::Items(items) } => {
-            Kind::Call { name, body: Body::Items(items.into_iter().map(again).collect()) }
+            Kind::Call { name, body: Body::Items(all_for_other_file(items, source_map)) }
         }
         plain => plain,
     };
     Tree { span: tree.span, kind, origin }
 }
 
-/// Whether the value is a parameter's, or computed from such.
+/// Returns true for a `Param` or an `Expr`.
 pub fn is_computed(tree: &Tree) -> bool {
     tree.call_of("Param").is_some() || tree.call_of("Expr").is_some()
 }
 
-/// Whether a part of the value is computed from parameters.
+/// Returns true if the value is or contains a value that is computed from parameters.
 pub(crate) fn is_parametric(tree: &Tree) -> bool {
     match &tree.kind {
         Kind::Call { name: Some(name), .. } if matches!(&name.text[..], "Param" | "Expr") => true,
@@ -357,22 +394,22 @@ pub(crate) fn is_parametric(tree: &Tree) -> bool {
     }
 }
 
-/// The tree with all its places set to one, because its own are not in the file.
-fn moved(tree: Tree, span: Span) -> Tree {
-    fn all(trees: Vec<Tree>, span: &Span) -> Vec<Tree> {
-        trees.into_iter().map(|tree| moved(tree, *span)).collect()
+/// Sets all positions in a tree to one span, because the tree does not come from the file.
+fn at_span(tree: Tree, span: Span) -> Tree {
+    fn all_at_span(trees: Vec<Tree>, span: &Span) -> Vec<Tree> {
+        trees.into_iter().map(|tree| at_span(tree, *span)).collect()
     }
     let kind = match tree.kind {
-        Kind::List(items) => Kind::List(all(items, &span)),
+        Kind::List(items) => Kind::List(all_at_span(items, &span)),
         Kind::Call { name, body: Body::Items(items) } => {
-            Kind::Call { name, body: Body::Items(all(items, &span)) }
+            Kind::Call { name, body: Body::Items(all_at_span(items, &span)) }
         }
         Kind::Call { name, body: Body::Fields(fields) } => Kind::Call {
             name,
             body: Body::Fields(
                 fields
                     .into_iter()
-                    .map(|field: Field| Field { value: moved(field.value, span), ..field })
+                    .map(|field: Field| Field { value: at_span(field.value, span), ..field })
                     .collect(),
             ),
         },

@@ -1,10 +1,10 @@
-//! Nodes that stand in for pinned ones, and give what was kept.
+//! Nodes that replace pinned ones and return their stored results.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use maquette_node::{AnyNode, Context, FilePath};
-use maquette_syntax::error::{Error, Problem, Severity, Source, code};
+use maquette_syntax::error::{Diagnostic, Error, Severity, Source, code};
 use maquette_value::{AnyValue, Hash, ValueType};
 use serde_json::json;
 
@@ -16,48 +16,49 @@ use crate::world::World;
 use crate::{Files, GraphNode, Options};
 
 impl World<'_> {
-    /// Reads the pins of the graph, if they are to be used.
+    /// Reads the pins of the graph, if the options enable pins.
     pub(crate) fn read_pins(&mut self, graph: &Path) {
         if self.options.pins {
-            match Pins::of(graph) {
+            match Pins::read(graph) {
                 Ok(pins) => self.pins = Arc::new(pins),
-                Err(problem) => self.problems.push(*problem),
+                Err(diagnostic) => self.diagnostics.push(*diagnostic),
             }
         }
     }
 
-    /// Says which kept results were computed from something else than these nodes say, in which no pins have been put yet.
-    pub(crate) fn judge_pins(&mut self, nodes: &[GraphNode], graph: &Source) {
+    /// Reports the pinned results that were computed from something else than the current nodes. At this point the nodes have not been
+    /// replaced yet.
+    pub(crate) fn report_stale_pins(&mut self, nodes: &[GraphNode], graph: &Source) {
         let pins = self.pins.clone();
         if pins.pins.is_empty() {
             return;
         }
         let stale = match self.options.draft {
-            false => self.stale(&pins, nodes),
-            // Pins are of final results: a draft does not make them stale.
+            false => self.stale_pins(&pins, nodes),
+            // Pinned results are final results, so a pin does not become stale in a draft.
             true => {
                 let options = Options { draft: false, ..self.options.clone() };
                 let finals =
-                    load_text(&graph.name, graph.text.clone(), self.catalog, &options).problems;
-                finals.into_iter().filter(|problem| problem.code == code::PIN).collect()
+                    load_text(&graph.name, graph.text.clone(), self.catalog, &options).diagnostics;
+                finals.into_iter().filter(|diagnostic| diagnostic.code == code::PIN).collect()
             }
         };
-        self.problems.extend(stale);
+        self.diagnostics.extend(stale);
     }
 
-    /// Puts kept results in the place of their nodes.
-    pub(crate) fn put_pins(&mut self, nodes: &mut [GraphNode]) {
+    /// Replaces pinned nodes by their stored results.
+    pub(crate) fn insert_pinned_nodes(&mut self, nodes: &mut [GraphNode]) {
         let pins = self.pins.clone();
         for pin in &pins.pins {
             let Some(index) = nodes.iter().position(|node| node.name == *pin.0) else { continue };
-            match self.stand_in(&nodes[index], pin, &pins) {
+            match self.pinned_node(&nodes[index], pin, &pins) {
                 Ok(node) => nodes[index] = node,
-                Err(problem) => self.problems.push(*problem),
+                Err(diagnostic) => self.diagnostics.push(*diagnostic),
             }
         }
     }
 
-    fn stale(&self, pins: &Pins, nodes: &[GraphNode]) -> Vec<Problem> {
+    fn stale_pins(&self, pins: &Pins, nodes: &[GraphNode]) -> Vec<Diagnostic> {
         fn place(name: &String, nodes: &[GraphNode]) -> Option<usize> {
             nodes.iter().position(|node| node.name == *name)
         }
@@ -65,30 +66,30 @@ impl World<'_> {
             None => {
                 let message = format!("`{name}` is pinned, but the graph has no such node");
                 let help =
-                    "take the pin away with `maquette unpin`, or give the node its name again";
-                let problem = pins.problem(pin.span, code::PIN, message, help.into());
-                Some(Problem { severity: Severity::Warning, ..problem })
+                    "remove the pin with `maquette pin --remove`, or restore the name of the node";
+                let diagnostic = pins.diagnostic(pin.span, code::PIN, message, help.into());
+                Some(Diagnostic { severity: Severity::Warning, ..diagnostic })
             }
             Some(index) => {
                 let change = pin.ancestry.change(nodes, index, self.catalog.readers())?;
                 let message = format!("`{name}` is pinned before {change}");
-                let help = "it is used as it was: pin it again, or unpin it";
-                Some(nodes[index].problem(Severity::Warning, code::PIN, message, help))
+                let help = "the old result is used; pin the node again, or remove the pin with `maquette pin --remove`";
+                Some(nodes[index].diagnostic(Severity::Warning, code::PIN, message, help))
             }
         });
         stale.collect()
     }
 
-    /// What stands in the place of a node whose result is pinned.
-    fn stand_in(
+    /// Creates the node that takes the place of a pinned one.
+    fn pinned_node(
         &mut self,
         node: &GraphNode,
         (name, pin): (&String, &Pin),
         pins: &Pins,
-    ) -> Result<GraphNode, Box<Problem>> {
-        fn error(code: &'static str, message: String, node: &GraphNode) -> Box<Problem> {
-            let help = "pin it again, or unpin it";
-            Box::new(node.problem(Severity::Error, code, message, help))
+    ) -> Result<GraphNode, Box<Diagnostic>> {
+        fn error(code: &'static str, message: String, node: &GraphNode) -> Box<Diagnostic> {
+            let help = "pin the node again, or remove the pin with `maquette pin --remove`";
+            Box::new(node.diagnostic(Severity::Error, code, message, help))
         }
         let kept = pin
             .outputs
@@ -113,15 +114,15 @@ impl World<'_> {
         let given = format!("{folder}/{}", path.file_name().unwrap_or_default().to_string_lossy());
         if self.options.files == Files::Needed && !path.is_file() {
             self.files.push(crate::ReadFile { path, node: name.clone(), optional: false });
-            let message = format!("`{name}` is pinned, but its result {given} is not there");
+            let message = format!("`{name}` is pinned, but its result {given} does not exist");
             return Err(error(code::MISSING_FILE, message, node));
         }
         let hashes: Vec<_> = kept.iter().map(|(_, hash)| hash.to_string()).collect();
-        let file = NodeFile { given: given.clone(), ..NodeFile::given(&path, Arc::default()) };
+        let file = NodeFile { given: given.clone(), ..NodeFile::from_path(&path, Arc::default()) };
         Ok(GraphNode {
             recipe: Arc::new(Recipe::new(PINNED, json!({ "outputs": hashes }), &[])),
             types: kept.iter().map(|(kind, _)| Some(*kind)).collect(),
-            node: Arc::new(Pinned { kept, file: file.path.clone(), given }),
+            node: Arc::new(PinnedNode { kept, file: file.path.clone(), given }),
             pack: "",
             links: Vec::new(),
             files: vec![file],
@@ -131,26 +132,26 @@ impl World<'_> {
     }
 }
 
-/// Gives the values that were kept.
-pub(crate) struct Pinned {
+/// A node that returns stored values.
+pub(crate) struct PinnedNode {
     kept: Vec<(&'static ValueType, Hash)>,
     file: PathBuf,
-    /// Its file, as people are told of it.
+    /// The path of the file with the values, for messages.
     given: String,
 }
 
-/// The values of a pin are not what they were.
+/// The error for stored values that are damaged.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error(
-    "its pinned result {0} is damaged, or kept by another version of maquette: put the file back, pin the node again, or unpin it"
+    "its pinned result {0} is damaged, or kept by another version of maquette: restore the file, pin the node again, or remove the pin with `maquette pin --remove`"
 )]
-struct Damaged(String);
+struct DamagedPin(String);
 
-impl AnyNode for Pinned {
+impl AnyNode for PinnedNode {
     fn eval(&self, cx: &Context<'_>) -> Result<Vec<AnyValue>, Error> {
         let file = cx.files.get(&self.file).and_then(Option::as_ref);
         let values = file.and_then(|file| bytes::read(file.bytes(), &self.kept));
-        values.ok_or_else(|| Damaged(self.given.clone()).into())
+        values.ok_or_else(|| DamagedPin(self.given.clone()).into())
     }
 
     fn parameters(&self) -> Result<serde_json::Value, serde_json::Error> {

@@ -1,16 +1,17 @@
-//! Pins: results of nodes that are kept beside the graph, `doll.pins.ron` and `doll.pins/` beside `doll.ron`, until they are unpinned.
+//! Pins: results of nodes that are stored next to the graph until they are unpinned. The pins of `doll.ron` are in `doll.pins.ron` and in
+//! the folder `doll.pins/`.
 //!
-//! In a graph with pins other nodes stand in the place of the pinned ones: each gives the values that were kept and hangs on nothing. So the
-//! evaluator knows nothing of pins, and what hangs on a pinned node has its key by the hashes of the values, as always.
+//! When a graph with pins is read, each pinned node is replaced by a node without dependencies that returns the stored values. The
+//! evaluator does not know about pins. The keys of dependent nodes contain the hashes of the stored values, as for any other values.
 //!
-//! The bytes lie beside the graph and not in the cache of results: the cache is of one build of one program, may be cleared at any time,
-//! and does not go along when the project is copied.
+//! The values are stored next to the graph, not in the cache of results, because the cache belongs to one build of one program, may be
+//! cleared at any time, and is not copied with the project.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use maquette_syntax::error::{Problem, Severity, Source, Span};
+use maquette_syntax::error::{Diagnostic, Severity, Source, Span};
 use maquette_value::{AnyValue, Hash};
 
 pub(crate) mod ancestry;
@@ -20,29 +21,29 @@ mod sidecar;
 pub use ancestry::Ancestry;
 pub use bytes::write as bytes_of;
 
-/// The ending of the file beside a graph that says which nodes are pinned.
-pub const ENDING: &str = "pins.ron";
+/// The extension of the file that lists the pinned nodes of a graph.
+pub const EXTENSION: &str = "pins.ron";
 
-/// What stands for a node whose result is pinned.
+/// The type name of nodes that replace pinned ones.
 pub const PINNED: &str = "Pinned";
 
-/// The pins of a graph, by the names of nodes.
+/// The pins of a graph, by the names of the nodes.
 #[derive(Default)]
 pub struct Pins {
     pub pins: BTreeMap<String, Pin>,
-    /// The folder of the kept values.
+    /// The folder that contains the stored values.
     pub folder: PathBuf,
-    /// The file that says all this.
+    /// The file that lists the pins.
     source: Arc<Source>,
 }
 
-/// A kept result.
+/// The stored result of a node.
 pub struct Pin {
     /// The type and the hash of each output.
     pub outputs: Vec<(String, Hash)>,
-    /// What it was computed from.
+    /// The state of the graph from which the result was computed.
     pub(crate) ancestry: Ancestry,
-    /// Where the file says it.
+    /// The position of the pin in the file that lists the pins.
     pub span: Span,
 }
 
@@ -52,22 +53,22 @@ impl Pin {
         Self { outputs: outputs.collect(), ancestry, span: Span::default() }
     }
 
-    /// The file of its values in the folder of a graph's pins.
+    /// Returns the file that contains the stored values, in the folder of a graph's pins.
     pub fn file(&self, folder: &Path) -> PathBuf {
         let hashes: Vec<_> = self.outputs.iter().flat_map(|(_, hash)| hash.0).collect();
-        folder.join(Hash::of(&hashes).to_string())
+        folder.join(Hash::compute(&hashes).to_string())
     }
 }
 
 impl Pins {
-    pub fn problem(
+    pub fn diagnostic(
         &self,
         span: Span,
         code: &'static str,
         message: String,
         help: String,
-    ) -> Problem {
+    ) -> Diagnostic {
         let place = (self.source.clone(), span);
-        Problem { help, ..Problem::new(Severity::Error, code, place, message) }
+        Diagnostic { help, ..Diagnostic::new(Severity::Error, code, place, message) }
     }
 }

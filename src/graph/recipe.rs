@@ -1,79 +1,59 @@
-//! What a node of a graph is, apart from what comes in.
+//! The recipe of a node: the properties that do not depend on the node's inputs.
 
 use std::path::PathBuf;
 
 use maquette_syntax::FILE;
 use maquette_value::Hash;
-use maquette_value::plain::ending;
+use maquette_value::fs::extension;
 use serde_json::{Value as Json, json};
 
 use crate::files::NodeFile;
+use crate::tree::join_path;
 
-/// What a node is, apart from what comes in: all that is known when its graph is read.
+/// The properties of a node that do not depend on the node's inputs. They are known when the graph is read.
 #[derive(Debug)]
 pub struct Recipe {
-    /// The type's name: `Threshold`.
+    /// The name of the node type: `Threshold`.
     pub kind: String,
-    /// Its parameters, with links as `{"$link": slot}` and files as `{"$file": path}`.
+    /// The parameters of the node. Links are represented as `{"$link": slot}`, and files as `{"$file": path}`.
     pub parameters: Json,
-    /// The hash of both, in which of a file's path only the ending counts.
+    /// The hash of the type and the parameters. Only the extensions of file paths are included.
     pub identity: Hash,
 }
 
 impl Recipe {
     pub fn new(kind: &str, parameters: Json, files: &[NodeFile]) -> Self {
-        let optional = files.iter().filter(|file| !file.needed).map(|file| ending(&file.path));
+        let optional = files.iter().filter(|file| !file.needed).map(|file| extension(&file.path));
         let content = json!([kind, without_paths(&parameters), Vec::from_iter(optional)]);
-        let identity = Hash::of(content.to_string().as_bytes());
+        let identity = Hash::compute(content.to_string().as_bytes());
         Self { kind: kind.to_owned(), parameters, identity }
     }
 
-    /// The same with tests of what comes in, by slots and properties: its results are of values that have passed them.
-    pub(crate) fn guarded(&self, tests: &[(usize, &str)]) -> Self {
+    /// Adds tests of inputs to the hash, by slots and properties, because the results are those of inputs that pass the tests.
+    pub(crate) fn with_guards(&self, tests: &[(usize, &str)]) -> Self {
         let content = json!([self.identity, tests]);
-        let identity = Hash::of(content.to_string().as_bytes());
+        let identity = Hash::compute(content.to_string().as_bytes());
         Self { kind: self.kind.clone(), parameters: self.parameters.clone(), identity }
     }
 
-    /// The files that its fields name, each with the way there: `color`, `select.mask`.
+    /// Returns the files in the fields. With each comes its path through the fields: `color`, `select.mask`.
     pub fn files(&self) -> Vec<(String, PathBuf)> {
-        fn collect(field: &Json, way: &str, found: &mut Vec<(String, PathBuf)>) {
-            fn inside(step: &str, value: &Json, way: &str, found: &mut Vec<(String, PathBuf)>) {
-                let way = if way.is_empty() { step.to_owned() } else { format!("{way}.{step}") };
-                collect(value, &way, found);
-            }
-            match field {
-                Json::Object(entries) => match entries.get(FILE).and_then(Json::as_str) {
-                    Some(path) => found.push((way.to_owned(), path.into())),
-                    None => {
-                        entries.iter().for_each(|(name, value)| inside(name, value, way, found))
-                    }
-                },
-                Json::Array(items) => {
-                    items
-                        .iter()
-                        .enumerate()
-                        .for_each(|(nth, item)| inside(&nth.to_string(), item, way, found));
-                }
-                _ => {}
-            }
-        }
         let mut found = Vec::new();
-        collect(&self.parameters, "", &mut found);
+        collect_files(&self.parameters, "", &mut found);
         found
     }
 
-    /// Its parameters with nothing but the ending of each file's path.
+    /// Returns the parameters with only the extensions of file paths.
     pub(crate) fn without_paths(&self) -> Json {
         without_paths(&self.parameters)
     }
 }
 
-/// The parameters with nothing but the ending of each file's path.
+/// Returns the parameters with only the extensions of file paths.
 fn without_paths(field: &Json) -> Json {
     match field {
         Json::Object(entries) => match entries.get(FILE).and_then(Json::as_str) {
-            Some(path) => json!({ FILE: ending(path.as_ref()) }),
+            Some(path) => json!({ FILE: extension(path.as_ref()) }),
             None => Json::Object(
                 entries
                     .iter()
@@ -86,15 +66,34 @@ fn without_paths(field: &Json) -> Json {
     }
 }
 
+fn collect_files(value: &Json, path: &str, found: &mut Vec<(String, PathBuf)>) {
+    match value {
+        Json::Object(fields) => match fields.get(FILE).and_then(Json::as_str) {
+            Some(file) => found.push((path.to_owned(), file.into())),
+            None => {
+                for (name, value) in fields {
+                    collect_files(value, &join_path(path, name), found);
+                }
+            }
+        },
+        Json::Array(items) => {
+            for (index, item) in items.iter().enumerate() {
+                collect_files(item, &join_path(path, &index.to_string()), found);
+            }
+        }
+        _ => {}
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn a_path_counts_by_its_ending_alone() {
-        let of =
-            |path: &str| Recipe::new("Threshold", json!({ "path": { FILE: path } }), &[]).identity;
-        assert_eq!(of("/a/color.png"), of("/b/other.PNG"));
-        assert_ne!(of("/a/color.png"), of("/a/color.jpg"));
+    fn only_the_extension_of_a_path_counts() {
+        let [one, other, jpg] = ["/a/color.png", "/b/other.PNG", "/a/color.jpg"]
+            .map(|path| Recipe::new("Threshold", json!({ "path": { FILE: path } }), &[]).identity);
+        assert_eq!(one, other);
+        assert_ne!(one, jpg);
     }
 }

@@ -1,97 +1,98 @@
-//! `ForEach` over data or a number: how many elements there are is known late, so one draft stands for all.
+//! A `ForEach` over data or over a number. The number of elements is not known when the file is read, so one parsed node represents all
+//! elements.
 //!
-//! It is checked as one node, whose data come from a draft of their own. [`super::expand`] makes as many nodes of it as are known,
-//! or one example.
+//! The elements are checked as one node, whose data come from a second parsed node. [`super::expand`] creates as many nodes as there are
+//! elements, or one example.
 
 use maquette_syntax::error::code;
 use maquette_syntax::{Body, Field, Kind, Name, Tree, nearest_or_all};
 
 use super::check::Check;
-use super::definition::Used;
-use super::draft::link_of;
-use super::each::{Over, Repeated, numbered};
+use super::definition::UsedGraph;
+use super::for_each::{ForEachFields, ForEachSource, number_field};
+use super::header::name_of;
 use super::parameters::Parameters;
-use super::top::name_of;
+use super::parsed_node::link_of;
 use crate::catalog::PortDescription;
-use crate::definition::{Counted, Draft, Elements, Pick, Repeat, What};
+use crate::definition::{ElementCount, Elements, NodeKind, ParsedNode, Pick, Repeat};
 
-/// A `ForEach` has no more elements than this, unless it says so.
-pub(super) const MOST: usize = 10_000;
+/// The maximum number of elements of a `ForEach` that does not set the field `most`.
+pub(super) const DEFAULT_MAX_ELEMENTS: usize = 10_000;
 
 impl Check<'_, '_> {
-    /// The draft of a `ForEach` whose number of elements is known late: one element stands for all. Before it comes that of the
-    /// data.
-    pub(super) fn repeat(
+    /// Parses a `ForEach` whose number of elements is not known yet. Appends the parsed node that represents the elements, and a parsed
+    /// node for the data.
+    pub(super) fn parse_repeat(
         &mut self,
         name: Name,
         value: &Tree,
-        repeated: Repeated,
-        subgraphs: &[Used],
+        repeated: ForEachFields,
+        subgraphs: &[UsedGraph],
         defaults: &Parameters,
-        drafts: &mut Vec<Draft>,
+        parsed_nodes: &mut Vec<ParsedNode>,
     ) {
         let call = repeated.example(value.span);
-        let what = self.what(&call, &name, subgraphs);
-        let mut draft = Draft::new(name, call, what);
-        if matches!(draft.what, What::Unknown(_)) {
-            drafts.push(draft);
+        let what = self.node_kind(&call, &name, subgraphs);
+        let mut parsed = ParsedNode::new(name, call, what);
+        if matches!(parsed.what, NodeKind::Unknown(_)) {
+            parsed_nodes.push(parsed);
             return;
         }
         let mut added: Vec<_> =
-            repeated.number.as_ref().map(|name| numbered(name, 1)).into_iter().collect();
+            repeated.number.as_ref().map(|name| number_field(name, 1)).into_iter().collect();
         let mut elements = None;
         let count = match &repeated.over {
-            Over::Data(link, word) => {
-                let Some(port) = self.taker(&draft, &repeated, link) else {
-                    draft.what = What::Unknown(None);
-                    drafts.push(draft);
+            ForEachSource::Data(link, word) => {
+                let Some(port) = self.data_input(&parsed, &repeated, link) else {
+                    parsed.what = NodeKind::Unknown(None);
+                    parsed_nodes.push(parsed);
                     return;
                 };
-                let each = draft.name.text.clone();
-                // An input has its own name, also in hyphens.
-                let input = match draft.what {
-                    What::Use(..) => name_of(&port.text),
+                let each = parsed.name.text.clone();
+                // The name of an input has hyphens where the corresponding field has underscores.
+                let input = match parsed.what {
+                    NodeKind::Use(..) => name_of(&port.text),
                     _ => port.text.clone(),
                 };
                 let text = format!("{each}/{input}");
                 let tree = Tree::new(link.span, Kind::Text(text.clone()));
                 added.push(Field { name: port.clone(), value: tree });
-                let (word, most) = (word.clone(), repeated.most.clone());
-                let data = What::Elements(Elements { word, each, most });
-                let name = Name { text, span: draft.name.span };
+                let (word, most) = (word.clone(), repeated.max_elements.clone());
+                let data = NodeKind::Elements(Elements { word, each, max_elements: most });
+                let name = Name { text, span: parsed.name.span };
                 let links = vec![link_of(link, "over", false)];
-                elements = Some(Draft::linked(name, value.clone(), data, links));
-                Counted::Data(drafts.len() + 1, port.text)
+                elements = Some(ParsedNode::with_links(name, value.clone(), data, links));
+                ElementCount::Data(parsed_nodes.len() + 1, port.text)
             }
-            Over::Count(number) => Counted::Number(number.clone()),
-            Over::List(_) => return,
+            ForEachSource::Count(number) => ElementCount::Number(number.clone()),
+            ForEachSource::List(_) => return,
         };
-        if let Kind::Call { body: Body::Fields(fields), .. } = &mut draft.tree.kind {
+        if let Kind::Call { body: Body::Fields(fields), .. } = &mut parsed.tree.kind {
             fields.extend(added);
         }
-        self.look(&mut draft, defaults);
-        let carry = repeated.carried();
-        let Repeated { number, most, .. } = repeated;
-        let repeat = Repeat { count, number, carry, most };
-        self.how_many(&repeat, defaults);
-        draft.repeat = Some(repeat);
-        drafts.push(draft);
-        drafts.extend(elements);
+        self.check_node_fields(&mut parsed, defaults);
+        let carry = repeated.carried_outputs();
+        let ForEachFields { number, max_elements: most, .. } = repeated;
+        let repeat = Repeat { count, number, carry, max_elements: most };
+        self.element_count(&repeat, defaults);
+        parsed.repeat = Some(repeat);
+        parsed_nodes.push(parsed);
+        parsed_nodes.extend(elements);
     }
 
-    /// Whether the nodes of a `ForEach` have the inputs that are carried; else nothing more is said of them.
-    pub(super) fn carries(
+    /// Reports carried inputs that do not exist in the nodes of a `ForEach`. Returns false if there are any.
+    pub(super) fn check_carry(
         &mut self,
         name: &Name,
         value: &Tree,
-        repeated: &Repeated,
-        subgraphs: &[Used],
+        repeated: &ForEachFields,
+        subgraphs: &[UsedGraph],
     ) -> bool {
-        let known = self.findings.len();
-        let what = self.what(&repeated.example(value.span), name, subgraphs);
-        // What is wrong with the type is said of the elements.
-        self.findings.truncate(known);
-        if matches!(what, What::Unknown(_)) {
+        let known = self.diagnostics.len();
+        let what = self.node_kind(&repeated.example(value.span), name, subgraphs);
+        // Errors of the node type are reported for the elements.
+        self.diagnostics.truncate(known);
+        if matches!(what, NodeKind::Unknown(_)) {
             return true;
         }
         let ports: Vec<_> = what.ports().into_iter().map(|port| port.name).collect();
@@ -102,24 +103,29 @@ impl Check<'_, '_> {
             let message = format!("{} has no input `{}` to carry", what.kind(), name.text);
             let known: Vec<_> = ports.iter().map(String::as_str).collect();
             let help = self.guess(|| nearest_or_all(&name.text, "its inputs", &known));
-            self.find(code::UNKNOWN_FIELD, name.span, message, help);
+            self.report(code::UNKNOWN_FIELD, name.span, message, help);
         }
-        self.findings.len() == known
+        self.diagnostics.len() == known
     }
 
-    /// The input that takes an element of data: the one that is named, else the only one that must have a link and has none.
-    fn taker(&mut self, draft: &Draft, repeated: &Repeated, link: &Tree) -> Option<Name> {
-        let kind = draft.what.kind();
-        let fields = draft.tree.fields().unwrap_or_default();
+    /// Returns the input that receives an element of data: the one that the file names, or else the only required input without a link.
+    fn data_input(
+        &mut self,
+        parsed: &ParsedNode,
+        repeated: &ForEachFields,
+        link: &Tree,
+    ) -> Option<Name> {
+        let kind = parsed.what.kind();
+        let fields = parsed.tree.fields().unwrap_or_default();
         fn is_given(port: &&PortDescription, fields: &[Field]) -> bool {
             fields.iter().any(|it| it.name.text == port.name)
         }
-        let ports = draft.what.ports();
+        let ports = parsed.what.ports();
         if let Some(each) = &repeated.each {
             if let Some(port) = ports.iter().find(|port| port.name == each.text) {
                 if is_given(&port, fields) {
                     let message = format!("input `{}` takes the data, but has a link", each.text);
-                    self.find(code::BAD_NAME, each.span, message, "keep one of them");
+                    self.report(code::BAD_NAME, each.span, message, "keep one of them");
                     return None;
                 }
                 return Some(each.clone());
@@ -127,7 +133,7 @@ impl Check<'_, '_> {
             let message = format!("{kind} has no input `{}`", each.text);
             let known: Vec<_> = ports.iter().map(|port| &port.name[..]).collect();
             let help = self.guess(|| nearest_or_all(&each.text, "its inputs", &known));
-            self.find(code::UNKNOWN_FIELD, each.span, message, help);
+            self.report(code::UNKNOWN_FIELD, each.span, message, help);
             return None;
         }
         let free: Vec<_> =
@@ -135,63 +141,71 @@ impl Check<'_, '_> {
         match free[..] {
             [port] => Some(Name { text: port.name.clone(), span: link.span }),
             [] => {
-                let message = format!("no input of {kind} is left for the data");
+                let message = format!("no input of {kind} is free for the data");
                 let known: Vec<_> = ports.iter().filter(|port| !is_given(port, fields)).collect();
                 let known: Vec<_> = known.iter().map(|port| &port.name[..]).collect();
                 let help = match known[..] {
                     [] => "leave out the link of the one that takes them".to_owned(),
                     [first, ..] => format!("name the one that takes them: `each: \"{first}\"`"),
                 };
-                self.find(code::MISSING_FIELD, link.span, message, help);
+                self.report(code::MISSING_FIELD, link.span, message, help);
                 None
             }
             [first, ..] => {
                 let names = free.iter().map(|port| format!("`{}`", port.name));
                 let names = Vec::from_iter(names).join(" and ");
-                let message = format!("{names} of {kind} have no link: which takes the data?");
+                let message = format!(
+                    "{names} of {kind} have no link, so the input for the data is ambiguous"
+                );
                 let help = format!("name it, as in `each: \"{}\"`, and link the rest", first.name);
-                self.find(code::MISSING_FIELD, link.span, message, help);
+                self.report(code::MISSING_FIELD, link.span, message, help);
                 None
             }
         }
     }
 
-    /// How many elements there are with these values, if a number says it.
-    pub(super) fn how_many(&mut self, repeat: &Repeat, values: &Parameters) -> Option<usize> {
-        let most = self.most(repeat.most.as_ref(), values)?;
-        let Counted::Number(tree) = &repeat.count else { return None };
-        let count = values.substitute(tree, &mut self.findings);
-        let count = whole(&count).map_err(|found| self.no_number("over", &count, &found)).ok()?;
+    /// Evaluates the number of elements. `None` if the number depends on data or has an error.
+    pub(super) fn element_count(&mut self, repeat: &Repeat, values: &Parameters) -> Option<usize> {
+        let most = self.max_elements(repeat.max_elements.as_ref(), values)?;
+        let ElementCount::Number(tree) = &repeat.count else { return None };
+        let count = values.substitute(tree, &mut self.diagnostics);
+        let count = read_count(&count)
+            .map_err(|found| self.report_no_number("over", &count, &found))
+            .ok()?;
         if most < count {
             let message = format!("ForEach has {count} elements, but takes {most} at most");
-            let help = format!("`most: {count}` lets it have them");
-            self.find(code::OUT_OF_RANGE, tree.span, message, help);
+            let help = format!("`most: {count}` allows them");
+            self.report(code::OUT_OF_RANGE, tree.span, message, help);
             return None;
         }
         Some(count)
     }
 
-    /// The most elements that a `ForEach` may have.
-    pub(super) fn most(&mut self, most: Option<&Tree>, values: &Parameters) -> Option<usize> {
-        let Some(most) = most else { return Some(MOST) };
-        let most = values.substitute(most, &mut self.findings);
-        whole(&most).map_err(|found| self.no_number("most", &most, &found)).ok()
+    /// Evaluates the maximum number of elements.
+    pub(super) fn max_elements(
+        &mut self,
+        most: Option<&Tree>,
+        values: &Parameters,
+    ) -> Option<usize> {
+        let Some(most) = most else { return Some(DEFAULT_MAX_ELEMENTS) };
+        let most = values.substitute(most, &mut self.diagnostics);
+        read_count(&most).map_err(|found| self.report_no_number("most", &most, &found)).ok()
     }
 
-    fn no_number(&mut self, field: &str, tree: &Tree, found: &str) {
+    fn report_no_number(&mut self, field: &str, tree: &Tree, found: &str) {
         if !tree.is_broken() {
             let message =
-                format!("field `{field}` of ForEach wants a number of elements, not {found}");
-            self.find(code::WRONG_VALUE, tree.span, message, "write 0, 1, 2, ..");
+                format!("field `{field}` of ForEach: expected a number of elements, found {found}");
+            self.report(code::WRONG_VALUE, tree.span, message, "write 0, 1, 2, ..");
         }
     }
 
-    /// Drafts of the elements that links name by number: `spots/2`. That of a link comes behind all others.
-    pub(super) fn picks(&self, drafts: &mut Vec<Draft>, texts: &[&Tree]) {
-        if drafts.iter().all(|draft| draft.repeat.is_none()) {
+    /// Appends a parsed node for each element that a link selects by its number: `spots/2`.
+    pub(super) fn add_picks(&self, parsed_nodes: &mut Vec<ParsedNode>, texts: &[&Tree]) {
+        if parsed_nodes.iter().all(|parsed| parsed.repeat.is_none()) {
             return;
         }
-        let of_nodes = drafts.iter().flat_map(|draft| &draft.links);
+        let of_nodes = parsed_nodes.iter().flat_map(|parsed| &parsed.links);
         let of_nodes = of_nodes.map(|link| (link.text.clone(), link.span));
         let others = texts.iter().flat_map(|tree| texts_in(tree));
         let others = others.map(|tree| (tree.text().unwrap_or_default().to_owned(), tree.span));
@@ -199,38 +213,38 @@ impl Check<'_, '_> {
             let text = text.split('.').next().unwrap_or_default();
             let Some((each, number)) = text.split_once('/') else { continue };
             let Ok(number) = number.parse::<usize>() else { continue };
-            let Some(of) =
-                drafts.iter().position(|draft| draft.name.text == each && draft.repeat.is_some())
+            let Some(of) = parsed_nodes
+                .iter()
+                .position(|parsed| parsed.name.text == each && parsed.repeat.is_some())
             else {
                 continue;
             };
-            if drafts.iter().any(|draft| draft.name.text == text) {
+            if parsed_nodes.iter().any(|parsed| parsed.name.text == text) {
                 continue;
             }
-            let draft = &drafts[of];
-            let outputs = draft.what.outputs().into_iter().map(str::to_owned).collect();
-            let kind = draft.what.kind().to_owned();
+            let parsed = &parsed_nodes[of];
+            let outputs = parsed.what.outputs().into_iter().map(str::to_owned).collect();
+            let kind = parsed.what.kind().to_owned();
             let link = Tree::new(span, Kind::Text(each.to_owned()));
-            let pick = What::Pick(Pick { of, number, kind, outputs });
+            let pick = NodeKind::Pick(Pick { of, number, kind, outputs });
             let name = Name { text: text.to_owned(), span };
             let links = vec![link_of(&link, "element", true)];
-            drafts.push(Draft::linked(name, link, pick, links));
+            parsed_nodes.push(ParsedNode::with_links(name, link, pick, links));
         }
     }
 }
 
-/// A whole number of elements; in words what it is instead.
-fn whole(tree: &Tree) -> Result<usize, String> {
-    // Beyond, not every number can be told from its neighbors.
-    const MOST: f64 = (1_u64 << 53) as f64;
+/// Returns the number of elements that a value stands for, or else a description of the value.
+fn read_count(tree: &Tree) -> Result<usize, String> {
+    // A floating-point number cannot represent all larger integers exactly.
+    const MAX_COUNT: f64 = (1_u64 << 53) as f64;
     match tree.kind {
-        Kind::Number { value, .. } if MOST < value => Err(format!("as many as {value:e}")),
+        Kind::Number { value, .. } if MAX_COUNT < value => Err(format!("as many as {value:e}")),
         Kind::Number { value, .. } if value >= 0.0 && value.fract() == 0.0 => Ok(value as usize),
-        _ => Err(tree.in_words()),
+        _ => Err(tree.describe()),
     }
 }
 
-/// All texts in a tree.
 fn texts_in(tree: &Tree) -> Vec<&Tree> {
     match &tree.kind {
         Kind::Text(_) => vec![tree],

@@ -1,20 +1,20 @@
-//! Parts of a text put in, replaced and taken away as its author would.
+//! Inserts, replaces and removes parts of a text, and keeps the author's layout.
 
 use std::collections::BTreeSet;
 
 use maquette_syntax::error::Span;
-use maquette_syntax::{Body, Ends, Field, Kind, Token, Tree, tokens};
+use maquette_syntax::{Body, Field, Kind, LineEnding, Token, Tree, tokens};
 
-/// A text in place of a part of another.
+/// A replacement of a span by a text.
 pub type Splice = (Span, String);
 
 pub fn apply(text: &str, mut edits: Vec<Splice>) -> String {
-    // Stable: what is put into one place comes in the order that it was given.
+    // The sort is stable, so that insertions at one position keep their order.
     edits.sort_by_key(|(span, _)| *span);
     let mut result = String::with_capacity(text.len() + 64);
     let mut copied = 0;
     for (span, new) in edits {
-        // What is taken away needs no edits inside of it.
+        // Edits inside of a removed part are dropped.
         if span.start < copied {
             continue;
         }
@@ -25,13 +25,13 @@ pub fn apply(text: &str, mut edits: Vec<Splice>) -> String {
     result + &text[copied..]
 }
 
-/// The edits that add a field to a call, or to a bare word, as its author writes fields.
-pub fn added(text: &str, owner: &Tree, name: &str, value: &str) -> Vec<Splice> {
+/// Returns the edits that add a field to a call or to a bare word, in the style of the other fields.
+pub fn add_field(text: &str, owner: &Tree, name: &str, value: &str) -> Vec<Splice> {
     fn insert(at: usize, text: String) -> (Span, String) {
         (Span { start: at, end: at }, text)
     }
     let Some(last) = owner.fields().and_then(<[Field]>::last) else {
-        // `Name` or `Name()`, perhaps with spaces or comments in it.
+        // The value is `Name` or `Name()`, possibly with spaces or comments inside.
         let inside = &text[owner.span.start..owner.span.end];
         return match inside.find('(') {
             Some(open) => vec![insert(owner.span.start + open + 1, format!("{name}: {value}"))],
@@ -46,12 +46,12 @@ pub fn added(text: &str, owner: &Tree, name: &str, value: &str) -> Vec<Splice> {
         _ => None,
     };
     let last = Span { start: last.name.span.start, end: last.value.span.end };
-    behind(text, owner.span, before, last, &new)
+    insert_after(text, owner.span, before, last, &new)
 }
 
-/// The edits that put a new field, entry or item behind one of `owner`: on a line of its own if that one is. `before` is where the
-/// one before that ends.
-pub fn behind(
+/// Returns the edits that insert a field, entry or item after the part `last` of `owner`. The new part gets a line of its own if `last` has
+/// one. `before` is the end of the part before `last`.
+pub fn insert_after(
     text: &str,
     owner: Span,
     before: Option<usize>,
@@ -61,7 +61,7 @@ pub fn behind(
     fn insert(at: usize, text: String) -> (Span, String) {
         (Span { start: at, end: at }, text)
     }
-    let tail = Tail::of(text, last.end, owner.end);
+    let tail = Tail::find(text, last.end, owner.end);
     if let Some(indent) = indent_of(text, owner, last) {
         let newline = newline(text, last.start);
         return match tail.comma {
@@ -80,15 +80,15 @@ pub fn behind(
     vec![insert(last.end, format!("{comma}{new}"))]
 }
 
-/// What stands before a part of `owner` on its line, if that is nothing but space and the line is not the one that opens it.
+/// Returns the indentation of a part of `owner`. `None` if other text precedes the part on its line, or if `owner` begins on that line.
 pub fn indent_of(text: &str, owner: Span, part: Span) -> Option<&str> {
     let line = line_start(text, part.start);
     let indent = &text[line..part.start];
     (line > owner.start && indent.trim().is_empty()).then_some(indent)
 }
 
-/// The edits that put a new entry into a map: behind one of its entries, or as its only one, then on a line of its own if `broken`.
-/// `write` gives the entry as it stands behind an indentation.
+/// Returns the edits that insert an entry into a map. It is inserted after one of the entries, or as the only entry, which gets a line of
+/// its own if `broken` is set. `write` returns the text of the entry for an indentation.
 pub fn put_entry(
     text: &str,
     map: &Tree,
@@ -102,14 +102,14 @@ pub fn put_entry(
         let last = parts[place];
         let before = place.checked_sub(1).map(|before| parts[before].end);
         let entry = write(indent_of(text, map.span, last).unwrap_or_default());
-        return behind(text, map.span, before, last, &entry);
+        return insert_after(text, map.span, before, last, &entry);
     }
-    let open = opened(text, map.span);
+    let open = content_start(text, map.span);
     let inside = &text[open..map.span.end - 1];
     if inside.trim().is_empty() && !broken {
         return vec![(map.span, format!("{{ {} }}", write("")))];
     }
-    // Comments stay before it.
+    // Comments in the map are kept before the new entry.
     let line = &text[line_start(text, map.span.start)..];
     let outer = &line[..line.len() - line.trim_start_matches([' ', '\t']).len()];
     let step = if outer.contains('\t') { "\t" } else { "    " };
@@ -119,18 +119,18 @@ pub fn put_entry(
     vec![(at, format!("{newline}{indent}{},{newline}{outer}", write(&indent)))]
 }
 
-/// How the line before a place ends; on the first line, how that one ends.
+/// Returns the line ending that precedes an offset; on the first line, the line ending that follows.
 pub fn newline(text: &str, at: usize) -> &'static str {
-    if Ends::of(text) == Some(Ends::Mac) {
+    if LineEnding::detect(text) == Some(LineEnding::Mac) {
         return "\r";
     }
     let end = text[..at].rfind('\n').or_else(|| text.find('\n'));
     if end.is_some_and(|end| text[..end].ends_with('\r')) { "\r\n" } else { "\n" }
 }
 
-/// Lines in their canonical form behind so many columns, as they stand behind an indentation, with these ends. The first one has none
-/// before it.
-pub fn reindented(form: &str, columns: usize, indent: &str, newline: &str) -> String {
+/// Changes the indentation of formatted lines from `columns` to `indent`, and their line endings to `newline`. The first line is not
+/// indented.
+pub fn reindent(form: &str, columns: usize, indent: &str, newline: &str) -> String {
     let mut text = String::with_capacity(form.len());
     for (token, Span { start, end }) in tokens(form) {
         let piece = &form[start..end];
@@ -153,71 +153,74 @@ fn line_start(text: &str, at: usize) -> usize {
     text[..at].rfind(['\n', '\r']).map_or(0, |newline| newline + 1)
 }
 
-/// Where what stands between the brackets of a value begins.
-pub fn opened(text: &str, value: Span) -> usize {
+/// Returns the offset after the opening bracket of a value.
+pub fn content_start(text: &str, value: Span) -> usize {
     let pieces = tokens(&text[value.start..value.end]);
     let open = pieces.iter().find(|(piece, _)| *piece == Token::Open);
     open.map_or(value.start, |(_, span)| value.start + span.end)
 }
 
-/// The places of what stands between the commas of a value: fields, items or entries.
+/// Returns the spans of the fields, items or entries of a value.
 pub fn parts(value: &Tree) -> Vec<Span> {
     match &value.kind {
         Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => {
             items.iter().map(|item| item.span).collect()
         }
         Kind::Call { body: Body::Fields(fields), .. } => {
-            let whole =
-                |field: &Field| Span { start: field.name.span.start, end: field.value.span.end };
-            fields.iter().map(whole).collect()
+            let fields = fields.iter();
+            fields
+                .map(|field| Span { start: field.name.span.start, end: field.value.span.end })
+                .collect()
         }
         Kind::Map(entries) => {
-            let whole =
-                |(key, value): &(Tree, Tree)| Span { start: key.span.start, end: value.span.end };
-            entries.iter().map(whole).collect()
+            let entries = entries.iter();
+            entries
+                .map(|(key, value)| Span { start: key.span.start, end: value.span.end })
+                .collect()
         }
         _ => Vec::new(),
     }
 }
 
-/// The edits that take some of the parts of a value away, and with them their commas and lines.
-pub fn without(text: &str, owner: &Tree, gone: &BTreeSet<usize>) -> Vec<Splice> {
+/// Returns the edits that remove parts of a value, with their commas and lines.
+pub fn remove_parts(text: &str, owner: &Tree, gone: &BTreeSet<usize>) -> Vec<Splice> {
     let parts = parts(owner);
-    let (open, close) = (opened(text, owner.span), owner.span.end - 1);
+    let (open, close) = (content_start(text, owner.span), owner.span.end - 1);
     let mut cuts = Vec::new();
-    let is_plain =
-        |start: usize, end: usize| text[start..end].chars().all(|c| c.is_whitespace() || c == ',');
     let ends = parts.iter().map(|part| part.end);
     let starts = parts.iter().map(|part| part.start).chain([close]);
-    let mut gaps = [open].into_iter().chain(ends).zip(starts);
-    if gone.len() == parts.len() && gaps.all(|(start, end)| is_plain(start, end)) {
+    let mut gaps = [open].into_iter().chain(ends).zip(starts).map(|(start, end)| &text[start..end]);
+    if gone.len() == parts.len()
+        && gaps.all(|gap| gap.chars().all(|c| c.is_whitespace() || c == ','))
+    {
         return vec![(Span { start: open, end: close }, String::new())];
     }
     for &index in gone {
         let Some(part) = parts.get(index) else { continue };
         cuts.push(cut(text, owner.span, *part, index == 0));
     }
-    // The comma before the last part is none behind it, and goes along if that has none.
+    // If the last part is removed and has no comma, the comma before it is removed instead.
     let kept = (0..parts.len()).rev().find(|index| !gone.contains(index));
-    let last = parts.last().filter(|last| Tail::of(text, last.end, close).comma.is_none());
+    let last = parts.last().filter(|last| Tail::find(text, last.end, close).comma.is_none());
     if let (Some(kept), Some(_)) = (kept, last)
         && let Some(next) = parts.get(kept + 1)
-        && let Some(comma) = Tail::of(text, parts[kept].end, close).comma
+        && let Some(comma) = Tail::find(text, parts[kept].end, close).comma
     {
         let gap = &text[comma + 1..next.start];
         let is_space = gap.trim().is_empty() && !gap.contains('\n');
         cuts.push(Span { start: comma, end: if is_space { next.start } else { comma + 1 } });
     }
-    let mut cuts = merged(cuts);
+    let mut cuts = merge_spans(cuts);
     for cut in &mut cuts {
         *cut = without_blank_lines(text, *cut, open, close);
     }
-    merged(cuts).into_iter().map(|cut| (cut, String::new())).collect()
+    merge_spans(cuts).into_iter().map(|cut| (cut, String::new())).collect()
 }
 
-/// What goes along with a part of a value: its lines if it stands there alone, else its comma and the space beside it.
+/// Returns the span that is removed with a part. If the part is alone on its lines, the span consists of these lines; otherwise of the
+/// part, its comma and the adjacent space.
 fn cut(text: &str, owner: Span, part: Span, is_first: bool) -> Span {
-    let tail = Tail::of(text, part.end, owner.end);
+    let tail = Tail::find(text, part.end, owner.end);
     let comma = tail.comma.filter(|&comma| !text[part.end..comma].contains('\n'));
     let rest = text[tail.line_end..].trim_start_matches([' ', '\t', '\r']);
     let is_alone = rest.starts_with('\n') && comma == tail.comma;
@@ -234,7 +237,7 @@ fn cut(text: &str, owner: Span, part: Span, is_first: bool) -> Span {
     Span { start: before, end: comma + 1 }
 }
 
-/// Whole lines, and the blank lines before them where blank lines or the closing bracket follow.
+/// Extends a span of whole lines by the blank lines before it, if a blank line or the closing bracket follows the span.
 pub fn without_blank_lines(text: &str, cut: Span, open: usize, close: usize) -> Span {
     let Span { mut start, mut end } = cut;
     fn begins_line(at: usize, text: &str) -> bool {
@@ -243,7 +246,9 @@ pub fn without_blank_lines(text: &str, cut: Span, open: usize, close: usize) -> 
     if !begins_line(start, text) || !begins_line(end, text) {
         return cut;
     }
-    let first_line = |at: usize| text[at..close].split_inclusive('\n').next().unwrap_or_default();
+    fn first_line(text: &str) -> &str {
+        text.split_inclusive('\n').next().unwrap_or_default()
+    }
     fn is_blank(line: &str) -> bool {
         line.ends_with('\n') && line.trim().is_empty()
     }
@@ -254,12 +259,12 @@ pub fn without_blank_lines(text: &str, cut: Span, open: usize, close: usize) -> 
         open < start && is_blank(line_before(start, text))
     }
     if text[open..start].trim().is_empty() {
-        while is_blank(first_line(end)) {
-            end += first_line(end).len();
+        while is_blank(first_line(&text[end..close])) {
+            end += first_line(&text[end..close]).len();
         }
     }
     if is_behind(start, open, text)
-        && (is_blank(first_line(end)) || text[end..close].trim().is_empty())
+        && (is_blank(first_line(&text[end..close])) || text[end..close].trim().is_empty())
     {
         while is_behind(start, open, text) && line_start(text, start - 1) > open {
             start = line_start(text, start - 1);
@@ -268,8 +273,8 @@ pub fn without_blank_lines(text: &str, cut: Span, open: usize, close: usize) -> 
     Span { start, end }
 }
 
-/// Places in their order, those that touch as one.
-fn merged(mut spans: Vec<Span>) -> Vec<Span> {
+/// Sorts spans, and merges spans that touch.
+fn merge_spans(mut spans: Vec<Span>) -> Vec<Span> {
     spans.sort_unstable();
     let mut merged: Vec<Span> = Vec::with_capacity(spans.len());
     for span in spans {
@@ -281,19 +286,19 @@ fn merged(mut spans: Vec<Span>) -> Vec<Span> {
     merged
 }
 
-/// What follows a part of a value.
+/// The text that follows a part of a value.
 pub struct Tail {
-    /// The comma behind it.
+    /// The offset of the comma after the part.
     pub comma: Option<usize>,
-    /// Where its line ends, comments included; the line of the comma if there is one.
+    /// The end of the line on which the part, or its comma, ends. Comments are included.
     pub line_end: usize,
 }
 
 impl Tail {
-    pub fn of(text: &str, value_end: usize, call_end: usize) -> Self {
+    pub fn find(text: &str, value_end: usize, call_end: usize) -> Self {
         let mut tail = Self { comma: None, line_end: value_end };
         let mut same_line = true;
-        // A text that begins in the middle of a graph is still cut into the right pieces.
+        // The text begins in the middle of a graph, but is tokenized correctly nevertheless.
         for (part, span) in tokens(&text[value_end..call_end]) {
             let (start, end) = (value_end + span.start, value_end + span.end);
             match part {

@@ -1,14 +1,15 @@
-//! Graphs whose number of nodes hangs on data: a `ForEach` over the components of labels, the points of a cloud, the parts of a mesh.
+//! Graphs whose number of nodes depends on data, because of a `ForEach` over the components of labels, the points of a cloud or the parts
+//! of a mesh.
 //!
-//! What is wrong with such a graph is known when it is read, with one example for all elements. How many there are is known when the
-//! value is: then the graph is expanded again, with these counts. Equal nodes have equal keys, so nothing is computed twice.
+//! Such a graph is checked with one example, which represents all elements. When the data are known, the graph is expanded again with the
+//! actual numbers of elements. Equal nodes have equal keys, so nothing is computed twice.
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};
 
 use maquette_node::{AnyNode, Context, FilePath};
 use maquette_syntax::Tree;
-use maquette_syntax::error::{Error, Problem};
+use maquette_syntax::error::{Diagnostic, Error};
 use maquette_value::{AnyValue, Encoder, Hash, Memo, NoElements};
 use serde_json::json;
 
@@ -16,13 +17,13 @@ use super::Graph;
 use super::expand::expand;
 use super::recipe::Recipe;
 use crate::catalog::Catalog;
-use crate::definition::{Built, Elements, Whole};
+use crate::definition::{BuiltNode, Elements, ParsedFile};
 use crate::flat::{Count, Counts, Loop};
 use crate::graph::Stage;
 use crate::world::World;
 
 impl Stage {
-    pub(super) fn new(whole: Arc<Whole>, is_partial: bool, world: &World<'_>) -> Self {
+    pub(super) fn new(whole: Arc<ParsedFile>, is_partial: bool, world: &World<'_>) -> Self {
         let root = world.roots.first().cloned().unwrap_or_default();
         let (options, absent) = (world.options.clone(), world.absent.clone());
         let (pins, last) = (world.pins.clone(), Mutex::default());
@@ -31,29 +32,28 @@ impl Stage {
 }
 
 impl Graph {
-    /// The same graph, of which it is known that these `ForEach`es have as many elements as their data have, or that their data fail.
-    pub fn settled(self, settled: BTreeSet<String>) -> Self {
-        Self { settled, ..self }
+    /// Marks each `ForEach` whose elements have been counted, or whose data have failed.
+    pub fn with_counted(self, settled: BTreeSet<String>) -> Self {
+        Self { counted: settled, ..self }
     }
 
-    /// What takes data without elements apart: no node hangs on it, but what happened to it is to be told.
-    pub fn empty(&self) -> impl Iterator<Item = usize> {
-        let is_empty =
-            |it: &&Loop| self.settled.contains(&it.name) && self.nodes[it.node].outputs.is_empty();
-        self.loops.iter().filter(is_empty).map(|it| it.node)
+    /// Returns the nodes that split data which has no elements. No node depends on them, but their status is reported.
+    pub fn empty_loops(&self) -> impl Iterator<Item = usize> {
+        let counted = self.loops.iter().filter(|it| self.counted.contains(&it.name));
+        counted.map(|it| it.node).filter(|node| self.nodes[*node].outputs.is_empty())
     }
 
-    /// Whether that is known of one.
+    /// Returns true if the elements of this `ForEach` have been counted.
     pub fn is_settled(&self, name: &str) -> bool {
-        self.settled.contains(name)
+        self.counted.contains(name)
     }
 
-    /// Each `ForEach` over data in it.
+    /// Returns each `ForEach` over data.
     pub fn loops(&self) -> &[Loop] {
         &self.loops
     }
 
-    /// The data of one element, `spots/3/spot`: the output of the node `spots/spot` that takes them apart.
+    /// Returns the data of one element, such as `spots/3/spot`: the output of the node `spots/spot`, which splits the data.
     pub fn element(&self, name: &str) -> Option<(usize, usize)> {
         let (element, port) = name.rsplit_once('/')?;
         let (each, number) = element.rsplit_once('/')?;
@@ -64,27 +64,29 @@ impl Graph {
         (rest == Some(port) && output < node.outputs.len()).then_some((found.node, output))
     }
 
-    /// The nodes that a name means; of one that may be inside of a `ForEach` over data, the node that says what is.
-    pub fn meant(&self, name: &str) -> Vec<usize> {
+    /// Returns the nodes to which a name refers. If the name may be inside of a `ForEach` over data, also returns the node that splits the
+    /// data.
+    pub fn resolve_nodes(&self, name: &str) -> Vec<usize> {
         let named =
-            self.value_named(name).map_or_else(|| self.nodes_of(name), |(node, _)| vec![node]);
+            self.find_value(name).map_or_else(|| self.nodes_of(name), |(node, _)| vec![node]);
         let around = self.loops.iter().filter(|it| is_inside(name, &it.name));
         named.into_iter().chain(around.map(|it| it.node)).collect()
     }
 
-    /// The `ForEach` over data that a name means or is inside of, if its elements are not known.
+    /// Returns the `ForEach` over data to which a name refers or inside of which the name is, if the elements of that `ForEach` are not
+    /// known.
     pub fn open_loop(&self, name: &str) -> Option<&Loop> {
         let mut open = self.loops.iter().filter(|it| it.is_open);
         open.find(|it| name == it.name || is_inside(name, &it.name))
     }
 
-    /// The same graph with so many elements, and the same values at its inputs.
+    /// Expands the graph with these numbers of elements. The inputs keep their values.
     ///
     /// # Errors
-    /// If something is wrong with these counts, as with a number that an element gets.
-    pub fn expanded(&self, counts: &Counts, catalog: &Catalog) -> Result<Self, Vec<Problem>> {
+    /// The numbers cause an error, for example in a parameter that receives the number of an element.
+    pub fn expand(&self, counts: &Counts, catalog: &Catalog) -> Result<Self, Vec<Diagnostic>> {
         let Some(stage) = &self.stage else { return Ok(self.clone()) };
-        let mut last = stage.last.lock().unwrap_or_else(|broken| broken.into_inner());
+        let mut last = stage.last.lock().unwrap_or_else(|error| error.into_inner());
         let known = last.take().filter(|(known, _)| known == counts).map(|(_, graph)| graph);
         let graph = match known {
             Some(graph) => graph,
@@ -94,7 +96,7 @@ impl Graph {
                 world.absent.clone_from(&stage.absent);
                 world.pins.clone_from(&stage.pins);
                 let graph = expand(&mut world, &stage.whole, false, stage.is_partial, counts);
-                graph.ok_or_else(|| std::mem::take(&mut world.problems))?
+                graph.ok_or_else(|| std::mem::take(&mut world.diagnostics))?
             }
         };
         *last = Some((counts.clone(), graph.clone()));
@@ -107,23 +109,23 @@ impl Graph {
     }
 }
 
-/// What the nodes that take data apart are called, where the types of nodes are told.
+/// The type name of the nodes that split data.
 pub const ELEMENTS: &str = "Elements";
 
-/// Takes data apart: an output for each element.
-struct Cut {
+/// A node that splits data, with one output for each element.
+struct ElementsNode {
     word: String,
-    most: usize,
-    /// The link of the data.
+    max_elements: usize,
+    /// The link to the data that is split.
     over: String,
     count: Option<Count>,
 }
 
-/// What a `ForEach` went over the last time: what is as it was need not be made again. It changes how long it takes, and nothing else.
+/// The elements of the last run. Unchanged elements are reused, which affects nothing but the time.
 #[derive(Clone)]
-struct Before(Arc<[AnyValue]>);
+struct PreviousElements(Arc<[AnyValue]>);
 
-impl Memo for Before {
+impl Memo for PreviousElements {
     const NAME: &'static str = "elements";
 
     fn encode(&self, to: &mut Encoder) {
@@ -135,52 +137,55 @@ impl Memo for Before {
     }
 }
 
-/// There are other elements than the graph was expanded for.
+/// The error for data whose number of elements is not the one for which the graph was expanded.
 #[derive(Clone, Debug, thiserror::Error)]
-#[error("it has {0} elements by now: run the graph again")]
-pub struct OtherCount(pub usize);
+#[error("it has {0} elements now: run the graph again")]
+pub struct ElementCountChanged(pub usize);
 
 #[derive(Clone, Debug, thiserror::Error)]
-enum Uncut {
+enum ElementsError {
     #[error(
-        "`{over}` has {count} elements, but ForEach takes {most} at most: `most: {count}` lets it have them"
+        "`{over}` has {count} elements, but ForEach takes {most} at most: `most: {count}` allows them"
     )]
     TooMany { over: String, count: usize, most: usize },
     #[error("{0}")]
     Refused(String),
 }
 
-impl AnyNode for Cut {
+impl AnyNode for ElementsNode {
     fn eval(&self, cx: &Context<'_>) -> Result<Vec<AnyValue>, Error> {
         if let Some(Count::Refused(why)) = &self.count {
-            return Err(Uncut::Refused(why.clone()).into());
+            return Err(ElementsError::Refused(why.clone()).into());
         }
-        let key = Hash::of(format!("elements {} of {}", self.word, self.over).as_bytes());
+        let key = Hash::compute(format!("elements {} of {}", self.word, self.over).as_bytes());
         let before = cx.memos.and_then(|memos| memos.find(key));
-        let before = before.as_ref().and_then(AnyValue::memo::<Before>);
+        let before = before.as_ref().and_then(AnyValue::memo::<PreviousElements>);
         let before = before.map_or(&[][..], |before| &before.0);
-        let found = cx.inputs.first().and_then(|value| value.cut(&self.word, self.most, before));
+        let found =
+            cx.inputs.first().and_then(|value| value.cut(&self.word, self.max_elements, before));
         let elements = match found {
             Some(Ok(elements)) => elements,
             Some(Err(NoElements::TooMany { count })) => {
-                let (over, most) = (self.over.clone(), self.most);
-                return Err(Uncut::TooMany { over, count, most }.into());
+                let (over, most) = (self.over.clone(), self.max_elements);
+                return Err(ElementsError::TooMany { over, count, most }.into());
             }
-            Some(Err(NoElements::Impossible(why))) => return Err(Uncut::Refused(why).into()),
-            None => return Err(Uncut::Refused("it has no elements".into()).into()),
+            Some(Err(NoElements::Impossible(why))) => {
+                return Err(ElementsError::Refused(why).into());
+            }
+            None => return Err(ElementsError::Refused("it has no elements".into()).into()),
         };
         if let Some(memos) = cx.memos {
-            memos.keep(key, &AnyValue::of_memo(Before(elements.clone().into())));
+            memos.keep(key, &AnyValue::from_memo(PreviousElements(elements.clone().into())));
         }
         match self.count {
             Some(Count::Of(count)) if count == elements.len() => Ok(elements),
-            _ => Err(OtherCount(elements.len()).into()),
+            _ => Err(ElementCountChanged(elements.len()).into()),
         }
     }
 
     fn parameters(&self) -> Result<serde_json::Value, serde_json::Error> {
         let count = if let Some(Count::Of(count)) = self.count { Some(count) } else { None };
-        Ok(json!({ "word": self.word, "most": self.most, "count": count }))
+        Ok(json!({ "word": self.word, "most": self.max_elements, "count": count }))
     }
 
     fn files(&self) -> Vec<FilePath> {
@@ -188,24 +193,24 @@ impl AnyNode for Cut {
     }
 }
 
-/// What takes the data of a `ForEach` apart.
-pub(super) fn cut_node(
+/// Creates the node that splits the data of a `ForEach`.
+pub(super) fn elements_node(
     elements: &Elements,
     most: usize,
     count: Option<&Count>,
     over: &str,
     tree: &Tree,
-) -> Built {
+) -> BuiltNode {
     let (word, over) = (elements.word.clone(), over.to_owned());
-    built(ELEMENTS, Cut { word, most, over, count: count.cloned() }, tree)
+    build(ELEMENTS, ElementsNode { word, max_elements: most, over, count: count.cloned() }, tree)
 }
 
-/// Stands for what cannot be.
-struct Refused(String);
+/// A node that always fails, with this message.
+struct FailingNode(String);
 
-impl AnyNode for Refused {
+impl AnyNode for FailingNode {
     fn eval(&self, _: &Context<'_>) -> Result<Vec<AnyValue>, Error> {
-        Err(Uncut::Refused(self.0.clone()).into())
+        Err(ElementsError::Refused(self.0.clone()).into())
     }
 
     fn parameters(&self) -> Result<serde_json::Value, serde_json::Error> {
@@ -217,18 +222,18 @@ impl AnyNode for Refused {
     }
 }
 
-/// What fails because of this.
-pub(super) fn refused_node(why: String, tree: &Tree) -> Built {
-    built("ForEach", Refused(why), tree)
+/// Creates a node that fails with the message `why`.
+pub(super) fn failing_node(why: String, tree: &Tree) -> BuiltNode {
+    build("ForEach", FailingNode(why), tree)
 }
 
-fn built(kind: &str, node: impl AnyNode + 'static, tree: &Tree) -> Built {
+fn build(kind: &str, node: impl AnyNode + 'static, tree: &Tree) -> BuiltNode {
     let recipe = Arc::new(Recipe::new(kind, node.parameters().unwrap_or_default(), &[]));
     let (node, tree) = (Arc::new(node), Arc::new(tree.clone()));
-    Built { node, pack: "", recipe, files: Vec::new(), tree }
+    BuiltNode { node, pack: "", recipe, files: Vec::new(), tree }
 }
 
-/// Whether a name is that of a node in a `ForEach` of this name.
+/// Returns true if a name is inside the `ForEach` of this name.
 fn is_inside(name: &str, each: &str) -> bool {
     name.strip_prefix(each).is_some_and(|rest| rest.starts_with('/'))
 }

@@ -1,13 +1,13 @@
-//! What is asked of the tree of a text in many places.
+//! Operations on syntax trees that several modules need.
 
 use maquette_syntax::{Body, Field, Kind, Tree};
 
-/// A way through fields, and one step more.
-pub(crate) fn joined(path: &str, step: &str) -> String {
+/// Appends a step to a dotted path.
+pub(crate) fn join_path(path: &str, step: &str) -> String {
     if path.is_empty() { step.to_owned() } else { format!("{path}.{step}") }
 }
 
-/// The entries of a section of a graph, such as `nodes`, with their names.
+/// The entries of a section of a graph, such as `nodes`, by name.
 pub fn entries<'t>(
     fields: &'t [Field],
     section: &str,
@@ -20,9 +20,14 @@ pub fn entries<'t>(
     entries.flatten().filter_map(|(key, value)| Some((key.text()?, value)))
 }
 
-/// The value on one line, as a file would have it.
+/// Returns the text in `Param("..")`, `Expr("..")` and similar calls.
+pub fn text_in_call<'t>(tree: &'t Tree, name: &str) -> Option<&'t str> {
+    tree.call_of(name).and_then(Tree::text)
+}
+
+/// Prints a value on one line, in the syntax of files.
 pub fn show(tree: &Tree) -> String {
-    fn all(items: &[Tree]) -> String {
+    fn show_all(items: &[Tree]) -> String {
         items.iter().map(show).collect::<Vec<_>>().join(", ")
     }
     match &tree.kind {
@@ -31,20 +36,22 @@ pub fn show(tree: &Tree) -> String {
         Kind::Bool(value) => value.to_string(),
         Kind::Text(text) => format!("{text:?}"),
         Kind::Word(word) => word.clone(),
-        Kind::List(items) => format!("[{}]", all(items)),
+        Kind::List(items) => format!("[{}]", show_all(items)),
         Kind::Map(entries) => {
-            let entry = |(key, value): &(Tree, Tree)| format!("{}: {}", show(key), show(value));
-            format!("{{ {} }}", entries.iter().map(entry).collect::<Vec<_>>().join(", "))
+            let entries =
+                entries.iter().map(|(key, value)| format!("{}: {}", show(key), show(value)));
+            format!("{{ {} }}", entries.collect::<Vec<_>>().join(", "))
         }
         Kind::Call { name, body } => {
             let name = name.as_ref().map_or("", |name| &name.text);
             let body = match body {
                 Body::Empty => String::new(),
-                Body::Items(items) => all(items),
+                Body::Items(items) => show_all(items),
                 Body::Fields(fields) => {
-                    let field =
-                        |field: &Field| format!("{}: {}", field.name.text, show(&field.value));
-                    fields.iter().map(field).collect::<Vec<_>>().join(", ")
+                    let fields = fields
+                        .iter()
+                        .map(|field| format!("{}: {}", field.name.text, show(&field.value)));
+                    fields.collect::<Vec<_>>().join(", ")
                 }
             };
             format!("{name}({body})")
@@ -53,7 +60,7 @@ pub fn show(tree: &Tree) -> String {
     }
 }
 
-/// Whether a file holds `Patch(..)`.
+/// Returns true if a file contains `Patch(..)`.
 pub fn is_patch(tree: &Tree) -> bool {
     tree.name().is_some_and(|name| name.text == "Patch")
 }

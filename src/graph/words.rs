@@ -1,20 +1,20 @@
-//! All words that a graph file may hold beside the names of its author, for the documentation to be judged by.
+//! All keywords and field names of graph files. A test checks that the documentation covers them.
 
 use maquette_syntax::{resolve, variants};
 use serde_json::Value as Json;
 
-use super::{declaration, each, expectation, expression, patch, subgraphs, top};
+use super::{declaration, expectation, expression, for_each, header, patch, subgraphs};
 
-/// A word of the language of graphs.
+/// A keyword or field name of graph files.
 pub struct Word {
-    /// The topic that explains it.
+    /// The help topic that explains the word.
     pub topic: &'static str,
-    /// In which call or field it stands; empty if anywhere.
+    /// The call or field that contains the word. Empty if the word can occur anywhere.
     pub within: String,
     pub name: String,
 }
 
-/// The words that stand in one call or field.
+/// Returns the words of one call or field.
 pub(crate) fn words_in<'a>(
     topic: &'static str,
     within: &str,
@@ -26,7 +26,7 @@ pub(crate) fn words_in<'a>(
         .collect()
 }
 
-/// The choices of a type, which stand in one field, and their fields, as its schema has them.
+/// Returns the choices that a schema allows, with their fields.
 pub fn words_of_choices(topic: &'static str, within: &str, schema: &Json) -> Vec<Word> {
     let mut words = Vec::new();
     for (name, content) in variants(schema) {
@@ -37,15 +37,15 @@ pub fn words_of_choices(topic: &'static str, within: &str, schema: &Json) -> Vec
     words
 }
 
-/// The fields of a type, which stand in one call or field.
+/// Returns the fields in a schema.
 pub fn words_of_fields(topic: &'static str, within: &str, schema: &Json) -> Vec<Word> {
     let fields = schema.get("properties").and_then(Json::as_object).into_iter().flatten();
     words_in(topic, within, fields.map(|(name, _)| &name[..]))
 }
 
-/// The words of graphs and patches.
+/// Returns the words that graphs and patches can contain.
 pub fn words() -> Vec<Word> {
-    let mut words = words_in("graph", "Graph", top::FIELDS);
+    let mut words = words_in("graph", "Graph", header::FIELDS);
     words.extend(words_in("graph", "inputs", subgraphs::INPUT_FIELDS));
     words.extend(words_in("params", "params", declaration::TYPES));
     for kind in declaration::TYPES {
@@ -55,9 +55,9 @@ pub fn words() -> Vec<Word> {
     words.extend(words_in("expr", "", ["Expr"]));
     words.extend(words_in("expr", "Expr", expression::function_names()));
     words.extend(words_in("foreach", "nodes", ["ForEach"]));
-    words.extend(words_in("foreach", "ForEach", each::EACH));
+    words.extend(words_in("foreach", "ForEach", for_each::FOR_EACH_FIELDS));
     words.extend(words_in("switch", "nodes", ["Switch"]));
-    words.extend(words_in("switch", "Switch", each::SWITCH));
+    words.extend(words_in("switch", "Switch", for_each::SWITCH_FIELDS));
     words.extend(words_in("patch", "Patch", patch::FIELDS));
     words.extend(words_of_choices("expect", "expect", &expectation::schema()));
     words

@@ -1,10 +1,10 @@
-//! What all files of a graph share while they are checked.
+//! The state shared by all files of a graph while they are checked.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use maquette_syntax::error::{Problem, Severity, Source, Span, Use, code};
+use maquette_syntax::error::{Diagnostic, Severity, Source, Span, Use, code};
 use maquette_value::ValueType;
 
 use crate::catalog::Catalog;
@@ -12,39 +12,39 @@ use crate::definition::Definition;
 use crate::pins::Pins;
 use crate::{Options, ReadFile};
 
-/// What all files of a graph share while they are checked.
+/// The state shared by all files of a graph while they are checked.
 pub struct World<'a> {
     pub(crate) catalog: &'a Catalog,
     pub(crate) options: &'a Options,
     pub roots: Vec<PathBuf>,
     pub(crate) values: BTreeMap<&'static str, &'static ValueType>,
-    /// The files that have been read, by their real path; none if nothing is known of their ports.
+    /// The files that have been read, by their resolved paths. `None` for a file whose ports are unknown.
     pub known: HashMap<PathBuf, Option<Arc<Definition>>>,
-    /// What uses make types of nodes: how deep the use is, the type's name, and the graph.
-    pub listed: Vec<(usize, String, Arc<Definition>)>,
-    /// The files that are being read, each used by the one before: real path and name.
-    pub(crate) open: Vec<(PathBuf, PathBuf)>,
-    pub problems: Vec<Problem>,
-    /// All files of graphs beside the first one, those that are not there included.
+    /// The node types that `use` declares: the nesting depth of the use, the name of the type, and the graph.
+    pub node_types: Vec<(usize, String, Arc<Definition>)>,
+    /// The files that are being read, as resolved path and name. Each file uses the next one.
+    pub(crate) open_files: Vec<(PathBuf, PathBuf)>,
+    pub diagnostics: Vec<Diagnostic>,
+    /// The other files of graphs, including missing files.
     pub(crate) subgraphs: Vec<PathBuf>,
-    /// Those of them that can be read, and where they are named.
-    pub(crate) entered: Vec<Entered>,
-    /// The inputs of the first graph that nobody gives a value, of those that may be left out.
+    /// The references to files of other graphs that can be read.
+    pub(crate) references: Vec<GraphReference>,
+    /// The optional inputs of the first graph that it omits.
     pub(crate) absent: BTreeSet<String>,
-    /// What is reported of files that nodes need and that cannot be read, by their paths and where they are named.
-    pub(crate) missing: HashMap<(PathBuf, PathBuf, Span), Arc<Problem>>,
-    /// The files that the nodes read that have been looked at.
+    /// The diagnostics of missing files, by the paths of the files and the positions of their names.
+    pub(crate) missing: HashMap<(PathBuf, PathBuf, Span), Arc<Diagnostic>>,
+    /// The files that the checked nodes read.
     pub(crate) files: Vec<ReadFile>,
-    /// The results that stand in for nodes of the first graph.
+    /// The pinned results of the first graph.
     pub(crate) pins: Arc<Pins>,
 }
 
-/// So many levels fit into the stack of a thread, whose 2 MB are the least that systems give.
-pub(crate) const LEVELS: usize = 32;
+/// The number of nesting levels that run on one thread. They fit into a stack of 2 MB, the smallest default of the supported systems.
+pub(crate) const LEVELS_PER_STACK: usize = 32;
 
-/// Does what goes one level deeper; every now and then with a stack of its own.
-pub(crate) fn deeper<R: Send>(depth: usize, work: impl FnOnce() -> R + Send) -> R {
-    if !depth.is_multiple_of(LEVELS) || depth == 0 {
+/// Runs `work` one nesting level deeper. Every [`LEVELS_PER_STACK`]th level gets a new thread.
+pub(crate) fn with_enough_stack<R: Send>(depth: usize, work: impl FnOnce() -> R + Send) -> R {
+    if !depth.is_multiple_of(LEVELS_PER_STACK) || depth == 0 {
         return work();
     }
     let done = std::thread::scope(|scope| scope.spawn(work).join());
@@ -60,11 +60,11 @@ impl<'a> World<'a> {
             roots: std::iter::once(root).chain(allowed).collect(),
             values: catalog.value_types().into_iter().collect(),
             known: HashMap::new(),
-            listed: Vec::new(),
-            open: Vec::new(),
-            problems: Vec::new(),
+            node_types: Vec::new(),
+            open_files: Vec::new(),
+            diagnostics: Vec::new(),
             subgraphs: Vec::new(),
-            entered: Vec::new(),
+            references: Vec::new(),
             absent: BTreeSet::new(),
             missing: HashMap::new(),
             files: Vec::new(),
@@ -72,27 +72,27 @@ impl<'a> World<'a> {
         }
     }
 
-    /// Returns true if a problem keeps the whole graph from running, and not only what depends on a node.
-    pub(crate) fn is_fatal(&self, problem: &Problem) -> bool {
-        let is_of_node = match problem.code {
+    /// Returns true if a diagnostic prevents the whole graph from running, and not only a node and its dependents.
+    pub(crate) fn is_fatal(&self, diagnostic: &Diagnostic) -> bool {
+        let is_of_node = match diagnostic.code {
             code::UNKNOWN_NODE => true,
-            code::MISSING_FILE => self.missing.values().any(|missing| **missing == *problem),
+            code::MISSING_FILE => self.missing.values().any(|missing| **missing == *diagnostic),
             _ => false,
         };
-        problem.severity == Severity::Error && !is_of_node
+        diagnostic.severity == Severity::Error && !is_of_node
     }
 
-    /// The version that the graph in a file says it has.
+    /// Returns the version that the graph in a file states.
     pub(crate) fn version_of(&self, real: &Path) -> Option<String> {
         Some(self.known.get(real)?.as_ref()?.version.as_ref()?.to_string())
     }
 }
 
-/// A place where a graph names the file of another one.
-pub(crate) struct Entered {
+/// A reference from a graph to the file of another graph.
+pub(crate) struct GraphReference {
     pub(crate) path: PathBuf,
-    /// The same without links and dots.
-    pub(crate) real: PathBuf,
+    /// The path of that file, without symbolic links and dots.
+    pub(crate) canonical_path: PathBuf,
     pub(crate) source: Arc<Source>,
     pub(crate) span: Span,
     pub(crate) uses: Vec<Use>,

@@ -1,8 +1,8 @@
-//! What an editor offers to do at a place: mend a problem, mend all, look at a node.
+//! Code actions: fixing a diagnostic, fixing all diagnostics, refactoring, and inspecting a node.
 
-use maquette_edit::real;
+use maquette_edit::resolve_path;
 use maquette_golden::suite::FileKind;
-use maquette_syntax::error::{Problem, Severity, Span};
+use maquette_syntax::error::{Diagnostic, Severity, Span};
 use maquette_syntax::first_word;
 use serde_json::{Value as Json, json};
 
@@ -12,14 +12,14 @@ use super::missing::additions;
 use super::outline::{self};
 use super::params::range;
 use super::project::Texts;
-use super::{Refused, Server, Subject};
+use super::{RequestError, Server, Subject};
 
 impl Server {
     pub(super) fn actions(
         &mut self,
         subject: &Subject<'_>,
         params: &Json,
-    ) -> Result<Json, Refused> {
+    ) -> Result<Json, RequestError> {
         let text = subject.lines.text();
         let range = range(&params["range"])?;
         let (start, end) = (subject.lines.offset(range.start), subject.lines.offset(range.end));
@@ -36,28 +36,27 @@ impl Server {
             })
         }
         let mut found = Vec::new();
-        let kind = FileKind::of(&subject.path, text);
+        let kind = FileKind::detect(&subject.path, text);
         if wants("quickfix", &only) {
             let (problems, _) =
-                kind.problems(&subject.path, text.to_owned(), &self.catalog, &subject.options);
-            let is_here =
-                |problem: &&Problem| problem.span.start <= end && start <= problem.span.end;
+                kind.diagnostics(&subject.path, text.to_owned(), &self.catalog, &subject.options);
             let library = self.library(&subject.path, &subject.options);
-            // A link to what depends on the node would be a cycle.
-            fn errors(all: &[Problem]) -> usize {
+            // A text for a missing field is offered only if it reduces the number of errors, which a link that causes a cycle does not.
+            fn errors(all: &[Diagnostic]) -> usize {
                 all.iter().filter(|problem| problem.severity == Severity::Error).count()
             }
             for problem in problems
                 .iter()
                 .filter(|problem| {
-                    real(&problem.source.name) == subject.path && *problem.source.text == *text
+                    resolve_path(&problem.source.name) == subject.path
+                        && *problem.source.text == *text
                 })
-                .filter(is_here)
+                .filter(|problem| problem.span.start <= end && start <= problem.span.end)
             {
                 let mut fix = |title: String, edits: &[(Span, String)], is_only: bool| {
                     let edits =
                         edits.iter().map(|(span, new)| subject.lines.edit(*span, new.clone()));
-                    let changes = json!({ &subject.uri.0: Vec::from_iter(edits) });
+                    let changes = json!({ &subject.uri.0: edits.collect::<Vec<_>>() });
                     found.push(json!({
                         "title": title,
                         "kind": "quickfix",
@@ -70,7 +69,8 @@ impl Server {
                     fix(title(problem), &problem.fix, true);
                 } else if let Some((span, texts)) = additions(&library, problem, |text| {
                     let text = text.to_owned();
-                    let left = kind.problems(&subject.path, text, &self.catalog, &subject.options);
+                    let left =
+                        kind.diagnostics(&subject.path, text, &self.catalog, &subject.options);
                     errors(&left.0) < errors(&problems)
                 }) {
                     for text in texts {
@@ -80,19 +80,19 @@ impl Server {
                 }
             }
         }
-        // It is asked for by itself, as when a text is saved.
+        // Editors must request this kind explicitly. They do so on save.
         let is_all = only.is_some() && wants("source.fixAll", &only);
         if is_all && kind == FileKind::Graph {
             let (mended, problems) =
-                maquette_edit::fixed(&subject.path, text, &self.catalog, &subject.options);
+                maquette_edit::apply_fixes(&subject.path, text, &self.catalog, &subject.options);
             if !problems.is_empty() {
                 let edits = self.edits(&Texts::from([(subject.path.clone(), mended)]));
-                let title = "Put right all that has one answer";
+                let title = "Fix all errors that have a single fix";
                 found.push(json!({ "title": title, "kind": "source.fixAll", "edit": edits }));
             }
         }
         if first_word(text) != "Graph" {
-            return Ok(self.offered(found));
+            return Ok(self.encode_actions(found));
         }
         let sections = outline::sections(text);
         let entries = |name: &'static str| {
@@ -117,11 +117,11 @@ impl Server {
                 found.push(json!({ "title": title, "command": command }));
             }
         }
-        Ok(self.offered(found))
+        Ok(self.encode_actions(found))
     }
 
-    /// Actions as the editor knows them: as commands, if it knows no others.
-    fn offered(&self, actions: Vec<Json>) -> Json {
+    /// Converts actions to commands, for editors that support only commands.
+    fn encode_actions(&self, actions: Vec<Json>) -> Json {
         if self.client.has_action_literals {
             return actions.into();
         }
@@ -138,27 +138,28 @@ impl Server {
     }
 }
 
-/// `CodeActionTriggerKind.Automatic`: the editor asks by itself.
+/// `CodeActionTriggerKind.Automatic`: the request was not triggered by the user.
 const AUTOMATIC: u8 = 2;
 
-/// What is written, in a few words.
-fn title(problem: &Problem) -> String {
+/// Returns the title of the action that applies the fix of a diagnostic.
+fn title(problem: &Diagnostic) -> String {
     match &problem.fix[..] {
         [(span, new)] if span.start == span.end => format!("Write `{}`", short(new)),
-        [(_, new)] if new.is_empty() => "Take it away".into(),
+        [(_, new)] if new.is_empty() => "Remove it".into(),
         [(span, new)] => {
             let old = problem.source.text.get(span.start..span.end).unwrap_or_default();
-            format!("Write `{}` in place of `{}`", short(new), short(old))
+            format!("Replace `{}` by `{}`", short(old), short(new))
         }
-        _ => "Put it right".into(),
+        _ => "Fix it".into(),
     }
 }
 
+/// Shortens a text for the title of an action.
 fn short(text: &str) -> String {
-    const MOST: usize = 40;
+    const MAX_CHARS: usize = 40;
     let line = text.trim().lines().next().unwrap_or_default();
     match line.chars().count() {
-        ..=MOST => line.to_owned(),
-        _ => line.chars().take(MOST).chain("..".chars()).collect(),
+        ..=MAX_CHARS => line.to_owned(),
+        _ => line.chars().take(MAX_CHARS).chain("..".chars()).collect(),
     }
 }

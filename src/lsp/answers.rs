@@ -1,4 +1,4 @@
-//! The answers to an editor's requests.
+//! Answers the requests of an editor.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -11,42 +11,44 @@ use maquette_syntax::error::Span;
 use maquette_syntax::first_word;
 use serde_json::{Value as Json, json};
 
-use super::completion::{Proposal, Sort, proposals};
+use super::completion::{Proposal, ProposalKind, proposals};
 use super::outline::{self, MEANINGS, Meaning};
 use super::params::{missing, position, range, uri};
-use super::place::Lines;
-use super::project::{Found, Texts};
+use super::position::Lines;
+use super::project::{Occurrence, Texts};
 use super::selection::{formatted_lines, selection};
 use super::signature::signature;
 use super::symbols::{flat_symbols, has_letters, symbols};
-use super::{Refused, Server, Subject};
+use super::{RequestError, Server, Subject};
 
-/// Most clients show no more colors or lenses of one text.
-const MOST: usize = 2_000;
+/// The maximum number of colors or code lenses in an answer. Most editors show no more.
+const MAX_ITEMS: usize = 2_000;
 
 impl Server {
-    pub(super) fn answer(&mut self, method: &str, params: &Json) -> Result<Json, Refused> {
+    pub(super) fn answer(&mut self, method: &str, params: &Json) -> Result<Json, RequestError> {
         match method {
-            "textDocument/completion" => self.at(params, Self::completion),
-            "textDocument/hover" => self.at(params, Self::hover),
-            "textDocument/signatureHelp" => self.at(params, |server, subject, at| {
+            "textDocument/completion" => self.answer_position(params, Self::completion),
+            "textDocument/hover" => self.answer_position(params, Self::hover),
+            "textDocument/signatureHelp" => self.answer_position(params, |server, subject, at| {
                 let library = server.library(&subject.path, &subject.options);
                 Ok(signature(&library, subject.lines.text(), at))
             }),
-            "textDocument/definition" => self.at(params, Self::definition),
+            "textDocument/definition" => self.answer_position(params, Self::definition),
             "textDocument/references" => {
                 let declares = params["context"]["includeDeclaration"] != false;
-                self.at(params, |server, subject, at| server.references(subject, at, declares))
+                self.answer_position(params, |server, subject, at| {
+                    server.references(subject, at, declares)
+                })
             }
-            "textDocument/documentHighlight" => self.at(params, Self::highlights),
-            "textDocument/prepareRename" => self.at(params, Self::prepare_rename),
+            "textDocument/documentHighlight" => self.answer_position(params, Self::highlights),
+            "textDocument/prepareRename" => self.answer_position(params, Self::prepare_rename),
             "textDocument/rename" => {
                 let name = params["newName"].as_str().ok_or_else(|| missing("newName"))?;
-                self.at(params, |server, subject, at| server.rename(subject, at, name))
+                self.answer_position(params, |server, subject, at| server.rename(subject, at, name))
             }
             "textDocument/documentSymbol" => {
                 let is_tree = self.client.has_symbol_trees;
-                self.of(&uri(params)?, |_, subject| match is_tree {
+                self.answer_document(&uri(params)?, |_, subject| match is_tree {
                     true => Ok(symbols(&subject.lines)),
                     false => Ok(flat_symbols(&subject.lines, &subject.uri, "").into()),
                 })
@@ -55,13 +57,13 @@ impl Server {
                 Ok(self.workspace_symbols(params["query"].as_str().unwrap_or_default()))
             }
             "textDocument/foldingRange" => {
-                self.of(&uri(params)?, |_, subject| Ok(folds(&subject.lines)))
+                self.answer_document(&uri(params)?, |_, subject| Ok(folds(&subject.lines)))
             }
             "textDocument/selectionRange" => {
                 let positions =
                     params["positions"].as_array().ok_or_else(|| missing("positions"))?;
                 let positions = positions.iter().map(position).collect::<Result<Vec<_>, _>>()?;
-                self.of(&uri(params)?, |_, Subject { lines, .. }| {
+                self.answer_document(&uri(params)?, |_, Subject { lines, .. }| {
                     Ok(positions
                         .into_iter()
                         .map(|position| selection(lines, lines.offset(position)))
@@ -69,12 +71,12 @@ impl Server {
                 })
             }
             "textDocument/documentColor" => {
-                self.of(&uri(params)?, |_, subject| Ok(colors(&subject.lines)))
+                self.answer_document(&uri(params)?, |_, subject| Ok(colors(&subject.lines)))
             }
             "textDocument/colorPresentation" => {
-                fn level(name: &str, params: &Json) -> Result<u8, Refused> {
+                fn level(name: &str, params: &Json) -> Result<u8, RequestError> {
                     let level = params["color"][name].as_f64().ok_or_else(|| missing(name))?;
-                    Ok::<_, Refused>((level * 255.0).round().clamp(0.0, 255.0) as u8)
+                    Ok::<_, RequestError>((level * 255.0).round().clamp(0.0, 255.0) as u8)
                 }
                 let [red, green, blue] =
                     [level("red", params)?, level("green", params)?, level("blue", params)?];
@@ -82,39 +84,39 @@ impl Server {
                 let edit = json!({ "range": range(&params["range"])?, "newText": label });
                 Ok(json!([{ "label": label, "textEdit": edit }]))
             }
-            "textDocument/documentLink" => self.of(&uri(params)?, Self::links),
-            "textDocument/semanticTokens/full" => {
-                self.of(&uri(params)?, |_, subject| Ok(words(&subject.lines, 0, u32::MAX)))
-            }
+            "textDocument/documentLink" => self.answer_document(&uri(params)?, Self::links),
+            "textDocument/semanticTokens/full" => self
+                .answer_document(&uri(params)?, |_, subject| {
+                    Ok(words(&subject.lines, 0, u32::MAX))
+                }),
             "textDocument/semanticTokens/range" => {
                 let lines = range(&params["range"])?;
-                self.of(&uri(params)?, |_, subject| {
+                self.answer_document(&uri(params)?, |_, subject| {
                     Ok(words(&subject.lines, lines.start.line, lines.end.line))
                 })
             }
             "textDocument/inlayHint" => {
                 let lines = range(&params["range"])?;
-                self.of(&uri(params)?, |server, subject| {
+                self.answer_document(&uri(params)?, |server, subject| {
                     Ok(server.hints(subject, lines.start.line, lines.end.line))
                 })
             }
-            "textDocument/codeLens" => self.of(&uri(params)?, Self::lenses),
-            "textDocument/codeAction" => {
-                self.of(&uri(params)?, |server, subject| server.actions(subject, params))
-            }
-            "codeAction/resolve" => self.resolved(params.clone()),
-            "textDocument/formatting" => self.of(&uri(params)?, |_, subject| {
-                let formatted = maquette_edit::formatted(&subject.path, subject.lines.text());
-                // What is wrong is told anyway.
+            "textDocument/codeLens" => self.answer_document(&uri(params)?, Self::lenses),
+            "textDocument/codeAction" => self
+                .answer_document(&uri(params)?, |server, subject| server.actions(subject, params)),
+            "codeAction/resolve" => self.resolve(params.clone()),
+            "textDocument/formatting" => self.answer_document(&uri(params)?, |_, subject| {
+                let formatted = maquette_edit::format_text(&subject.path, subject.lines.text());
+                // An error is not reported here, because it is already published as a diagnostic.
                 let edit = formatted.ok().and_then(|text| subject.lines.difference(&text));
                 Ok(json!(Vec::from_iter(edit)))
             }),
             "textDocument/rangeFormatting" => {
                 let range = range(&params["range"])?;
-                self.of(&uri(params)?, |_, Subject { path, lines, .. }| {
+                self.answer_document(&uri(params)?, |_, Subject { path, lines, .. }| {
                     let (start, end) = (lines.offset(range.start), lines.offset(range.end));
                     let span = Span { start, end: end.max(start) };
-                    let formatted = maquette_edit::formatted(path, lines.text()).ok();
+                    let formatted = maquette_edit::format_text(path, lines.text()).ok();
                     let part = formatted.and_then(|new| formatted_lines(lines.text(), &new, span));
                     let edit =
                         part.filter(|(span, new)| lines.text()[span.start..span.end] != **new);
@@ -125,16 +127,16 @@ impl Server {
                     ))
                 })
             }
-            _ => Err(Refused::Unknown(method.to_owned())),
+            _ => Err(RequestError::Unknown(method.to_owned())),
         }
     }
 
-    /// An answer about a text; nothing if it is none of ours.
-    pub(super) fn of(
+    /// Answers a request about a document. The answer is `null` if the document is not in the language of this server.
+    pub(super) fn answer_document(
         &mut self,
         uri: &Uri,
-        answer: impl FnOnce(&mut Self, &Subject<'_>) -> Result<Json, Refused>,
-    ) -> Result<Json, Refused> {
+        answer: impl FnOnce(&mut Self, &Subject<'_>) -> Result<Json, RequestError>,
+    ) -> Result<Json, RequestError> {
         let mut text = Arc::from("");
         match self.subject(uri, &mut text) {
             Some(subject) => answer(self, &subject),
@@ -142,20 +144,20 @@ impl Server {
         }
     }
 
-    /// The same about a place in it.
-    fn at(
+    /// Answers a request about a position in a document.
+    fn answer_position(
         &mut self,
         params: &Json,
-        answer: impl FnOnce(&mut Self, &Subject<'_>, usize) -> Result<Json, Refused>,
-    ) -> Result<Json, Refused> {
+        answer: impl FnOnce(&mut Self, &Subject<'_>, usize) -> Result<Json, RequestError>,
+    ) -> Result<Json, RequestError> {
         let position = position(&params["position"])?;
-        self.of(&uri(params)?, |server, subject| {
+        self.answer_document(&uri(params)?, |server, subject| {
             let at = subject.lines.offset(position);
             answer(server, subject, at)
         })
     }
 
-    fn completion(&mut self, subject: &Subject<'_>, at: usize) -> Result<Json, Refused> {
+    fn completion(&mut self, subject: &Subject<'_>, at: usize) -> Result<Json, RequestError> {
         let library = self.library(&subject.path, &subject.options);
         let text = subject.lines.text();
         let found = proposals(&library, text, at);
@@ -163,25 +165,26 @@ impl Server {
         let typed = &text[found.span.start..at];
         let (snippets, markdown) = (self.client.snippets, self.client.completes_markdown);
         let item = |(index, proposal): (usize, Proposal)| {
-            let kind = match proposal.sort {
-                Sort::Field => 5,
-                Sort::Node => 7,
-                Sort::Link => 6,
-                Sort::Parameter => 21,
-                Sort::Choice => 20,
-                Sort::Value => 12,
-                Sort::Unit => 11,
-                Sort::File => 17,
-                Sort::Keyword => 14,
+            let kind = match proposal.kind {
+                ProposalKind::Field => 5,
+                ProposalKind::Node => 7,
+                ProposalKind::Link => 6,
+                ProposalKind::Parameter => 21,
+                ProposalKind::Choice => 20,
+                ProposalKind::Value => 12,
+                ProposalKind::Unit => 11,
+                ProposalKind::File => 17,
+                ProposalKind::Keyword => 14,
             };
             let mut item = json!({
                 "label": proposal.label,
                 "kind": kind,
                 "sortText": format!("{index:04}"),
-                "textEdit": { "range": range, "newText": subject.lines.with_ends(&inserted(&proposal.insert, snippets)) },
+                "textEdit": { "range": range, "newText": subject.lines.with_ends(&insert_text(&proposal.insert, snippets)) },
                 "insertTextFormat": if snippets && proposal.insert.contains("$0") { 2 } else { 1 },
             });
-            // An editor compares what is typed with the label, unless something else is said.
+            // By default, editors compare the typed text with the label. If the label does not match, they get another text for the
+            // comparison.
             if !has_letters(&proposal.label, typed) {
                 item["filterText"] = typed.into();
             }
@@ -194,12 +197,12 @@ impl Server {
             item
         };
         let items: Vec<_> = found.list.into_iter().enumerate().map(item).collect();
-        // What fits is searched anew with each letter.
+        // The list is marked as incomplete, so editors request it again for each typed letter.
         Ok(json!({ "isIncomplete": true, "items": items }))
     }
 
-    fn hover(&mut self, subject: &Subject<'_>, at: usize) -> Result<Json, Refused> {
-        let last = self.last(&subject.path);
+    fn hover(&mut self, subject: &Subject<'_>, at: usize) -> Result<Json, RequestError> {
+        let last = self.last_run(&subject.path);
         let library = self.library(&subject.path, &subject.options);
         let Some((span, words)) = super::hover::hover(&library, subject.lines.text(), at, &last)
         else {
@@ -209,19 +212,22 @@ impl Server {
         Ok(json!({ "contents": contents, "range": subject.lines.range(span) }))
     }
 
-    fn definition(&mut self, subject: &Subject<'_>, at: usize) -> Result<Json, Refused> {
+    fn definition(&mut self, subject: &Subject<'_>, at: usize) -> Result<Json, RequestError> {
         let catalog = self.catalog.clone();
         let mut found = Vec::new();
-        for named in self.project.at(&subject.path, at, &catalog, &subject.options) {
+        for named in self.project.symbol_at(&subject.path, at, &catalog, &subject.options) {
             found.extend(self.project.declaration(&named.symbol, &catalog, &subject.options));
         }
         if found.is_empty() {
             let library = self.library(&subject.path, &subject.options);
             let files = outline::files(&library, subject.lines.text()).into_iter();
             let file = files.filter(|(span, _)| span.start <= at && at <= span.end);
-            let at_start =
-                |(_, file)| Found { file, span: Span::default(), declares: true, is_field: false };
-            found.extend(file.map(at_start));
+            found.extend(file.map(|(_, file)| Occurrence {
+                file,
+                span: Span::default(),
+                declares: true,
+                is_field: false,
+            }));
         }
         Ok(self.locations(&found))
     }
@@ -231,17 +237,17 @@ impl Server {
         subject: &Subject<'_>,
         at: usize,
         declares: bool,
-    ) -> Result<Json, Refused> {
+    ) -> Result<Json, RequestError> {
         let catalog = self.catalog.clone();
         let mut found = Vec::new();
-        for named in self.project.at(&subject.path, at, &catalog, &subject.options) {
+        for named in self.project.symbol_at(&subject.path, at, &catalog, &subject.options) {
             found.extend(self.project.places(&named.symbol, &catalog, &subject.options));
         }
         found.retain(|place| declares || !place.declares);
         Ok(self.locations(&found))
     }
 
-    fn locations(&self, found: &[Found]) -> Json {
+    fn locations(&self, found: &[Occurrence]) -> Json {
         let mut texts: BTreeMap<&Path, Arc<str>> = BTreeMap::new();
         for place in found {
             texts.entry(&place.file).or_insert_with(|| self.text(&place.file));
@@ -262,51 +268,55 @@ impl Server {
             .collect()
     }
 
-    fn highlights(&mut self, subject: &Subject<'_>, at: usize) -> Result<Json, Refused> {
+    fn highlights(&mut self, subject: &Subject<'_>, at: usize) -> Result<Json, RequestError> {
         let catalog = self.catalog.clone();
-        let wanted = self.project.at(&subject.path, at, &catalog, &subject.options);
+        let wanted = self.project.symbol_at(&subject.path, at, &catalog, &subject.options);
         let names = self.project.names(&subject.path, &catalog, &subject.options);
-        fn is_wanted(symbol: &Symbol, wanted: &[maquette_edit::Named]) -> bool {
+        fn is_wanted(symbol: &Symbol, wanted: &[maquette_edit::NameOccurrence]) -> bool {
             wanted.iter().any(|named| named.symbol == *symbol)
         }
         let same = names.all.iter().filter(|named| is_wanted(&named.symbol, &wanted));
         let shown = same.map(|named| {
-            let kind = if named.declares { 3 } else { 2 };
+            let kind = if named.is_declaration { 3 } else { 2 };
             json!({ "range": subject.lines.range(named.span), "kind": kind })
         });
         Ok(shown.collect())
     }
 
-    fn prepare_rename(&mut self, subject: &Subject<'_>, at: usize) -> Result<Json, Refused> {
+    fn prepare_rename(&mut self, subject: &Subject<'_>, at: usize) -> Result<Json, RequestError> {
         let catalog = self.catalog.clone();
-        let named = self.project.at(&subject.path, at, &catalog, &subject.options);
+        let named = self.project.symbol_at(&subject.path, at, &catalog, &subject.options);
         let Some(named) = named.first() else {
-            return Err(Refused::Failed("there is no name of this project's here".into()));
+            return Err(RequestError::Failed(
+                "there is no name of this project at this position".into(),
+            ));
         };
         let range = subject.lines.range(named.span);
         Ok(json!({ "range": range, "placeholder": named.symbol.name }))
     }
 
-    fn rename(&mut self, subject: &Subject<'_>, at: usize, to: &str) -> Result<Json, Refused> {
+    fn rename(&mut self, subject: &Subject<'_>, at: usize, to: &str) -> Result<Json, RequestError> {
         let catalog = self.catalog.clone();
-        let named = self.project.at(&subject.path, at, &catalog, &subject.options);
+        let named = self.project.symbol_at(&subject.path, at, &catalog, &subject.options);
         let Some(named) = named.first() else {
-            return Err(Refused::Failed("there is no name of this project's here".into()));
+            return Err(RequestError::Failed(
+                "there is no name of this project at this position".into(),
+            ));
         };
         let to = if named.is_field { name_of(to) } else { to.to_owned() };
-        let words = self.project.renamed(&named.symbol, &to, &catalog, &subject.options)?;
+        let words = self.project.rename(&named.symbol, &to, &catalog, &subject.options)?;
         let mut changes = BTreeMap::new();
         for (file, words) in words {
             let text = self.text(&file);
             let lines = Lines::new(&text, self.client.columns);
             let edits = words.into_iter().map(|(span, word)| lines.edit(span, word));
-            let edits = Vec::from_iter(edits);
+            let edits = edits.collect::<Vec<_>>();
             changes.insert(self.uri(&file).0, json!(edits));
         }
         Ok(json!({ "changes": changes }))
     }
 
-    /// The edits that make these texts of some files; a file that is not there is made, if the editor can do that.
+    /// Returns the edits that give files these texts. Files that do not exist are created.
     pub(super) fn edits(&self, texts: &Texts) -> Json {
         fn is_new(path: &Path, documents: &BTreeMap<std::path::PathBuf, crate::Document>) -> bool {
             !path.exists() && !documents.contains_key(path)
@@ -337,19 +347,19 @@ impl Server {
         json!({ "documentChanges": changes })
     }
 
-    fn links(&mut self, subject: &Subject<'_>) -> Result<Json, Refused> {
+    fn links(&mut self, subject: &Subject<'_>) -> Result<Json, RequestError> {
         let library = self.library(&subject.path, &subject.options);
         let files = outline::files(&library, subject.lines.text());
         Ok(files.into_iter().map(|(span, path): (Span, std::path::PathBuf)| json!({ "range": subject.lines.range(span), "target": self.uri(&path) })).collect())
     }
 
-    /// What came out last, behind the line on which each node begins.
+    /// Returns inlay hints with the last results at the end of the first line of each node.
     fn hints(&mut self, subject: &Subject<'_>, first: u32, last_line: u32) -> Json {
         let text = subject.lines.text();
         if !self.choices.hints {
             return json!([]);
         }
-        let last = self.last(&subject.path);
+        let last = self.last_run(&subject.path);
         let mut hints = Vec::new();
         for node in outline::sections(text)
             .iter()
@@ -357,7 +367,8 @@ impl Server {
             .flat_map(|it| &it.entries)
         {
             let line = subject.lines.position(node.at.start).line;
-            let Some(told) = last.told(&node.name).filter(|_| first <= line && line <= last_line)
+            let Some(told) =
+                last.summary(&node.name).filter(|_| first <= line && line <= last_line)
             else {
                 continue;
             };
@@ -365,26 +376,26 @@ impl Server {
             let end = node.at.start + rest.find(['\n', '\r']).unwrap_or(rest.len());
             hints.push(json!({
                 "position": subject.lines.position(end),
-                "label": told.in_short(),
+                "label": told.format_short(),
                 "paddingLeft": true,
-                "tooltip": last.in_words(&node.name),
+                "tooltip": last.describe(&node.name),
             }));
         }
         hints.into()
     }
 
-    /// What can be run: the graph, at its beginning, and what makes its outputs.
-    fn lenses(&mut self, subject: &Subject<'_>) -> Result<Json, Refused> {
+    /// Returns code lenses that run the graph and inspect the nodes of its outputs.
+    fn lenses(&mut self, subject: &Subject<'_>) -> Result<Json, RequestError> {
         let text = subject.lines.text();
         let lens = |span: Span, title: &str, command: &str, node: Option<&str>| {
             let arguments = [Some(&subject.uri.0[..]), node].into_iter().flatten();
-            let arguments = Vec::from_iter(arguments);
+            let arguments = arguments.collect::<Vec<_>>();
             let command = json!({ "title": title, "command": command, "arguments": arguments });
             json!({ "range": subject.lines.range(span), "command": command })
         };
         let start = text.find(first_word(text)).unwrap_or(0);
         let first = Span { start, end: start };
-        // Only graphs can be watched; an unfinished word is none of these yet.
+        // Only graphs and patches can be watched. A file with any other first word, such as an unfinished one, gets no lenses.
         let title = match first_word(text) {
             "Sweep" => "run all",
             "Test" => "test",
@@ -399,13 +410,13 @@ impl Server {
             true => lens(first, "stop", "maquette.stop", None),
             false => lens(first, "watch", "maquette.watch", None),
         });
-        let scope = super::scope::Scope::of(text);
+        let scope = super::scope::Scope::parse(text);
         for node in &scope.nodes {
             if scope
                 .outputs
                 .iter()
                 .any(|output| output.kind.split(['.', '/']).next() == Some(&node.name.text))
-                && lenses.len() < MOST
+                && lenses.len() < MAX_ITEMS
             {
                 let name = Some(&node.name.text[..]);
                 lenses.push(lens(node.name.span, "inspect", "maquette.inspect", name));
@@ -416,34 +427,35 @@ impl Server {
     }
 }
 
-/// What is written for a proposal. What clients without snippets would show as a sign of one is left out.
-fn inserted(insert: &str, snippets: bool) -> String {
+/// Returns the text to insert for a proposal. If the client does not support snippets, the cursor mark `$0` is removed.
+fn insert_text(insert: &str, snippets: bool) -> String {
     match insert.contains("$0") {
         true if snippets => {
             let (before, behind) = insert.split_once("$0").unwrap_or((insert, ""));
-            let plain =
-                |text: &str| text.replace('\\', "\\\\").replace('$', "\\$").replace('}', "\\}");
-            format!("{}$0{}", plain(before), plain(behind))
+            fn escape(text: &str) -> String {
+                text.replace('\\', "\\\\").replace('$', "\\$").replace('}', "\\}")
+            }
+            format!("{}$0{}", escape(before), escape(behind))
         }
         _ => insert.replace("$0", ""),
     }
 }
 
-/// Words with marks, or as plain text for editors that would show the marks.
+/// Returns Markdown, or plain text if the editor does not support Markdown.
 fn markup(words: String, markdown: bool) -> Json {
     if markdown {
         return json!({ "kind": "markdown", "value": words });
     }
     let lines = words.lines().filter(|line| !line.starts_with("```"));
     let lines = lines.map(|line| line.trim_start_matches('#').replace("**", "").replace('`', ""));
-    json!({ "kind": "plaintext", "value": Vec::from_iter(lines).join("\n") })
+    json!({ "kind": "plaintext", "value": lines.collect::<Vec<_>>().join("\n") })
 }
 
 fn folds(lines: &Lines<'_>) -> Json {
     let (brackets, comments) = outline::folds(lines.text());
     let fold = |span: Span, kind: Option<&str>| {
         let (first, last) = (lines.position(span.start).line, lines.position(span.end).line);
-        // The line that closes a bracket stays.
+        // The last line of a bracket is not folded, so the closing bracket stays visible.
         let last = if kind.is_none() { last.saturating_sub(1) } else { last };
         let mut fold = json!({ "startLine": first, "endLine": last });
         if let Some(kind) = kind {
@@ -459,7 +471,7 @@ fn folds(lines: &Lines<'_>) -> Json {
 fn colors(lines: &Lines<'_>) -> Json {
     outline::colors(lines.text())
         .into_iter()
-        .take(MOST)
+        .take(MAX_ITEMS)
         .map(|(span, rgb): (Span, [u8; 3])| {
             let [red, green, blue] = rgb.map(|level| f64::from(level) / 255.0);
             let color = json!({ "red": red, "green": green, "blue": blue, "alpha": 1.0 });
@@ -468,7 +480,7 @@ fn colors(lines: &Lines<'_>) -> Json {
         .collect()
 }
 
-/// The words of some lines by what they are, each relative to the one before.
+/// Returns the semantic tokens of some lines. The position of each token is relative to the previous one, as the protocol requires.
 fn words(lines: &Lines<'_>, first: u32, last: u32) -> Json {
     let mut data: Vec<u32> = Vec::new();
     let (mut line, mut column) = (0, 0);

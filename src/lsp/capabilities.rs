@@ -1,24 +1,25 @@
-//! What an editor can do, and what we can.
+//! The capabilities of the editor and of the server.
 
 use serde_json::{Value as Json, json};
 
-use super::Client;
+use super::ClientCapabilities;
 use super::commands::COMMANDS;
 use super::outline::MEANINGS;
-use super::place::Columns;
+use super::position::Columns;
 
-/// What an editor says that it can do. Fields of other types than the protocol's are as good as none.
-pub(super) fn of_client(told: &Json) -> Client {
-    let can = |way: &str| told.pointer(way) == Some(&Json::Bool(true));
-    fn has(way: &str, wanted: &str, told: &Json) -> bool {
-        told.pointer(way)
+/// Reads the capabilities that an editor declares. A capability of an unexpected type counts as missing.
+pub(super) fn of_client(capabilities: &Json) -> ClientCapabilities {
+    let can = |way: &str| capabilities.pointer(way) == Some(&Json::Bool(true));
+    fn has(way: &str, wanted: &str, capabilities: &Json) -> bool {
+        capabilities
+            .pointer(way)
             .and_then(Json::as_array)
             .is_some_and(|all| all.iter().any(|it| it == wanted))
     }
-    let offered = told.pointer("/general/positionEncodings").and_then(Json::as_array);
+    let offered = capabilities.pointer("/general/positionEncodings").and_then(Json::as_array);
     let offered = offered.map(|all| all.iter().filter_map(Json::as_str).collect::<Vec<_>>());
-    Client {
-        columns: Columns::agreed(&offered.unwrap_or_default()),
+    ClientCapabilities {
+        columns: Columns::negotiate(&offered.unwrap_or_default()),
         snippets: can("/textDocument/completion/completionItem/snippetSupport"),
         related: can("/textDocument/publishDiagnostics/relatedInformation"),
         refreshes_hints: can("/workspace/inlayHint/refreshSupport"),
@@ -26,28 +27,32 @@ pub(super) fn of_client(told: &Json) -> Client {
         shows_documents: can("/window/showDocument/support"),
         progress: can("/window/workDoneProgress"),
         creates_files: can("/workspace/workspaceEdit/documentChanges")
-            && has("/workspace/workspaceEdit/resourceOperations", "create", told),
-        resolves: has("/textDocument/codeAction/resolveSupport/properties", "edit", told)
-            && can("/textDocument/codeAction/dataSupport"),
-        has_action_literals: told
+            && has("/workspace/workspaceEdit/resourceOperations", "create", capabilities),
+        resolves_actions: has(
+            "/textDocument/codeAction/resolveSupport/properties",
+            "edit",
+            capabilities,
+        ) && can("/textDocument/codeAction/dataSupport"),
+        has_action_literals: capabilities
             .pointer("/textDocument/codeAction/codeActionLiteralSupport")
             .is_some_and(Json::is_object)
-            // Only literals are asked for their edits, and edits that make files are younger than literals.
-            || has("/textDocument/codeAction/resolveSupport/properties", "edit", told)
-            || has("/workspace/workspaceEdit/resourceOperations", "create", told),
+            // Either of these implies literal actions: resolving applies only to literal actions, and edits that create files came later to
+            // the protocol.
+            || has("/textDocument/codeAction/resolveSupport/properties", "edit", capabilities)
+            || has("/workspace/workspaceEdit/resourceOperations", "create", capabilities),
         has_symbol_trees: can("/textDocument/documentSymbol/hierarchicalDocumentSymbolSupport"),
-        hovers_markdown: has("/textDocument/hover/contentFormat", "markdown", told),
+        hovers_markdown: has("/textDocument/hover/contentFormat", "markdown", capabilities),
         completes_markdown: has(
             "/textDocument/completion/completionItem/documentationFormat",
             "markdown",
-            told,
+            capabilities,
         ),
         has_configuration: can("/workspace/configuration"),
         watches_files: can("/workspace/didChangeWatchedFiles/dynamicRegistration"),
     }
 }
 
-pub(super) fn of_server(client: Client) -> Json {
+pub(super) fn of_server(client: ClientCapabilities) -> Json {
     let meanings: Vec<_> = MEANINGS.iter().map(|(_, name)| name).collect();
     json!({
         "capabilities": {

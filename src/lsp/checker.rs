@@ -1,4 +1,4 @@
-//! The thread that checks what is open and publishes its problems.
+//! The thread that checks open documents and publishes diagnostics.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -9,69 +9,69 @@ use std::thread::JoinHandle;
 
 use gen_lsp_types::Uri;
 use lsp_server::{Message, Notification};
-use maquette_edit::real;
+use maquette_edit::resolve_path;
 use maquette_golden::suite::FileKind;
 use maquette_graph::catalog::Catalog;
-use maquette_graph::{Checked, Graph, Options};
-use maquette_syntax::error::{Problem, Severity, Span, code};
+use maquette_graph::{CheckedGraph, Graph, Options};
+use maquette_syntax::error::{Diagnostic, Severity, Span, code};
 use maquette_syntax::paths::{MARKER, project_root};
-use maquette_syntax::{Passed, TypedKind, each_word};
+use maquette_syntax::{TypedKind, WalkEvent, for_each_word};
 use serde_json::{Value as Json, json};
 
-use super::Client;
+use super::ClientCapabilities;
 use super::library::Library;
-use super::place::{Lines, uri_of};
+use super::position::{Lines, uri_of};
 use super::scope::Scope;
 use super::watcher::{Event, Watcher};
 
-/// A text that is open and one of ours.
-pub(super) struct Open {
+/// An open document in the language of this server.
+pub(super) struct OpenDocument {
     pub(super) path: PathBuf,
     pub(super) version: i32,
     pub(super) text: Arc<str>,
 }
 
-/// What there is to do.
+/// A job of the checker.
 pub(super) enum Job {
     Check {
-        open: Vec<Open>,
-        /// The URIs of all open texts, as the editor writes them.
+        open: Vec<OpenDocument>,
+        /// The URIs of all open documents in the form that the editor uses, by path.
         uris: HashMap<PathBuf, Vec<Uri>>,
         options: Options,
     },
-    /// What a run of a graph found, with its text; shown until that changes.
-    Found { path: PathBuf, text: Arc<str>, diagnostics: OfFiles },
+    /// The diagnostics that a run of a graph has found, and the text that was run. They are shown until the text changes.
+    Found { path: PathBuf, text: Arc<str>, diagnostics: FileDiagnostics },
 }
 
-/// Diagnostics, each with its file.
-pub(super) type OfFiles = Vec<(PathBuf, Json)>;
+/// Diagnostics, each with the path of its file.
+pub(super) type FileDiagnostics = Vec<(PathBuf, Json)>;
 
 pub(super) struct Checker {
     catalog: Arc<Catalog>,
-    client: Client,
+    client: ClientCapabilities,
     sender: crossbeam_channel::Sender<Message>,
-    /// The URIs for which problems have been published.
-    told: BTreeSet<String>,
-    /// What runs found, by the graph that was run.
-    found: BTreeMap<PathBuf, (Arc<str>, OfFiles)>,
+    /// The URIs for which diagnostics have been published.
+    reported: BTreeSet<String>,
+    /// The diagnostics that runs have found, by the path of the graph, with the text that was run.
+    found: BTreeMap<PathBuf, (Arc<str>, FileDiagnostics)>,
     watcher: Watcher,
 }
 
 impl Checker {
     pub(super) fn start(
         catalog: Arc<Catalog>,
-        client: Client,
+        client: ClientCapabilities,
         sender: crossbeam_channel::Sender<Message>,
         events: crossbeam_channel::Sender<Event>,
     ) -> (Sender<Job>, JoinHandle<()>) {
         let (jobs, received) = channel();
-        let (told, found) = (BTreeSet::new(), BTreeMap::new());
+        let (reported, found) = (BTreeSet::new(), BTreeMap::new());
         let watcher = Watcher::start(events);
-        let mut checker = Self { catalog, client, sender, told, found, watcher };
+        let mut checker = Self { catalog, client, sender, reported, found, watcher };
         (jobs, std::thread::spawn(move || checker.work(&received)))
     }
 
-    /// Checks the newest of what it is asked for, until nobody asks any more.
+    /// Processes jobs until the channel is closed. If several checks wait, only the newest is made.
     fn work(&mut self, jobs: &Receiver<Job>) {
         let mut last = None;
         while let Ok(job) = jobs.recv() {
@@ -89,7 +89,12 @@ impl Checker {
         }
     }
 
-    fn check(&mut self, open: &[Open], uris: &HashMap<PathBuf, Vec<Uri>>, options: &Options) {
+    fn check(
+        &mut self,
+        open: &[OpenDocument],
+        uris: &HashMap<PathBuf, Vec<Uri>>,
+        options: &Options,
+    ) {
         let mut by_file: BTreeMap<PathBuf, Vec<Json>> = BTreeMap::new();
         let mut seen: BTreeSet<(PathBuf, Span, &str, String)> = BTreeSet::new();
         let mut files = BTreeSet::new();
@@ -100,7 +105,7 @@ impl Checker {
             let (problems, read) = problems(document, &self.catalog, options);
             files.extend(read);
             for problem in problems {
-                let file = real(&problem.source.name);
+                let file = resolve_path(&problem.source.name);
                 let place = (file.clone(), problem.span, problem.code, problem.message.clone());
                 if seen.insert(place) {
                     by_file.entry(file).or_default().push(diagnostic(&problem, self.client));
@@ -119,13 +124,13 @@ impl Checker {
         fn uris_of(path: &Path, uris: &HashMap<PathBuf, Vec<Uri>>) -> Vec<Uri> {
             uris.get(path).cloned().unwrap_or_else(|| vec![uri_of(path)])
         }
-        let mut told = BTreeSet::new();
+        let mut reported = BTreeSet::new();
         let mut published = Vec::new();
         for (path, diagnostics) in by_file {
             let version = open.iter().find(|it| it.path == path).map(|it| it.version);
             for uri in uris_of(&path, uris) {
                 if !diagnostics.is_empty() {
-                    told.insert(uri.0.clone());
+                    reported.insert(uri.0.clone());
                 }
                 let mut params = json!({ "uri": uri, "diagnostics": diagnostics });
                 if let Some(version) = version {
@@ -137,75 +142,75 @@ impl Checker {
         fn is_open(uri: &str, published: &[Json]) -> bool {
             published.iter().any(|params| params["uri"] == uri)
         }
-        let gone = self.told.iter().filter(|uri| !is_open(uri, &published));
+        let gone = self.reported.iter().filter(|uri| !is_open(uri, &published));
         let cleared = gone.map(|uri| json!({ "uri": uri, "diagnostics": [] }));
         for params in Vec::from_iter(cleared).into_iter().chain(published) {
             let method = "textDocument/publishDiagnostics".to_owned();
             let _ = self.sender.send(Notification { method, params }.into());
         }
-        self.told = told;
+        self.reported = reported;
     }
 }
 
-/// The problems of a text, as `maquette check` finds them, and the files that it depends on.
+/// Returns the diagnostics of a document, as `maquette check` reports them, and the files on which the diagnostics depend.
 fn problems(
-    document: &Open,
+    document: &OpenDocument,
     catalog: &Catalog,
     options: &Options,
-) -> (Vec<Problem>, BTreeSet<PathBuf>) {
-    let Open { path, text, .. } = document;
-    let kind = FileKind::of(path, text);
+) -> (Vec<Diagnostic>, BTreeSet<PathBuf>) {
+    let OpenDocument { path, text, .. } = document;
+    let kind = FileKind::detect(path, text);
     let find = || {
-        // The same as `kind.problems`, which does not say what the graph reads.
+        // This does the same as `kind.problems`, which does not return the files that the graph reads.
         if kind == FileKind::Graph {
             let checked = Graph::load_text(path, text.to_string(), catalog, options);
-            let unused = checked.graph.as_ref().map(Graph::unused).unwrap_or_default();
+            let unused = checked.graph.as_ref().map(Graph::unused_warnings).unwrap_or_default();
             let files = read_by(&checked);
-            return (checked.problems.iter().chain(unused).cloned().collect(), files);
+            return (checked.diagnostics.iter().chain(unused).cloned().collect(), files);
         }
-        let problems = kind.problems(path, text.to_string(), catalog, options).0;
+        let problems = kind.diagnostics(path, text.to_string(), catalog, options).0;
         let library = Library::new(catalog, path, options);
         let mut files = BTreeSet::new();
-        if let Some(about) = Scope::of(text).about {
-            let graph = library.resolved(&about.text);
+        if let Some(about) = Scope::parse(text).target {
+            let graph = library.resolve(&about.text);
             files = read_by(&Graph::load(&graph, catalog, options));
             files.insert(graph);
         }
         files.extend(folders(&library, text));
         (problems, files)
     };
-    // It goes on with the next text.
+    // After a panic the document has no diagnostics, and the checker continues with the next document.
     let (problems, mut files) = catch_unwind(AssertUnwindSafe(find)).unwrap_or_default();
     let marker = project_root(path.parent().unwrap_or(Path::new("/"))).join(MARKER);
     files.extend([marker, path.with_extension("pins.ron"), path.with_extension("lock.ron")]);
     (problems, files)
 }
 
-/// The files that a graph is made of and reads, those that are not there included.
-fn read_by(checked: &Checked) -> BTreeSet<PathBuf> {
+/// Returns the files that a graph consists of or reads, including missing ones.
+fn read_by(checked: &CheckedGraph) -> BTreeSet<PathBuf> {
     let files = checked.files.iter().map(|file| file.path.clone());
     files.chain(checked.subgraphs.iter().cloned()).collect()
 }
 
-/// The folders in which the patterns of a text, such as `scans/*.obj`, find files.
+/// Returns the folders in which patterns of a text, such as `scans/*.obj`, search for files.
 fn folders(library: &Library<'_>, text: &str) -> BTreeSet<PathBuf> {
     let mut found = BTreeSet::new();
-    each_word(text, |_, passed| {
-        if let Passed::Word(word, TypedKind::Text) = passed
+    for_each_word(text, |_, passed| {
+        if let WalkEvent::Word(word, TypedKind::Text) = passed
             && let Some((before, _)) = word.text.split_once(['*', '?'])
         {
             let folder = before.rsplit_once('/').map_or(".", |(folder, _)| folder);
-            found.insert(library.resolved(folder));
+            found.insert(library.resolve(folder));
         }
     });
     found
 }
 
-/// A problem as the protocol has it: the same words as everywhere; what to do stands beside it.
-pub(super) fn diagnostic(problem: &Problem, client: Client) -> Json {
+/// Converts a diagnostic to the format of the protocol. The help lines become a part of the message.
+pub(super) fn diagnostic(problem: &Diagnostic, client: ClientCapabilities) -> Json {
     let lines = Lines::new(&problem.source.text, client.columns);
     let range = lines.range(problem.span);
-    let uri = uri_of(&real(&problem.source.name));
+    let uri = uri_of(&resolve_path(&problem.source.name));
     let mut related = Vec::new();
     if let Some((span, words)) = &problem.note {
         related.push(
@@ -214,8 +219,7 @@ pub(super) fn diagnostic(problem: &Problem, client: Client) -> Json {
     }
     for used in &problem.uses {
         let lines = Lines::new(&used.source.text, client.columns);
-        let place =
-            json!({ "uri": uri_of(&real(&used.source.name)), "range": lines.range(used.span) });
+        let place = json!({ "uri": uri_of(&resolve_path(&used.source.name)), "range": lines.range(used.span) });
         related.push(json!({ "location": place, "message": format!("used by `{}`", used.name) }));
     }
     let mut message = problem.message.clone();
@@ -230,21 +234,21 @@ pub(super) fn diagnostic(problem: &Problem, client: Client) -> Json {
             false => message += &format!("\nhelp: {}", problem.help),
         }
     }
-    let mut told = json!({
+    let mut json = json!({
         "range": range,
         "severity": if problem.severity == Severity::Error { 1 } else { 2 },
         "code": problem.code,
         "source": "maquette",
         "message": message,
     });
-    // What nobody needs is shown faint, old names struck through.
+    // Editors fade the text of an unused node and strike through a former name.
     match problem.code {
-        code::UNUSED => told["tags"] = json!([1]),
-        code::OUTDATED => told["tags"] = json!([2]),
+        code::UNUSED => json["tags"] = json!([1]),
+        code::OUTDATED => json["tags"] = json!([2]),
         _ => {}
     }
     if !related.is_empty() && client.related {
-        told["relatedInformation"] = related.into();
+        json["relatedInformation"] = related.into();
     }
-    told
+    json
 }

@@ -1,7 +1,7 @@
-//! Commands that an editor has run: each by a process of its own, so that nothing that a graph does can harm the server.
+//! Commands of the editor. Each command runs in a separate process, so a crash during the evaluation of a graph does not affect the server.
 //!
-//! A command runs in the project's folder, from what is saved. The server evaluates nothing: shapes, times and sizes come from the note on
-//! disk that every evaluation leaves (`last`), and a forecast says which of them are still valid.
+//! A command runs in the folder of the project and uses the saved files. The server itself evaluates nothing. The shapes, times and sizes
+//! that it shows come from the record that every evaluation writes to disk (`last_run`); a forecast decides which of them are still valid.
 
 use std::collections::HashMap;
 use std::io::{BufRead, BufReader, Read};
@@ -12,60 +12,60 @@ use std::sync::mpsc::Sender;
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use lsp_server::{ErrorCode, Message, Notification, Request, RequestId, Response};
-use maquette_edit::real;
+use maquette_edit::resolve_path;
 use maquette_syntax::error::Span;
 use maquette_syntax::first_word;
 use maquette_syntax::paths::project_root;
-use maquette_value::plain::read_text;
+use maquette_value::fs::read_text;
 use serde_json::{Value as Json, json};
 
-use super::checker::{Job, OfFiles};
-use super::place::{Lines, path_of};
-use super::{Client, Server};
+use super::checker::{FileDiagnostics, Job};
+use super::position::{Lines, path_of};
+use super::{ClientCapabilities, Server};
 
-/// The commands, as editors name them.
+/// The names of the commands in the protocol.
 pub(super) const COMMANDS: [&str; 6] =
     ["maquette.run", "maquette.watch", "maquette.stop", "maquette.inspect", "maquette.why", APPLY];
 
-/// Has the editor make the edit in its argument, for editors that know no other actions than commands.
+/// The command that applies the edit in its argument. It is for editors whose code actions can only be commands.
 pub(super) const APPLY: &str = "maquette.apply";
 
-/// Names the variable by which a process is told the id of its parent, with which it ends.
+/// The environment variable that contains the id of the parent process. A process that gets it ends when the parent ends.
 pub const PARENT: &str = "MAQUETTE_PARENT";
 
-/// What runs for an editor.
+/// The processes that the server runs for the editor.
 pub(super) struct Commands {
     program: PathBuf,
-    /// What each command is told beside its own words.
-    words: Vec<String>,
-    client: Client,
+    /// The arguments that all processes get, such as the cache folder.
+    arguments: Vec<String>,
+    client: ClientCapabilities,
     sender: crossbeam_channel::Sender<Message>,
     checks: Sender<Job>,
-    running: Arc<Mutex<HashMap<String, Running>>>,
+    running: Arc<Mutex<HashMap<String, RunningCommand>>>,
     watches: Arc<Mutex<HashMap<PathBuf, Child>>>,
-    news: News,
+    notifier: EvaluationNotifier,
     next: usize,
 }
 
-/// A process that answers a request when it ends.
-struct Running {
+/// A running process; its result answers a request of the editor.
+struct RunningCommand {
     id: RequestId,
     child: Child,
 }
 
-/// Tells that something has been evaluated.
+/// Notifies the editor when an evaluation has ended.
 #[derive(Clone)]
-struct News {
-    client: Client,
+struct EvaluationNotifier {
+    client: ClientCapabilities,
     sender: crossbeam_channel::Sender<Message>,
     count: Arc<AtomicUsize>,
 }
 
-impl News {
-    /// Has the editor ask for hints and lenses again.
-    fn tell(&self) {
+impl EvaluationNotifier {
+    /// Asks the editor to request inlay hints and code lenses again.
+    fn notify(&self) {
         let count = self.count.fetch_add(1, Ordering::Relaxed);
-        let Client { refreshes_hints, refreshes_lenses, .. } = self.client;
+        let ClientCapabilities { refreshes_hints, refreshes_lenses, .. } = self.client;
         for (what, is_wanted) in [("inlayHint", refreshes_hints), ("codeLens", refreshes_lenses)] {
             if is_wanted {
                 let id = format!("maquette-refresh-{count}-{what}").into();
@@ -79,53 +79,66 @@ impl News {
 impl Commands {
     pub(super) fn new(
         (program, words): (PathBuf, Vec<String>),
-        client: Client,
+        client: ClientCapabilities,
         sender: crossbeam_channel::Sender<Message>,
         checks: Sender<Job>,
     ) -> Self {
         let (running, watches) = (Arc::default(), Arc::default());
-        let news = News { client, sender: sender.clone(), count: Arc::default() };
-        Self { program, words, client, sender, checks, running, watches, news, next: 0 }
+        let news = EvaluationNotifier { client, sender: sender.clone(), count: Arc::default() };
+        Self {
+            program,
+            arguments: words,
+            client,
+            sender,
+            checks,
+            running,
+            watches,
+            notifier: news,
+            next: 0,
+        }
     }
 
-    /// How often something has been evaluated.
+    /// Returns the number of evaluations that have ended so far.
     pub(super) fn evaluations(&self) -> usize {
-        self.news.count.load(Ordering::Relaxed)
+        self.notifier.count.load(Ordering::Relaxed)
     }
 
-    /// Whether a graph is being watched.
+    /// Returns true while a watch of the graph is running.
     pub(super) fn watches(&self, path: &Path) -> bool {
         let mut watches = lock(&self.watches);
-        // One that has ended by itself is none any more.
+        // Watches that have ended by themselves are removed from the list.
         watches.retain(|_, child| matches!(child.try_wait(), Ok(None)));
         watches.contains_key(path)
     }
 
-    /// Stops what was begun under this token.
+    /// Stops the process whose progress has this token.
     pub(super) fn cancel(&self, token: &Json) {
         let running = token.as_str().and_then(|token| lock(&self.running).remove(token));
-        if let Some(Running { id, child }) = running {
+        if let Some(RunningCommand { id, child }) = running {
             let _ = self.sender.send(Response::new_ok(id, json!({ "text": "stopped" })).into());
             end(child);
         }
     }
 
-    /// Stops what answers a request, which is refused then.
+    /// Stops the process whose result would answer a request, and answers that the request was cancelled.
     pub(super) fn cancel_request(&self, id: &RequestId) {
         let mut running = lock(&self.running);
         let token = running.iter().find(|(_, it)| it.id == *id).map(|(token, _)| token.clone());
-        token.and_then(|token| running.remove(&token)).into_iter().for_each(|it| self.refuse(it));
+        token
+            .and_then(|token| running.remove(&token))
+            .into_iter()
+            .for_each(|it| self.answer_cancelled(it));
     }
 
-    fn refuse(&self, Running { id, child }: Running) {
+    fn answer_cancelled(&self, RunningCommand { id, child }: RunningCommand) {
         let code = ErrorCode::RequestCanceled as i32;
         let _ = self.sender.send(Response::new_err(id, code, "cancelled".into()).into());
         end(child);
     }
 
-    /// Stops everything.
+    /// Stops all processes.
     pub(super) fn end(&self) {
-        lock(&self.running).drain().for_each(|(_, running)| self.refuse(running));
+        lock(&self.running).drain().for_each(|(_, running)| self.answer_cancelled(running));
         lock(&self.watches).drain().for_each(|(_, child)| end(child));
     }
 }
@@ -146,17 +159,17 @@ fn end(mut child: Child) {
 }
 
 impl Server {
-    /// Runs a command; its answer comes when it has ended.
+    /// Runs a command. The request is answered when the command has ended.
     pub(super) fn execute(&mut self, id: RequestId, params: &Json) {
         let answer = match self.command(&id, params) {
             Ok(None) => return,
-            Ok(Some(told)) => Response::new_ok(id, told),
+            Ok(Some(answer)) => Response::new_ok(id, answer),
             Err(why) => Response::new_err(id, ErrorCode::RequestFailed as i32, why),
         };
         let _ = self.sender.send(answer.into());
     }
 
-    /// The answer to a command; none yet if a process has been started that gives it.
+    /// Runs a command. Returns its answer, or `None` if the command started a process whose result will be the answer.
     fn command(&mut self, id: &RequestId, params: &Json) -> Result<Option<Json>, String> {
         let command = params["command"].as_str().unwrap_or_default();
         if command == APPLY {
@@ -166,14 +179,18 @@ impl Server {
         fn argument(index: usize, params: &Json) -> Option<&str> {
             params["arguments"][index].as_str()
         }
-        let path = argument(0, params).and_then(|uri| path_of(&uri.into())).map(|path| real(&path));
-        let path = path.ok_or_else(|| format!("`{command}` wants the URI of a graph first"))?;
+        let path = argument(0, params)
+            .and_then(|uri| path_of(&uri.into()))
+            .map(|path| resolve_path(&path));
+        let path = path.ok_or_else(|| {
+            format!("`{command}` expects the URI of a graph as its first argument")
+        })?;
         let text = self.text(&path);
         fn is_saved(path: &Path, text: &Arc<str>) -> bool {
             read_text(path).is_ok_and(|saved| *saved == **text)
         }
         if command != "maquette.stop" && !is_saved(&path, &text) {
-            return Err("save the graph first: what is on disk is run".into());
+            return Err("save the graph first: the file on disk is run".into());
         }
         let roots = self.choices.roots.iter().map(|root| root.display().to_string());
         let roots: Vec<_> = roots.flat_map(|root| ["--root".to_owned(), root]).collect();
@@ -188,63 +205,63 @@ impl Server {
             "maquette.watch" => {
                 let link = self.commands.watch(&path, &roots)?;
                 self.show(&link, true);
-                self.commands.news.tell();
+                self.commands.notifier.notify();
                 return Ok(Some(json!({ "url": link })));
             }
             "maquette.stop" => {
                 let watch = lock(&self.commands.watches).remove(&path);
-                let told = watch.as_ref().map_or("there was no watch", |_| "the watch has ended");
+                let text = watch.as_ref().map_or("there was no watch", |_| "the watch has ended");
                 watch.into_iter().for_each(end);
-                self.commands.news.tell();
-                return Ok(Some(json!({ "text": told })));
+                self.commands.notifier.notify();
+                return Ok(Some(json!({ "text": text })));
             }
             _ => return Err(format!("there is no command `{command}`")),
         };
         let name = path.display().to_string();
         let words = first.iter().copied().chain([&name[..]]).chain(argument(1, params));
         let words: Vec<_> = words.map(str::to_owned).chain(roots).collect();
-        let job = Work { words, path, text, shows: self.choices.shows };
+        let job = CommandProcess { words, path, text, shows: self.choices.shows };
         self.commands.start(id.clone(), first[0], job)?;
         Ok(None)
     }
 }
 
-/// What a process does for an editor.
-struct Work {
+/// A description of a process to start for the editor.
+struct CommandProcess {
     words: Vec<String>,
-    /// The graph, and its text.
+    /// The path of the graph, and its text.
     path: PathBuf,
     text: Arc<str>,
-    /// Whether the editor shows the answer by itself.
+    /// True if the editor shows the result itself.
     shows: bool,
 }
 
 impl Commands {
-    /// The program, in the folder of a graph's project: an editor may have been started anywhere, and outputs go to `out` there.
+    /// Returns the command that starts the program in the project folder of a graph, where outputs are written to `out`.
     fn program_in(&self, graph: &Path) -> Command {
         let mut program = Command::new(&self.program);
         program.current_dir(project_root(graph.parent().unwrap_or(Path::new("/"))));
         program.stdin(Stdio::null()).stdout(Stdio::piped());
-        // It ends with this process, however that ends.
+        // The process gets the id of the server, so that it ends when the server ends.
         program.env(PARENT, std::process::id().to_string());
         program
     }
 
-    /// Starts a process, which answers when it has ended.
-    fn start(&mut self, id: RequestId, verb: &str, work: Work) -> Result<(), String> {
-        let Work { words, path, text, shows } = work;
+    /// Starts a process. When the process has ended, its result answers the request.
+    fn start(&mut self, id: RequestId, verb: &str, work: CommandProcess) -> Result<(), String> {
+        let CommandProcess { words, path, text, shows } = work;
         self.next += 1;
         let token = format!("maquette-run-{}", self.next);
         let mut program = self.program_in(&path);
-        program.args(&words).args(&self.words).stderr(Stdio::piped());
-        let mut child = program.spawn().map_err(|error| self.not_run(&error))?;
+        program.args(&words).args(&self.arguments).stderr(Stdio::piped());
+        let mut child = program.spawn().map_err(|error| self.spawn_error(&error))?;
         let (out, err) = (child.stdout.take(), child.stderr.take());
-        lock(&self.running).insert(token.clone(), Running { id: id.clone(), child });
+        lock(&self.running).insert(token.clone(), RunningCommand { id: id.clone(), child });
         let (client, sender, checks) = (self.client, self.sender.clone(), self.checks.clone());
-        let (running, news, is_run) = (self.running.clone(), self.news.clone(), verb == "run");
+        let (running, news, is_run) = (self.running.clone(), self.notifier.clone(), verb == "run");
         let title = format!("{verb} {}", path.file_name().unwrap_or_default().display());
         std::thread::spawn(move || {
-            fn tell(method: &str, params: Json, sender: &crossbeam_channel::Sender<Message>) {
+            fn notify(method: &str, params: Json, sender: &crossbeam_channel::Sender<Message>) {
                 let _ = sender.send(Notification { method: method.to_owned(), params }.into());
             }
             if client.progress {
@@ -252,11 +269,11 @@ impl Commands {
                 let method = "window/workDoneProgress/create".to_owned();
                 let _ = sender.send(Request { id: token.clone().into(), method, params }.into());
                 let value = json!({ "kind": "begin", "title": title, "cancellable": true });
-                tell("$/progress", json!({ "token": token, "value": value }), &sender);
+                notify("$/progress", json!({ "token": token, "value": value }), &sender);
             }
-            let error = std::thread::spawn(move || all(err));
-            let (out, error) = (all(out), error.join().unwrap_or_default());
-            // Who has taken it away has answered.
+            let error = std::thread::spawn(move || read_stream(err));
+            let (out, error) = (read_stream(out), error.join().unwrap_or_default());
+            // If the process is not in the list any more, it was cancelled and the request has been answered.
             let running = lock(&running).remove(&token);
             let is_cancelled = running.is_none();
             running.into_iter().for_each(|mut it| drop(it.child.wait()));
@@ -264,19 +281,23 @@ impl Commands {
                 (true, Ok(document)) => {
                     let diagnostics = diagnostics(&document, &path, &text, client);
                     let _ = checks.send(Job::Found { path, text, diagnostics });
-                    in_words(&document)
+                    summarize_run(&document)
                 }
                 _ => format!("{out}{error}"),
             };
             if client.progress {
-                tell("$/progress", json!({ "token": token, "value": { "kind": "end" } }), &sender);
+                notify(
+                    "$/progress",
+                    json!({ "token": token, "value": { "kind": "end" } }),
+                    &sender,
+                );
             }
-            news.tell();
+            news.notify();
             let words = if is_cancelled { "stopped".to_owned() } else { words };
             let first = words.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
             if !shows {
-                tell("window/logMessage", json!({ "type": 3, "message": words }), &sender);
-                tell("window/showMessage", json!({ "type": 3, "message": first }), &sender);
+                notify("window/logMessage", json!({ "type": 3, "message": words }), &sender);
+                notify("window/showMessage", json!({ "type": 3, "message": first }), &sender);
             }
             if !is_cancelled {
                 let _ = sender.send(Response::new_ok(id, json!({ "text": words })).into());
@@ -285,11 +306,11 @@ impl Commands {
         Ok(())
     }
 
-    fn not_run(&self, error: &std::io::Error) -> String {
+    fn spawn_error(&self, error: &std::io::Error) -> String {
         format!("cannot run {}: {error}", self.program.display())
     }
 
-    /// Starts a watch with the live page, and gives its link.
+    /// Starts a watch that serves the live page, and returns the URL of the page.
     fn watch(&self, path: &Path, roots: &[String]) -> Result<String, String> {
         if let Some(old) = lock(&self.watches).remove(path) {
             end(old);
@@ -300,10 +321,10 @@ impl Commands {
             .arg(path)
             .args(["--preview", "--events", "--in-editor"])
             .args(roots)
-            .args(&self.words);
+            .args(&self.arguments);
         let mut child =
-            program.stderr(Stdio::null()).spawn().map_err(|error| self.not_run(&error))?;
-        let Some(out) = child.stdout.take() else { return Err("the watch says nothing".into()) };
+            program.stderr(Stdio::null()).spawn().map_err(|error| self.spawn_error(&error))?;
+        let Some(out) = child.stdout.take() else { return Err("the watch has no output".into()) };
         let mut out = BufReader::new(out);
         let mut line = String::new();
         let link = loop {
@@ -312,8 +333,8 @@ impl Commands {
                 Ok(0) | Err(_) => break None,
                 Ok(_) => {}
             }
-            let told: Json = serde_json::from_str(&line).unwrap_or_default();
-            if let Some(link) = told["link"].as_str() {
+            let event: Json = serde_json::from_str(&line).unwrap_or_default();
+            if let Some(link) = event["link"].as_str() {
                 break Some(link.to_owned());
             }
         };
@@ -321,12 +342,12 @@ impl Commands {
             end(child);
             return Err(format!("{} cannot be watched: run it to see why", path.display()));
         };
-        // It ends when nobody reads what it prints.
-        let news = self.news.clone();
+        // The output must be read: a watch ends when its output is closed.
+        let news = self.notifier.clone();
         std::thread::spawn(move || {
             for line in out.lines().map_while(Result::ok) {
-                if serde_json::from_str::<Json>(&line).is_ok_and(|told| told["event"] == "done") {
-                    news.tell();
+                if serde_json::from_str::<Json>(&line).is_ok_and(|event| event["event"] == "done") {
+                    news.notify();
                 }
             }
         });
@@ -335,21 +356,26 @@ impl Commands {
     }
 }
 
-fn all(stream: Option<impl Read>) -> String {
+fn read_stream(stream: Option<impl Read>) -> String {
     let mut bytes = Vec::new();
     stream.into_iter().for_each(|mut stream| drop(stream.read_to_end(&mut bytes)));
     String::from_utf8_lossy(&bytes).into_owned()
 }
 
-/// What a run found that the check cannot know: failures and warnings of nodes, expectations that do not hold.
-fn diagnostics(document: &Json, graph: &Path, text: &str, client: Client) -> OfFiles {
+/// Returns the diagnostics of a run that a check cannot find: errors and warnings of nodes, and failed expectations.
+fn diagnostics(
+    document: &Json,
+    graph: &Path,
+    text: &str,
+    client: ClientCapabilities,
+) -> FileDiagnostics {
     const OF_RUNS: [&str; 5] = ["G016", "G017", "G018", "G019", "G020"];
     let problems = document["problems"].as_array().into_iter().flatten();
     let mut found = Vec::new();
     for problem in
         problems.filter(|it| it["code"].as_str().is_some_and(|code| OF_RUNS.contains(&code)))
     {
-        let file = real(Path::new(problem["file"].as_str().unwrap_or_default()));
+        let file = resolve_path(Path::new(problem["file"].as_str().unwrap_or_default()));
         let other = if file == graph { None } else { read_text(&file).ok() };
         let text = other.as_deref().unwrap_or(text);
         let lines = Lines::new(text, client.columns);
@@ -377,8 +403,8 @@ fn diagnostics(document: &Json, graph: &Path, text: &str, client: Client) -> OfF
     found
 }
 
-/// What a run came to: problems, files, time.
-fn in_words(document: &Json) -> String {
+/// Summarizes a run in a message: the number of diagnostics, the written files, and the time.
+fn summarize_run(document: &Json) -> String {
     fn list(name: &str, document: &Json) -> Vec<Json> {
         document[name].as_array().cloned().unwrap_or_default()
     }

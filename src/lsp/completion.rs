@@ -1,35 +1,35 @@
-//! What may be written at a place: fields, nodes, links that fit, parameters, choices, units and files.
+//! Completion: proposals for fields, nodes, links, parameters, enum variants, units and files.
 
 use std::collections::BTreeSet;
 
 use maquette_syntax::error::Span;
-use maquette_syntax::{Cursor, Passed, TypedKind, cursor, each_word};
+use maquette_syntax::{Cursor, TypedKind, WalkEvent, cursor, for_each_word};
 
+use super::expected_syntax::{BracketContent, ExpectedSyntax, FieldInfo, Keys, SyntaxResolver};
 use super::library::Library;
-use super::scope::{Declared, Scope};
-use super::slot::{FieldOf, Inside, Keys, Slot, Slots};
+use super::scope::{Declaration, Scope};
 use super::symbols::has_letters;
 
 mod values;
 
-/// Something that may be written.
+/// A proposal for completing the typed text.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Proposal {
-    /// What is shown and compared with what has been typed.
+    /// The label, which is also compared with the typed text.
     pub(super) label: String,
-    /// What is written; `$0` is where the cursor is afterwards.
+    /// The text to insert; `$0` marks the position of the cursor after the insertion.
     pub(super) insert: String,
-    pub(super) sort: Sort,
-    /// What it takes or gives, on a line.
+    pub(super) kind: ProposalKind,
+    /// The type of the proposed thing, on one line.
     pub(super) detail: String,
     pub(super) doc: String,
-    /// The lower, the likelier.
+    /// The rank for sorting. The most likely proposals have the lowest rank.
     rank: usize,
 }
 
-/// What a proposal is.
+/// The kind of a proposal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Sort {
+pub(super) enum ProposalKind {
     Field,
     Node,
     Link,
@@ -41,33 +41,33 @@ pub(super) enum Sort {
     Keyword,
 }
 
-/// The proposals at a place, the likeliest first, and the part of the text in whose place they are written.
+/// The proposals for a position, the most likely first, and the span of the text that a proposal replaces.
 pub(super) struct Proposals {
     pub(super) span: Span,
     pub(super) list: Vec<Proposal>,
 }
 
-/// More are not told at once; what is typed next leaves fewer.
-const MOST: usize = 200;
+/// The maximum number of proposals in one answer.
+const MAX_PROPOSALS: usize = 200;
 
 pub(super) fn proposals(library: &Library<'_>, text: &str, at: usize) -> Proposals {
-    let scope = Scope::of(text);
+    let scope = Scope::parse(text);
     let cursor = cursor(text, at);
-    let slots = Slots { library, scope: &scope };
-    let (inside, slot) = slots.at(&cursor.frames);
-    let Some(span) = replaced(text, &cursor, &slot, at) else {
+    let slots = SyntaxResolver { library, scope: &scope };
+    let (inside, slot) = slots.resolve(&cursor.frames);
+    let Some(span) = replacement_span(text, &cursor, &slot, at) else {
         return Proposals { span: Span { start: at, end: at }, list: Vec::new() };
     };
     let search = Search { library, scope: &scope, text, cursor: &cursor, at };
     let is_named = cursor.frames.last().is_some_and(|frame| frame.field.is_some());
     let mut list = match inside {
-        Inside::Fields(_, fields) if !is_named => search.fields(&fields),
-        Inside::Entries(keys) if !is_named => search.keys(keys),
+        BracketContent::Fields(_, fields) if !is_named => search.fields(&fields),
+        BracketContent::Entries(keys) if !is_named => search.keys(keys),
         _ if cursor.frames.is_empty() => search.beginnings(),
         _ => search.values(&slot),
     };
     rank(&mut list, &text[span.start..at]);
-    list.truncate(MOST);
+    list.truncate(MAX_PROPOSALS);
     Proposals { span, list }
 }
 
@@ -75,16 +75,17 @@ fn is_text(cursor: &Cursor) -> bool {
     cursor.typed.kind == TypedKind::Text
 }
 
-/// The part of the cursor's line that a proposal replaces: the word or text there, and in an expression the word of it; of a text that does not
-/// end on the line only what is before the cursor. `None` in comments, and where a name would begin on an earlier line.
-fn replaced(text: &str, cursor: &Cursor, slot: &Slot, at: usize) -> Option<Span> {
+/// Returns the span that a proposal replaces. It is the word or string at the cursor; within an expression, the word in the string; and if
+/// the string does not end on this line, the part before the cursor. Returns `None` in a comment, and in a string that begins on an earlier
+/// line.
+fn replacement_span(text: &str, cursor: &Cursor, slot: &ExpectedSyntax, at: usize) -> Option<Span> {
     let Span { start, end } = cursor.typed.span;
     match cursor.typed.kind {
         TypedKind::Comment => None,
         TypedKind::Nothing | TypedKind::Word => Some(Span { start, end }),
         TypedKind::Text => {
             let (before, behind) = (&text[start..at], &text[at..end]);
-            if matches!(slot, Slot::Expression) {
+            if matches!(slot, ExpectedSyntax::Expression) {
                 fn is_part(c: char) -> bool {
                     c.is_ascii_alphanumeric() || c == '_' || c == '-'
                 }
@@ -99,7 +100,8 @@ fn replaced(text: &str, cursor: &Cursor, slot: &Slot, at: usize) -> Option<Span>
     }
 }
 
-/// Leaves what may be meant by what has been typed, the likeliest first: what begins so, then what has it in it, then its letters in order.
+/// Filters proposals by the typed text, and sorts them: first those whose label begins with the text, then those whose label contains it,
+/// then those whose label contains its letters in order, then nodes whose description matches.
 fn rank(list: &mut Vec<Proposal>, typed: &str) {
     let typed = typed.to_lowercase();
     fn distance(it: &Proposal, typed: &str) -> Option<i32> {
@@ -111,18 +113,19 @@ fn rank(list: &mut Vec<Proposal>, typed: &str) {
             None => is_described_with(it, typed).then_some(3),
         }
     }
-    // A name over several lines is a string without an end.
+    // A label that contains a line break comes from an unterminated string.
     list.retain(|it| distance(it, &typed).is_some() && !it.label.contains(['\n', '\r']));
     list.sort_by_cached_key(|proposal| (distance(proposal, &typed), proposal.rank));
     let mut seen = BTreeSet::new();
     list.retain(|proposal| seen.insert((proposal.label.clone(), proposal.insert.clone())));
 }
 
-/// Returns true if the description of a node has a word that begins so: one of another program, such as "decimate" for `Simplify`.
+/// Returns true if the description of a node contains a word that begins with the typed text. So a term of another program finds the node:
+/// "decimate" finds `Simplify`.
 fn is_described_with(it: &Proposal, typed: &str) -> bool {
-    // So short a word is in most of them.
+    // Shorter words would match most descriptions.
     const MIN_LETTERS: usize = 4;
-    let is_meant = it.sort == Sort::Node && MIN_LETTERS <= typed.chars().count();
+    let is_meant = it.kind == ProposalKind::Node && MIN_LETTERS <= typed.chars().count();
     is_meant
         && it
             .doc
@@ -139,23 +142,23 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    fn proposal(&self, label: &str, insert: String, sort: Sort, rank: usize) -> Proposal {
+    fn proposal(&self, label: &str, insert: String, sort: ProposalKind, rank: usize) -> Proposal {
         let (label, detail, doc) = (label.to_owned(), String::new(), String::new());
-        Proposal { label, insert, sort, detail, doc, rank }
+        Proposal { label, insert, kind: sort, detail, doc, rank }
     }
 
-    /// What follows the word at the place.
-    fn behind(&self) -> &str {
+    /// Returns the text that follows the word at the cursor.
+    fn text_after(&self) -> &str {
         self.text[self.cursor.typed.span.end.max(self.at)..].trim_start()
     }
 
-    /// A word before parentheses.
+    /// Returns `name` with parentheses. They are left out if parentheses already follow the word at the cursor.
     fn call(&self, name: &str) -> String {
-        if self.behind().starts_with('(') { name.to_owned() } else { format!("{name}($0)") }
+        if self.text_after().starts_with('(') { name.to_owned() } else { format!("{name}($0)") }
     }
 
-    /// A text: without quotes inside of some.
-    fn quoted(&self, text: &str) -> String {
+    /// Quotes a text, unless the cursor is already inside quotes.
+    fn quote(&self, text: &str) -> String {
         if is_text(self.cursor) { text.to_owned() } else { format!("\"{text}\"") }
     }
 
@@ -176,54 +179,50 @@ impl Search<'_> {
                 "A graph over many scans and many values.",
             ),
         ];
-        match is_text(self.cursor) || !self.behind().is_empty() {
+        match is_text(self.cursor) || !self.text_after().is_empty() {
             true => Vec::new(),
             false => files
                 .into_iter()
                 .enumerate()
                 .map(|(index, (label, insert, detail)): (usize, (&str, &str, &str))| Proposal {
                     detail: detail.to_owned(),
-                    ..self.proposal(label, insert.to_owned(), Sort::Keyword, index)
+                    ..self.proposal(label, insert.to_owned(), ProposalKind::Keyword, index)
                 })
                 .collect(),
         }
     }
 
-    fn fields(&self, fields: &[FieldOf]) -> Vec<Proposal> {
+    fn fields(&self, fields: &[FieldInfo]) -> Vec<Proposal> {
         if is_text(self.cursor) {
             return Vec::new();
         }
-        let given = self.cursor.frames.last().map_or(&[][..], |frame| &frame.given);
-        fn is_given(
-            field: &FieldOf,
-            given: &[maquette_syntax::Name],
-            cursor_typed_span: &Span,
-        ) -> bool {
-            given.iter().any(|name| name.text == field.name && name.span != *cursor_typed_span)
-        }
-        let left = fields
+        let given = self.cursor.frames.last().map_or(&[][..], |frame| &frame.names);
+        let other_names: Vec<_> =
+            given.iter().filter(|name| name.span != self.cursor.typed.span).collect();
+        let missing = fields
             .iter()
             .enumerate()
-            .filter(|(_, field)| !is_given(field, given, &self.cursor.typed.span));
-        left.map(|(index, field)| {
-            let insert = match self.behind().starts_with(':') {
-                true => field.name.clone(),
-                false => format!("{}: {}", field.name, opening(&field.slot)),
-            };
-            let rank = if field.required { index } else { 100 + index };
-            Proposal {
-                detail: field.takes.clone(),
-                doc: field.doc.clone(),
-                ..self.proposal(&field.name, insert, Sort::Field, rank)
-            }
-        })
-        .collect()
+            .filter(|(_, field)| other_names.iter().all(|name| name.text != field.name));
+        missing
+            .map(|(index, field)| {
+                let insert = match self.text_after().starts_with(':') {
+                    true => field.name.clone(),
+                    false => format!("{}: {}", field.name, opening(&field.slot)),
+                };
+                let rank = if field.required { index } else { 100 + index };
+                Proposal {
+                    detail: field.takes.clone(),
+                    doc: field.doc.clone(),
+                    ..self.proposal(&field.name, insert, ProposalKind::Field, rank)
+                }
+            })
+            .collect()
     }
 
-    /// Names with what is told of each.
-    fn named(&self, keys: Keys) -> Vec<(String, String)> {
-        let about = || self.library.about(self.scope);
-        fn named(all: &[Declared]) -> Vec<(String, String)> {
+    /// Returns the possible keys of a map, each with a description.
+    fn named_entries(&self, keys: Keys) -> Vec<(String, String)> {
+        let about = || self.library.target(self.scope);
+        fn entries(all: &[Declaration]) -> Vec<(String, String)> {
             all.iter().map(|it| (it.name.text.clone(), it.kind.clone())).collect::<Vec<_>>()
         }
         match keys {
@@ -236,19 +235,22 @@ impl Search<'_> {
                     .map(|entry| (entry.pack.to_owned(), String::new()));
                 Vec::from_iter(BTreeSet::from_iter(packs))
             }
-            Keys::Outputs => named(&self.scope.outputs),
-            Keys::AboutParams => about().map_or_else(Vec::new, |it| named(&it.scope.params)),
-            Keys::AboutNodes => about().map_or_else(Vec::new, |it| named(&it.scope.nodes)),
-            Keys::AboutInputs => about().map_or_else(Vec::new, |it| named(&it.scope.inputs)),
-            Keys::AboutOutputs => about().map_or_else(Vec::new, |it| named(&it.scope.outputs)),
-            Keys::AboutValues => about().map_or_else(Vec::new, |about| {
-                let mut known = named(&about.scope.params);
+            Keys::Outputs => entries(&self.scope.outputs),
+            Keys::TargetParams => about().map_or_else(Vec::new, |it| entries(&it.scope.params)),
+            Keys::TargetNodes => about().map_or_else(Vec::new, |it| entries(&it.scope.nodes)),
+            Keys::TargetInputs => about().map_or_else(Vec::new, |it| entries(&it.scope.inputs)),
+            Keys::TargetOutputs => about().map_or_else(Vec::new, |it| entries(&it.scope.outputs)),
+            Keys::TargetValues => about().map_or_else(Vec::new, |about| {
+                let mut known = entries(&about.scope.params);
                 for node in &about.scope.nodes {
-                    let Some(Slot::Group(fields)) = about.node(self.library, &node.name.text)
+                    let Some(ExpectedSyntax::Group(fields)) =
+                        about.node(self.library, &node.name.text)
                     else {
                         continue;
                     };
-                    let values = fields.iter().filter(|field| !matches!(field.slot, Slot::Link(_)));
+                    let values = fields
+                        .iter()
+                        .filter(|field| !matches!(field.slot, ExpectedSyntax::Link(_)));
                     known.extend(values.map(|field| {
                         (format!("{}.{}", node.name.text, field.name), field.takes.clone())
                     }));
@@ -259,68 +261,71 @@ impl Search<'_> {
     }
 
     fn keys(&self, keys: Keys) -> Vec<Proposal> {
-        let given = self.cursor.frames.last().map_or(&[][..], |frame| &frame.given);
-        let left = self.named(keys).into_iter().filter(|(name, _)| {
+        let given = self.cursor.frames.last().map_or(&[][..], |frame| &frame.names);
+        let left = self.named_entries(keys).into_iter().filter(|(name, _)| {
             !given.iter().any(|it| it.text == *name && it.span != self.cursor.typed.span)
         });
         left.enumerate()
             .map(|(index, (name, detail)): (usize, (String, String))| {
-                let quoted = self.quoted(&name);
-                let insert = if self.behind().trim_start_matches('"').starts_with(':')
+                let quoted = self.quote(&name);
+                let insert = if self.text_after().trim_start_matches('"').starts_with(':')
                     || is_text(self.cursor)
                 {
                     quoted
                 } else {
                     format!("{quoted}: $0")
                 };
-                Proposal { detail, ..self.proposal(&name, insert, Sort::Field, index) }
+                Proposal { detail, ..self.proposal(&name, insert, ProposalKind::Field, index) }
             })
             .collect()
     }
 
     fn names(&self, names: Keys) -> Vec<Proposal> {
-        self.named(names)
+        self.named_entries(names)
             .into_iter()
             .enumerate()
             .map(|(index, (name, detail)): (usize, (String, String))| Proposal {
                 detail,
-                ..self.proposal(&name, self.quoted(&name), Sort::Parameter, index)
+                ..self.proposal(&name, self.quote(&name), ProposalKind::Parameter, index)
             })
             .collect()
     }
 
-    fn values(&self, slot: &Slot) -> Vec<Proposal> {
+    fn values(&self, slot: &ExpectedSyntax) -> Vec<Proposal> {
         let is_text = is_text(self.cursor);
         let mut found = match slot {
-            Slot::Link(types) => self.links(types),
-            Slot::Expected => self.expected(),
-            Slot::Name(names) => self.names(*names),
-            Slot::Node if !is_text => self.nodes(),
-            Slot::NodeType => self.node_types(),
-            Slot::Input if !is_text => self.inputs(),
-            Slot::Parameter if !is_text => self.declarations(),
-            Slot::Use => self.files(&["ron".to_owned()]),
-            Slot::Path(endings) => self.files(endings),
-            Slot::ParameterName => self.parameter_names(),
-            Slot::Expression => self.expression(),
-            Slot::Property(kind) if !is_text => self.properties(kind),
-            Slot::Words(words) => self.words(words),
-            Slot::List(item) if !is_text => {
+            ExpectedSyntax::Link(types) => self.links(types),
+            ExpectedSyntax::Expected => self.expectation_proposals(),
+            ExpectedSyntax::Name(names) => self.names(*names),
+            ExpectedSyntax::Node if !is_text => self.nodes(),
+            ExpectedSyntax::NodeType => self.node_types(),
+            ExpectedSyntax::Input if !is_text => self.inputs(),
+            ExpectedSyntax::Parameter if !is_text => self.declarations(),
+            ExpectedSyntax::Use => self.files(&["ron".to_owned()]),
+            ExpectedSyntax::Path(endings) => self.files(endings),
+            ExpectedSyntax::ParameterName => self.parameter_names(),
+            ExpectedSyntax::Expression => self.expression(),
+            ExpectedSyntax::Property(kind) if !is_text => self.properties(kind),
+            ExpectedSyntax::Words(words) => self.words(words),
+            ExpectedSyntax::List(item) if !is_text => {
                 let mut inner = self.values(item);
-                inner.retain(|proposal| matches!(proposal.sort, Sort::Link));
+                inner.retain(|proposal| matches!(proposal.kind, ProposalKind::Link));
                 inner
             }
-            Slot::Value { schema, root } => self.described(schema, root),
+            ExpectedSyntax::Value { schema, root } => self.schema_proposals(schema, root),
             _ => Vec::new(),
         };
-        let takes_parameters = matches!(slot, Slot::Value { .. } | Slot::Path(_) | Slot::Words(_));
-        if takes_parameters && !is_text && !matches!(slot, Slot::Words(_)) {
-            found.extend(self.computed(slot));
+        let takes_parameters = matches!(
+            slot,
+            ExpectedSyntax::Value { .. } | ExpectedSyntax::Path(_) | ExpectedSyntax::Words(_)
+        );
+        if takes_parameters && !is_text && !matches!(slot, ExpectedSyntax::Words(_)) {
+            found.extend(self.computed_proposals(slot));
         }
         found
     }
 
-    /// Links to values of some types: what nobody needs yet first, then what stands near.
+    /// Proposes links to values of these types. Nodes that nothing uses yet come first, then the nearest nodes.
     fn links(&self, types: &[String]) -> Vec<Proposal> {
         let own = self.cursor.frames.get(1).and_then(|section| section.field.as_ref());
         let own = own.filter(|_| self.cursor.frames.len() > 2).map(|name| &name.text[..]);
@@ -346,20 +351,20 @@ impl Search<'_> {
                 let is_below = self.at < node.name.span.start;
                 let near = 1000 - index.min(999);
                 let rank = near + 1000 * usize::from(is_used) + 2000 * usize::from(is_below);
-                let quoted = self.quoted(&label);
+                let quoted = self.quote(&label);
                 let kinds = if gives.is_empty() { node.kind.clone() } else { gives.join(" or ") };
-                let proposal = self.proposal(&label, quoted, Sort::Link, rank);
+                let proposal = self.proposal(&label, quoted, ProposalKind::Link, rank);
                 found.push(Proposal { detail: format!("{kinds} of {}", node.kind), ..proposal });
             }
         }
         found
     }
 
-    /// All that stands in quotes, except for keys and what is being written.
+    /// Returns all strings in the text, except keys and the string at the cursor.
     fn texts(&self) -> BTreeSet<String> {
         let mut texts = BTreeSet::new();
-        each_word(self.text, |_, passed| match passed {
-            Passed::Word(word, TypedKind::Text) if word.span != self.cursor.typed.span => {
+        for_each_word(self.text, |_, passed| match passed {
+            WalkEvent::Word(word, TypedKind::Text) if word.span != self.cursor.typed.span => {
                 texts.insert(word.text.clone());
             }
             _ => {}
@@ -367,34 +372,28 @@ impl Search<'_> {
         texts
     }
 
-    /// The outputs of a node or an input, and the types of values that each gives; no types where nothing is known.
-    fn outputs(&self, node: &Declared) -> Vec<(String, Vec<String>)> {
-        let of = |kind: &str| {
-            let kind = self.library.kind(self.scope, kind)?;
-            Some(
-                kind.outputs
-                    .iter()
-                    .map(|(name, types)| {
-                        (name.clone(), types.iter().map(|&kind| kind.to_owned()).collect())
-                    })
-                    .collect(),
-            )
+    /// Returns the outputs of a node or an input, each with the possible types of its value. The list of types is empty if they are not
+    /// known.
+    fn outputs(&self, node: &Declaration) -> Vec<(String, Vec<String>)> {
+        if self.scope.inputs.iter().any(|input| std::ptr::eq(input, node)) {
+            return vec![(String::new(), vec![node.kind.clone()])];
+        }
+        let name = if node.kind == "ForEach" { &node.of } else { &node.kind };
+        let Some(kind) = self.library.kind(self.scope, name) else {
+            return vec![(String::new(), Vec::new())];
         };
-        let is_input = self.scope.inputs.iter().any(|input| std::ptr::eq(input, node));
-        let found = match &node.kind[..] {
-            kind if is_input => Some(vec![(String::new(), vec![kind.to_owned()])]),
-            "ForEach" => of(&node.of),
-            kind => of(kind),
-        };
-        found.unwrap_or_else(|| vec![(String::new(), Vec::new())])
+        let outputs = kind.outputs.iter().map(|(name, types)| {
+            (name.clone(), types.iter().map(|&kind| kind.to_owned()).collect())
+        });
+        outputs.collect()
     }
 
-    /// What an expectation may speak of: outputs, then links.
-    fn expected(&self) -> Vec<Proposal> {
+    /// Proposes subjects for an expectation: the outputs of the graph, then links.
+    fn expectation_proposals(&self) -> Vec<Proposal> {
         let scope_outputs = match &self.scope.file[..] {
             "Test" => self
                 .library
-                .about(self.scope)
+                .target(self.scope)
                 .map_or_else(Vec::new, |about| about.scope.outputs.clone()),
             _ => self.scope.outputs.clone(),
         };
@@ -405,8 +404,8 @@ impl Search<'_> {
                 detail: format!("output: {}", output.kind),
                 ..self.proposal(
                     &output.name.text,
-                    self.quoted(&output.name.text),
-                    Sort::Link,
+                    self.quote(&output.name.text),
+                    ProposalKind::Link,
                     index,
                 )
             })
@@ -416,12 +415,15 @@ impl Search<'_> {
     }
 }
 
-/// What is written behind the name of a field before its value is known.
-fn opening(slot: &Slot) -> &'static str {
+/// Returns the text to insert after the name of a field, such as an opening bracket.
+fn opening(slot: &ExpectedSyntax) -> &'static str {
     match slot {
-        Slot::Link(_) | Slot::Path(_) | Slot::NodeType | Slot::Expected => "\"$0\"",
-        Slot::List(_) => "[$0]",
-        Slot::Map(..) => "{$0}",
+        ExpectedSyntax::Link(_)
+        | ExpectedSyntax::Path(_)
+        | ExpectedSyntax::NodeType
+        | ExpectedSyntax::Expected => "\"$0\"",
+        ExpectedSyntax::List(_) => "[$0]",
+        ExpectedSyntax::Map(..) => "{$0}",
         _ => "$0",
     }
 }

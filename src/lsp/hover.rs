@@ -1,22 +1,22 @@
-//! What is said of the word under the pointer.
+//! Hover: documentation of the word at a position.
 
 use maquette_syntax::error::Span;
 use maquette_syntax::{Cursor, TypedKind, cursor, unit_names, variants};
 use serde_json::Value as Json;
 
-use super::last::Last;
+use super::expected_syntax::{BracketContent, ExpectedSyntax, SyntaxResolver, fields_of};
+use super::last_run::LastRun;
 use super::library::{Library, NodeKind};
-use super::scope::{Declared, Scope};
-use super::slot::{Inside, Slot, Slots, fields_of};
+use super::scope::{Declaration, Scope};
 
-/// What is said of a place, as Markdown, and of which part of the text.
+/// Returns the documentation of the word at a position as Markdown, and the span of the word.
 pub(super) fn hover(
     library: &Library<'_>,
     text: &str,
     at: usize,
-    last: &Last,
+    last: &LastRun,
 ) -> Option<(Span, String)> {
-    // Behind the whole word, so that all of it is what has been typed.
+    // The cursor is assumed at the end of the word, because only the text before a cursor counts as typed.
     let whole = cursor(text, at).typed;
     if matches!(whole.kind, TypedKind::Nothing | TypedKind::Comment)
         || whole.span.start == whole.span.end
@@ -24,12 +24,12 @@ pub(super) fn hover(
         return None;
     }
     let cursor = cursor(text, whole.span.end);
-    let scope = Scope::of(text);
-    let (inside, slot) = Slots { library, scope: &scope }.at(&cursor.frames);
+    let scope = Scope::parse(text);
+    let (inside, slot) = SyntaxResolver { library, scope: &scope }.resolve(&cursor.frames);
     let word = &text[whole.span.start..whole.span.end];
-    let told =
+    let hover =
         Hover { library, scope: &scope, cursor: &cursor, last, word, at: at - whole.span.start };
-    let words = told.of(&inside, &slot)?;
+    let words = hover.describe(&inside, &slot)?;
     Some((whole.span, words))
 }
 
@@ -37,21 +37,21 @@ struct Hover<'a> {
     library: &'a Library<'a>,
     scope: &'a Scope,
     cursor: &'a Cursor,
-    last: &'a Last,
+    last: &'a LastRun,
     word: &'a str,
-    /// The place in the word.
+    /// The byte offset of the position in the word.
     at: usize,
 }
 
 impl Hover<'_> {
-    fn of(&self, inside: &Inside, slot: &Slot) -> Option<String> {
+    fn describe(&self, inside: &BracketContent, slot: &ExpectedSyntax) -> Option<String> {
         let frame = self.cursor.frames.last();
         let is_name = frame.is_some_and(|frame| {
             frame.field.is_none()
                 || frame.field.as_ref().is_some_and(|it| it.span == self.cursor.typed.span)
         });
         match inside {
-            Inside::Fields(owner, fields) if is_name => {
+            BracketContent::Fields(owner, fields) if is_name => {
                 let field = fields.iter().find(|field| field.name == self.word)?;
                 let head = match field.takes.is_empty() {
                     true => format!("**{}** of {owner}", field.name),
@@ -59,12 +59,12 @@ impl Hover<'_> {
                 };
                 Some(paragraphs([head, field.doc.clone()]))
             }
-            Inside::Entries(_) if is_name => self.key(),
+            BracketContent::Entries(_) if is_name => self.key(),
             _ => self.value(slot),
         }
     }
 
-    /// A name of the author's.
+    /// Describes a name that the author of the file has chosen.
     fn key(&self) -> Option<String> {
         let section = self.cursor.frames.get(1).filter(|_| self.cursor.frames.len() == 2);
         section?;
@@ -76,19 +76,19 @@ impl Hover<'_> {
         }
     }
 
-    fn value(&self, slot: &Slot) -> Option<String> {
+    fn value(&self, slot: &ExpectedSyntax) -> Option<String> {
         match (slot, self.cursor.typed.kind) {
-            (Slot::Link(_) | Slot::Expected, TypedKind::Text) => {
+            (ExpectedSyntax::Link(_) | ExpectedSyntax::Expected, TypedKind::Text) => {
                 let output = self.scope.outputs.iter().find(|output| output.name.text == self.word);
                 match (slot, output) {
-                    (Slot::Expected, Some(output)) => {
+                    (ExpectedSyntax::Expected, Some(output)) => {
                         Some(format!("output **{}**: `{}`", self.word, output.kind))
                     }
                     _ => self.link(self.word),
                 }
             }
-            (Slot::ParameterName, TypedKind::Text) => self.parameter(self.word),
-            (Slot::Expression, TypedKind::Text) => {
+            (ExpectedSyntax::ParameterName, TypedKind::Text) => self.parameter(self.word),
+            (ExpectedSyntax::Expression, TypedKind::Text) => {
                 fn is_part(c: char) -> bool {
                     c.is_ascii_alphanumeric() || c == '-' || c == '_'
                 }
@@ -97,31 +97,33 @@ impl Hover<'_> {
                 let name = &rest[..rest.find(|c| !is_part(c)).unwrap_or(rest.len())];
                 self.parameter(name).or_else(|| of_language("Expr", name))
             }
-            (Slot::NodeType, TypedKind::Text) | (Slot::Node, TypedKind::Word) => {
+            (ExpectedSyntax::NodeType, TypedKind::Text)
+            | (ExpectedSyntax::Node, TypedKind::Word) => {
                 self.kind(self.word).or_else(|| of_language("nodes", self.word))
             }
-            (Slot::Use | Slot::Path(_), TypedKind::Text) => {
-                let path = self.library.resolved(self.word);
+            (ExpectedSyntax::Use | ExpectedSyntax::Path(_), TypedKind::Text) => {
+                let path = self.library.resolve(self.word);
                 let found = std::fs::metadata(&path).ok();
-                let size =
-                    found.map_or("it is not there".to_owned(), |it| format!("{} bytes", it.len()));
+                let size = found.map_or("the file does not exist".to_owned(), |it| {
+                    format!("{} bytes", it.len())
+                });
                 Some(format!("`{}`: {size}", path.display()))
             }
-            (Slot::Parameter | Slot::Input, TypedKind::Word) => of_language(
-                if matches!(slot, Slot::Input) { "inputs" } else { "params" },
+            (ExpectedSyntax::Parameter | ExpectedSyntax::Input, TypedKind::Word) => of_language(
+                if matches!(slot, ExpectedSyntax::Input) { "inputs" } else { "params" },
                 self.word,
             ),
-            (Slot::Value { schema, root }, TypedKind::Word) => self.choice(schema, root),
+            (ExpectedSyntax::Value { schema, root }, TypedKind::Word) => self.choice(schema, root),
             (_, TypedKind::Word) => of_language("", self.word),
             _ => None,
         }
     }
 
-    /// A choice, a unit or a word of the language in the place of a value.
+    /// Describes a word that is a value: an enum variant, a unit or a keyword.
     fn choice(&self, schema: &Json, root: &Json) -> Option<String> {
         if unit_names().any(|unit| unit == self.word) {
             return Some(format!(
-                "**{}**: a number in this unit; `maquette help units` tells more",
+                "**{}**: a number in this unit; `maquette help units` explains more",
                 self.word
             ));
         }
@@ -129,7 +131,8 @@ impl Hover<'_> {
         let Some(place) = place else { return of_language("", self.word) };
         let doc =
             schema["oneOf"].as_array().and_then(|all| all.get(place)?["description"].as_str());
-        let takes = variants(schema)[place].1.map(|content| super::slot::takes(content, root));
+        let takes =
+            variants(schema)[place].1.map(|content| super::expected_syntax::takes(content, root));
         let head = match takes {
             Some(takes) => format!(
                 "**{}**{}",
@@ -154,25 +157,25 @@ impl Hover<'_> {
         let promised =
             if promised.is_empty() { String::new() } else { format!("promised: {promised}") };
         let head = format!("**{link}**: `{gives}` of {}", declared.kind);
-        Some(paragraphs([head, promised, self.last.in_words(link)]))
+        Some(paragraphs([head, promised, self.last.describe(link)]))
     }
 
     fn node(&self, name: &str) -> Option<String> {
         let declared = self.scope.node(name)?;
-        let told = match self.kind_of(declared) {
+        let description = match self.kind_of(declared) {
             Some(kind) => first_paragraph(kind.schema["description"].as_str().unwrap_or_default()),
             None => String::new(),
         };
         let head = format!("**{name}**: {}", declared.kind);
-        Some(paragraphs([head, told, self.last.in_words(name)]))
+        Some(paragraphs([head, description, self.last.describe(name)]))
     }
 
-    fn kind_of(&self, declared: &Declared) -> Option<std::rc::Rc<NodeKind>> {
+    fn kind_of(&self, declared: &Declaration) -> Option<std::rc::Rc<NodeKind>> {
         let name = if declared.kind == "ForEach" { &declared.of } else { &declared.kind };
         self.library.kind(self.scope, name)
     }
 
-    /// A type of nodes: what it is for, what it takes, what it gives.
+    /// Describes a node type: its purpose, ports, parameters and outputs.
     fn kind(&self, name: &str) -> Option<String> {
         let kind = self.library.kind(self.scope, name)?;
         let fields = fields_of(&kind.schema, &kind.schema);
@@ -185,7 +188,7 @@ impl Hover<'_> {
             .collect::<String>();
         let gives =
             kind.outputs.iter().map(|(name, types)| format!("{name}: {}", types.join(" or ")));
-        let gives = Vec::from_iter(gives).join(", ");
+        let gives = gives.collect::<Vec<_>>().join(", ");
         let from = match &kind.file {
             Some(_) => format!("graph `{}`", kind.from),
             None => format!("pack {}", kind.from),
@@ -205,10 +208,10 @@ impl Hover<'_> {
     }
 }
 
-/// What the language's documentation says of a word.
+/// Returns the documentation of a keyword; `within` is the call or field that contains it.
 fn of_language(within: &str, word: &str) -> Option<String> {
-    let told = Library::word(within, word);
-    (!told.is_empty()).then(|| format!("**{word}**\n\n{told}"))
+    let doc = Library::word(within, word);
+    (!doc.is_empty()).then(|| format!("**{word}**\n\n{doc}"))
 }
 
 fn first_paragraph(text: &str) -> String {

@@ -1,16 +1,17 @@
-//! The language server, and the language documented.
+//! The language server, and the manual of the graph language.
 //!
-//! `place` translates between an editor's columns and URIs and places in a text; `scope` and `slot` say what a text declares and what may stand at a place of it, by schemas and the
-//! language's words; `project` finds names through all files; `checker` is the thread that publishes problems. [`language`] has one text a
-//! topic, for `maquette help` and `docs/language.md`.
+//! `position` converts the columns and URIs of the editor to byte offsets and paths, and back. `scope` finds the names that a text
+//! declares, and `expected_syntax` determines what may be written at a position. `project` finds names in all files. `checker` is the
+//! thread that publishes diagnostics. [`manual`] has one text per topic, for `maquette help` and `docs/language.md`.
 //!
-//! `transport` reads and writes messages; `process` and `watcher` look at the editor's process and at files.
+//! `transport` reads and writes messages; `process` monitors the process of the editor, and `watcher` the files of documents.
 //!
-//! Begin reading in `server.rs`, then `answers.rs`. Only this crate knows the protocol of editors; what it changes, `maquette-edit` does.
+//! Read `server.rs` first, then `answers.rs`. The Language Server Protocol is used only in this crate; edits are computed by
+//! `maquette-edit`.
 
 #![allow(missing_docs, reason = "what others may use is documented where `maquette` hands it on")]
 
-pub mod language;
+pub mod manual;
 
 mod actions;
 mod answers;
@@ -18,13 +19,14 @@ mod capabilities;
 mod checker;
 mod commands;
 mod completion;
+mod expected_syntax;
 mod hover;
-mod last;
+mod last_run;
 mod library;
 mod missing;
 mod outline;
 mod params;
-mod place;
+mod position;
 mod process;
 mod project;
 mod refactor;
@@ -32,17 +34,17 @@ mod scope;
 mod selection;
 mod server;
 mod signature;
-mod slot;
 mod symbols;
 mod transport;
 mod watcher;
 
 pub use commands::PARENT;
-use params::Refused;
+use params::RequestError;
 #[cfg(unix)]
 pub use process::has_ended;
 pub use server::{
-    Choices, Client, Document, FRESH, Server, Subject, is_in_project, is_new, is_ours,
+    ClientCapabilities, Document, LOOKUP_INTERVAL, Server, Settings, Subject, is_in_project,
+    is_new, is_ours,
 };
 pub use server::{Setup, serve};
 pub use transport::{Threads, stdio};

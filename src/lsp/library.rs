@@ -1,4 +1,4 @@
-//! What a file may name that stands elsewhere: types of nodes, graphs that it uses or is about, words of the language.
+//! The definitions to which a file may refer: node types, the graphs that it uses, patches or tests, and keywords.
 
 use std::cell::RefCell;
 use std::collections::HashMap;
@@ -9,45 +9,45 @@ use std::sync::OnceLock;
 use maquette_golden as golden;
 use maquette_graph::catalog::Catalog;
 use maquette_graph::{Expectation, Graph, Options, Word, words};
-use maquette_syntax::inside;
 use maquette_syntax::paths::without_dots;
+use maquette_syntax::resolve_field;
 use serde_json::{Value as Json, json};
 
+use super::expected_syntax::{ExpectedSyntax, FieldInfo, Keys, fields_of, slot_of};
 use super::scope::Scope;
-use super::slot::{FieldOf, Keys, Slot, fields_of, slot_of};
-use crate::language::TOPICS;
+use crate::manual::TOPICS;
 
-/// A type of nodes: built in, or a graph.
+/// A node type: built in, or a graph that the file uses.
 pub(super) struct NodeKind {
-    /// Inputs and parameters.
+    /// The schema of the inputs and parameters.
     pub(super) schema: Rc<Json>,
-    /// Names, and the types of values that each may give.
+    /// The names of the outputs, each with the possible types of its value.
     pub(super) outputs: Vec<(String, Vec<&'static str>)>,
     pub(super) promises: Vec<(String, String)>,
-    /// How equal its results are on all machines, in words.
+    /// A description of how reproducible the results are.
     pub(super) exactness: String,
-    /// The pack that has it, or the file of the graph as it is written.
+    /// The pack of the node, or the path of the used graph as written in the file.
     pub(super) from: String,
-    /// The file of the graph.
+    /// The file of the used graph; `None` for a built-in node.
     pub(super) file: Option<PathBuf>,
 }
 
-/// A graph that a patch or a test is about.
-pub(super) struct About {
+/// The graph that a patch or test refers to.
+pub(super) struct TargetGraph {
     path: PathBuf,
     pub(super) scope: Scope,
-    /// Inputs and parameters; none if the graph has problems.
+    /// The schema of the inputs and parameters; `None` if the graph has errors.
     schema: Option<Rc<Json>>,
 }
 
-/// What one file may name.
+/// The definitions to which one file may refer.
 pub(super) struct Library<'a> {
     pub(super) catalog: &'a Catalog,
-    /// The file.
+    /// The path of the file.
     pub(super) path: &'a Path,
     pub(super) options: &'a Options,
     kinds: RefCell<HashMap<String, Option<Rc<NodeKind>>>>,
-    about: RefCell<Option<Option<Rc<About>>>>,
+    about: RefCell<Option<Option<Rc<TargetGraph>>>>,
 }
 
 impl<'a> Library<'a> {
@@ -55,17 +55,17 @@ impl<'a> Library<'a> {
         Self { catalog, path, options, kinds: RefCell::default(), about: RefCell::default() }
     }
 
-    /// The path of a file that is named in this one.
-    pub(super) fn resolved(&self, given: &str) -> PathBuf {
-        beside(self.path, given)
+    /// Resolves a path relative to this file.
+    pub(super) fn resolve(&self, given: &str) -> PathBuf {
+        sibling_path(self.path, given)
     }
 
-    /// The type of nodes of this name.
+    /// Returns the node type with this name.
     pub(super) fn kind(&self, scope: &Scope, name: &str) -> Option<Rc<NodeKind>> {
         if let Some(known) = self.kinds.borrow().get(name) {
             return known.clone();
         }
-        let found = self.built_in(name).or_else(|| self.used(scope, name)).map(Rc::new);
+        let found = self.built_in(name).or_else(|| self.used_kind(scope, name)).map(Rc::new);
         self.kinds.borrow_mut().insert(name.to_owned(), found.clone());
         found
     }
@@ -76,31 +76,31 @@ impl<'a> Library<'a> {
             schema: Rc::new(described.schema.clone()),
             outputs: described.outputs,
             promises: described.promises,
-            exactness: described.exactness.in_words(),
+            exactness: described.exactness.describe(),
             from: described.pack.to_owned(),
             file: None,
         })
     }
 
-    fn used(&self, scope: &Scope, name: &str) -> Option<NodeKind> {
+    fn used_kind(&self, scope: &Scope, name: &str) -> Option<NodeKind> {
         let used = scope.uses.iter().find(|used| used.name.text == name)?;
-        let file = self.resolved(&used.kind);
+        let file = self.resolve(&used.kind);
         let (graphs, _) = Graph::subgraphs(&file, self.catalog, self.options);
-        // The graph itself is the first one, if it is one that can be used.
+        // If the graph can be used by others, its own node type is the first in the list.
         let graph = graphs.into_iter().next().filter(|graph| Path::new(&graph.file) == file)?;
         let described = graph.description();
         Some(NodeKind {
             schema: Rc::new(described.schema.clone()),
             outputs: described.outputs,
             promises: described.promises,
-            exactness: described.exactness.in_words(),
+            exactness: described.exactness.describe(),
             from: used.kind.clone(),
             file: Some(file),
         })
     }
 
-    /// The graph that a patch or a test is about; that of a patch of a patch is the first graph.
-    pub(super) fn about(&self, scope: &Scope) -> Option<Rc<About>> {
+    /// Returns the graph that a patch or test refers to. If it refers to a patch, the graph of that patch is returned.
+    pub(super) fn target(&self, scope: &Scope) -> Option<Rc<TargetGraph>> {
         if let Some(known) = &*self.about.borrow() {
             return known.clone();
         }
@@ -109,49 +109,52 @@ impl<'a> Library<'a> {
         found
     }
 
-    fn find_about(&self, scope: &Scope) -> Option<About> {
-        let mut path = self.resolved(&scope.about.as_ref()?.text);
+    fn find_about(&self, scope: &Scope) -> Option<TargetGraph> {
+        let mut path = self.resolve(&scope.target.as_ref()?.text);
         let schema = Graph::load(&path, self.catalog, self.options).graph;
         let schema = schema.map(|graph| Rc::new(graph.schema().clone()));
-        // Patches of patches, but not in a circle.
+        // Each step follows one patch; the limit of steps ends cycles.
         for _ in 0..16 {
-            let scope = Scope::of(&self.options.text(&path).ok()?);
-            match &scope.about {
+            let scope = Scope::parse(&self.options.text(&path).ok()?);
+            match &scope.target {
                 Some(next) if scope.file == "Patch" => {
-                    path = beside(&path, &next.text);
+                    path = sibling_path(&path, &next.text);
                 }
-                _ => return Some(About { path, scope, schema }),
+                _ => return Some(TargetGraph { path, scope, schema }),
             }
         }
         None
     }
 
-    /// What the language's documentation says of a word, in a sentence or two.
+    /// Returns the short documentation of a keyword; `within` is the call or field that contains it.
     pub(super) fn word(within: &str, name: &str) -> String {
         let topic = language().iter().filter(|word| word.name == name);
         let topic = topic.max_by_key(|word| word.within == within).map(|word| word.topic);
         let text = TOPICS.iter().find(|known| Some(known.name) == topic).map(|topic| topic.text);
         let Some(text) = text else { return String::new() };
         let starts = format!("- `{name}`");
-        let told = text.lines().position(|line| line.starts_with(&starts));
-        let told = told.map(|first| {
+        let doc = text.lines().position(|line| line.starts_with(&starts));
+        let doc = doc.map(|first| {
             let mut lines = text.lines().skip(first);
             let head = lines.next().unwrap_or_default().trim_start_matches("- ").to_owned();
             let rest = lines.take_while(|line| line.starts_with("  "));
-            rest.fold(head, |told, line| format!("{told} {}", line.trim()))
+            rest.fold(head, |doc, line| format!("{doc} {}", line.trim()))
         });
-        let more = topic.map(|topic| format!("`maquette help {topic}` tells more."));
-        told.into_iter().chain(more).collect::<Vec<_>>().join("\n\n")
+        let more = topic.map(|topic| format!("`maquette help {topic}` explains more."));
+        doc.into_iter().chain(more).collect::<Vec<_>>().join("\n\n")
     }
 
-    /// The words that the language has in a call or field.
+    /// Returns the keywords that may be used within a call or field.
     pub(super) fn words_in(within: &str) -> Vec<String> {
         let words = language().iter().filter(|word| word.within == within);
         words.map(|word| word.name.clone()).collect()
     }
 
-    fn fields(within: &str, slot: impl Fn(&str) -> (Slot, &'static str)) -> Rc<Vec<FieldOf>> {
-        let field = |name: String| {
+    fn fields(
+        within: &str,
+        slot: impl Fn(&str) -> (ExpectedSyntax, &'static str),
+    ) -> Rc<Vec<FieldInfo>> {
+        let fields = Self::words_in(within).into_iter().map(|name| {
             let (slot, takes) = slot(&name);
             let required = matches!(
                 (within, &name[..]),
@@ -162,35 +165,39 @@ impl<'a> Library<'a> {
                     | (_, "default")
             );
             let doc = Self::word(within, &name);
-            FieldOf { name, slot, required, takes: takes.to_owned(), doc }
-        };
-        Rc::new(Self::words_in(within).into_iter().map(field).collect())
+            FieldInfo { name, slot, required, takes: takes.to_owned(), doc }
+        });
+        Rc::new(fields.collect())
     }
 
-    /// The fields of a file that begins with this word.
-    pub(super) fn file_fields(&self, file: &str) -> Rc<Vec<FieldOf>> {
+    /// Returns the fields of a file whose first word is `file`.
+    pub(super) fn file_fields(&self, file: &str) -> Rc<Vec<FieldInfo>> {
         const MAP: &str = "a map: {\"name\": .., ..}";
-        let map = |keys, slot| (Slot::Map(keys, Rc::new(slot)), MAP);
-        let format = || (words_of([("1", "The version of the file format.")]), "1");
+        fn map(keys: Keys, slot: ExpectedSyntax) -> (ExpectedSyntax, &'static str) {
+            (ExpectedSyntax::Map(keys, Rc::new(slot)), MAP)
+        }
+        fn format() -> (ExpectedSyntax, &'static str) {
+            (words_of([("1", "The version of the file format.")]), "1")
+        }
         match file {
             "Graph" => Self::fields("Graph", |field| match field {
                 "format" => format(),
-                "packs" => map(Keys::Packs, Slot::Any),
-                "use" => map(Keys::Own, Slot::Use),
-                "inputs" => map(Keys::Own, Slot::Input),
-                "params" => map(Keys::Own, Slot::Parameter),
-                "nodes" => map(Keys::Own, Slot::Node),
-                "outputs" => map(Keys::Own, Slot::Link(Vec::new())),
-                "promises" => map(Keys::Outputs, Slot::Property(String::new())),
+                "packs" => map(Keys::Packs, ExpectedSyntax::Any),
+                "use" => map(Keys::Own, ExpectedSyntax::Use),
+                "inputs" => map(Keys::Own, ExpectedSyntax::Input),
+                "params" => map(Keys::Own, ExpectedSyntax::Parameter),
+                "nodes" => map(Keys::Own, ExpectedSyntax::Node),
+                "outputs" => map(Keys::Own, ExpectedSyntax::Link(Vec::new())),
+                "promises" => map(Keys::Outputs, ExpectedSyntax::Property(String::new())),
                 "expect" => (self.expectations(), "a list: [Closed(\"model.ply\"), ..]"),
-                _ => (Slot::Any, "a text"),
+                _ => (ExpectedSyntax::Any, "a text"),
             }),
             "Patch" => Self::fields("Patch", |field| match field {
                 "format" => format(),
-                "of" => (Slot::Path(vec!["ron".into()]), "the path of a graph"),
-                "params" => map(Keys::AboutParams, Slot::Any),
-                "nodes" => map(Keys::AboutNodes, Slot::Any),
-                _ => (Slot::Any, "a text"),
+                "of" => (ExpectedSyntax::Path(vec!["ron".into()]), "the path of a graph"),
+                "params" => map(Keys::TargetParams, ExpectedSyntax::Any),
+                "nodes" => map(Keys::TargetNodes, ExpectedSyntax::Any),
+                _ => (ExpectedSyntax::Any, "a text"),
             }),
             "Test" => {
                 let root = Rc::new(golden::test_schema());
@@ -198,18 +205,21 @@ impl<'a> Library<'a> {
                 if let Some(fields) = Rc::get_mut(&mut fields) {
                     for field in fields {
                         match &field.name[..] {
-                            "graph" => field.slot = Slot::Path(vec!["ron".into()]),
+                            "graph" => field.slot = ExpectedSyntax::Path(vec!["ron".into()]),
                             "cases" => {
-                                field.slot = Slot::Map(Keys::Own, Rc::new(Self::case(&root)));
+                                field.slot =
+                                    ExpectedSyntax::Map(Keys::Own, Rc::new(Self::case(&root)));
                             }
                             "expect" => field.slot = self.expectations(),
                             "compare" => {
                                 let tolerance =
                                     &root["properties"]["compare"]["additionalProperties"];
-                                let tolerance = inside(tolerance, &root);
+                                let tolerance = resolve_field(tolerance, &root);
                                 let fields = fields_of(&tolerance, &root);
-                                field.slot =
-                                    Slot::Map(Keys::AboutOutputs, Rc::new(Slot::Group(fields)));
+                                field.slot = ExpectedSyntax::Map(
+                                    Keys::TargetOutputs,
+                                    Rc::new(ExpectedSyntax::Group(fields)),
+                                );
                             }
                             _ => {}
                         }
@@ -223,7 +233,7 @@ impl<'a> Library<'a> {
                 let graph =
                     Rc::get_mut(&mut fields).into_iter().flat_map(|fields| fields.iter_mut());
                 for field in graph.filter(|field| field.name == "graph") {
-                    field.slot = Slot::Path(vec!["ron".into()]);
+                    field.slot = ExpectedSyntax::Path(vec!["ron".into()]);
                 }
                 fields
             }
@@ -231,24 +241,30 @@ impl<'a> Library<'a> {
         }
     }
 
-    /// A case of a test.
-    fn case(root: &Rc<Json>) -> Slot {
+    /// Returns the syntax of a test case.
+    fn case(root: &Rc<Json>) -> ExpectedSyntax {
         let case = &root["properties"]["cases"]["additionalProperties"];
-        let mut fields = fields_of(&inside(case, root), root);
+        let mut fields = fields_of(&resolve_field(case, root), root);
         for field in Rc::get_mut(&mut fields).into_iter().flatten() {
             match &field.name[..] {
-                "set" => field.slot = Slot::Map(Keys::AboutValues, Rc::new(Slot::Any)),
+                "set" => {
+                    field.slot =
+                        ExpectedSyntax::Map(Keys::TargetValues, Rc::new(ExpectedSyntax::Any));
+                }
                 "inputs" => {
-                    field.slot = Slot::Map(Keys::AboutInputs, Rc::new(Slot::Path(Vec::new())));
+                    field.slot = ExpectedSyntax::Map(
+                        Keys::TargetInputs,
+                        Rc::new(ExpectedSyntax::Path(Vec::new())),
+                    );
                 }
                 _ => {}
             }
         }
-        Slot::Group(fields)
+        ExpectedSyntax::Group(fields)
     }
 
-    /// A list of expectations. What they speak of is an output or a link.
-    fn expectations(&self) -> Slot {
+    /// Returns the syntax of a list of expectations. Their subjects are outputs or links.
+    fn expectations(&self) -> ExpectedSyntax {
         let mut schema =
             serde_json::to_value(schemars::schema_for!(Expectation)).unwrap_or_default();
         let value = json!({ "type": "string", "format": "expected" });
@@ -268,26 +284,27 @@ impl<'a> Library<'a> {
             }
         }
         let root = Rc::new(schema);
-        Slot::List(Rc::new(Slot::Value { schema: root.clone(), root }))
+        ExpectedSyntax::List(Rc::new(ExpectedSyntax::Value { schema: root.clone(), root }))
     }
 
-    /// The fields of an input's declaration.
-    pub(super) fn input_fields(&self, kind: &str) -> Rc<Vec<FieldOf>> {
+    /// Returns the fields in the declaration of an input of this type.
+    pub(super) fn input_fields(&self, kind: &str) -> Rc<Vec<FieldInfo>> {
         Self::fields("inputs", |field| match field {
-            "wants" => {
-                (Slot::List(Rc::new(Slot::Property(kind.to_owned()))), "properties: [Closed, ..]")
-            }
-            _ => (Slot::Any, "a text"),
+            "wants" => (
+                ExpectedSyntax::List(Rc::new(ExpectedSyntax::Property(kind.to_owned()))),
+                "properties: [Closed, ..]",
+            ),
+            _ => (ExpectedSyntax::Any, "a text"),
         })
     }
 
-    pub(super) fn declaration_fields(&self, kind: &str) -> Rc<Vec<FieldOf>> {
+    pub(super) fn declaration_fields(&self, kind: &str) -> Rc<Vec<FieldInfo>> {
         fn number() -> Rc<Json> {
             Rc::new(json!({ "type": "number" }))
         }
         Self::fields(kind, |field| match (kind, field) {
-            (_, "doc") => (Slot::Any, "a text"),
-            (_, "of") => (Slot::Any, "words: [Left, Right]"),
+            (_, "doc") => (ExpectedSyntax::Any, "a text"),
+            (_, "of") => (ExpectedSyntax::Any, "words: [Left, Right]"),
             (_, "unit") => (units(), "the name of a unit"),
             ("Toggle", _) => (words_of([("true", ""), ("false", "")]), "true or false"),
             ("Color", _) => {
@@ -295,67 +312,72 @@ impl<'a> Library<'a> {
                 (slot_of(&color, &color), "a color: \"#c33923\"")
             }
             ("Number" | "Integer", _) => (slot_of(&number(), &number()), "a number"),
-            _ => (Slot::Any, "a value"),
+            _ => (ExpectedSyntax::Any, "a value"),
         })
     }
 
-    pub(super) fn use_fields(&self) -> Rc<Vec<FieldOf>> {
-        Rc::new(vec![FieldOf {
+    pub(super) fn use_fields(&self) -> Rc<Vec<FieldInfo>> {
+        Rc::new(vec![FieldInfo {
             name: "version".into(),
-            slot: Slot::Any,
+            slot: ExpectedSyntax::Any,
             required: false,
             takes: "a text".into(),
-            doc: "The version that is wanted, as in \"2.1\".".into(),
+            doc: "The required version, as in \"2.1\".".into(),
         }])
     }
 
-    /// The fields of a `ForEach` whose nodes are of this type.
-    pub(super) fn each_fields(&self, kind: Option<Rc<NodeKind>>) -> Rc<Vec<FieldOf>> {
+    /// Returns the fields of a `ForEach` whose nodes have this type.
+    pub(super) fn each_fields(&self, kind: Option<Rc<NodeKind>>) -> Rc<Vec<FieldInfo>> {
         let own = kind.map_or_else(Rc::default, |kind| fields_of(&kind.schema, &kind.schema));
-        fn named(is_wanted: fn(&FieldOf) -> bool, own: &Rc<Vec<FieldOf>>) -> Slot {
+        fn field_slot(
+            is_wanted: fn(&FieldInfo) -> bool,
+            own: &Rc<Vec<FieldInfo>>,
+        ) -> ExpectedSyntax {
             let fields = own.iter().filter(|field| is_wanted(field));
             words_of(fields.map(|field| (&field.name[..], &field.doc[..])))
         }
         Self::fields("ForEach", |field| match field {
-            "graph" => (Slot::NodeType, "the name of a node type"),
-            "over" => (Slot::Over(own.clone()), "a list `[(rank: 1), ..]`, a link, or a number"),
-            "with" | "carry" | "links" => {
-                (Slot::Group(own.clone()), "fields: `(field: value, ..)`")
+            "graph" => (ExpectedSyntax::NodeType, "the name of a node type"),
+            "over" => {
+                (ExpectedSyntax::Over(own.clone()), "a list `[(rank: 1), ..]`, a link, or a number")
             }
-            "each" => (named(is_port, &own), "the name of an input"),
-            "number" => (named(|field| !is_port(field), &own), "the name of a parameter"),
-            _ => (Slot::Any, "a number of elements"),
+            "with" | "carry" | "links" => {
+                (ExpectedSyntax::Group(own.clone()), "fields: `(field: value, ..)`")
+            }
+            "each" => (field_slot(is_port, &own), "the name of an input"),
+            "number" => (field_slot(|field| !is_port(field), &own), "the name of a parameter"),
+            _ => (ExpectedSyntax::Any, "a number of elements"),
         })
     }
 
-    pub(super) fn switch_fields(&self) -> Rc<Vec<FieldOf>> {
+    pub(super) fn switch_fields(&self) -> Rc<Vec<FieldInfo>> {
         Self::fields("Switch", |field| match field {
             "cases" => (
-                Slot::Map(Keys::Own, Rc::new(Slot::Link(Vec::new()))),
+                ExpectedSyntax::Map(Keys::Own, Rc::new(ExpectedSyntax::Link(Vec::new()))),
                 "a map: {\"name\": \"node\", ..}",
             ),
-            _ => (Slot::Any, "a word: Param(\"choice\")"),
+            _ => (ExpectedSyntax::Any, "a word: Param(\"choice\")"),
         })
     }
 }
 
-/// The path of a file that another one names.
-fn beside(path: &Path, given: &str) -> PathBuf {
+/// Resolves a path relative to the folder that contains the file `path`.
+fn sibling_path(path: &Path, given: &str) -> PathBuf {
     without_dots(&path.with_file_name("").join(given))
 }
 
-/// All words of the language.
+/// Returns all keywords.
 fn language() -> &'static [Word] {
     static WORDS: OnceLock<Vec<Word>> = OnceLock::new();
     WORDS.get_or_init(|| words().into_iter().chain(golden::words()).collect())
 }
 
-fn is_port(field: &FieldOf) -> bool {
-    matches!(field.slot, Slot::Link(_) | Slot::List(_))
+fn is_port(field: &FieldInfo) -> bool {
+    matches!(field.slot, ExpectedSyntax::Link(_) | ExpectedSyntax::List(_))
 }
 
-fn words_of<'w>(words: impl IntoIterator<Item = (&'w str, &'w str)>) -> Slot {
-    Slot::Words(Rc::new(
+fn words_of<'w>(words: impl IntoIterator<Item = (&'w str, &'w str)>) -> ExpectedSyntax {
+    ExpectedSyntax::Words(Rc::new(
         words
             .into_iter()
             .map(|(word, doc): (&str, &str)| (word.to_owned(), doc.to_owned()))
@@ -363,29 +385,31 @@ fn words_of<'w>(words: impl IntoIterator<Item = (&'w str, &'w str)>) -> Slot {
     ))
 }
 
-fn units() -> Slot {
+fn units() -> ExpectedSyntax {
     words_of(maquette_syntax::unit_names().map(|unit| (unit, "")))
 }
 
-impl About {
-    /// The value of one of its parameters.
-    pub(super) fn parameter(&self, name: &str) -> Option<Slot> {
+impl TargetGraph {
+    /// Returns the kind of value that a parameter of the target graph has.
+    pub(super) fn parameter(&self, name: &str) -> Option<ExpectedSyntax> {
         let schema = self.schema.as_ref()?;
         let field = schema.get("properties")?.get(name)?;
         Some(slot_of(field, schema))
     }
 
-    /// The fields of one of its nodes.
-    pub(super) fn node(&self, library: &Library<'_>, name: &str) -> Option<Slot> {
+    /// Returns the fields of a node in the target graph.
+    pub(super) fn node(&self, library: &Library<'_>, name: &str) -> Option<ExpectedSyntax> {
         let node = self.scope.node(name)?;
         let inner = Library::new(library.catalog, &self.path, library.options);
         let kind = match &node.kind[..] {
             "ForEach" => {
-                return Some(Slot::Group(inner.each_fields(inner.kind(&self.scope, &node.of))));
+                return Some(ExpectedSyntax::Group(
+                    inner.each_fields(inner.kind(&self.scope, &node.of)),
+                ));
             }
-            "Switch" => return Some(Slot::Group(inner.switch_fields())),
+            "Switch" => return Some(ExpectedSyntax::Group(inner.switch_fields())),
             kind => inner.kind(&self.scope, kind)?,
         };
-        Some(Slot::Group(fields_of(&kind.schema, &kind.schema)))
+        Some(ExpectedSyntax::Group(fields_of(&kind.schema, &kind.schema)))
     }
 }

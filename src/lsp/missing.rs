@@ -1,24 +1,25 @@
-//! Fields that a call needs and does not have, as what may be written there.
+//! Quick fixes that add missing required fields.
 
 use maquette_syntax::cursor;
-use maquette_syntax::error::{Problem, Span, code};
+use maquette_syntax::error::{Diagnostic, Span, code};
 
-use super::completion::{Sort, proposals};
+use super::completion::{ProposalKind, proposals};
+use super::expected_syntax::{BracketContent, ExpectedSyntax, SyntaxResolver};
 use super::library::Library;
 use super::scope::Scope;
-use super::slot::{Inside, Slot, Slots};
 
-/// So many values are offered for a field,
-const MOST: usize = 5;
+/// The maximum number of values that are offered for one field.
+const MAX_OFFERED: usize = 5;
 
-/// of so many that are tried.
-const MOST_TRIED: usize = 20;
+/// The maximum number of values that are tried for one field.
+const MAX_TRIED: usize = 20;
 
-/// The ways to add the field that a problem says is missing: texts that are put into one place, the likeliest first, of which each is right.
-/// A port without anything to link gets an empty link, which completion fills.
+/// Returns the texts that add the field which a diagnostic reports as missing. All are inserted at one position, the most likely is first,
+/// and `is_right` accepts the file with each of them. If nothing can be linked to a missing port, the port gets an empty link, which the
+/// user can complete.
 pub(super) fn additions(
     library: &Library<'_>,
-    problem: &Problem,
+    problem: &Diagnostic,
     is_right: impl Fn(&str) -> bool,
 ) -> Option<(Span, Vec<String>)> {
     let text = &problem.source.text[..];
@@ -27,43 +28,46 @@ pub(super) fn additions(
     if problem.code != code::MISSING_FIELD {
         return None;
     }
-    let scope = Scope::of(text);
+    let scope = Scope::parse(text);
     let frames = cursor(text, open).frames;
-    let given = &frames.last()?.given;
-    let (inside, _) = Slots { library, scope: &scope }.at(&frames);
-    let Inside::Fields(_, fields) = inside else { return None };
+    let given = &frames.last()?.names;
+    let (inside, _) = SyntaxResolver { library, scope: &scope }.resolve(&frames);
+    let BracketContent::Fields(_, fields) = inside else { return None };
     let field = fields.iter().find(|field| {
         let is_named = problem.message.contains(&format!("`{}`", field.name));
         field.required && is_named && given.iter().all(|name| name.text != field.name)
     })?;
     let is_first = text[open..].trim_start().starts_with(')');
     let end = if is_first { "" } else { ", " };
-    fn whole(value: &str, end: &str, name: &str) -> String {
+    fn field_text(value: &str, end: &str, name: &str) -> String {
         format!("{name}: {value}{end}")
     }
     let (before, behind) = match &field.slot {
-        Slot::Link(_) => ("\"", "\""),
-        Slot::List(item) if matches!(**item, Slot::Link(_)) => ("[\"", "\"]"),
+        ExpectedSyntax::Link(_) => ("\"", "\""),
+        ExpectedSyntax::List(item) if matches!(**item, ExpectedSyntax::Link(_)) => ("[\"", "\"]"),
         _ => ("", ""),
     };
-    // What completion proposes there.
+    // The values to try are the proposals of completion at this position.
     let start = format!("{}{}: {before}", &text[..open], field.name);
     let with_field = format!("{start}{behind}{end}{}", &text[open..]);
     let found = proposals(library, &with_field, start.len()).list.into_iter();
-    fn is_value(sort: Sort) -> bool {
-        matches!(sort, Sort::Link | Sort::Choice | Sort::Value | Sort::File)
+    fn is_value(sort: ProposalKind) -> bool {
+        matches!(
+            sort,
+            ProposalKind::Link | ProposalKind::Choice | ProposalKind::Value | ProposalKind::File
+        )
     }
-    let found = found.filter(|it| is_value(it.sort) && !it.insert.contains("$0)"));
+    let found = found.filter(|it| is_value(it.kind) && !it.insert.contains("$0)"));
     let texts = found.map(|it| {
-        whole(&format!("{before}{}{behind}", it.insert.replace("$0", "")), end, &field.name)
+        field_text(&format!("{before}{}{behind}", it.insert.replace("$0", "")), end, &field.name)
     });
     let mut texts: Vec<_> = texts
-        .take(MOST_TRIED)
+        .take(MAX_TRIED)
         .filter(|new| is_right(&format!("{}{new}{}", &text[..open], &text[open..])))
-        .take(MOST)
+        .take(MAX_OFFERED)
         .collect();
     if texts.is_empty() && !before.is_empty() {
-        texts.push(whole(&format!("{before}{behind}"), end, &field.name));
+        texts.push(field_text(&format!("{before}{behind}"), end, &field.name));
     }
     (!texts.is_empty()).then_some((Span { start: open, end: open }, texts))
 }

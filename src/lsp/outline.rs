@@ -1,16 +1,16 @@
-//! What a text is made of, for an editor's margins: symbols, folds, colors, links to files, words by what they are.
+//! The structure of a text: symbols, folding ranges, colors, links to files and semantic tokens.
 
 use std::path::PathBuf;
 
 use maquette_syntax::error::Span;
-use maquette_syntax::{Frame, Passed, Token, TypedKind, each_word, tokens, unit_names};
+use maquette_syntax::{Frame, Token, TypedKind, WalkEvent, for_each_word, tokens, unit_names};
 use maquette_value::Color;
 
+use super::expected_syntax::{ExpectedSyntax, SyntaxResolver};
 use super::library::Library;
-use super::scope::{Declared, Scope};
-use super::slot::{Slot, Slots};
+use super::scope::Scope;
 
-/// An entry of a section, from its name to the end of its value.
+/// An entry of a section. Its span is from the beginning of the name to the end of the value.
 pub(super) struct Symbol {
     pub(super) name: String,
     pub(super) kind: String,
@@ -18,7 +18,7 @@ pub(super) struct Symbol {
     pub(super) at: Span,
 }
 
-/// A section, and its entries.
+/// A section with its entries.
 pub(super) struct Section {
     pub(super) name: String,
     pub(super) span: Span,
@@ -26,17 +26,17 @@ pub(super) struct Section {
     pub(super) entries: Vec<Symbol>,
 }
 
-/// The sections of a file, in the order of the text.
+/// Returns the sections of a file in the order of the text.
 pub(super) fn sections(text: &str) -> Vec<Section> {
-    let scope = Scope::of(text);
+    let scope = Scope::parse(text);
     let ends = ends(text);
     fn end_of(start: usize, ends: &[(usize, usize)]) -> Option<usize> {
         ends.iter().find(|(open, _)| *open == start).map(|(_, end)| *end)
     }
     let mut found: Vec<Section> = Vec::new();
     let mut starts = Vec::new();
-    each_word(text, |frames, passed| match (frames, passed) {
-        ([_], Passed::Name(name)) => found.push(Section {
+    for_each_word(text, |frames, passed| match (frames, passed) {
+        ([_], WalkEvent::Name(name)) => found.push(Section {
             name: name.text.clone(),
             span: name.span,
             at: name.span,
@@ -64,7 +64,7 @@ pub(super) fn sections(text: &str) -> Vec<Section> {
             "outputs" => &scope.outputs,
             _ => continue,
         };
-        let entry = |it: &Declared| {
+        let entries = all.iter().map(|it| {
             let behind =
                 text[it.at.end..].starts_with('(').then(|| end_of(it.at.end, &ends)).flatten();
             let end = behind.unwrap_or(it.at.end).max(it.name.span.end);
@@ -75,15 +75,15 @@ pub(super) fn sections(text: &str) -> Vec<Section> {
                 span: quotes,
                 at: it.name.span,
             }
-        };
-        section.entries = all.iter().map(entry).collect();
+        });
+        section.entries = entries.collect();
         let last = section.entries.last().map_or(0, |entry| entry.span.end);
         section.span.end = section.span.end.max(last);
     }
     found
 }
 
-/// Where each bracket opens, and where what it opens ends: behind the bracket that closes it.
+/// Returns the span of each bracket pair, including the brackets.
 pub(super) fn ends(text: &str) -> Vec<(usize, usize)> {
     let (mut open, mut ends) = (Vec::new(), Vec::new());
     for (token, span) in tokens(text) {
@@ -97,7 +97,7 @@ pub(super) fn ends(text: &str) -> Vec<(usize, usize)> {
     ends
 }
 
-/// What can be folded: brackets, and comments of several lines.
+/// Returns the spans that can be folded: first those of brackets, then those of comments with several lines.
 pub(super) fn folds(text: &str) -> (Vec<Span>, Vec<Span>) {
     fn is_long(start: usize, end: usize, text: &str) -> bool {
         text[start..end].contains('\n')
@@ -125,11 +125,11 @@ pub(super) fn folds(text: &str) -> (Vec<Span>, Vec<Span>) {
     (brackets, comments)
 }
 
-/// The texts that are colors, with red, green, blue from 0 to 255.
+/// Returns the strings that are colors, each with red, green and blue from 0 to 255.
 pub(super) fn colors(text: &str) -> Vec<(Span, [u8; 3])> {
     let mut found = Vec::new();
-    each_word(text, |_, passed| {
-        if let Passed::Word(word, TypedKind::Text) = passed
+    for_each_word(text, |_, passed| {
+        if let WalkEvent::Word(word, TypedKind::Text) = passed
             && let Ok(color) = word.text.parse::<Color>()
         {
             found.push((word.span, color.0));
@@ -138,16 +138,18 @@ pub(super) fn colors(text: &str) -> Vec<(Span, [u8; 3])> {
     found
 }
 
-/// The files that a text names, as far as they are there.
+/// Returns the existing files that are named in a text, each with the span of the name.
 pub(super) fn files(library: &Library<'_>, text: &str) -> Vec<(Span, PathBuf)> {
-    let scope = Scope::of(text);
-    let slots = Slots { library, scope: &scope };
+    let scope = Scope::parse(text);
+    let slots = SyntaxResolver { library, scope: &scope };
     let mut found = Vec::new();
-    each_word(text, |frames, passed| {
-        let Passed::Word(word, TypedKind::Text) = passed else { return };
+    for_each_word(text, |frames, passed| {
+        let WalkEvent::Word(word, TypedKind::Text) = passed else { return };
         let may_be = word.text.contains('.') && !frames.is_empty();
-        if may_be && matches!(slots.at(frames).1, Slot::Path(_) | Slot::Use) {
-            let path = library.resolved(&word.text);
+        if may_be
+            && matches!(slots.resolve(frames).1, ExpectedSyntax::Path(_) | ExpectedSyntax::Use)
+        {
+            let path = library.resolve(&word.text);
             if path.is_file() {
                 found.push((word.span, path));
             }
@@ -156,26 +158,26 @@ pub(super) fn files(library: &Library<'_>, text: &str) -> Vec<(Span, PathBuf)> {
     found
 }
 
-/// What a word is.
+/// The meaning of a word, which determines its highlighting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Meaning {
-    /// A word of the language: `Graph`, `Param`, `ForEach`.
+    /// A keyword: `Graph`, `Param`, `ForEach`.
     Keyword,
-    /// A type of nodes.
+    /// The name of a node type.
     Node,
-    /// A type of values, or a choice.
+    /// The name of a value type, or an enum variant.
     Choice,
     Field,
     /// A name where it is declared.
     Declaration,
-    /// A link.
+    /// A link to a node or an input.
     Link,
     Parameter,
     Unit,
     Number,
 }
 
-/// All meanings, as the protocol names them.
+/// All meanings, each with its name in the protocol.
 pub(super) const MEANINGS: [(Meaning, &str); 9] = [
     (Meaning::Keyword, "keyword"),
     (Meaning::Node, "class"),
@@ -188,32 +190,34 @@ pub(super) const MEANINGS: [(Meaning, &str); 9] = [
     (Meaning::Number, "number"),
 ];
 
-/// The words of a text by what they are, in their order.
+/// Returns the words of a text with their meanings, in the order of the text.
 pub(super) fn words(text: &str) -> Vec<(Span, Meaning)> {
     const KEYWORDS: [&str; 17] = [
         "Graph", "Patch", "Test", "Sweep", "Product", "Zip", "Values", "Files", "Param", "Expr",
         "Draft", "ForEach", "Switch", "Some", "None", "Optional", "Parts",
     ];
-    let scope = Scope::of(text);
+    let scope = Scope::parse(text);
     let is_link =
         |word: &str| scope.node(word.split(['.', '/']).next().unwrap_or_default()).is_some();
     let mut found = Vec::new();
-    each_word(text, |frames, passed| {
+    for_each_word(text, |frames, passed| {
         let (word, meaning) = match passed {
-            Passed::Name(name) => {
+            WalkEvent::Name(name) => {
                 let is_key = frames.last().is_some_and(|frame| frame.bracket == '{');
                 (name, if is_key { Meaning::Declaration } else { Meaning::Field })
             }
-            Passed::Word(word, TypedKind::Text) => match meaning_of(frames, &word.text, &is_link) {
-                Some(meaning) => (word, meaning),
-                None => return,
-            },
-            Passed::Word(word, _)
+            WalkEvent::Word(word, TypedKind::Text) => {
+                match meaning_of(frames, &word.text, &is_link) {
+                    Some(meaning) => (word, meaning),
+                    None => return,
+                }
+            }
+            WalkEvent::Word(word, _)
                 if word.text.starts_with(|c: char| c.is_ascii_digit() || "+-.".contains(c)) =>
             {
                 (word, Meaning::Number)
             }
-            Passed::Word(word, _) => {
+            WalkEvent::Word(word, _) => {
                 let is_node = frames.len() == 2
                     && frames[0].field.as_ref().is_some_and(|section| section.text == "nodes");
                 let meaning = match &word.text[..] {
@@ -225,7 +229,7 @@ pub(super) fn words(text: &str) -> Vec<(Span, Meaning)> {
                 (word, meaning)
             }
         };
-        // One of several lines has no place among words.
+        // A token over several lines is left out, because many editors do not support it.
         if !word.text.contains('\n') && !word.text.is_empty() {
             found.push((word.span, meaning));
         }
@@ -233,7 +237,7 @@ pub(super) fn words(text: &str) -> Vec<(Span, Meaning)> {
     found
 }
 
-/// What a text in quotes is.
+/// Returns the meaning of a string.
 fn meaning_of(frames: &[Frame], word: &str, is_link: &dyn Fn(&str) -> bool) -> Option<Meaning> {
     let last = frames.last()?;
     let within = last.name.as_ref().map_or("", |name| &name.text);

@@ -1,48 +1,48 @@
-//! The fields of an editor's messages, read leniently: fields that nobody needs may hold anything, and 5.0 is 5.
+//! Reads the parameters of an editor's messages leniently: fields that are not used may contain anything, and 5.0 is accepted instead of 5.
 
 use gen_lsp_types::{Position, Range, Uri};
 use serde_json::Value as Json;
 
-/// Why there is no answer.
-pub(crate) enum Refused {
-    /// There is no such method.
+/// An error in answering a request.
+pub(crate) enum RequestError {
+    /// The method is unknown.
     Unknown(String),
-    /// The fields of the request cannot be understood.
+    /// The parameters of the request are invalid.
     Invalid(String),
-    /// It can, but not be done: in words for the user.
+    /// The request failed; the message is for the user.
     Failed(String),
 }
 
-impl From<String> for Refused {
+impl From<String> for RequestError {
     fn from(why: String) -> Self {
         Self::Failed(why)
     }
 }
 
-/// A whole number; those that do not fit are the nearest that does.
+/// Reads an integer. A number that is out of range becomes the nearest possible one.
 pub(super) fn number(json: &Json) -> Option<u32> {
     json.as_f64().map(|number| number as u32)
 }
 
-/// The text that a request is about.
-pub(super) fn uri(params: &Json) -> Result<Uri, Refused> {
+/// Reads the URI of the document that a request is about.
+pub(super) fn uri(params: &Json) -> Result<Uri, RequestError> {
     let uri = params["textDocument"]["uri"].as_str();
     uri.map(|uri| Uri(uri.to_owned())).ok_or_else(|| missing("textDocument.uri"))
 }
 
-pub(super) fn position(json: &Json) -> Result<Position, Refused> {
-    fn need(name: &str, json: &Json) -> Result<u32, Refused> {
+pub(super) fn position(json: &Json) -> Result<Position, RequestError> {
+    fn need(name: &str, json: &Json) -> Result<u32, RequestError> {
         number(&json[name]).ok_or_else(|| missing(name))
     }
     Ok(Position { line: need("line", json)?, character: need("character", json)? })
 }
 
-pub(super) fn range(json: &Json) -> Result<Range, Refused> {
+pub(super) fn range(json: &Json) -> Result<Range, RequestError> {
     Ok(Range { start: position(&json["start"])?, end: position(&json["end"])? })
 }
 
-pub(super) fn missing(name: &str) -> Refused {
-    Refused::Invalid(format!("expected `{name}`, found nothing of its type"))
+pub(super) fn missing(name: &str) -> RequestError {
+    RequestError::Invalid(format!("expected `{name}`, found nothing of its type"))
 }
 
 #[cfg(test)]
@@ -52,7 +52,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_are_read_as_they_are_meant() {
+    fn numbers_are_read_leniently() {
         fn read(json: Json) -> Option<(u32, u32)> {
             position(&json).ok().map(|it| (it.line, it.character))
         }

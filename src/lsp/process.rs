@@ -1,4 +1,4 @@
-//! The process of the editor: the server ends with it, even if somebody else keeps its stdin open.
+//! Monitors the process of the editor. The server ends when the editor ends, even if another process keeps stdin open.
 
 use std::time::Duration;
 
@@ -6,32 +6,34 @@ use crossbeam_channel::Sender;
 
 use super::watcher::Event;
 
-/// How often the process is looked at.
-const PERIOD: Duration = Duration::from_millis(500);
+/// The interval at which the process is checked.
+const INTERVAL: Duration = Duration::from_millis(500);
 
-/// Sends an event when the process has ended. A process that is not there to begin with is one of another machine or container.
+/// Sends an event when the process has ended. If the process does not exist at the start, it belongs to another machine or container, and
+/// no event is sent.
 pub(super) fn watch(id: u32, events: Sender<Event>) {
-    let Some(start) = start_of(id) else { return };
+    let Some(start) = start_time(id) else { return };
     std::thread::spawn(move || {
-        while start_of(id).as_ref() == Some(&start) {
-            std::thread::sleep(PERIOD);
+        while start_time(id).as_ref() == Some(&start) {
+            std::thread::sleep(INTERVAL);
         }
-        // The server may have ended before.
+        // Sending fails if the server has ended; then the event is not needed.
         let _ = events.send(Event::EditorEnded);
     });
 }
 
-/// Whether a process has ended, perhaps without anybody having waited for it.
+/// Returns true if a process has ended, even if its parent has not collected the exit status yet.
 #[cfg(unix)]
 pub fn has_ended(id: u32) -> bool {
-    start_of(id).is_none()
+    start_time(id).is_none()
 }
 
-/// When a process began, in words of the system, which tells it from a later one with its id; `None` if it has ended.
+/// Returns the start time of a process in the format of the system. It distinguishes the process from a later one with the same id. Returns
+/// `None` if the process has ended.
 #[cfg(target_os = "linux")]
-fn start_of(id: u32) -> Option<String> {
+fn start_time(id: u32) -> Option<String> {
     let stat = std::fs::read_to_string(format!("/proc/{id}/stat")).ok()?;
-    // The name of the program, in parentheses, may have any sign in it.
+    // The fields are split after the last parenthesis, because the name of the program, which is in parentheses, may contain any character.
     let fields: Vec<_> = stat.rsplit_once(')')?.1.split_whitespace().collect();
     let has_ended = matches!(fields.first(), Some(&("Z" | "X" | "x")));
     if has_ended { None } else { fields.get(19).map(|start| (*start).to_owned()) }
@@ -44,7 +46,7 @@ fn start_of(id: u32) -> Option<String> {
     is_there.then(String::new)
 }
 
-/// Not known here: the end of stdin has to do.
+/// Returns `None`: this system is not supported. The server ends only when stdin ends.
 #[cfg(not(unix))]
 fn start_of(_: u32) -> Option<String> {
     None
@@ -57,18 +59,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_end_of_a_process_is_seen_before_its_parent_has_waited_for_it() {
-        assert!(start_of(std::process::id()).is_some());
+    fn a_zombie_process_has_ended() {
+        assert!(start_time(std::process::id()).is_some());
         let mut child = Command::new("cat").stdin(Stdio::piped()).spawn().unwrap();
         let (sender, events) = crossbeam_channel::unbounded();
         watch(child.id(), sender.clone());
-        assert!(events.recv_timeout(2 * PERIOD).is_err());
+        assert!(events.recv_timeout(2 * INTERVAL).is_err());
         child.kill().unwrap();
         assert!(events.recv_timeout(Duration::from_secs(60)).is_ok());
-        assert_eq!(start_of(child.id()), None);
+        assert_eq!(start_time(child.id()), None);
         child.wait().unwrap();
         // No process has this id.
         watch(u32::MAX, sender);
-        assert!(events.recv_timeout(2 * PERIOD).is_err());
+        assert!(events.recv_timeout(2 * INTERVAL).is_err());
     }
 }

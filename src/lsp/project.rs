@@ -1,54 +1,54 @@
-//! The files of a project by the names in them: where a name is declared, where it is used, and what a new one changes.
+//! The names in the files of a project: declarations, uses and renaming.
 //!
-//! Names come from the reading that the check does, because a new name must be right in every file. A rename is refused while a text cannot
-//! be read.
+//! Names are read by the parser that `maquette check` uses, because a rename must be correct in every file. So nothing can be renamed while
+//! a file has syntax errors.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use maquette_edit::{Named, NamesOf, Symbol, SymbolSort, real};
+use maquette_edit::{FileNames, NameOccurrence, Symbol, SymbolSort, resolve_path};
 use maquette_golden::case;
 use maquette_golden::suite::FileKind;
 use maquette_graph::catalog::Catalog;
 use maquette_graph::{Options, field_of, is_name, is_type_name};
-use maquette_syntax::error::{Problem, Severity, Span};
+use maquette_syntax::error::{Diagnostic, Severity, Span};
 use maquette_syntax::paths::project_root;
-use maquette_syntax::{Passed, each_word};
+use maquette_syntax::{WalkEvent, for_each_word};
 
-/// Folders deeper than this are not looked into.
-const DEEPEST: usize = 12;
+/// The maximum depth of folders that are searched.
+const MAX_DEPTH: usize = 12;
 
-/// More files are not looked into.
-const MOST: usize = 5_000;
+/// The maximum number of files that are read.
+const MAX_FILES: usize = 5_000;
 
-/// What files there are in a project, and the names in them.
+/// The files of a project, with the names that occur in them.
 #[derive(Default)]
 pub(super) struct Project {
-    names: HashMap<PathBuf, (Arc<str>, Arc<NamesOf>)>,
+    names: HashMap<PathBuf, (Arc<str>, Arc<FileNames>)>,
 }
 
-/// A name in a file.
+/// An occurrence of a name in a file.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Found {
+pub(super) struct Occurrence {
     pub(super) file: PathBuf,
     pub(super) span: Span,
     pub(super) declares: bool,
     pub(super) is_field: bool,
 }
 
-/// New texts of files, by path.
+/// The new texts of some files, by path.
 pub(super) type Texts = BTreeMap<PathBuf, String>;
 
 impl Project {
-    /// The names in a file; none while its text cannot be read.
+    /// Returns the names in a file. The list is empty while the text of the file cannot be parsed.
     pub(super) fn names(
         &mut self,
         path: &Path,
         catalog: &Catalog,
         options: &Options,
-    ) -> Arc<NamesOf> {
-        let path = real(path);
+    ) -> Arc<FileNames> {
+        let path = resolve_path(path);
         let Ok(text) = options.text(&path) else { return Arc::default() };
         if let Some((known, names)) = self.names.get(&path)
             && **known == *text
@@ -60,19 +60,19 @@ impl Project {
         names
     }
 
-    /// Forgets what it knows of names: what one file names may hang on others.
+    /// Clears the cached names of all files. The names in a file may depend on other files, so a change of one file affects all.
     pub(super) fn forget(&mut self) {
         self.names.clear();
     }
 
-    /// What the name at a place names.
-    pub(super) fn at(
+    /// Returns the symbols to which the name at a position refers.
+    pub(super) fn symbol_at(
         &mut self,
         path: &Path,
         at: usize,
         catalog: &Catalog,
         options: &Options,
-    ) -> Vec<Named> {
+    ) -> Vec<NameOccurrence> {
         let names = self.names(path, catalog, options);
         names
             .all
@@ -82,32 +82,43 @@ impl Project {
             .collect()
     }
 
-    /// Where something is declared: in the file of a graph, of a type of nodes the graph itself.
+    /// Returns the position where a symbol is declared. A node type is declared by its graph file as a whole.
     pub(super) fn declaration(
         &mut self,
         symbol: &Symbol,
         catalog: &Catalog,
         options: &Options,
-    ) -> Option<Found> {
+    ) -> Option<Occurrence> {
         let names = self.names(&symbol.file, catalog, options);
         if symbol.sort == SymbolSort::Type {
             let file = names.types.get(&symbol.name)?.clone();
-            return Some(Found { file, span: Span::default(), declares: true, is_field: false });
+            return Some(Occurrence {
+                file,
+                span: Span::default(),
+                declares: true,
+                is_field: false,
+            });
         }
-        let found = names.all.iter().find(|named| named.declares && named.symbol == *symbol)?;
-        Some(Found { file: symbol.file.clone(), span: found.span, declares: true, is_field: false })
+        let found =
+            names.all.iter().find(|named| named.is_declaration && named.symbol == *symbol)?;
+        Some(Occurrence {
+            file: symbol.file.clone(),
+            span: found.span,
+            declares: true,
+            is_field: false,
+        })
     }
 
-    /// All places in the project that name something.
+    /// Returns all occurrences of a symbol in the project.
     pub(super) fn places(
         &mut self,
         symbol: &Symbol,
         catalog: &Catalog,
         options: &Options,
-    ) -> Vec<Found> {
+    ) -> Vec<Occurrence> {
         let (mut found, field) = (Vec::new(), field_of(&symbol.name));
         for file in files_of(&symbol.file, options) {
-            // Most files do not have the word at all.
+            // Files that do not contain the word as text are skipped without parsing.
             if !options
                 .text(&file)
                 .is_ok_and(|text: String| text.contains(&symbol.name) || text.contains(&field))
@@ -116,21 +127,21 @@ impl Project {
             }
             let names = self.names(&file, catalog, options);
             let named = names.all.iter().filter(|named| named.symbol == *symbol);
-            found.extend(named.map(|named| Found {
+            found.extend(named.map(|named| Occurrence {
                 file: file.clone(),
                 span: named.span,
-                declares: named.declares,
+                declares: named.is_declaration,
                 is_field: named.is_field,
             }));
         }
         found
     }
 
-    /// The places, by file, at which another name of something must stand.
+    /// Returns the replacements, by file, that rename a symbol.
     ///
     /// # Errors
-    /// Why it cannot have it, in words.
-    pub(super) fn renamed(
+    /// A message if the symbol cannot have this name, or if the renaming would cause errors.
+    pub(super) fn rename(
         &mut self,
         symbol: &Symbol,
         to: &str,
@@ -142,11 +153,9 @@ impl Project {
             return Ok(BTreeMap::new());
         }
         let declared = self.names(&symbol.file, catalog, options);
-        if declared
-            .all
-            .iter()
-            .any(|it| it.declares && it.symbol.name == to && it.symbol.sort != SymbolSort::Output)
-        {
+        if declared.all.iter().any(|it| {
+            it.is_declaration && it.symbol.name == to && it.symbol.sort != SymbolSort::Output
+        }) {
             return Err(format!("there is already a `{to}` in {}", symbol.file.display()));
         }
         let places = self.places(symbol, catalog, options);
@@ -165,7 +174,7 @@ impl Project {
             new.entry(found.file.clone()).or_default().push((found.span, word));
         }
         if symbol.sort == SymbolSort::Node {
-            let (layout, spans) = beside(symbol, options)?;
+            let (layout, spans) = layout_file_spans(symbol, options)?;
             if !spans.is_empty() {
                 new.insert(layout, spans.into_iter().map(|span| (span, to.to_owned())).collect());
             }
@@ -182,7 +191,8 @@ impl Project {
             }
             texts.insert(file.clone(), text);
         }
-        // What a `ForEach` carries goes from an output to the input of the same name.
+        // In a `ForEach` that carries values, an output is connected to the input with the same name, so renaming one of them causes
+        // errors.
         let other = match symbol.sort {
             SymbolSort::Node => Some(SymbolSort::Output),
             SymbolSort::Output => Some(SymbolSort::Node),
@@ -190,7 +200,7 @@ impl Project {
         };
         let has_other = other.is_some_and(|sort| {
             let other = Symbol { sort, ..symbol.clone() };
-            declared.all.iter().any(|it| it.declares && it.symbol == other)
+            declared.all.iter().any(|it| it.is_declaration && it.symbol == other)
         });
         no_new_problems(&texts, catalog, options).map_err(|why| match has_other {
             true => format!(
@@ -202,21 +212,21 @@ impl Project {
     }
 }
 
-fn names_of(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> NamesOf {
-    match FileKind::of(path, text) {
+fn names_of(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> FileNames {
+    match FileKind::detect(path, text) {
         FileKind::Graph => maquette_edit::names_in(path, text, catalog, options),
         FileKind::Test => match case::read_text(path, text.to_owned(), catalog) {
             (Some(test), problems) if problems.is_empty() => {
                 maquette_edit::names_in_test(text, &test.graphs, catalog, options)
             }
-            _ => NamesOf::default(),
+            _ => FileNames::default(),
         },
         FileKind::Sweep => maquette_edit::names_in_sweep(path, text, catalog, options),
-        FileKind::Handles => NamesOf::default(),
+        FileKind::Handles => FileNames::default(),
     }
 }
 
-/// Whether something may have a name.
+/// Checks that `to` is a possible name for a symbol of this sort.
 fn may_have(symbol: &Symbol, to: &str) -> Result<(), String> {
     let is_file = symbol.sort == SymbolSort::Output && symbol.name.contains('.');
     match symbol.sort {
@@ -225,7 +235,7 @@ fn may_have(symbol: &Symbol, to: &str) -> Result<(), String> {
             symbol.name
         )),
         SymbolSort::Type if !is_type_name(to) => Err(format!(
-            "`{to}` cannot name a type of nodes: such names begin with a capital letter"
+            "`{to}` cannot be the name of a node type: such names begin with a capital letter"
         )),
         SymbolSort::Type => Ok(()),
         _ if !is_name(to) => Err(format!(
@@ -235,13 +245,14 @@ fn may_have(symbol: &Symbol, to: &str) -> Result<(), String> {
     }
 }
 
-/// The places that name a node in the file beside its graph which says where an editor shows it. Pins would be of another node.
-fn beside(symbol: &Symbol, options: &Options) -> Result<(PathBuf, Vec<Span>), String> {
+/// Returns the layout file of a graph, which contains the positions of its boxes, and the spans of a node's name in it. Fails if the node
+/// is pinned.
+fn layout_file_spans(symbol: &Symbol, options: &Options) -> Result<(PathBuf, Vec<Span>), String> {
     fn keys(path: &Path, options: &Options, symbol_name: &str) -> Vec<Span> {
         let mut found = Vec::new();
         let text = options.text(path).unwrap_or_default();
-        each_word(&text, |_, passed| {
-            if let Passed::Name(name) = passed
+        for_each_word(&text, |_, passed| {
+            if let WalkEvent::Name(name) = passed
                 && name.text == *symbol_name
                 && text[..name.span.start].ends_with('"')
             {
@@ -254,7 +265,7 @@ fn beside(symbol: &Symbol, options: &Options) -> Result<(PathBuf, Vec<Span>), St
     if !keys(&pins, options, &symbol.name).is_empty() {
         let (name, pins) = (&symbol.name, pins.display());
         return Err(format!(
-            "`{name}` is pinned in {pins}: unpin it first, for a pin is of a name"
+            "`{name}` is pinned in {pins}: remove the pin first, because a pin belongs to a name"
         ));
     }
     let layout = symbol.file.with_extension("layout.ron");
@@ -262,11 +273,11 @@ fn beside(symbol: &Symbol, options: &Options) -> Result<(PathBuf, Vec<Span>), St
     Ok((layout, found))
 }
 
-/// Refuses texts that have errors which the old ones do not have.
+/// Checks that the new texts have no errors that the old texts did not have.
 fn no_new_problems(texts: &Texts, catalog: &Catalog, options: &Options) -> Result<(), String> {
-    fn errors(options: &Options, path: &Path, catalog: &Catalog) -> Vec<Problem> {
+    fn errors(options: &Options, path: &Path, catalog: &Catalog) -> Vec<Diagnostic> {
         let text = options.text(path).unwrap_or_default();
-        let (problems, _) = FileKind::of(path, &text).problems(path, text, catalog, options);
+        let (problems, _) = FileKind::detect(path, &text).diagnostics(path, text, catalog, options);
         let errors = problems.into_iter().filter(|problem| problem.severity == Severity::Error);
         Vec::from_iter(errors)
     }
@@ -274,9 +285,9 @@ fn no_new_problems(texts: &Texts, catalog: &Catalog, options: &Options) -> Resul
     new.texts.extend(texts.iter().map(|(path, text)| (path.clone(), text.clone())));
     for path in texts.keys().filter(|path| !path.to_string_lossy().ends_with(".layout.ron")) {
         let after = errors(&new, path, catalog);
-        // What was wrong before need not be known where nothing is wrong.
+        // The errors of the old text are needed only if the new text has errors.
         let before = if after.is_empty() { Vec::new() } else { errors(options, path, catalog) };
-        fn count(all: &[Problem], code: &str) -> usize {
+        fn count(all: &[Diagnostic], code: &str) -> usize {
             all.iter().filter(|it| it.code == code).count()
         }
         let worse = after.iter().find(|it| count(&before, it.code) < count(&after, it.code));
@@ -287,7 +298,7 @@ fn no_new_problems(texts: &Texts, catalog: &Catalog, options: &Options) -> Resul
     Ok(())
 }
 
-/// The files with graphs, patches and tests of the project that a file belongs to, and those that have not been saved yet.
+/// Returns the graphs, patches and tests in the project of a file, including documents that are not saved yet.
 pub(super) fn files_of(path: &Path, options: &Options) -> Vec<PathBuf> {
     let root = project_root(path.parent().unwrap_or(Path::new("/")));
     let mut files = Vec::new();
@@ -309,13 +320,13 @@ fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) {
             && !name.starts_with('.')
             && name != "target"
             && name != "goldens"
-            && depth < DEEPEST
+            && depth < MAX_DEPTH
         {
             collect(&path, depth + 1, files);
         }
         let is_beside =
             [".pins.ron", ".lock.ron", ".layout.ron"].iter().any(|ending| name.ends_with(ending));
-        if kind.is_file() && name.ends_with(".ron") && !is_beside && files.len() < MOST {
+        if kind.is_file() && name.ends_with(".ron") && !is_beside && files.len() < MAX_FILES {
             files.push(path);
         }
     }

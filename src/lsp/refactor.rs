@@ -1,17 +1,17 @@
-//! Nodes that become a graph of their own, and uses that give way to the nodes inside of them. What is offered is worked out once it is
-//! chosen, if the editor can ask then.
+//! Refactorings: extracting nodes into a new graph, and inlining a used graph. If the editor supports it, the edits of a refactoring are
+//! computed only when the user chooses it.
 
 use gen_lsp_types::Uri;
-use maquette_edit::{Extracted, Extraction};
-use maquette_syntax::error::Problem;
+use maquette_edit::{ExtractedGraph, Extraction};
+use maquette_syntax::error::Diagnostic;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value as Json, json};
 
 use super::outline::Symbol;
 use super::project::Texts;
-use super::{Refused, Server, Subject};
+use super::{RequestError, Server, Subject};
 
-/// What is done to which nodes.
+/// A refactoring, and the nodes to which it is applied.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Refactor {
@@ -39,7 +39,7 @@ impl Refactor {
 }
 
 impl Server {
-    /// What can be done to the nodes at a place. `uses` are the types of nodes that are graphs.
+    /// Returns the refactorings that are possible for the nodes in a span. `uses` are the node types that are graphs.
     pub(super) fn refactors(
         &self,
         subject: &Subject<'_>,
@@ -62,42 +62,42 @@ impl Server {
         found
     }
 
-    /// An action as an editor shows it; none if it cannot be done, which an editor that asks later is told then. `is_wanted` says that
-    /// it may take its time now.
+    /// Returns the code action of a refactoring. If the editor resolves actions later, the action has no edits yet. Otherwise the edits are
+    /// computed now if `is_wanted` is true; returns `None` if it is false or the refactoring is impossible.
     pub(super) fn refactor(&mut self, action: &Refactor, is_wanted: bool) -> Option<Json> {
-        let told = json!({ "title": action.title(), "kind": action.kind(), "data": action });
-        match self.client.resolves {
-            true => Some(told),
-            false if is_wanted => self.resolved(told).ok(),
+        let json = json!({ "title": action.title(), "kind": action.kind(), "data": action });
+        match self.client.resolves_actions {
+            true => Some(json),
+            false if is_wanted => self.resolve(json).ok(),
             false => None,
         }
     }
 
-    /// An action with its edits.
-    pub(super) fn resolved(&mut self, mut action: Json) -> Result<Json, Refused> {
+    /// Computes the edits of an action and adds them to the action.
+    pub(super) fn resolve(&mut self, mut action: Json) -> Result<Json, RequestError> {
         let Ok(refactor) = serde_json::from_value::<Refactor>(action["data"].clone()) else {
             return Ok(action);
         };
         let (Refactor::Extract { uri, .. } | Refactor::Inline { uri, .. }) = &refactor;
         let uri = uri.clone();
-        let edits = self.of(&uri, |server, subject| {
-            let texts = server.refactored(subject, refactor);
+        let edits = self.answer_document(&uri, |server, subject| {
+            let texts = server.apply(subject, refactor);
             texts
                 .map(|texts| server.edits(&texts))
-                .map_err(|problems: Vec<Problem>| Refused::Failed(in_words(&problems)))
+                .map_err(|problems: Vec<Diagnostic>| RequestError::Failed(in_words(&problems)))
         })?;
         action["edit"] = edits;
         Ok(action)
     }
 
-    fn refactored(&self, subject: &Subject<'_>, refactor: Refactor) -> Result<Texts, Vec<Problem>> {
+    fn apply(&self, subject: &Subject<'_>, refactor: Refactor) -> Result<Texts, Vec<Diagnostic>> {
         let (path, text) = (&subject.path, subject.lines.text());
         let (catalog, options) = (&self.catalog, &subject.options);
         Ok(match refactor {
             Refactor::Extract { nodes, .. } => {
                 let extraction = Extraction { nodes, ..Extraction::default() };
                 let done = maquette_edit::extract(path, text, &extraction, catalog, options)?;
-                let Extracted { edited, path: new, text: file, .. } = done;
+                let ExtractedGraph { edited, path: new, text: file, .. } = done;
                 Texts::from([(path.clone(), edited.text), (new, file)])
             }
             Refactor::Inline { node, .. } => {
@@ -108,7 +108,7 @@ impl Server {
     }
 }
 
-fn in_words(problems: &[Problem]) -> String {
+fn in_words(problems: &[Diagnostic]) -> String {
     problems
         .iter()
         .map(|problem| match problem.help.is_empty() {

@@ -1,13 +1,14 @@
-//! The parts of a text around a place, each in the next, by which editors widen a selection; and what formatting changes in some lines.
+//! Selection ranges around a position, and formatting of a range of lines.
 
 use maquette_syntax::cursor;
 use maquette_syntax::error::Span;
 use serde_json::{Value as Json, json};
 
 use super::outline;
-use super::place::Lines;
+use super::position::Lines;
 
-/// The word at a place, then what each bracket around it holds, the bracket, and its name.
+/// Returns the selection ranges at an offset, each containing the previous one: the word, then for each enclosing bracket its content, the
+/// brackets, and the brackets with the name before them.
 pub(super) fn selection(lines: &Lines<'_>, at: usize) -> Json {
     let text = lines.text();
     let cursor = cursor(text, at);
@@ -45,10 +46,10 @@ pub(super) fn selection(lines: &Lines<'_>, at: usize) -> Json {
     found
 }
 
-/// The part of a formatted text that takes the place of the lines of a span, and which part of the old text that is; `None` if other lines
-/// change with it.
+/// Returns the lines of the formatted text that replace the lines of a span, and the span of the old text that they replace. Returns `None`
+/// if other lines would change, too.
 pub(super) fn formatted_lines(old: &str, new: &str, span: Span) -> Option<(Span, String)> {
-    // All else is moved by formatting, never changed.
+    // Characters are matched between the texts, because formatting changes only white space and commas.
     fn is_kept(c: char) -> bool {
         !c.is_whitespace() && c != ','
     }
@@ -66,15 +67,15 @@ pub(super) fn formatted_lines(old: &str, new: &str, span: Span) -> Option<(Span,
             return Some(0);
         }
         let (at, c) = new.char_indices().filter(|(_, c)| is_kept(*c)).nth(kept - 1)?;
-        let at = at + c.len_utf8();
-        let end = line_end(new, at);
-        new[at..end].chars().all(|c| !is_kept(c)).then_some(end)
+        let offset_of = at + c.len_utf8();
+        let end = line_end(new, offset_of);
+        new[offset_of..end].chars().all(|c| !is_kept(c)).then_some(end)
     }
     let (new_start, new_end) = (line_behind(before, new)?, line_behind(before + within, new)?);
     Some((Span { start, end }, new.get(new_start..new_end)?.to_owned()))
 }
 
-/// The byte behind the end of the line of a place.
+/// Returns the offset after the line that contains `at`.
 fn line_end(text: &str, at: usize) -> usize {
     let rest = &text[at..];
     match rest.find(['\n', '\r']) {
@@ -87,10 +88,10 @@ fn line_end(text: &str, at: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::place::Columns;
+    use crate::position::Columns;
 
     #[test]
-    fn each_part_is_inside_of_the_next() {
+    fn selection_ranges_are_nested() {
         let text = "Graph(nodes: { \"ball\": Sphere(radius: 2.0) })";
         let lines = Lines::new(text, Columns::Utf8);
         for at in 0..=text.len() {
@@ -111,21 +112,21 @@ mod tests {
     }
 
     #[test]
-    fn formatted_lines_are_those_of_the_whole_text() {
+    fn formatted_lines_agree_with_the_formatted_text() {
         let old = "G(\n a:1,\n  b: 2, // x\n c:3\n)\n";
         let new = "G(\n    a: 1,\n    b: 2, // x\n    c: 3,\n)\n";
-        fn at(mark: &str, old: &str) -> usize {
+        fn offset_of(mark: &str, old: &str) -> usize {
             old.find(mark).unwrap()
         }
         fn change(from: &str, to: &str, old: &str, new: &str) -> String {
-            let span = Span { start: at(from, old), end: at(to, old) };
+            let span = Span { start: offset_of(from, old), end: offset_of(to, old) };
             let (span, with) = formatted_lines(old, new, span).unwrap();
             [&old[..span.start], &with, &old[span.end..]].concat()
         }
         assert_eq!(change("a", "a", old, new), "G(\n    a: 1,\n  b: 2, // x\n c:3\n)\n");
         assert_eq!(change("b", "c", old, new), "G(\n a:1,\n    b: 2, // x\n    c: 3,\n)\n");
         assert_eq!(change("G", ")", old, new), new);
-        // The brackets go into one line with others.
+        // Formatting joins the brackets with other lines.
         assert_eq!(formatted_lines("G(\na: 1)", "G(a: 1)", Span { start: 4, end: 4 }), None);
     }
 }

@@ -1,4 +1,4 @@
-//! The server: it listens to an editor, and answers.
+//! The language server: reads the messages of an editor and answers them.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -11,60 +11,60 @@ use std::time::{Duration, Instant};
 use crossbeam_channel::{Receiver, select};
 use gen_lsp_types::Uri;
 use lsp_server::{Connection, ErrorCode, Message, Notification, Request, RequestId, Response};
-use maquette_edit::real;
+use maquette_edit::resolve_path;
 use maquette_engine::session::Session;
 use maquette_graph::catalog::Catalog;
 use maquette_graph::{Graph, Options};
-use maquette_syntax::error::in_words;
+use maquette_syntax::error::panic_message;
 use maquette_syntax::paths::{MARKER, project_root};
-use maquette_syntax::{Passed, each_word, first_word};
+use maquette_syntax::{WalkEvent, first_word, for_each_word};
 use serde_json::{Value as Json, json};
 
 use super::checker::Checker;
 use super::commands::Commands;
-use super::last::Last;
+use super::last_run::LastRun;
 use super::library::Library;
-use super::params::Refused;
-use super::place::{Columns, Lines, path_of};
+use super::params::RequestError;
+use super::position::{Columns, Lines, path_of};
 use super::project::Project;
 use super::transport::id_of;
 use super::watcher::Event;
-use crate::{capabilities, checker, params, place, process};
+use crate::{capabilities, checker, params, position, process};
 
-/// What the last evaluation found is looked up again after so long.
-pub const FRESH: Duration = Duration::from_secs(1);
+/// The time after which the results of the last evaluation are looked up again, even if the server has not noticed a new evaluation.
+pub const LOOKUP_INTERVAL: Duration = Duration::from_secs(1);
 
-/// What the server stands on.
+/// The settings with which the server is started.
 pub struct Setup {
-    /// Looks up what evaluations found, and what packs offer; runs nothing.
+    /// The session for looking up packs and cached results. It never evaluates.
     pub session: Session,
-    /// The program that runs graphs, with the words of `maquette`.
+    /// The program that runs graphs. It accepts the arguments of `maquette`.
     pub program: PathBuf,
-    /// What it is told each time beside these, such as where results are kept: `--cache`, `DIR`.
-    pub words: Vec<String>,
+    /// Additional arguments of the program, such as the cache folder: `--cache`, `DIR`.
+    pub arguments: Vec<String>,
 }
 
-/// What an editor's user may choose.
+/// The settings of the user.
 #[derive(Clone, Debug)]
-pub struct Choices {
-    /// Folders outside of the project that graphs may read.
+pub struct Settings {
+    /// Folders outside of the project from which graphs may read.
     pub(crate) roots: Vec<PathBuf>,
-    /// Whether shapes and times stand behind the lines.
+    /// True if shapes and times are shown as inlay hints.
     pub(crate) hints: bool,
-    /// Whether the editor shows what commands answer by itself.
+    /// True if the editor shows the results of commands itself.
     pub(crate) shows: bool,
-    /// Of a text with more kilobytes only its problems are told; 0 for no such limit.
+    /// The size in kilobytes from which a document gets only diagnostics; 0 for no limit.
     pub(crate) large_files: usize,
 }
 
-impl Default for Choices {
+impl Default for Settings {
     fn default() -> Self {
         Self { roots: Vec::new(), hints: true, shows: false, large_files: 1_000 }
     }
 }
 
-impl Choices {
-    /// Takes the settings that are given and can be understood; the others stay.
+impl Settings {
+    /// Applies all valid settings in `given`. Settings that are missing or invalid keep their values.
     fn update(&mut self, given: &Json) {
         let given = given.get("maquette").unwrap_or(given);
         if let Some(roots) = given["roots"].as_array() {
@@ -79,51 +79,52 @@ impl Choices {
     }
 }
 
-/// A text that is open in the editor.
+/// A document that is open in the editor.
 pub struct Document {
-    /// As the editor writes them: a file may be open under several names, by links.
+    /// The URIs of the document in the form that the editor uses. There may be several, because a file can have several names through
+    /// symbolic links.
     pub(crate) uris: Vec<Uri>,
     pub(crate) version: i32,
     pub(crate) text: Arc<str>,
-    /// What the last evaluation found, and when that was looked up.
-    pub(crate) last: Option<(Instant, usize, Rc<Last>)>,
+    /// The time of the last lookup, the number of evaluations before it, and the results of the last evaluation.
+    pub(crate) last: Option<(Instant, usize, Rc<LastRun>)>,
 }
 
-/// What the editor can do.
+/// The capabilities of the editor.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Client {
+pub struct ClientCapabilities {
     pub(crate) columns: Columns,
     pub(crate) snippets: bool,
-    /// Places that belong to a problem are shown beside it.
+    /// True if the editor shows the related information of diagnostics.
     pub(crate) related: bool,
-    /// It asks for hints again when it is told to.
+    /// True if the server may ask the editor to refresh inlay hints.
     pub(crate) refreshes_hints: bool,
-    /// The same of lenses.
+    /// True if the server may ask the editor to refresh code lenses.
     pub(crate) refreshes_lenses: bool,
     pub(crate) shows_documents: bool,
-    /// It shows how far work is.
+    /// True if the editor shows the progress of commands.
     pub(crate) progress: bool,
-    /// Edits may make files.
+    /// True if edits may create files.
     pub(crate) creates_files: bool,
-    /// It asks for the edits of an action that is chosen.
-    pub(crate) resolves: bool,
-    /// Actions may have edits; else they are commands.
+    /// True if the editor requests the edits of an action when the user chooses it.
+    pub(crate) resolves_actions: bool,
+    /// True if code actions may contain edits, not only commands.
     pub(crate) has_action_literals: bool,
-    /// Symbols may have children.
+    /// True if document symbols may have children.
     pub(crate) has_symbol_trees: bool,
     pub(crate) hovers_markdown: bool,
     pub(crate) completes_markdown: bool,
-    /// It can be asked for settings.
+    /// True if the server may request settings.
     pub(crate) has_configuration: bool,
-    /// It tells of changed files when it is asked to.
+    /// True if the editor can report changed files.
     pub(crate) watches_files: bool,
 }
 
 pub struct Server {
     pub(crate) catalog: Arc<Catalog>,
     pub(crate) session: Session,
-    pub(crate) client: Client,
-    pub(crate) choices: Choices,
+    pub(crate) client: ClientCapabilities,
+    pub(crate) choices: Settings,
     pub(crate) sender: crossbeam_channel::Sender<Message>,
     pub(crate) documents: BTreeMap<PathBuf, Document>,
     pub(crate) project: Project,
@@ -132,27 +133,27 @@ pub struct Server {
     pub(crate) next: i32,
     /// The folders that the editor has open.
     pub(crate) folders: Vec<PathBuf>,
-    /// The editor has asked the server to end.
+    /// True if the editor has requested `shutdown`.
     is_shut_down: bool,
 }
 
-/// Serves an editor until it says that it ends, or is gone.
+/// Serves an editor until it sends `exit` or its process ends.
 ///
 /// # Errors
-/// In words, if it ends in another way than the protocol says.
+/// A message if the session does not end as the protocol specifies.
 pub fn serve(connection: &Connection, setup: Setup) -> Result<(), String> {
     let (id, params) = initialize(connection)?;
     let client = capabilities::of_client(&params["capabilities"]);
     let sender = connection.sender.clone();
     let answer = Response::new_ok(id, capabilities::of_server(client));
-    sender.send(answer.into()).map_err(|_| "the editor reads nothing".to_owned())?;
+    sender.send(answer.into()).map_err(|_| "the editor does not read answers".to_owned())?;
     let (happened, events) = crossbeam_channel::unbounded();
     if let Some(editor) = params::number(&params["processId"]) {
         process::watch(editor, happened.clone());
     }
-    let mut choices = Choices::default();
+    let mut choices = Settings::default();
     choices.update(&params["initializationOptions"]);
-    let Setup { session, program, words } = setup;
+    let Setup { session, program, arguments: words } = setup;
     let catalog = session.shared_catalog();
     let (checks, checker) = Checker::start(catalog.clone(), client, sender.clone(), happened);
     let commands = Commands::new((program, words), client, sender.clone(), checks.clone());
@@ -177,7 +178,7 @@ pub fn serve(connection: &Connection, setup: Setup) -> Result<(), String> {
     ended
 }
 
-/// Waits for the first request, and gives its id and fields.
+/// Waits for the request `initialize`. Returns its id and its parameters.
 fn initialize(connection: &Connection) -> Result<(RequestId, Json), String> {
     for message in &connection.receiver {
         match message {
@@ -189,7 +190,7 @@ fn initialize(connection: &Connection) -> Result<(RequestId, Json), String> {
                 let code = ErrorCode::ServerNotInitialized as i32;
                 let _ = connection.sender.send(Response::new_err(id, code, why).into());
             }
-            Message::Notification(told) if told.method == "exit" => {
+            Message::Notification(notification) if notification.method == "exit" => {
                 return Err("expected `initialize`, found `exit`".into());
             }
             Message::Notification(_) | Message::Response(_) => {}
@@ -198,7 +199,7 @@ fn initialize(connection: &Connection) -> Result<(RequestId, Json), String> {
     Err("expected `initialize`, found the end of the input".into())
 }
 
-/// The folders that an editor has open.
+/// Returns the folders that an editor has open.
 fn folders(params: &Json) -> Vec<PathBuf> {
     let several = params["workspaceFolders"].as_array();
     let uris = several.into_iter().flatten().map(|folder| &folder["uri"]);
@@ -207,7 +208,7 @@ fn folders(params: &Json) -> Vec<PathBuf> {
     if let (true, Some(root)) = (folders.is_empty(), params["rootPath"].as_str()) {
         folders.push(root.into());
     }
-    folders.iter().map(|folder| real(folder)).collect()
+    folders.iter().map(|folder| resolve_path(folder)).collect()
 }
 
 impl Server {
@@ -227,7 +228,7 @@ impl Server {
                     recv(events) -> event => {
                         match event {
                             Ok(Event::FilesChanged) => self.check(None),
-                            // Without events there is no checker either.
+                            // The channel of events is closed only if the checker has ended, which ends the server.
                             Ok(Event::EditorEnded) | Err(_) => return Ok(()),
                         }
                         continue;
@@ -240,21 +241,23 @@ impl Server {
                     self.refuse(request.id, ErrorCode::RequestCanceled, "cancelled".into());
                 }
                 Some(Message::Request(request)) => self.request(request),
-                Some(Message::Notification(told)) if told.method == "exit" => {
+                Some(Message::Notification(notification)) if notification.method == "exit" => {
                     return match self.is_shut_down {
                         true => Ok(()),
                         false => Err("expected `shutdown` before `exit`".into()),
                     };
                 }
-                Some(Message::Notification(told)) if !self.is_shut_down => self.hear(told),
-                Some(Message::Response(answer)) => self.answered(answer),
+                Some(Message::Notification(notification)) if !self.is_shut_down => {
+                    self.handle_notification(notification);
+                }
+                Some(Message::Response(answer)) => self.receive_answer(answer),
                 Some(Message::Notification(_)) | None => {}
             }
         }
     }
 
     fn refuse(&self, id: RequestId, code: ErrorCode, why: String) {
-        // Nobody is left to tell if this fails.
+        // Sending fails only if the editor has ended.
         let _ = self.sender.send(Response::new_err(id, code as i32, why).into());
     }
 
@@ -278,39 +281,40 @@ impl Server {
         let answer = catch_unwind(AssertUnwindSafe(|| self.answer(&method, &params)));
         match answer {
             Ok(Ok(result)) => drop(self.sender.send(Response::new_ok(id, result).into())),
-            Ok(Err(Refused::Failed(why))) => self.refuse(id, ErrorCode::RequestFailed, why),
-            Ok(Err(Refused::Invalid(why))) => self.refuse(id, ErrorCode::InvalidParams, why),
-            Ok(Err(Refused::Unknown(method))) => {
-                let why = format!("there is no method `{method}` here");
+            Ok(Err(RequestError::Failed(why))) => self.refuse(id, ErrorCode::RequestFailed, why),
+            Ok(Err(RequestError::Invalid(why))) => self.refuse(id, ErrorCode::InvalidParams, why),
+            Ok(Err(RequestError::Unknown(method))) => {
+                let why = format!("unknown method `{method}`");
                 self.refuse(id, ErrorCode::MethodNotFound, why);
             }
             Err(panic) => {
-                let why = format!("a bug of the language server: {}", in_words(&*panic));
+                let why = format!("a bug of the language server: {}", panic_message(&*panic));
                 self.refuse(id, ErrorCode::InternalError, why);
             }
         }
     }
 
-    pub(crate) fn hear(&mut self, Notification { method, params }: Notification) {
-        let heard = catch_unwind(AssertUnwindSafe(|| self.take_note(&method, &params)));
+    pub(crate) fn handle_notification(&mut self, Notification { method, params }: Notification) {
+        let heard =
+            catch_unwind(AssertUnwindSafe(|| self.handle_document_notification(&method, &params)));
         if let Err(panic) = heard {
-            let why = format!("a bug of the language server: {}", in_words(&*panic));
+            let why = format!("a bug of the language server: {}", panic_message(&*panic));
             let params = json!({ "type": 1, "message": why });
             let method = "window/logMessage".to_owned();
             let _ = self.sender.send(Notification { method, params }.into());
         }
     }
 
-    fn take_note(&mut self, method: &str, params: &Json) {
+    fn handle_document_notification(&mut self, method: &str, params: &Json) {
         let document = &params["textDocument"];
         let uri = document["uri"].as_str().map(|uri| Uri(uri.to_owned()));
-        // An editor that counts in another way still changes its texts.
+        // A missing or invalid version counts as 0, so the text is still updated.
         let version = document["version"].as_f64().map_or(0, |version| version as i32);
         match (method, uri) {
             ("initialized", _) => self.register(),
             ("textDocument/didOpen", Some(uri)) => {
                 if let Some(text) = document["text"].as_str() {
-                    let path = path_of(&uri).map(|path| real(&path));
+                    let path = path_of(&uri).map(|path| resolve_path(&path));
                     if self.is_large(text) && path.is_some_and(|path| is_ours(&path, text)) {
                         self.show_large(&uri, text.len());
                     }
@@ -318,12 +322,12 @@ impl Server {
                 }
             }
             ("textDocument/didChange", Some(uri)) => {
-                let Some(path) = path_of(&uri).map(|path| real(&path)) else { return };
+                let Some(path) = path_of(&uri).map(|path| resolve_path(&path)) else { return };
                 let Some(known) = self.documents.get(&path) else { return };
                 let mut text = known.text.to_string();
                 for change in params["contentChanges"].as_array().into_iter().flatten() {
                     let Some(new) = change["text"].as_str() else { continue };
-                    // The whole text, as was agreed, unless an editor says a part.
+                    // The server requests whole texts, but some editors send only the changed ranges.
                     text = match params::range(&change["range"]) {
                         Ok(range) => {
                             let lines = Lines::new(&text, self.client.columns);
@@ -336,7 +340,7 @@ impl Server {
                 self.put(uri, version, text);
             }
             ("textDocument/didClose", Some(uri)) => {
-                let Some(path) = path_of(&uri).map(|path| real(&path)) else { return };
+                let Some(path) = path_of(&uri).map(|path| resolve_path(&path)) else { return };
                 if let Some(document) = self.documents.get_mut(&path) {
                     document.uris.retain(|known| *known != uri);
                     if document.uris.is_empty() {
@@ -368,8 +372,8 @@ impl Server {
         }
     }
 
-    /// Takes the answer to a request of ours.
-    fn answered(&mut self, answer: Response) {
+    /// Handles the answer to a request that the server has sent.
+    fn receive_answer(&mut self, answer: Response) {
         let is_configuration = answer.id.to_string().contains(CONFIGURATION);
         if let (true, Ok(settings)) = (is_configuration, &answer.response_result) {
             self.choices.update(&settings[0]);
@@ -377,7 +381,7 @@ impl Server {
         }
     }
 
-    /// Asks to be told of changed graphs, where the editor can do that. Other files that texts depend on are looked at by the checker.
+    /// Asks the editor to report changed graphs, if the editor can. The checker polls all other files that documents depend on.
     fn register(&mut self) {
         if self.client.watches_files {
             let watchers =
@@ -397,9 +401,9 @@ impl Server {
         let _ = self.sender.send(Request { id, method: method.into(), params }.into());
     }
 
-    /// A text is open, or has changed.
+    /// Updates a document that was opened or changed.
     pub(crate) fn put(&mut self, uri: Uri, version: i32, text: String) {
-        let Some(path) = path_of(&uri).map(|path| real(&path)) else { return };
+        let Some(path) = path_of(&uri).map(|path| resolve_path(&path)) else { return };
         let known = self.documents.remove(&path).map(|document| document.uris);
         let mut uris = known.unwrap_or_default();
         if !uris.contains(&uri) {
@@ -410,14 +414,14 @@ impl Server {
         self.check(Some(path));
     }
 
-    /// Has all that is open checked, this text first.
+    /// Checks all open documents, in an order that begins with `first`.
     pub(crate) fn check(&mut self, first: Option<PathBuf>) {
         self.project.forget();
-        let first = first.map(|path| real(&path));
+        let first = first.map(|path| resolve_path(&path));
         let mut open = Vec::new();
         for (path, document) in self.documents.iter().filter(|(path, it)| is_ours(path, &it.text)) {
             let (version, text) = (document.version, document.text.clone());
-            let document = checker::Open { path: path.clone(), version, text };
+            let document = checker::OpenDocument { path: path.clone(), version, text };
             match first.as_ref() == Some(path) {
                 true => open.insert(0, document),
                 false => open.push(document),
@@ -425,18 +429,18 @@ impl Server {
         }
         let uris =
             self.documents.iter().map(|(path, it)| (path.clone(), it.uris.clone())).collect();
-        // The thread lives as long as this.
+        // Sending cannot fail: the checker thread lives as long as the server.
         let _ = self.checks.send(checker::Job::Check { open, uris, options: self.options() });
     }
 
-    /// How graphs are read: with what has not been saved yet.
+    /// Returns the options for loading graphs. They contain the texts of documents that are not saved yet.
     pub(crate) fn options(&self) -> Options {
         let texts = self.documents.iter().map(|(path, it)| (path.clone(), it.text.to_string()));
         let roots = self.choices.roots.clone();
         Options { texts: texts.collect(), roots, pins: true, ..Options::default() }
     }
 
-    /// Opens a file or a page in the editor, or asks its system to.
+    /// Opens a file or URL in the editor, or if `external` is true, in the default program of the system.
     pub(crate) fn show(&mut self, uri: &str, external: bool) {
         if self.client.shows_documents && !self.choices.shows {
             let params = json!({ "uri": uri, "external": external, "takeFocus": true });
@@ -445,7 +449,7 @@ impl Server {
     }
 }
 
-/// What is known of the text that a request is about.
+/// The document to which a request refers.
 pub struct Subject<'s> {
     pub(crate) path: PathBuf,
     pub(crate) uri: Uri,
@@ -454,10 +458,10 @@ pub struct Subject<'s> {
 }
 
 impl Server {
-    /// The text that a request is about; `None` if it is not one of ours, of which nothing is said, or a large one, of which only problems
-    /// are reported.
+    /// Returns the document to which a request refers. Returns `None` if it is not in the language of this server, or too large for
+    /// anything but diagnostics.
     pub(crate) fn subject<'s>(&self, uri: &Uri, text: &'s mut Arc<str>) -> Option<Subject<'s>> {
-        let path = real(&path_of(uri)?);
+        let path = resolve_path(&path_of(uri)?);
         let document = self.documents.get(&path)?;
         let text_is_ours = is_ours(&path, &document.text) || is_new(&path, &document.text);
         if !text_is_ours || self.is_large(&document.text) {
@@ -468,7 +472,7 @@ impl Server {
         Some(Subject { path, uri: uri.clone(), lines, options: self.options() })
     }
 
-    /// Shows why a large file has diagnostics only.
+    /// Shows a message why a large file gets only diagnostics.
     fn show_large(&self, uri: &Uri, bytes: usize) {
         let message = format!(
             "{} has {} kB: only errors and warnings are reported; `largeFiles` (`maquette.largeFiles`) raises the limit of {} kB",
@@ -481,17 +485,17 @@ impl Server {
         let _ = self.sender.send(Notification { method, params }.into());
     }
 
-    /// Whether only the problems of a text are told.
+    /// Returns true if a text is too large for anything but diagnostics.
     pub(crate) fn is_large(&self, text: &str) -> bool {
         self.choices.large_files != 0 && self.choices.large_files * 1_000 < text.len()
     }
 
-    /// What the last evaluation of a graph found.
-    pub(crate) fn last(&mut self, path: &Path) -> Rc<Last> {
+    /// Returns the results of the last evaluation of a graph.
+    pub(crate) fn last_run(&mut self, path: &Path) -> Rc<LastRun> {
         let evaluations = self.commands.evaluations();
         let known = self.documents.get(path).and_then(|document| document.last.as_ref());
         if let Some((when, count, last)) = known
-            && when.elapsed() < FRESH
+            && when.elapsed() < LOOKUP_INTERVAL
             && *count == evaluations
         {
             return last.clone();
@@ -500,8 +504,8 @@ impl Server {
         let Some(document) = self.documents.get_mut(path) else { return Rc::default() };
         let graph = checked.graph.or(checked.partial);
         let last = match (graph, &document.last) {
-            (Some(graph), _) => Rc::new(Last::of(&graph, &mut self.session)),
-            // Of a text that is being written.
+            (Some(graph), _) => Rc::new(LastRun::load(&graph, &mut self.session)),
+            // The document is not a valid graph at present. The old results are kept, so that not every change of the text causes a lookup.
             (None, Some((.., last))) => last.clone(),
             (None, None) => Rc::default(),
         };
@@ -513,36 +517,36 @@ impl Server {
         Library::new(&self.catalog, path, options)
     }
 
-    /// The URI of a file: as the editor writes it, where it is open.
+    /// Returns the URI of a file. If the file is open, the URI has the form that the editor uses.
     pub(crate) fn uri(&self, path: &Path) -> Uri {
         self.documents
             .get(path)
             .and_then(|document| document.uris.last().cloned())
-            .unwrap_or_else(|| place::uri_of(path))
+            .unwrap_or_else(|| position::uri_of(path))
     }
 
-    /// The text of a file, open or not.
+    /// Returns the text of a file: the present text of an open document, otherwise the content on disk.
     pub(crate) fn text(&self, path: &Path) -> Arc<str> {
         let open = self.documents.get(path).map(|document| document.text.clone());
-        open.unwrap_or_else(|| maquette_value::plain::read_text(path).unwrap_or_default().into())
+        open.unwrap_or_else(|| maquette_value::fs::read_text(path).unwrap_or_default().into())
     }
 }
 
-/// The method by which editors are asked for settings.
+/// The method that requests settings from the editor.
 const CONFIGURATION: &str = "workspace/configuration";
 
-/// Returns true if one of these messages cancels a request.
+/// Returns true if one of the waiting messages cancels the request.
 fn is_cancelled(id: &RequestId, waiting: &VecDeque<Message>) -> bool {
     waiting.iter().any(|message| match message {
-        Message::Notification(told) => {
-            told.method == "$/cancelRequest" && id_of(&told.params["id"]) == *id
+        Message::Notification(notification) => {
+            notification.method == "$/cancelRequest" && id_of(&notification.params["id"]) == *id
         }
         Message::Request(_) | Message::Response(_) => false,
     })
 }
 
-/// Returns true if a text is a graph, a patch, a test or a sweep. Without a project around it, it must have a field of these, since
-/// others write RON, too.
+/// Returns true if a text is a graph, a patch, a test or a sweep. Outside of a project the text must also contain a typical field, because
+/// other programs use RON, too.
 pub fn is_ours(path: &Path, text: &str) -> bool {
     let fields: &[&str] = match first_word(text) {
         "Graph" => &["nodes", "outputs"],
@@ -553,18 +557,18 @@ pub fn is_ours(path: &Path, text: &str) -> bool {
     is_in_project(path) || is_ron(path) && has_field(text, fields)
 }
 
-/// Returns true if one of these words is a field of the call that a text holds.
+/// Returns true if the outermost call in a text has one of these fields.
 fn has_field(text: &str, fields: &[&str]) -> bool {
     let mut found = false;
-    each_word(text, |frames, passed| {
-        if let Passed::Name(name) = passed {
+    for_each_word(text, |frames, passed| {
+        if let WalkEvent::Name(name) = passed {
             found |= frames.len() == 1 && fields.contains(&&name.text[..]);
         }
     });
     found
 }
 
-/// Whether nothing has been written yet that could tell.
+/// Returns true if the text of a file in a project is still too short to determine its kind.
 pub fn is_new(path: &Path, text: &str) -> bool {
     let word = first_word(text);
     let begins = ["Graph", "Patch", "Test", "Sweep"].iter().any(|known| known.starts_with(word));

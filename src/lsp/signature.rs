@@ -1,18 +1,19 @@
-//! The fields of the call around a place, as editors show them while somebody writes.
+//! Signature help: the fields of the call at a position.
 
 use maquette_syntax::{TypedKind, cursor};
 use serde_json::{Value as Json, json};
 
+use super::expected_syntax::{BracketContent, SyntaxResolver};
 use super::library::Library;
 use super::scope::Scope;
-use super::slot::{Inside, Slots};
 
-/// The call around a place and the field that is written there; `null` if there is none.
+/// Returns the call that contains a position, and the field at that position. Returns `null` outside of calls.
 pub(super) fn signature(library: &Library<'_>, text: &str, at: usize) -> Json {
     let cursor = cursor(text, at);
-    let scope = Scope::of(text);
-    let (inside, _) = Slots { library, scope: &scope }.at(&cursor.frames);
-    let (Inside::Fields(owner, fields), Some(frame)) = (inside, cursor.frames.last()) else {
+    let scope = Scope::parse(text);
+    let (inside, _) = SyntaxResolver { library, scope: &scope }.resolve(&cursor.frames);
+    let (BracketContent::Fields(owner, fields), Some(frame)) = (inside, cursor.frames.last())
+    else {
         return Json::Null;
     };
     if cursor.typed.kind == TypedKind::Comment || fields.is_empty() {
@@ -32,7 +33,7 @@ pub(super) fn signature(library: &Library<'_>, text: &str, at: usize) -> Json {
         .collect();
     let mut signature =
         json!({ "label": format!("{owner}({})", labels.join(", ")), "parameters": parameters });
-    // A field that is not known is none of them.
+    // If the call has no such field, no field is highlighted.
     let active = frame.field.as_ref().map(|name| {
         fields.iter().position(|field| field.name == name.text).unwrap_or(fields.len())
     });

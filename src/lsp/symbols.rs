@@ -1,4 +1,4 @@
-//! The names of a text, or of all texts of a project, as editors list them.
+//! Document symbols and workspace symbols.
 
 use std::path::PathBuf;
 
@@ -7,14 +7,14 @@ use maquette_syntax::error::Span;
 use serde_json::{Value as Json, json};
 
 use super::outline::{self, Section};
-use super::place::Lines;
+use super::position::Lines;
 use super::project::files_of;
 use super::{Server, is_ours};
 
-/// More symbols of a project are not listed: a longer query has fewer.
+/// The maximum number of workspace symbols in an answer.
 const MAX_SYMBOLS: usize = 2_000;
 
-/// What the entries of a section are to an editor.
+/// Returns the symbol kind of the entries of a section.
 fn kind_of(section: &Section) -> u8 {
     match &section.name[..] {
         "nodes" => 12,
@@ -25,9 +25,10 @@ fn kind_of(section: &Section) -> u8 {
     }
 }
 
-/// The sections of a text, each with its entries.
+/// Returns the sections of a text, each with its entries.
 pub(super) fn symbols(lines: &Lines<'_>) -> Json {
-    let symbol = |section: &Section| {
+    let sections = outline::sections(lines.text());
+    let symbols = sections.iter().map(|section| {
         let kind = kind_of(section);
         let children = section
             .entries
@@ -49,43 +50,43 @@ pub(super) fn symbols(lines: &Lines<'_>) -> Json {
             "selectionRange": lines.range(section.at),
             "children": children,
         })
-    };
-    outline::sections(lines.text()).iter().map(symbol).collect()
+    });
+    symbols.collect()
 }
 
-/// The entries of all sections whose names have the letters of a query in them, in their order.
+/// Returns the entries of all sections whose names match the query: they contain its letters in order.
 pub(super) fn flat_symbols(lines: &Lines<'_>, uri: &Uri, query: &str) -> Vec<Json> {
     let mut found = Vec::new();
     for section in outline::sections(lines.text()) {
         let kind = kind_of(&section);
-        let mut add = |name: &str, kind: u8, span: Span, within: &str| {
-            if !name.is_empty() && has_letters(name, query) {
-                let location = json!({ "uri": uri, "range": lines.range(span) });
-                let symbol = json!({ "name": name, "kind": kind, "location": location, "containerName": within });
-                found.push(symbol);
-            }
-        };
+        let mut symbols: Vec<(&str, u8, Span, &str)> = Vec::new();
         if section.entries.is_empty() {
-            add(&section.name, 8, section.span, "");
+            symbols.push((&section.name, 8, section.span, ""));
         }
         for entry in &section.entries {
-            add(&entry.name, kind, entry.span, &section.name);
+            symbols.push((&entry.name, kind, entry.span, &section.name));
+        }
+        for (name, kind, span, container) in symbols {
+            if !name.is_empty() && has_letters(name, query) {
+                let location = json!({ "uri": uri, "range": lines.range(span) });
+                found.push(json!({ "name": name, "kind": kind, "location": location, "containerName": container }));
+            }
         }
     }
     found
 }
 
-/// Returns true if the letters of a query are in a name, in their order, whatever their case.
+/// Returns true if a name contains the letters of a query in this order, ignoring case.
 pub(super) fn has_letters(name: &str, query: &str) -> bool {
     let mut rest = name.chars().flat_map(char::to_lowercase);
     query.chars().flat_map(char::to_lowercase).all(|c| rest.any(|other| other == c))
 }
 
 impl Server {
-    /// The names in all texts of the projects that are open.
+    /// Returns the names that match the query, from all files of the open projects.
     pub(super) fn workspace_symbols(&self, query: &str) -> Json {
         let options = self.options();
-        // A file of a folder stands for its project.
+        // The file need not exist: any path in a folder identifies the project of the folder.
         let folders = self.folders.iter().map(|folder| folder.join("maquette.toml"));
         let mut files = Vec::<PathBuf>::new();
         for path in folders.chain(self.documents.keys().cloned()) {
@@ -113,7 +114,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn letters_in_their_order_find_a_name() {
+    fn names_match_letters_in_order() {
         assert!(has_letters("left-eye", "LE"));
         assert!(has_letters("left-eye", ""));
         assert!(!has_letters("left-eye", "yl"));

@@ -1,4 +1,5 @@
-//! Messages over stdin and stdout. A message that breaks the protocol is answered with an error, and reading goes on with the next header.
+//! Messages over stdin and stdout. If a message violates the protocol, it is answered with an error, and reading continues at the next
+//! header.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Write, stdin, stdout};
@@ -12,19 +13,19 @@ use lsp_server::{Connection, ErrorCode, Message, Notification, Request, RequestI
 use maquette_engine::writing;
 use serde_json::{Map, Value as Json, json};
 
-/// Longer messages are refused: no editor opens such a text.
+/// The maximum length of a message in bytes. No editor opens a larger text.
 const MAX_BYTES: u64 = 1 << 28;
 
-/// Of a longer line, which is not a header, only the end is kept: a header may begin there.
+/// The maximum length of a header line in bytes. A longer line is not a header; only its end is kept, because a header may begin there.
 const MAX_LINE: usize = 4096;
 
-/// The number of messages that are read before the server handles them: it sees there which requests are cancelled.
+/// The maximum number of messages that are read ahead. The server looks for cancelled requests among them.
 const QUEUE: usize = 256;
 
-/// The header that each message has.
+/// The header that gives the length of each message.
 const LENGTH: &[u8] = b"content-length:";
 
-/// Begins the ids that [`RequestId`] cannot hold, such as `null` and numbers of more than 32 bits.
+/// The prefix of the text that replaces an id which [`RequestId`] cannot represent, such as `null` or a number of more than 32 bits.
 const OTHER_ID: &str = "maquette-json-id ";
 
 /// The threads of a connection.
@@ -33,29 +34,29 @@ pub struct Threads {
 }
 
 impl Threads {
-    /// Waits until everything is written. The reader is not waited for: somebody else than the editor may keep stdin open.
+    /// Waits until all messages are written. Does not wait for the reader, because another process may keep stdin open.
     ///
     /// # Errors
-    /// If stdout could not be written.
+    /// If stdout cannot be written.
     pub fn join(self) -> io::Result<()> {
         self.writer.join().unwrap_or(Ok(()))
     }
 }
 
-/// A connection over stdin and stdout, which writes each message to a file, too, if there is one.
+/// Opens a connection over stdin and stdout, which also logs each message to a file if one is given.
 ///
 /// # Errors
-/// If the file of the log cannot be made.
+/// If the log file cannot be created.
 pub fn stdio(log: Option<&Path>) -> io::Result<(Connection, Threads)> {
-    let log = Log::new(log)?;
+    let log = MessageLog::new(log)?;
     let (to_server, receiver) = crossbeam_channel::bounded(QUEUE);
     let (sender, to_editor) = crossbeam_channel::unbounded::<Message>();
-    // The reader may outlive the server, so it does not keep the other channel open.
+    // The reader may outlive the server. It has a separate channel for errors, because it would keep the server's channel open.
     let (errors, refusals) = crossbeam_channel::unbounded();
     let reader_log = log.clone();
     std::thread::spawn(move || {
         let mut frames = Frames { input: BufReader::new(stdin()), is_lost: false };
-        // The end of the input is the end of the editor.
+        // The end of stdin means that the editor has ended.
         while let Ok(Some(frame)) = frames.next() {
             let message = frame.map_err(|why| refusal(Json::Null, ErrorCode::ParseError, why));
             match message.and_then(|body| message_of(&body, &reader_log)) {
@@ -90,7 +91,7 @@ pub fn stdio(log: Option<&Path>) -> io::Result<(Connection, Threads)> {
     Ok((Connection { sender, receiver }, Threads { writer }))
 }
 
-/// The id of a request, whatever JSON it is.
+/// Converts the id of a request, which may be any JSON value.
 pub(super) fn id_of(id: &Json) -> RequestId {
     let number = id.as_i64().and_then(|id| i32::try_from(id).ok());
     match (number, id) {
@@ -104,24 +105,24 @@ fn refusal(id: Json, code: ErrorCode, why: String) -> Box<Response> {
     Box::new(Response::new_err(id_of(&id), code as i32, why))
 }
 
-/// The bodies of messages.
+/// Reads the bodies of messages from a stream.
 struct Frames<R> {
     input: R,
-    /// Nothing is known of what comes until the next header. The error has been given.
+    /// True after a protocol error. The error has been reported, and everything up to the next header is skipped.
     is_lost: bool,
 }
 
 impl<R: BufRead> Frames<R> {
-    /// The next body, or how the protocol is broken; `None` at the end.
+    /// Returns the body of the next message, or a message about a protocol error. Returns `None` at the end of the stream.
     fn next(&mut self) -> io::Result<Option<Result<Vec<u8>, String>>> {
         let (mut length, mut has_header) = (None, false);
         loop {
-            // Its sender may never end the line.
+            // Text that begins like a message is rejected at once, because its sender may never end the line.
             if !self.is_lost
                 && !has_header
                 && self.input.fill_buf()?.first().is_some_and(|first| b"{[".contains(first))
             {
-                return Ok(Some(self.lost("expected `Content-Length: N`, found a message")));
+                return Ok(Some(self.fail("expected `Content-Length: N`, found a message")));
             }
             let Some(line) = self.line()? else { return Ok(None) };
             let line = line.trim_ascii();
@@ -135,34 +136,34 @@ impl<R: BufRead> Frames<R> {
                     _ if self.is_lost => {}
                     Ok(_) => {
                         let why = format!("expected at most {MAX_BYTES} bytes, found {number}");
-                        return Ok(Some(self.lost(&why)));
+                        return Ok(Some(self.fail(&why)));
                     }
                     Err(_) => {
                         let why = format!("expected `Content-Length: N`, found `{number}`");
-                        return Ok(Some(self.lost(&why)));
+                        return Ok(Some(self.fail(&why)));
                     }
                 }
             } else if !line.is_empty() {
                 has_header = true;
                 if !line.contains(&b':') && !self.is_lost && length.is_none() {
-                    return Ok(Some(self.lost("expected `Content-Length: N`, found other text")));
+                    return Ok(Some(self.fail("expected `Content-Length: N`, found other text")));
                 }
             } else if let Some(bytes) = length {
                 let mut body = Vec::new();
                 (&mut self.input).take(bytes).read_to_end(&mut body)?;
                 return Ok((body.len() as u64 == bytes).then_some(Ok(body)));
             } else if has_header && !self.is_lost {
-                return Ok(Some(self.lost("expected `Content-Length: N`, found no such header")));
+                return Ok(Some(self.fail("expected `Content-Length: N`, found no such header")));
             }
         }
     }
 
-    fn lost(&mut self, why: &str) -> Result<Vec<u8>, String> {
+    fn fail(&mut self, why: &str) -> Result<Vec<u8>, String> {
         self.is_lost = true;
         Err(why.to_owned())
     }
 
-    /// The next line, of a long one its end.
+    /// Reads the next line. If the line is longer than [`MAX_LINE`], only its end is returned.
     fn line(&mut self) -> io::Result<Option<Vec<u8>>> {
         let mut line = Vec::new();
         loop {
@@ -178,8 +179,8 @@ impl<R: BufRead> Frames<R> {
     }
 }
 
-/// The message in a body; `None` if it is an answer that nobody waits for, the refusal if it is not a message.
-fn message_of(body: &[u8], log: &Log) -> Result<Option<Message>, Box<Response>> {
+/// Parses the body of a message. Returns `None` for an answer to an unknown request, and an error response if the body is not a message.
+fn message_of(body: &[u8], log: &MessageLog) -> Result<Option<Message>, Box<Response>> {
     let text = String::from_utf8_lossy(body);
     log.write("editor", &text);
     let text = text.trim_start_matches('\u{feff}');
@@ -221,7 +222,7 @@ fn answer(id: Option<Json>, fields: &mut Map<String, Json>) -> Option<Message> {
     })
 }
 
-/// JSON in which `\ud83d` without its other half, which editors send while somebody writes, is `\ufffd`.
+/// Replaces unpaired surrogates such as `\ud83d` by `\ufffd`. Some editors send them while the user types.
 fn without_lone_surrogates(json: &str) -> String {
     let mut new = String::with_capacity(json.len());
     let mut rest = json;
@@ -247,7 +248,7 @@ fn without_lone_surrogates(json: &str) -> String {
     new + rest
 }
 
-fn write(out: &mut impl Write, message: &Message, log: &Log) -> io::Result<()> {
+fn write(out: &mut impl Write, message: &Message, log: &MessageLog) -> io::Result<()> {
     let has_other_id =
         matches!(message, Message::Response(it) if it.id.to_string().contains(OTHER_ID));
     if !has_other_id && log.0.is_none() {
@@ -265,11 +266,11 @@ fn write(out: &mut impl Write, message: &Message, log: &Log) -> io::Result<()> {
     out.flush()
 }
 
-/// A file of all messages, a line each, with their times in seconds.
+/// A log file. It contains a line for each message, with the time in seconds since the start.
 #[derive(Clone)]
-struct Log(Option<Arc<Mutex<(Instant, File)>>>);
+struct MessageLog(Option<Arc<Mutex<(Instant, File)>>>);
 
-impl Log {
+impl MessageLog {
     fn new(path: Option<&Path>) -> io::Result<Self> {
         let file = path.map(writing::open_log).transpose()?;
         Ok(Self(file.map(|file| Arc::new(Mutex::new((Instant::now(), file))))))
@@ -280,7 +281,7 @@ impl Log {
             let mut log = log.lock().unwrap_or_else(PoisonError::into_inner);
             let seconds = log.0.elapsed().as_secs_f64();
             let line = message.replace(['\n', '\r'], " ");
-            // A log that cannot be written is not worth an editor's answers.
+            // A write error is ignored: the log must not prevent the server from answering.
             let _ = writeln!(log.1, "{seconds:.3} {who}: {line}");
         }
     }
@@ -290,7 +291,7 @@ impl Log {
 mod tests {
     use super::*;
 
-    /// What is read of some bytes: bodies, and `!` for each error.
+    /// Returns the bodies that are read from some bytes, with `!` for each protocol error.
     fn read(input: &str) -> Vec<String> {
         let mut frames = Frames { input: input.as_bytes(), is_lost: false };
         let bodies = std::iter::from_fn(|| {
@@ -328,27 +329,27 @@ mod tests {
     fn headers_may_come_in_any_order_and_case() {
         let other = "content-type: x\ncontent-LENGTH:2 \n\n{}\r\n\r\n";
         assert_eq!(read(&format!("{other}{other}")), ["{}", "{}"]);
-        // A text that ends inside of a message is the end.
+        // An incomplete message at the end of the input is ignored.
         assert_eq!(read("Content-Length: 9\r\n\r\n{}"), Vec::<String>::new());
     }
 
     #[test]
-    fn every_id_comes_back_as_it_was() {
+    fn ids_survive_a_round_trip() {
         for id in ["1", "\"a\"", "1.0", "5000000000", "null", "{\"a\":1}", "-7"] {
             let body = format!("{{\"id\": {id}, \"method\": \"x\"}}");
-            let message = message_of(body.as_bytes(), &Log(None)).unwrap().unwrap();
+            let message = message_of(body.as_bytes(), &MessageLog(None)).unwrap().unwrap();
             let Message::Request(request) = message else { panic!("{message:?}") };
             let mut out = Vec::new();
-            write(&mut out, &Response::new_ok(request.id, ()).into(), &Log(None)).unwrap();
+            write(&mut out, &Response::new_ok(request.id, ()).into(), &MessageLog(None)).unwrap();
             let out = String::from_utf8(out).unwrap();
             assert!(out.contains(&format!("\"id\":{id}")), "{out}");
         }
     }
 
     #[test]
-    fn what_is_no_message_is_refused_with_its_id() {
+    fn invalid_messages_are_rejected_with_their_id() {
         fn code(body: &str) -> (RequestId, i32) {
-            match message_of(body.as_bytes(), &Log(None)) {
+            match message_of(body.as_bytes(), &MessageLog(None)) {
                 Err(answer) => (answer.id, answer.response_result.unwrap_err().code),
                 other => panic!("{body}: {other:?}"),
             }
@@ -360,16 +361,16 @@ mod tests {
         assert_eq!(code("[]"), (null.clone(), -32600));
         assert_eq!(code("{}"), (null, -32600));
         assert_eq!(code("{\"id\": 3, \"method\": 4}"), (3.into(), -32600));
-        // Answers to nobody.
+        // These are answers to unknown requests, which are ignored.
         for body in ["{\"id\": null, \"error\": {}}", "{\"error\": 3}"] {
-            assert!(message_of(body.as_bytes(), &Log(None)).unwrap().is_none(), "{body}");
+            assert!(message_of(body.as_bytes(), &MessageLog(None)).unwrap().is_none(), "{body}");
         }
     }
 
     #[test]
-    fn half_of_a_letter_is_a_sign_of_its_own() {
+    fn unpaired_surrogates_are_replaced() {
         let body = r#"{"method": "x", "params": ["\ud83d", "\\ud83d", "\ud83d\ude00\udc00a"]}"#;
-        let message = message_of(body.as_bytes(), &Log(None)).unwrap().unwrap();
+        let message = message_of(body.as_bytes(), &MessageLog(None)).unwrap().unwrap();
         let Message::Notification(told) = message else { panic!("{message:?}") };
         assert_eq!(told.params, json!(["\u{fffd}", "\\ud83d", "\u{1f600}\u{fffd}a"]));
     }

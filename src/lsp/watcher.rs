@@ -1,4 +1,4 @@
-//! Files that open texts depend on, looked at again and again: few editors report changes outside of their folders, and some report none.
+//! Polls the files on which open documents depend. Few editors report changes outside of their folders, and some report none.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -6,56 +6,56 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::Duration;
 
 use crossbeam_channel::Sender;
-use maquette_graph::stamp::Stamp;
+use maquette_graph::file_stat::FileStat;
 
-/// Something that happens outside of the editor's messages.
+/// An event that is not a message of the editor.
 pub(super) enum Event {
     /// The process of the editor has ended.
     EditorEnded,
-    /// A file that an open text depends on has changed.
+    /// A file on which an open document depends has changed.
     FilesChanged,
 }
 
-/// How often files are looked at.
-const PERIOD: Duration = Duration::from_millis(700);
+/// The polling interval.
+const INTERVAL: Duration = Duration::from_millis(700);
 
-/// What changes with each file; `None` if there is none.
-type Stamps = Mutex<BTreeMap<PathBuf, Option<Stamp>>>;
+/// The metadata of each file, which changes when the file changes; `None` if the file does not exist.
+type FileStamps = Mutex<BTreeMap<PathBuf, Option<FileStat>>>;
 
-/// Looks at files until it is dropped.
+/// Polls files until it is dropped.
 pub(super) struct Watcher {
-    stamps: Arc<Stamps>,
+    stamps: Arc<FileStamps>,
 }
 
 impl Watcher {
-    /// Sends an event for each look that finds something changed.
+    /// Starts a thread that sends an event whenever a file has changed.
     pub(super) fn start(events: Sender<Event>) -> Self {
-        let stamps = Arc::<Stamps>::default();
+        let stamps = Arc::<FileStamps>::default();
         let weak = Arc::downgrade(&stamps);
-        std::thread::spawn(move || look(&weak, &events));
+        std::thread::spawn(move || poll(&weak, &events));
         Self { stamps }
     }
 
-    /// Looks at these files instead of the ones before.
+    /// Replaces the list of files that are polled.
     pub(super) fn watch(&self, files: BTreeSet<PathBuf>) {
         let mut stamps = lock(&self.stamps);
         let mut before = std::mem::take(&mut *stamps);
         for file in files {
-            let stamp = before.remove(&file).unwrap_or_else(|| Stamp::of(&file));
+            let stamp = before.remove(&file).unwrap_or_else(|| FileStat::read(&file));
             stamps.insert(file, stamp);
         }
     }
 }
 
-fn look(stamps: &Weak<Stamps>, events: &Sender<Event>) {
+fn poll(stamps: &Weak<FileStamps>, events: &Sender<Event>) {
     loop {
-        std::thread::sleep(PERIOD);
+        std::thread::sleep(INTERVAL);
         let Some(stamps) = stamps.upgrade() else { return };
-        // Nothing waits for a slow disk.
+        // The list is cloned, so that a caller of `watch` does not wait for a slow disk.
         let known = lock(&stamps).clone();
         let mut has_changed = false;
         for (file, before) in known {
-            let now = Stamp::of(&file);
+            let now = FileStat::read(&file);
             if now != before {
                 has_changed = true;
                 if let Some(stamp) = lock(&stamps).get_mut(&file) {
@@ -69,6 +69,6 @@ fn look(stamps: &Weak<Stamps>, events: &Sender<Event>) {
     }
 }
 
-fn lock(stamps: &Stamps) -> MutexGuard<'_, BTreeMap<PathBuf, Option<Stamp>>> {
+fn lock(stamps: &FileStamps) -> MutexGuard<'_, BTreeMap<PathBuf, Option<FileStat>>> {
     stamps.lock().unwrap_or_else(PoisonError::into_inner)
 }

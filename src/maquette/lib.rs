@@ -20,7 +20,7 @@
 //! # let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../graphs/unsaved.ron");
 //! let mut session = Session::new(maquette_nodes::PACKS, &Settings::in_memory())?;
 //! let checked = session.load(&path, &Options::default().with_text(&path, text));
-//! let graph = checked.graph.ok_or_else(|| checked.problems[0].to_text(false))?;
+//! let graph = checked.graph.ok_or_else(|| checked.diagnostics[0].to_text(false))?;
 //! let done = session.run(&graph, &Run::default()).map_err(|problems| problems[0].to_text(false))?;
 //! assert!(done.get::<Mesh>("skin.glb")?.faces().len() > 1000);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -68,15 +68,15 @@
 
 pub use maquette_diagram as diagram;
 pub use maquette_edit as edit;
-pub use maquette_edit::{Edit, Edited, Extracted, Extraction, Merge, Put};
-pub use maquette_engine::Exchange;
+pub use maquette_edit::{Edit, EditedText, ExtractedGraph, Extraction, Merge, ValueChange};
+pub use maquette_engine::RequestCounts;
 pub use maquette_engine::eval::{
-    Diagnosis, Disk, DiskError, Evaluation, Evaluator, Fault, NodeTrace, Observer, RunTrace, State,
-    ThreadsError, Usage, start_threads,
+    CacheFault, Diagnosis, Disk, DiskError, Evaluation, Evaluator, NodeTrace, Observer, RunTrace,
+    State, ThreadsError, Usage, start_threads,
 };
 pub use maquette_engine::session::{
-    CacheFolder, CacheServer, Finished, OutputFolder, Produced, Run, SaveError, Session,
-    SessionError, Settings, Wanted, Written, save,
+    CacheFolder, CacheServer, OutputFile, OutputFolder, OutputReport, Run, RunResult, SaveError,
+    Session, SessionError, Settings, Targets, save,
 };
 pub use maquette_format as format;
 pub use maquette_golden::conformance;
@@ -84,26 +84,30 @@ pub use maquette_golden::suite::{TestRun, test_graphs};
 pub use maquette_golden::{Comparison, Keep, Measure, Tolerance, Verdict, compare};
 pub use maquette_graph::catalog::Catalog;
 pub use maquette_graph::{
-    Change, Checked, Difference, Files, Graph, GraphInput, GraphPort, InputValues, Options,
+    Change, CheckedGraph, Difference, Files, Graph, GraphInput, GraphPort, InputValues, Options,
     ReadFile,
 };
-pub use maquette_node::limit::{Estimate, Limit, TooMuch};
+pub use maquette_node::budget::{Estimate, Limit, LimitError};
+pub use maquette_node::importers::{
+    AnyReader, CompanionLookup, FileReader, InputFile, NoReader, reader,
+};
 pub use maquette_node::pack::{
     Content, FileFormat, Format, Migration, NewFile, NewValue, Pack, Recipe, format,
 };
 pub use maquette_node::provenance::Signature;
-pub use maquette_node::reading::{AnyReader, Beside, FileReader, NoReader, Reading, reader};
 pub use maquette_node::{
-    CancelToken, Carry, ColorRange, Context, DataKind, Exactness, Fate, Fidelities, Fidelity,
-    FieldError, File, FilePath, In, Node, NodeType, Output, Outputs, PortType, Previous, Progress,
-    Promise, ReadError, Want, node,
+    CancelToken, Carry, ColorRange, Context, DataKind, Exactness, Fidelities, Fidelity, FieldError,
+    File, FilePath, In, Node, NodeType, Output, Outputs, PortType, Previous, Progress, Promise,
+    ReadError, Transfer, Want, node,
 };
 pub use maquette_node::{this_build, union};
 pub use maquette_render as render;
-pub use maquette_syntax::{Cancelled, Error, Place, Problem, Reader, Severity, Source, Span, code};
+pub use maquette_syntax::{
+    CancelledError, Diagnostic, Error, Position, Reader, Severity, Source, Span, code,
+};
 pub use maquette_value as value;
 pub use maquette_value::{
     AnyValue, DecodeError, Decoder, Elements, Encoder, Hash, Memo, NoElements, Summary, Value,
     ValueType, hash_of, value_type,
 };
-pub use maquette_value::{memory, parallel, random, simd};
+pub use maquette_value::{memory, parallel, rng, simd};

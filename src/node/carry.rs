@@ -1,76 +1,80 @@
-//! What becomes of the attributes of values that pass through a node.
+//! Declares how a node transfers the attributes of its inputs to its outputs.
 
 use serde_json::{Value as Json, json};
 
-/// What becomes of the attributes of one domain.
+/// The way in which the attributes of one domain (such as vertices) are transferred.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fate {
-    /// An element that goes on keeps its value; a new one has that of the one that it was made of.
+pub enum Transfer {
+    /// An element that the node keeps has its old attribute values. A new element gets the values of the element from which it was made.
     Kept,
-    /// Values are mixed: each lies between those that it is made of.
+    /// Each new value is interpolated between the values of the elements from which the new element was made.
     Interpolated,
-    /// They are not there any more.
+    /// The attributes are removed.
     Dropped,
 }
 
-/// What becomes of the attributes of a mesh, of points or of a range image, from a port to an output, for each domain.
+/// The transfer of the attributes of a mesh, of points or of a range image from a port to an output. Each domain has its own transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Carry {
     #[doc(hidden)]
     pub port: &'static str,
     #[doc(hidden)]
     pub output: &'static str,
-    /// Of meshes and points, by domain, in the order of [`DOMAINS`]; none if the port takes no such values.
+    /// The transfers for meshes and points, one per domain in the order of [`DOMAINS`]. `None` if the port takes neither meshes nor points.
     #[doc(hidden)]
-    pub fates: Option<[Fate; 4]>,
-    /// Of the cells of range images; none if the port takes none.
+    pub transfers: Option<[Transfer; 4]>,
+    /// The transfer for the cells of range images. `None` if the port does not take range images.
     #[doc(hidden)]
-    pub cells: Option<Fate>,
-    /// Attributes that the node makes itself.
+    pub cells: Option<Transfer>,
+    /// The names of the attributes that the node computes itself.
     #[doc(hidden)]
     pub own: &'static [&'static str],
 }
 
-/// The domains: of points, all is at `vertex`; an edge's attribute is its crease.
+/// The names of the domains. Attributes of points belong to the domain `vertex`. The only attribute of an edge is its crease.
 #[doc(hidden)]
 pub const DOMAINS: [&str; 4] = ["vertex", "corner", "edge", "face"];
 
 impl Carry {
-    /// All domains have the same fate.
-    pub const fn all(port: &'static str, output: &'static str, fate: Fate) -> Self {
-        Self::each(port, output, [fate; 4])
+    /// Declares the same transfer for all domains.
+    pub const fn uniform(port: &'static str, output: &'static str, fate: Transfer) -> Self {
+        Self::per_domain(port, output, [fate; 4])
     }
 
-    /// Those of vertices, corners, edges (their creases) and faces.
-    pub const fn each(port: &'static str, output: &'static str, fates: [Fate; 4]) -> Self {
-        Self { port, output, fates: Some(fates), cells: None, own: &[] }
+    /// Declares the transfers of vertices, corners, edges (their creases) and faces.
+    pub const fn per_domain(
+        port: &'static str,
+        output: &'static str,
+        fates: [Transfer; 4],
+    ) -> Self {
+        Self { port, output, transfers: Some(fates), cells: None, own: &[] }
     }
 
-    /// Those of the cells of a range image, which become those of cells, or of the vertices that are made of them.
-    pub const fn cells(port: &'static str, output: &'static str, fate: Fate) -> Self {
-        Self { port, output, fates: None, cells: Some(fate), own: &[] }
+    /// Declares the transfer of the cells of a range image, to cells or to the vertices that are made from them.
+    pub const fn cells(port: &'static str, output: &'static str, fate: Transfer) -> Self {
+        Self { port, output, transfers: None, cells: Some(fate), own: &[] }
     }
 
-    /// The same for a port that takes range images, too.
+    /// Adds the transfer of cells, for a port that also takes range images.
     #[must_use]
-    pub const fn and_cells(self, fate: Fate) -> Self {
+    pub const fn and_cells(self, fate: Transfer) -> Self {
         Self { cells: Some(fate), ..self }
     }
 
-    /// But for attributes of these names, which the node makes itself, whatever came in.
+    /// Excludes the attributes with these names, because the node computes them itself.
     #[must_use]
-    pub const fn but(self, own: &'static [&'static str]) -> Self {
+    pub const fn excluding(self, own: &'static [&'static str]) -> Self {
         Self { own, ..self }
     }
 
-    /// What there is to say, with the names of domains.
+    /// Returns the declared transfers, each with the name of its domain.
     #[doc(hidden)]
-    pub fn by_domain(self) -> impl Iterator<Item = (&'static str, Fate)> {
-        let fates = self.fates.into_iter().flat_map(|fates| DOMAINS.into_iter().zip(fates));
+    pub fn by_domain(self) -> impl Iterator<Item = (&'static str, Transfer)> {
+        let fates = self.transfers.into_iter().flat_map(|fates| DOMAINS.into_iter().zip(fates));
         fates.chain(self.cells.map(|fate| ("cell", fate)))
     }
 
-    /// As programs are told.
+    /// Returns the declaration in the form that `maquette nodes --json` prints.
     #[doc(hidden)]
     pub fn to_json(self) -> Json {
         let mut json = json!({ "port": self.port, "output": self.output });
@@ -84,8 +88,8 @@ impl Carry {
     }
 }
 
-impl Fate {
-    /// The word for people.
+impl Transfer {
+    /// Returns the word for the transfer in the manual.
     #[doc(hidden)]
     pub fn word(self) -> &'static str {
         match self {

@@ -1,4 +1,4 @@
-//! What a node sees while it runs: its inputs, its files, progress and the wish to stop.
+//! The context of a running node: its inputs, its files, the report of progress, and cancellation.
 
 use std::any::type_name;
 use std::collections::BTreeMap;
@@ -6,14 +6,14 @@ use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
-use maquette_syntax::error::{Cancelled, Error};
+use maquette_syntax::error::{CancelledError, Error};
 use maquette_value::{AnyValue, Hash, Memo, Value, hash_of_memo, value_type};
 
 use crate::file::{File, FilePath, ReadError};
-use crate::port::{In, PortType, at_port};
-use crate::reading::{ColorRange, NoReader, Readers, Reading};
+use crate::importers::{ColorRange, InputFile, NoReader, Readers};
+use crate::port::{In, PortType, value_at};
 
-/// How far a node is, and whether it should stop.
+/// Progress reporting and cancellation.
 #[derive(Clone, Default)]
 pub struct Progress<'a> {
     #[doc(hidden)]
@@ -23,63 +23,69 @@ pub struct Progress<'a> {
 }
 
 impl Progress<'_> {
-    /// Reports to nobody and never stops: for calling an algorithm without a graph.
-    pub fn none() -> Self {
+    /// Returns a progress that reports nothing and is never cancelled. It is for algorithms that run outside of a graph.
+    pub fn silent() -> Self {
         Self::default()
     }
 
-    /// Whether to go on, where the share of the work that is done is not known. Call it at least every 50 ms.
+    /// Checks for cancellation, for work whose completed fraction is not known. Call it at least every 50 ms.
     ///
     /// # Errors
-    /// If the evaluation was told to stop.
-    pub fn check(&self) -> Result<(), Cancelled> {
-        if self.cancel.is_some_and(CancelToken::is_cancelled) { Err(Cancelled) } else { Ok(()) }
+    /// If the evaluation was cancelled.
+    pub fn check(&self) -> Result<(), CancelledError> {
+        if self.cancel.is_some_and(CancelToken::is_cancelled) {
+            Err(CancelledError)
+        } else {
+            Ok(())
+        }
     }
 
-    /// Says that this share of the work (0 to 1) is done. Call it at least every 50 ms.
+    /// Reports the completed fraction of the work (0 to 1), and checks for cancellation. Call it at least every 50 ms.
     ///
     /// # Errors
-    /// If the evaluation was told to stop.
-    pub fn tick(&self, share: f64) -> Result<(), Cancelled> {
+    /// If the evaluation was cancelled.
+    pub fn tick(&self, fraction: f64) -> Result<(), CancelledError> {
         self.check()?;
         if let Some(report) = self.report {
-            report(share);
+            report(fraction);
         }
         Ok(())
     }
 
-    /// Lets a part of the work tell its own share (0 to 1), which is this range of the whole.
+    /// Runs a part of the work. The progress of that part (0 to 1) is mapped to this range of the progress of the whole work.
     pub fn part<R>(&self, range: Range<f64>, work: impl FnOnce(&Progress<'_>) -> R) -> R {
         let Some(report) = self.report else { return work(self) };
-        let of_whole = |share: f64| report(range.start + (range.end - range.start) * share);
-        work(&Progress { report: Some(&of_whole), cancel: self.cancel })
+        work(&Progress {
+            report: Some(&|fraction| report(range.start + (range.end - range.start) * fraction)),
+            cancel: self.cancel,
+        })
     }
 }
 
-/// Tells an evaluation to stop.
+/// A token that cancels evaluations.
 #[derive(Clone, Debug, Default)]
 pub struct CancelToken(Arc<std::sync::atomic::AtomicBool>);
 
 impl CancelToken {
-    /// Stops every evaluation that holds this token.
+    /// Cancels every evaluation that holds this token or a clone of it.
     pub fn cancel(&self) {
         self.0.store(true, std::sync::atomic::Ordering::Relaxed);
     }
 
-    /// Whether somebody did.
+    /// Returns true after [`cancel`](Self::cancel) was called.
     pub fn is_cancelled(&self) -> bool {
         self.0.load(std::sync::atomic::Ordering::Relaxed)
     }
 }
 
-/// Where memoized results live.
+/// A store of memoized results.
 #[doc(hidden)]
 pub trait Memos: Sync {
     fn find(&self, key: Hash) -> Option<AnyValue>;
     fn keep(&self, key: Hash, value: &AnyValue);
 }
 
-/// What a node sees of the world while it is evaluated.
+/// Everything that a node can access while it is evaluated.
 pub struct Context<'a> {
     #[doc(hidden)]
     pub inputs: &'a [AnyValue],
@@ -96,38 +102,38 @@ pub struct Context<'a> {
 }
 
 impl Context<'_> {
-    /// The value at a port.
+    /// Returns the value at a port.
     pub fn get<T: PortType>(&self, port: &In<T>) -> T::Ref<'_> {
-        at_port(self.inputs, port)
+        value_at(self.inputs, port)
     }
 
-    /// A file that a field of the node names.
+    /// Returns the file that a field of the node names.
     ///
     /// # Errors
-    /// If the file is not there or cannot be read.
+    /// If the file does not exist or cannot be read.
     pub fn file(&self, path: &FilePath) -> Result<&File, Error> {
-        match self.files.get(path.resolved()) {
+        match self.files.get(path.resolved_path()) {
             Some(Some(file)) => Ok(file),
             _ => {
-                Err(ReadError { name: path.given().to_owned(), reason: "no such file".into() }
+                Err(ReadError { name: path.name().to_owned(), reason: "no such file".into() }
                     .into())
             }
         }
     }
 
-    /// The value in a file that a field of the node names, by whatever reader the program's packs have for its ending; the
-    /// reader's warnings become the node's. Such a field says `#[schemars(extend("reads" = "Mesh"))]`.
+    /// Reads the value in a file that a field of the node names. The program's packs provide the reader for the file's extension. The
+    /// reader's warnings become warnings of the node. The field must have the attribute `#[schemars(extend("reads" = "Mesh"))]`.
     ///
     /// # Errors
-    /// If the file is not there, nothing reads such files, or the reader fails.
+    /// If the file does not exist, no reader supports its extension, or the reader fails.
     pub fn read<T: Value>(&self, path: &FilePath) -> Result<T, Error> {
         self.read_with_colors(path, None)
     }
 
-    /// The same, with the range of colors in files that do not say it, if the user knows it.
+    /// As [`read`](Self::read), with the range of colors for a file that does not specify it.
     ///
     /// # Errors
-    /// Those of [`read`](Self::read).
+    /// The errors of [`read`](Self::read).
     pub fn read_with_colors<T: Value>(
         &self,
         path: &FilePath,
@@ -135,15 +141,15 @@ impl Context<'_> {
     ) -> Result<T, Error> {
         let file = self.file(path)?;
         let beside = |name: &str| file.companion(name);
-        let reading = Reading::new(file.name(), file.bytes(), &beside).with_color_range(range);
-        // Where nothing reads such files, the error names the ending.
+        let reading = InputFile::new(file.name(), file.bytes(), &beside).with_color_range(range);
+        // The error about a missing reader already names the extension.
         let value = self.readers.read(value_type::<T>(), &reading).map_err(|error: Error| {
             match error.downcast::<NoReader>() {
                 Some(_) => error,
-                None => error.in_file(file.name()),
+                None => error.with_file(file.name()),
             }
         })?;
-        reading.doubts().into_iter().for_each(|doubt| self.warn(doubt));
+        reading.warnings().into_iter().for_each(|doubt| self.warn(doubt));
         match value.get::<T>() {
             Some(value) => Ok(value.clone()),
             None => {
@@ -152,35 +158,35 @@ impl Context<'_> {
         }
     }
 
-    /// A file that the node may do without: one that [`Node::files`](crate::Node::files) lists.
+    /// Returns the content of an optional file, which must be one of those that [`Node::files`](crate::Node::files) lists.
     pub fn file_if_any(&self, path: &FilePath) -> Option<&File> {
-        self.files.get(path.resolved()).and_then(Option::as_ref)
+        self.files.get(path.resolved_path()).and_then(Option::as_ref)
     }
 
-    /// Progress and cancel, for an algorithm that runs long.
+    /// Returns an object for progress and cancellation, which long-running algorithms take.
     pub fn progress(&self) -> &Progress<'_> {
         &self.progress
     }
 
-    /// Says that this share of the work (0 to 1) is done.
+    /// Reports the completed fraction of the work (0 to 1), and checks for cancellation.
     ///
     /// # Errors
-    /// If the evaluation was told to stop.
-    pub fn tick(&self, share: f64) -> Result<(), Cancelled> {
-        self.progress.tick(share)
+    /// If the evaluation was cancelled.
+    pub fn tick(&self, fraction: f64) -> Result<(), CancelledError> {
+        self.progress.tick(fraction)
     }
 
-    /// Tells the user of a doubt about the result.
+    /// Adds a warning about the result.
     pub fn warn(&self, message: impl Into<String>) {
         self.warnings.lock().unwrap_or_else(|broken| broken.into_inner()).push(message.into());
     }
 
-    /// The result of `make(part)`, computed once for equal parts, in this node and every other that asks the same function.
+    /// Returns `make(part)`. The result is memoized and shared by all nodes that call the same function with equal arguments.
     ///
-    /// `make` must be a plain `fn`, by its name: it cannot capture anything, so that the result depends on `part` alone.
+    /// `make` must be a named `fn`. Such a function cannot capture anything, so its result depends only on `part`.
     ///
     /// # Errors
-    /// Those of `make`.
+    /// The errors of `make`.
     pub fn memo<P, T, F>(&self, part: &P, make: F) -> Result<T, Error>
     where
         P: Memo,
@@ -191,16 +197,16 @@ impl Context<'_> {
         let function = type_name::<F>();
         assert!(
             !function.contains("{{closure}}"),
-            "the function of a memo must have a name: closures in one function cannot be told apart"
+            "the function of a memo must have a name: closures in one function cannot be distinguished"
         );
-        let key = Hash::of(format!("memo {function} {}", hash_of_memo(part)).as_bytes());
+        let key = Hash::compute(format!("memo {function} {}", hash_of_memo(part)).as_bytes());
         let found = self.memos.and_then(|memos| memos.find(key));
         if let Some(value) = found.as_ref().and_then(AnyValue::memo::<T>) {
             return Ok(value.clone());
         }
         let value = make(part)?;
         if let Some(memos) = self.memos {
-            memos.keep(key, &AnyValue::of_memo(value.clone()));
+            memos.keep(key, &AnyValue::from_memo(value.clone()));
         }
         Ok(value)
     }
@@ -211,9 +217,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_part_tells_its_share_of_the_whole() {
-        let told = Mutex::new(Vec::new());
-        let report = |share: f64| told.lock().unwrap().push(share);
+    fn progress_of_a_part_is_mapped_to_the_whole() {
+        let reported = Mutex::new(Vec::new());
+        let report = |fraction: f64| reported.lock().unwrap().push(fraction);
         let progress = Progress { report: Some(&report), cancel: None };
         progress
             .part(0.5..1.0, |half| {
@@ -221,6 +227,6 @@ mod tests {
                 half.part(0.0..0.5, |quarter| quarter.tick(1.0))
             })
             .unwrap();
-        assert_eq!(*told.lock().unwrap(), [0.5, 0.75]);
+        assert_eq!(*reported.lock().unwrap(), [0.5, 0.75]);
     }
 }

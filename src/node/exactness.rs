@@ -1,32 +1,32 @@
-//! How equal the results of a node are wherever it runs.
+//! The exactness of a node: to which degree its results are reproducible on other machines and with other builds.
 
 use serde_json::{Value as Json, json};
 
-/// How equal a node's results are on all machines and for all builds of a program.
+/// The degree to which a node's results are reproducible on other machines and with other builds of a program.
 ///
-/// It says what readers and tests may rely on. It is no part of a key.
+/// Readers and tests may rely on the exactness. It is not a part of the cache key.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Exactness {
-    /// They are the same bytes.
+    /// The results have the same bytes.
     #[default]
     Exact,
-    /// Their numbers are equal within this fraction of the size of the value: of the diagonal of the box around places, of the range
-    /// of other numbers. For nodes that call what rounds otherwise elsewhere, such as a graphics card or a library that fuses products
-    /// and sums where the processor can.
+    /// The numbers are equal within this fraction of the size of the value. For positions the size is the diagonal of the bounding box; for
+    /// other numbers it is their range. This is for nodes whose rounding depends on the machine, such as nodes that use a graphics card or
+    /// a library with fused multiply-add.
     Tolerant(f64),
 }
 
 impl Exactness {
-    /// The exactness of what is computed of both.
+    /// Returns the exactness of a result that is computed from two others, whose exactness is `self` and `other`.
     #[must_use]
-    pub fn and(self, other: Self) -> Self {
+    pub fn combine(self, other: Self) -> Self {
         match (self, other) {
             (Self::Exact, it) | (it, Self::Exact) => it,
             (Self::Tolerant(a), Self::Tolerant(b)) => Self::Tolerant(a.max(b)),
         }
     }
 
-    /// Returns true unless it is a tolerance that no two results can keep, or that all do.
+    /// Returns true if a tolerance is between 0 and 1, both exclusive.
     #[doc(hidden)]
     pub fn is_sound(self) -> bool {
         match self {
@@ -35,9 +35,9 @@ impl Exactness {
         }
     }
 
-    /// It in words, for the manual.
+    /// Describes the exactness for the manual.
     #[doc(hidden)]
-    pub fn in_words(self) -> String {
+    pub fn describe(self) -> String {
         match self {
             Self::Exact => "exact: the same bytes on every machine and build".into(),
             Self::Tolerant(fraction) => format!(
@@ -46,7 +46,7 @@ impl Exactness {
         }
     }
 
-    /// It as `maquette nodes --json` prints it: `"exact"`, or `{"tolerant": 1e-6}`.
+    /// Returns the exactness in the form that `maquette nodes --json` prints: `"exact"`, or `{"tolerant": 1e-6}`.
     #[doc(hidden)]
     pub fn to_json(self) -> Json {
         match self {
@@ -61,10 +61,10 @@ mod tests {
     use super::Exactness::{Exact, Tolerant};
 
     #[test]
-    fn what_is_computed_of_several_is_as_exact_as_the_worst_of_them() {
-        assert_eq!(Exact.and(Exact), Exact);
-        assert_eq!(Exact.and(Tolerant(1e-6)), Tolerant(1e-6));
-        assert_eq!(Tolerant(1e-3).and(Tolerant(1e-6)), Tolerant(1e-3));
+    fn combined_exactness_is_the_worst_one() {
+        assert_eq!(Exact.combine(Exact), Exact);
+        assert_eq!(Exact.combine(Tolerant(1e-6)), Tolerant(1e-6));
+        assert_eq!(Tolerant(1e-3).combine(Tolerant(1e-6)), Tolerant(1e-3));
     }
 
     #[test]

@@ -1,11 +1,11 @@
-//! What a file keeps of a mesh or of points: what its writer and its reader say of themselves.
+//! Fidelity: which data of meshes and points a file format preserves, as its writer and its reader declare.
 
-/// A kind of data of meshes and points, of which a file may hold some.
+/// A kind of data that a file of meshes or points may contain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum DataKind {
-    /// Where vertices and points are.
+    /// Positions of vertices and points.
     Positions,
-    /// Which vertices a face joins.
+    /// The faces, as the indices of their vertices.
     Faces,
     /// The attribute `normal` of vertices.
     Normals,
@@ -25,20 +25,20 @@ pub enum DataKind {
     FaceAttributes,
     /// Other attributes of corners.
     CornerAttributes,
-    /// The sharpness of edges, the one attribute that edges have.
+    /// The sharpness of creased edges, which is the only attribute of edges.
     Creases,
     /// Colors of materials.
     Materials,
-    /// The picture on the surface.
+    /// Textures.
     Pictures,
     /// The unit of lengths.
     Units,
-    /// The axis that points upwards.
+    /// The axis that points up.
     UpAxis,
 }
 
 impl DataKind {
-    /// All kinds, in the order of the manual.
+    /// All kinds of data, in the order of the manual.
     pub const ALL: [Self; 16] = [
         Self::Positions,
         Self::Faces,
@@ -58,9 +58,9 @@ impl DataKind {
         Self::UpAxis,
     ];
 
-    /// Its name in the manual.
+    /// Returns the name of the kind for the manual.
     #[doc(hidden)]
-    pub fn in_words(self) -> &'static str {
+    pub fn name(self) -> &'static str {
         match self {
             Self::Positions => "positions",
             Self::Faces => "faces",
@@ -82,14 +82,15 @@ impl DataKind {
     }
 }
 
-/// What becomes of data that is written to a file, or read from one.
+/// The degree to which data that is written to a file, or read from one, is preserved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fidelity {
-    /// It is there, with the precision of the file.
+    /// The data is preserved, with the precision that the file format has.
     Kept,
-    /// It is there in another form: which one, in a few words.
+    /// The data is converted; the text describes how.
     Changed(&'static str),
 }
 
-/// What a writer or a reader keeps and changes; kinds that are not listed are lost. An empty list says nothing.
+/// The kinds of data that a writer or reader preserves or converts. Kinds that are not listed are lost. If the list is empty, nothing is
+/// declared.
 pub type Fidelities = &'static [(DataKind, Fidelity)];

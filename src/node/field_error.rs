@@ -1,20 +1,20 @@
-//! Errors in the fields of a node that are known before it runs.
+//! Errors in the fields of a node. They are detected before the node runs.
 
 use std::fmt::Display;
 
-/// Why a node with such fields fails whatever comes in.
+/// An error in the fields of a node that makes the node fail for all inputs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FieldError {
-    /// The field to change; empty if that is not one field.
+    /// The field to be changed. Empty if the error does not concern a single field.
     pub field: &'static str,
-    /// What is wrong, without the place.
+    /// The message, without a position.
     pub message: String,
-    /// What to do.
+    /// The help text, which may be empty.
     pub help: String,
 }
 
 impl FieldError {
-    /// An error at this field.
+    /// Creates an error that concerns one field.
     pub fn new(field: &'static str, message: impl Display, help: impl Into<String>) -> Self {
         Self { field, message: message.to_string(), help: help.into() }
     }

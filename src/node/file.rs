@@ -1,4 +1,4 @@
-//! The files that a node names, and what was read of them.
+//! Files that fields of nodes name, and the contents of these files.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -9,18 +9,18 @@ use std::sync::Arc;
 use maquette_syntax::FILE;
 use maquette_syntax::error::Error;
 use maquette_value::Hash;
-use maquette_value::plain::{ending, without_mark};
+use maquette_value::fs::{extension, strip_bom};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use serde_json::json;
 
-/// A file that a node reads: a path relative to the graph's file. Empty means none.
+/// The path of a file that a node reads, relative to the file of the graph. An empty path means that there is no file.
 ///
-/// The evaluator reads it; its content, not its path, is part of the node's key.
+/// The evaluator reads the file. The content of the file is part of the node's key, but its path is not.
 ///
-/// A field that takes only files of certain endings says so, and the check refuses all others before anything runs:
-/// `#[schemars(extend("endings" = ["obj", "ply"]))]`, in lower case, without the dot; `extend("reads" = "Mesh")` stands for those
-/// from which the program's packs read that type of values.
+/// A field may restrict the extensions of its files. They are checked before the graph runs. `#[schemars(extend("endings" = ["obj",
+/// "ply"]))]` lists the extensions in lower case without the dot. `extend("reads" = "Mesh")` stands for the extensions of the program's
+/// readers for values of this type.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FilePath {
     #[doc(hidden)]
@@ -29,19 +29,19 @@ pub struct FilePath {
 }
 
 impl FilePath {
-    /// Whether no file is named.
+    /// Returns true if no file is named.
     pub fn is_empty(&self) -> bool {
         self.given.is_empty()
     }
 
-    /// The path as the graph has it.
-    pub fn given(&self) -> &str {
+    /// Returns the path as it is written in the graph.
+    pub fn name(&self) -> &str {
         &self.given
     }
 
-    /// The file of that name in the same folder.
+    /// Returns the path of another file in the folder of this file.
     #[must_use]
-    pub fn beside(&self, name: &str) -> Self {
+    pub fn sibling(&self, name: &str) -> Self {
         let given = Path::new(&self.given).with_file_name(name);
         Self {
             given: given.to_string_lossy().into_owned(),
@@ -50,7 +50,7 @@ impl FilePath {
     }
 
     #[doc(hidden)]
-    pub fn resolved(&self) -> &Path {
+    pub fn resolved_path(&self) -> &Path {
         &self.resolved
     }
 }
@@ -109,56 +109,56 @@ pub struct File {
     pub name: String,
     #[doc(hidden)]
     pub bytes: Arc<[u8]>,
-    /// The files that it names, by name, or why they cannot be had.
+    /// The companions: the files that this file names, by name. Each has its content, or the reason why it cannot be read.
     #[doc(hidden)]
     pub companions: Arc<Companions>,
-    /// Of its content, and of that of its companions.
+    /// The hash of the content of the file and its companions.
     #[doc(hidden)]
     pub hash: Hash,
 }
 
-/// Files that a file names, as its format does for materials and pictures: by name, with their contents or why they cannot be had.
+/// The files that a file names, such as materials and pictures, by name. Each has its content, or the reason why it cannot be read.
 #[doc(hidden)]
 pub type Companions = BTreeMap<String, Result<Arc<[u8]>, String>>;
 
 impl File {
-    /// The path as the graph has it, for messages.
+    /// Returns the path as it is written in the graph, for messages.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Its content, of a text without the mark of UTF-8 (EF BB BF, a "BOM") with which some editors begin it.
+    /// Returns the content of the file without a leading UTF-8 byte order mark (EF BB BF), which some editors write.
     pub fn bytes(&self) -> &[u8] {
-        without_mark(&self.bytes)
+        strip_bom(&self.bytes)
     }
 
-    /// The content of a file that this one names, by a path relative to its folder: the materials of an OBJ file and their picture.
+    /// Returns the content of a companion file, such as the materials of an OBJ file, by its path relative to this file's folder.
     ///
     /// # Errors
-    /// If there is no such file, or it may not be read; the text says which.
+    /// If there is no such file, or it may not be read.
     pub fn companion(&self, name: &str) -> Result<Arc<[u8]>, String> {
         let found = self.companions.get(name).cloned();
         found.unwrap_or_else(|| Err(format!("{} does not name `{name}`", self.name)))
     }
 
-    /// What `read` makes of its content; an error names the file, which may be given from outside of the graph.
+    /// Calls `read` with the content. If that fails, adds the name of the file to the error.
     ///
     /// # Errors
-    /// Those of `read`.
+    /// The errors of `read`.
     pub fn read<T, E: Into<Error>>(
         &self,
         read: impl FnOnce(&[u8]) -> Result<T, E>,
     ) -> Result<T, Error> {
-        read(self.bytes()).map_err(|error| error.into().in_file(&self.name))
+        read(self.bytes()).map_err(|error| error.into().with_file(&self.name))
     }
 
-    /// What stands behind the last dot of its name, in lower case; empty if nothing does.
-    pub fn ending(&self) -> String {
-        ending(Path::new(&self.name))
+    /// Returns the extension of the file name in lower case. Empty if the name has no extension.
+    pub fn extension(&self) -> String {
+        extension(Path::new(&self.name))
     }
 }
 
-/// A file could not be read.
+/// Error of a file that could not be read.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("cannot read {name}: {reason}")]
 pub struct ReadError {

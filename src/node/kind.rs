@@ -1,4 +1,4 @@
-//! What the engine knows of a type of nodes, and of a node of a graph, whatever its type is.
+//! Descriptions of node types without their Rust types, and nodes whose Rust type is not known.
 
 use std::borrow::Cow;
 
@@ -10,9 +10,9 @@ use schemars::Schema;
 use super::{
     Carry, Context, Exactness, FieldError, FilePath, Node, Outputs, Previous, Source, Term,
 };
-use crate::limit::Estimate;
+use crate::budget::Estimate;
 
-/// What the engine knows of a node. Made by [`node`].
+/// The description of a node type. [`node`] creates it.
 #[derive(Clone, Copy)]
 pub struct NodeType {
     #[doc(hidden)]
@@ -31,18 +31,18 @@ pub struct NodeType {
     pub read: fn(&Reader<'_>) -> Result<Box<dyn AnyNode>, maquette_syntax::ReadError>,
 }
 
-/// One output of a node.
+/// An output of a node.
 #[derive(Clone, Debug)]
 pub struct Output {
-    /// Its name.
+    /// The name of the output.
     pub name: &'static str,
-    /// The name of its type: a value, or a union.
+    /// The name of the output's type, which is a value type or a union.
     pub kind: &'static str,
-    /// The values that it may be.
+    /// The types of values that the output may have.
     pub types: Vec<&'static ValueType>,
 }
 
-/// The description of the node `T` for the engine.
+/// Returns the description of the node type `T`.
 pub const fn node<T: Node>() -> NodeType {
     NodeType {
         name: T::schema_name,
@@ -57,14 +57,14 @@ pub const fn node<T: Node>() -> NodeType {
             let pairs = names.as_ref().iter().zip(types);
             pairs.map(|(name, (kind, types))| Output { name, kind, types }).collect()
         },
-        terms: || Term::all(T::WANTS, T::PROMISES),
+        terms: || Term::collect(T::WANTS, T::PROMISES),
         carries: || T::CARRIES,
         exactness: T::EXACTNESS,
         read: |reader| Ok(Box::new(reader.read::<T>()?)),
     }
 }
 
-/// A node of a graph, of whatever type.
+/// A node of any type, as graphs contain it.
 #[doc(hidden)]
 pub trait AnyNode: Send + Sync {
     fn estimate(&self, _: &Context<'_>) -> Option<Estimate> {
@@ -77,22 +77,22 @@ pub trait AnyNode: Send + Sync {
     fn parameters(&self) -> Result<serde_json::Value, serde_json::Error>;
     fn files(&self) -> Vec<FilePath>;
 
-    /// As [`Node::check`].
+    /// See [`Node::check`].
     fn check(&self) -> Result<(), FieldError> {
         Ok(())
     }
 
-    /// Why it cannot run, whatever comes in.
-    fn lacks(&self) -> Option<String> {
+    /// Returns the reason why the node can never run. `None` if it can.
+    fn missing_reason(&self) -> Option<String> {
         None
     }
 
-    /// Properties of the values at ports.
+    /// Returns the required properties, each as a port and the name of a property.
     fn wants(&self) -> Vec<(&'static str, &'static str)> {
         Vec::new()
     }
 
-    /// Properties of the values at outputs.
+    /// Returns the guaranteed properties, each as an output, the name of a property, and the source of the guarantee.
     fn promises(&self) -> Vec<(&'static str, &'static str, Source)> {
         Vec::new()
     }
@@ -128,10 +128,10 @@ impl<T: Node> AnyNode for T {
     }
 
     fn wants(&self) -> Vec<(&'static str, &'static str)> {
-        T::WANTS.iter().filter_map(|want| want.of(self)).collect()
+        T::WANTS.iter().filter_map(|want| want.for_node(self)).collect()
     }
 
     fn promises(&self) -> Vec<(&'static str, &'static str, Source)> {
-        T::PROMISES.iter().filter_map(|promise| promise.of(self)).collect()
+        T::PROMISES.iter().filter_map(|promise| promise.for_node(self)).collect()
     }
 }

@@ -5,78 +5,78 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+use crate::budget::Estimate;
 use crate::carry::Carry;
 use crate::context::Context;
 use crate::exactness::Exactness;
 use crate::field_error::FieldError;
 use crate::file::FilePath;
-use crate::limit::Estimate;
 use crate::port::Outputs;
 use crate::previous::Previous;
 use crate::terms::{Promise, Want};
 
-/// One step of a graph, and its whole description.
+/// A step of a graph with its complete description.
 ///
-/// A field of type [`In<T>`](crate::In), `Option<In<T>>` or `Vec<In<T>>` is a port, a field of type [`FilePath`] a file to read, every
-/// other field a parameter. The doc comments of the type and its fields are the user's manual; `#[schemars(range(..))]` says which
-/// numbers a parameter takes, and `#[schemars(extend("unit" = "mm"))]` the unit that manual and messages print beside them.
+/// A field of type [`In<T>`](crate::In), `Option<In<T>>` or `Vec<In<T>>` is a port. A field of type [`FilePath`] names a file to read.
+/// Every other field is a parameter. The doc comments of the type and of its fields are the user's manual. `#[schemars(range(..))]` states
+/// the numbers that a parameter accepts, and `#[schemars(extend("unit" = "mm"))]` states the unit that the manual and messages print beside
+/// them.
 pub trait Node: Serialize + DeserializeOwned + JsonSchema + Send + Sync + 'static {
-    /// What it gives: a tuple of values.
+    /// The outputs: a tuple of the types of their values.
     type Outputs: Outputs;
 
-    /// The names of its outputs, the first being the one that a link without a name means.
+    /// The names of the outputs. A link without an output name refers to the first output.
     const OUTPUTS: <Self::Outputs as Outputs>::Names;
 
-    /// What it wants of the values that come in, beyond their types.
+    /// The properties that the node requires of its inputs.
     const WANTS: &'static [Want<Self>] = &[];
 
-    /// What it promises of the values that it gives, beyond their types: only what holds for all values that it accepts.
+    /// The properties that the node guarantees for its outputs. They must hold for all accepted inputs.
     const PROMISES: &'static [Promise<Self>] = &[];
 
-    /// What becomes of the attributes of meshes, points and range images, for each port that takes and each output that gives some.
+    /// The transfer of attributes. It has one entry for each pair of a port and an output that both carry meshes, points or range images.
     const CARRIES: &'static [Carry] = &[];
 
-    /// How equal its results are on all machines and for all builds: the same bytes, unless it says otherwise.
+    /// The degree to which the results are reproducible on other machines and with other builds. By default the results have the same
+    /// bytes.
     const EXACTNESS: Exactness = Exactness::Exact;
 
-    /// Files that it reads if they are there, beside those that its fields name.
+    /// Returns optional files that are read in addition to those that the fields name.
     fn files(&self) -> Vec<FilePath> {
         Vec::new()
     }
 
-    /// Finds what is wrong with its parameters and links whatever comes in, beyond what the types of the fields say, so that it is
-    /// reported before anything runs.
+    /// Checks conditions on parameters and links that the types of the fields cannot express, so that errors are reported before the graph
+    /// runs.
     ///
     /// # Errors
-    /// If every run would fail.
+    /// If every run of the node would fail.
     fn check(&self) -> Result<(), FieldError> {
         Ok(())
     }
 
-    /// How much memory [`eval`](Self::eval) will need at most, told before it runs; none if nobody can say. A node whose result may
-    /// be much larger than its inputs says it, so that it is refused with numbers instead of the program being killed.
+    /// Returns an upper bound of the memory that [`eval`](Self::eval) needs. `None` if it is not known. A node whose result may be much
+    /// larger than its inputs should return a bound: the node is then rejected with a message instead of exhausting the memory.
     ///
-    /// It sees the same context, so that it knows how large the inputs are, and must be quick: it counts, and allocates nothing
-    /// large. Of two runs on equal inputs it says the same.
+    /// The context gives access to the inputs. The method must be fast, must not allocate much, and must be deterministic.
     fn estimate(&self, cx: &Context<'_>) -> Option<Estimate> {
         let _ = cx;
         None
     }
 
-    /// Computes the outputs: a pure function of the parameters, the inputs and the files, the same bytes for any number of
-    /// threads; [`EXACTNESS`](Self::EXACTNESS) says whether they are the same on other machines, too.
+    /// Computes the outputs. This must be a pure function of the parameters, the inputs and the files, and the outputs must have the same
+    /// bytes for any number of threads. [`EXACTNESS`](Self::EXACTNESS) says if the bytes are also the same on other machines.
     ///
     /// # Errors
-    /// Whatever is wrong with the inputs; the message says what, not where.
+    /// If the inputs are invalid. The message must not contain a position; the engine adds it.
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error>;
 
-    /// What [`eval`](Self::eval) gives, made of what it gave for other inputs: the very bytes, and the same warnings. For nodes that have
-    /// little to do where little has changed; none where nothing is gained, so that `eval` is asked. A node that gives something for
-    /// little to do where little has changed; none where nothing is gained, so that `eval` is asked. A node that gives something for
-    /// unchanged inputs is held to this by `maquette::conformance`.
+    /// Updates the previous outputs for new inputs. The result must have the same bytes and warnings as that of [`eval`](Self::eval).
+    /// `maquette::conformance` checks this for nodes that return `Some` when the inputs are unchanged. If an update is not faster than
+    /// `eval`, the method returns `None`, and `eval` is called.
     ///
     /// # Errors
-    /// Those of `eval`.
+    /// The errors of `eval`.
     fn update(
         &self,
         cx: &Context<'_>,

@@ -1,20 +1,21 @@
-//! What a plugin is: a visible list of nodes, values and file formats.
+//! Packs: lists of nodes, types of values and file formats.
 
 use maquette_syntax::error::Error;
-use maquette_value::plain::ending;
+use maquette_value::fs::extension;
 use maquette_value::{AnyValue, Value, ValueType, value_type};
 
 use crate::NodeType;
 use crate::fidelity::Fidelities;
+use crate::importers::AnyReader;
 use crate::provenance::{self, Signature};
-use crate::reading::AnyReader;
 
 mod content;
 
 pub use content::Content;
-pub use content::{Kept, Pieces};
+pub use content::{CachedData, Pieces};
 
-/// A named list of nodes, with the values and file formats that they need. A pack names only what it has:
+/// A named list of nodes, with the types of values and the file formats that the nodes need. [`Pack::EMPTY`] provides the fields that a
+/// pack leaves empty:
 ///
 /// ```
 /// use maquette_node::Pack;
@@ -23,30 +24,29 @@ pub use content::{Kept, Pieces};
 /// ```
 #[derive(Clone, Copy)]
 pub struct Pack {
-    /// The word before the nodes in lists: lower case.
+    /// The name of the pack in lists, in lower case.
     pub name: &'static str,
-    /// Its version, which files tell that were made by its nodes; empty if it has none.
+    /// The version of the pack. It is part of the provenance in output files. Empty if the pack has no version.
     pub version: &'static str,
-    /// The id of the build that the code of all of this is of, as [`this_build!`](crate::this_build) gives it; empty if it is not
-    /// known. Programs whose packs are of the same builds share the results that are kept on disk. A pack without an id is known by
-    /// the files that its code was loaded from.
+    /// The build id of the pack's code, as [`this_build!`](crate::this_build) returns it. Empty if it is not known. Programs with the same
+    /// builds of their packs share cached results on disk. A pack without an id is identified by the files that contain its code.
     pub build: fn() -> &'static str,
-    /// Its nodes, in the order in which a graph uses them.
+    /// The nodes, in the order in which a typical graph uses them.
     pub nodes: &'static [NodeType],
-    /// The types of values that it brings.
+    /// The types of values that the pack defines.
     pub values: &'static [&'static ValueType],
-    /// The files that values can be written to.
+    /// The file formats to which values can be written.
     pub formats: &'static [Format],
-    /// The files that values can be read from.
+    /// The readers of files from which values can be read.
     pub readers: &'static [AnyReader],
-    /// What became of nodes and fields that graphs may still have under old names.
+    /// The renamed nodes and fields. Graphs may still contain their old names.
     pub migrations: &'static [Migration],
-    /// Graphs that a new project may begin with, those that want the most files first.
+    /// Templates for new projects. Templates that need more files come first.
     pub recipes: &'static [Recipe],
 }
 
 impl Pack {
-    /// A pack without a name that brings nothing.
+    /// A pack without a name and without content.
     pub const EMPTY: Self = Self {
         name: "",
         version: "",
@@ -60,11 +60,12 @@ impl Pack {
     };
 }
 
-/// The id of the build of this crate, for [`Pack::build`]; the crate must be built with the engine's `build.rs`.
+/// Returns the function that gives the build id of the calling crate, for [`Pack::build`]. The crate must be built with the engine's
+/// `build.rs`.
 #[macro_export]
 macro_rules! this_build {
     () => {{
-        // Apart from the list of nodes, which need not be compiled again for each new id.
+        // The id is in a module of its own, so that a new id does not cause the list of nodes to be compiled again.
         mod build_id {
             pub(super) fn build_id() -> &'static str {
                 env!("MAQUETTE_BUILD", "the build script of this package must be the engine's")
@@ -74,19 +75,19 @@ macro_rules! this_build {
     }};
 }
 
-/// A graph that a new project may begin with: `maquette new` puts the project's own files in place of those that its nodes read.
+/// A template for new projects. `maquette new` replaces the input files in it by those of the project.
 #[derive(Clone, Copy, Debug)]
 pub struct Recipe {
-    /// The word for it: lower-case letters and hyphens.
+    /// The name of the template, in lower-case letters and hyphens.
     pub name: &'static str,
-    /// The file, with comments for who goes on with it.
+    /// The text of the graph file. Its comments address the user.
     pub text: &'static str,
 }
 
-/// What became of a node or a field of a pack.
+/// The declaration that a node or field of a pack was renamed.
 ///
-/// Graphs with the old name go on to mean what they meant, with a warning; `maquette migrate --write` puts the new one into their files.
-/// Several may follow each other, as versions do: a field's migration names its node by any name that the node has had.
+/// A graph with the old name keeps its meaning, and a warning is reported. `maquette edit GRAPH migrate --write` writes the new name to the
+/// file. Several migrations may follow each other. The migration of a field may refer to the node by any name that the node has had.
 ///
 /// ```
 /// use maquette_node::{Migration, NewValue};
@@ -102,59 +103,61 @@ pub struct Recipe {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Migration {
-    /// A type of nodes has another name.
+    /// A node type was renamed.
     Node {
-        /// The name that it had: no node may have it now.
+        /// The old name of the node type. No present node may have it.
         old: &'static str,
-        /// The one that it got.
+        /// The new name.
         new: &'static str,
     },
-    /// A field has another name or place, and its value may be said otherwise.
+    /// A field was renamed or moved. Its value may be written differently, too.
     Field {
-        /// The type of nodes, by any name that it has had.
+        /// The name of the node type, which may be any name that the type has had.
         node: &'static str,
-        /// The name that the field had: the node may have no such field now, unless only words of its value have changed.
+        /// The old name of the field. The node must not have a field of this name now, unless the migration only changes words in the
+        /// field's value.
         old: &'static str,
-        /// The one that it got; `group.name` if it was moved into a group of fields.
+        /// The new name of the field. It is `group.name` if the field was moved into a group of fields.
         new: &'static str,
-        /// What became of its value.
+        /// The change of the value.
         value: NewValue,
     },
 }
 
-/// How a value of an old field is said now.
+/// The change of the value of a renamed field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NewValue {
-    /// As before.
+    /// The value does not change.
     Same,
-    /// A number in another unit: times this. All numbers of a list or tuple are; what a parameter or an expression gives, too.
+    /// The number has another unit now, so it is multiplied by this factor. All numbers of a list or tuple are multiplied, and also
+    /// parameters and expressions.
     Times(f64),
-    /// A choice that has another name: (old, new). Others stay.
+    /// Enum variants were renamed: pairs of the old and the new name.
     Words(&'static [(&'static str, &'static str)]),
 }
 
-/// A way to write one type of values to one kind of files.
+/// A file format: writes values of one type to one kind of files.
 pub trait FileFormat {
-    /// What it writes.
+    /// The type of the values.
     type Value: Value;
 
-    /// The ending of the file's name, in lower case, without the dot.
-    const ENDING: &'static str;
+    /// The extension of the files, in lower case, without the dot.
+    const EXTENSION: &'static str;
 
-    /// What its files keep of a mesh or of points, for `maquette help formats`.
+    /// The data of meshes and points that the files preserve. `maquette help formats` prints it.
     const FIDELITY: Fidelities = &[];
 
-    /// The content of the file `name`, and of other files that belong to it, all in one folder.
+    /// Returns the content of the file `name`, and of other files that belong to it. All of them are in one folder.
     ///
     /// # Errors
     /// If the value cannot be written in this format.
     fn write(value: &Self::Value, name: &str) -> Result<Vec<NewFile>, Error>;
 
-    /// The same, where the files tell where the value came from. If this is left out, files of well-known formats do so in their own
-    /// way (GLB, PLY, OBJ, MTL, PCD, PNG, TIFF, STEP, JSON objects, and by a hash STL), and others do not.
+    /// As [`write`](Self::write), with provenance in the files. By default, the provenance is added to files of well-known formats (GLB,
+    /// PLY, OBJ, MTL, PCD, PNG, TIFF, STEP, 3MF and JSON objects; STL gets only a hash), and is omitted for other formats.
     ///
     /// # Errors
-    /// Those of [`write`](Self::write).
+    /// The errors of [`write`](Self::write).
     fn write_signed(
         value: &Self::Value,
         name: &str,
@@ -162,16 +165,16 @@ pub trait FileFormat {
     ) -> Result<Vec<NewFile>, Error> {
         let mut files = Self::write(value, name)?;
         for file in &mut files {
-            provenance::sign(&ending(file.name.as_ref()), &mut file.bytes, signature);
+            provenance::sign(&extension(file.name.as_ref()), &mut file.bytes, signature);
         }
         Ok(files)
     }
 
-    /// The same content of a format whose values are one file each, and may be large: in pieces that are made while they are written, so
-    /// that the file is never in memory as a whole. If this is left out, it is.
+    /// Returns the content in pieces that are computed while they are written, so that a large file is never completely in memory. Only
+    /// formats with a single file per value can support that. By default, the result of [`write_signed`](Self::write_signed) is used.
     ///
     /// # Errors
-    /// Those of [`write`](Self::write).
+    /// The errors of [`write`](Self::write).
     fn content<'a>(
         _value: &'a Self::Value,
         _signature: Option<&Signature>,
@@ -179,9 +182,8 @@ pub trait FileFormat {
         Ok(None)
     }
 
-    /// What of the value its files cannot tell, or what their readers will stumble over, in words: a warning for each. If this is left
-    /// out, there is nothing.
-    fn doubts(_value: &Self::Value) -> Vec<String> {
+    /// Returns warnings about data that the files cannot represent, or that other programs may read incorrectly. By default there are none.
+    fn warnings(_value: &Self::Value) -> Vec<String> {
         Vec::new()
     }
 }
@@ -189,43 +191,43 @@ pub trait FileFormat {
 /// A file to be written.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NewFile {
-    /// Its name, without folders.
+    /// The name of the file, without folders.
     pub name: String,
-    /// Its content.
+    /// The content of the file.
     pub bytes: Vec<u8>,
 }
 
 impl NewFile {
-    /// The only file of an output.
-    pub fn only(name: &str, bytes: Vec<u8>) -> Vec<Self> {
+    /// Creates the list for an output that consists of one file.
+    pub fn single(name: &str, bytes: Vec<u8>) -> Vec<Self> {
         vec![Self { name: name.to_owned(), bytes }]
     }
 }
 
-/// Writes a value to files of this name.
-type Write = fn(&AnyValue, &str, Option<&Signature>) -> Result<Vec<NewFile>, Error>;
+/// Writes a value to files.
+type WriteFunction = fn(&AnyValue, &str, Option<&Signature>) -> Result<Vec<NewFile>, Error>;
 
-/// Writes a value to one file, if the format can do that in pieces.
-type WriteContent =
+/// Returns the content of a value in pieces. `None` if the format does not support pieces.
+type WriteContentFunction =
     for<'a> fn(&'a AnyValue, Option<&Signature>) -> Result<Option<Content<'a>>, Error>;
 
-/// What the engine knows of a file format. Made by [`format()`].
+/// The description of a file format, without its Rust type. [`format()`] creates it.
 #[derive(Clone, Copy)]
 pub struct Format {
-    /// The ending of the file's name.
-    pub ending: &'static str,
+    /// The extension of the files.
+    pub extension: &'static str,
     #[doc(hidden)]
     pub kind: fn() -> &'static ValueType,
-    write: Write,
-    content: WriteContent,
-    doubts: fn(&AnyValue) -> Vec<String>,
-    /// What its files keep of a mesh or of points.
+    write: WriteFunction,
+    content: WriteContentFunction,
+    warnings: fn(&AnyValue) -> Vec<String>,
+    /// The data of meshes and points that the files preserve.
     #[doc(hidden)]
     pub fidelity: Fidelities,
 }
 
 impl Format {
-    /// Where its code is.
+    /// Returns the address of the format's function, which identifies its code.
     #[doc(hidden)]
     pub fn code(&self) -> usize {
         self.write as usize
@@ -237,14 +239,14 @@ impl Format {
         (self.write)(value, name, None)
     }
 
-    /// The file of a value that the format can write in pieces, unsigned.
+    /// Returns the content in pieces, without provenance. `None` if the format does not support pieces.
     #[doc(hidden)]
     pub fn content<'a>(&self, value: &'a AnyValue) -> Result<Option<Content<'a>>, Error> {
         (self.content)(value, None)
     }
 
-    /// The same, each file by its name; they tell where the value came from, if that is known, and are made while they are written, if the
-    /// format can do that and they are large.
+    /// Returns the names and contents of the files. If a signature is given, the files contain provenance. If the format supports pieces,
+    /// the contents of large files are pieces.
     #[doc(hidden)]
     pub fn contents<'a>(
         &self,
@@ -259,32 +261,32 @@ impl Format {
         Ok(files.into_iter().map(|file| (file.name, file.bytes.into())).collect())
     }
 
-    /// What of a value its files cannot tell, or what their readers will stumble over.
+    /// Returns warnings about data that the files cannot represent.
     #[doc(hidden)]
-    pub fn doubts(&self, value: &AnyValue) -> Vec<String> {
-        (self.doubts)(value)
+    pub fn warnings(&self, value: &AnyValue) -> Vec<String> {
+        (self.warnings)(value)
     }
 }
 
-/// The description of the file format `F` for the engine.
+/// Returns the description of the file format `F`.
 pub const fn format<F: FileFormat>() -> Format {
     Format {
-        ending: F::ENDING,
+        extension: F::EXTENSION,
         kind: value_type::<F::Value>,
         write: |value, name, signature| {
-            let value = own::<F>(value);
+            let value = downcast::<F>(value);
             match signature {
                 Some(signature) => F::write_signed(value, name, signature),
                 None => F::write(value, name),
             }
         },
-        content: |value, signature| F::content(own::<F>(value), signature),
-        doubts: |value| F::doubts(own::<F>(value)),
+        content: |value, signature| F::content(downcast::<F>(value), signature),
+        warnings: |value| F::warnings(downcast::<F>(value)),
         fidelity: F::FIDELITY,
     }
 }
 
-fn own<F: FileFormat>(value: &AnyValue) -> &F::Value {
+fn downcast<F: FileFormat>(value: &AnyValue) -> &F::Value {
     value
         .get()
         .unwrap_or_else(|| panic!("a {value:?} came to a writer of {}", <F::Value as Value>::NAME))

@@ -1,7 +1,7 @@
 //! The ports and outputs of a node.
 //!
-//! A port's `In<T>` contains the index of its link. The serialized parameters contain it as `{"$link": n}`, which the key of the node
-//! replaces by the hash of the value. A link may be anywhere in the fields of a node.
+//! The `In<T>` of a port contains the index of the port's link. In the serialized parameters it is `{"$link": n}`, which is replaced by the
+//! hash of the linked value to compute the node's key. A link may be anywhere in the fields of a node.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -13,21 +13,21 @@ use maquette_value::{AnyValue, Value, ValueType, value_type};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
-/// A type that a port takes or an output gives: a [`Value`], or a [`union`](crate::union!) of some.
+/// The type of a port or an output: a [`Value`], or a [`union`](crate::union!) of values.
 pub trait PortType: Sized + 'static {
-    /// The name of the value or of the union.
+    /// The name of the value type or of the union.
     const NAME: &'static str;
 
-    /// What [`Context::get`](crate::Context::get) gives: `&T` for a value, the union itself for a union.
+    /// The type that [`Context::get`](crate::Context::get) returns. It is `&T` for a value type `T`, and the union itself for a union.
     type Ref<'a>;
 
-    /// The values that fit.
+    /// Returns the types of values that the type accepts.
     fn types() -> Vec<&'static ValueType>;
 
-    /// The value as this type, if it fits.
+    /// Converts a value to this type, if the type accepts it.
     fn get(value: &AnyValue) -> Option<Self::Ref<'_>>;
 
-    /// The value for a link.
+    /// Converts an output of this type to a value on a link.
     fn into_any(self) -> AnyValue;
 }
 
@@ -52,7 +52,7 @@ impl<T: Value> PortType for T {
 /// Declares a union of values, for a port that takes one of several types:
 /// `union! { /// Doc. pub enum Solid { Mesh(Mesh), Surface(Surface) } }`.
 ///
-/// An output of the same union has the type that came in.
+/// If an output has the same union as an input, the type of the output is that of the input's value.
 #[macro_export]
 macro_rules! union {
     ($(#[$doc:meta])* $vis:vis enum $name:ident { $($variant:ident($value:ty)),+ $(,)? }) => {
@@ -89,13 +89,13 @@ macro_rules! union {
 
 /// The outputs of a node: a tuple of one to four values.
 pub trait Outputs: Sized + 'static {
-    /// One name per output: `[&'static str; N]`.
+    /// The type of the names of the outputs, one per output: `[&'static str; N]`.
     type Names: AsRef<[&'static str]>;
 
-    /// The type of each output: the name of a value or union, and the values it may be.
+    /// For each output, returns the name of its value type or union, and the types of values that it may have.
     fn types() -> Vec<(&'static str, Vec<&'static ValueType>)>;
 
-    /// The values for links, in order.
+    /// Converts the outputs to values on links, in order.
     fn into_any(self) -> Vec<AnyValue>;
 }
 
@@ -120,7 +120,7 @@ outputs!(2: A 0, B 1);
 outputs!(3: A 0, B 1, C 2);
 outputs!(4: A 0, B 1, C 2, D 3);
 
-/// A port: takes a link to a `T`.
+/// A port, which takes a link to a value of type `T`.
 pub struct In<T> {
     pub(super) slot: usize,
     marker: PhantomData<fn() -> T>,
@@ -178,7 +178,7 @@ impl<T: PortType> JsonSchema for In<T> {
     }
 }
 
-pub(super) fn at_port<'a, T: PortType>(inputs: &'a [AnyValue], port: &In<T>) -> T::Ref<'a> {
+pub(super) fn value_at<'a, T: PortType>(inputs: &'a [AnyValue], port: &In<T>) -> T::Ref<'a> {
     let value = &inputs[port.slot];
     T::get(value).unwrap_or_else(|| {
         panic!("a {value:?} came to a port for {}; the check lets no such graph run", T::NAME)

@@ -1,11 +1,11 @@
-//! What a node is given of its last run.
+//! The inputs and outputs of the last run of a node.
 
 use maquette_value::{AnyValue, Value};
 
-use super::port::at_port;
+use super::port::value_at;
 use super::{Context, In, PortType};
 
-/// What came to a node, and what it gave, when it ran with the same parameters and files.
+/// The inputs and outputs of the last run of a node with the same parameters and files.
 pub struct Previous<'a> {
     #[doc(hidden)]
     pub inputs: &'a [AnyValue],
@@ -14,17 +14,17 @@ pub struct Previous<'a> {
 }
 
 impl Previous<'_> {
-    /// The value that was at a port.
+    /// Returns the previous value at a port.
     pub fn get<T: PortType>(&self, port: &In<T>) -> T::Ref<'_> {
-        at_port(self.inputs, port)
+        value_at(self.inputs, port)
     }
 
-    /// Whether the value that is at a port now was there before, too.
+    /// Returns true if the value at a port has not changed.
     pub fn is_same<T: PortType>(&self, cx: &Context<'_>, port: &In<T>) -> bool {
         cx.inputs[port.slot].hash() == self.inputs[port.slot].hash()
     }
 
-    /// The value of an output, the first one being 0; none if there is no such output, or it is no `T`.
+    /// Returns the previous value of the output with this index, from 0. `None` if there is no such output, or if its value is not a `T`.
     pub fn output<T: Value>(&self, index: usize) -> Option<&T> {
         self.outputs.get(index)?.get()
     }

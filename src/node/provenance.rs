@@ -1,7 +1,8 @@
-//! Where a file came from: what an output tells of the graph that it was made by, so that it can be made again.
+//! Provenance: a description, stored in an output file, of the graph that made the file, so that the file can be made again.
 //!
-//! It is a function of the graph's meaning: what the output hangs on, the values of the parameters that shape that, and hashes of
-//! files. So a comment, another order or another node changes no byte of it, and no path outside of the project, user or time is in it.
+//! The provenance depends only on the meaning of the graph: on the nodes on which the output depends, the values of their parameters, and
+//! the hashes of files. Comments, the order of nodes and unrelated nodes do not change it. It contains no path outside of the project, no
+//! user name and no time.
 
 use std::collections::BTreeMap;
 
@@ -10,71 +11,73 @@ use serde_json::Value as Json;
 
 mod files;
 
-pub use files::{Found, comment_of_obj, comment_of_ply, extras_of_glb, find, padded, sign};
+pub use files::{
+    EmbeddedProvenance, comment_of_obj, comment_of_ply, extras_of_glb, find, pad, sign,
+};
 
-/// What is put into the files of an output.
+/// The provenance in the form in which it is written to the files of an output.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Signature {
-    /// Where the value came from: one line of JSON, in ASCII, in which no comment `/* .. */` ends.
+    /// The provenance as one line of ASCII JSON that does not contain `*/`.
     pub words: String,
-    /// The beginning of the hash of the words, in hexadecimal digits, for files with little room.
+    /// The first hexadecimal digits of the hash of `words`, for file formats with little space.
     pub hash: String,
 }
 
-/// By name, so that no order of a graph counts.
-type Sorted = BTreeMap<String, Json>;
+/// A map that is sorted by name, so that the order in the graph does not matter.
+type SortedMap = BTreeMap<String, Json>;
 
-/// So many digits of a hash are told: enough to tell two apart, not to withstand somebody who wants them equal.
+/// The number of hexadecimal digits of each hash. It is enough to distinguish hashes, but does not resist deliberate collisions.
 const DIGITS: usize = 16;
 
-/// What is told of an output. What does not apply is left out.
+/// The provenance of an output. A field that does not apply to the output is omitted.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 #[doc(hidden)]
 pub struct Provenance {
-    /// The engine's version.
+    /// The version of the engine.
     pub maquette: String,
-    /// The graph's file, within its project.
+    /// The path of the graph file, relative to its project.
     #[doc(hidden)]
     pub graph: String,
-    /// The output's name.
+    /// The name of the output.
     #[doc(hidden)]
     pub output: String,
-    /// Whether it is a draft.
+    /// True if the output is a draft.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     #[doc(hidden)]
     pub draft: bool,
-    /// The hash of what the output hangs on: types of nodes, their parameters, and their links.
+    /// The hash of the nodes on which the output depends: their types, parameters and links.
     #[doc(hidden)]
     pub made: String,
-    /// The values of the graph's parameters that may shape it.
+    /// The values of those parameters of the graph on which the output may depend.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     #[doc(hidden)]
-    pub parameters: Sorted,
-    /// Values of nodes' fields from `--set`.
+    pub parameters: SortedMap,
+    /// The values that `--set` gave to fields of nodes.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     #[doc(hidden)]
-    pub set: Sorted,
-    /// Hashes of the values at the graph's inputs.
+    pub set: SortedMap,
+    /// The hashes of the values at the inputs of the graph.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     #[doc(hidden)]
-    pub inputs: Sorted,
-    /// Hashes of the files that were read, by their paths in the project.
+    pub inputs: SortedMap,
+    /// The hashes of the files that were read, by their paths in the project.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     #[doc(hidden)]
-    pub files: Sorted,
-    /// Hashes of the results that were pinned, by their nodes.
+    pub files: SortedMap,
+    /// The hashes of the pinned results, by the names of the nodes.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     #[doc(hidden)]
-    pub pins: Sorted,
-    /// The packs of the nodes, and their versions.
+    pub pins: SortedMap,
+    /// The packs of the nodes, with their versions.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     #[doc(hidden)]
-    pub packs: Sorted,
+    pub packs: SortedMap,
 }
 
 impl Provenance {
-    /// As it stands in files: one line of JSON, in ASCII, in which no comment of any format ends.
+    /// Returns the provenance as one line of ASCII JSON. The line contains nothing that ends a comment in any of the formats.
     #[doc(hidden)]
     pub fn words(&self) -> String {
         let json = serde_json::to_string(self).unwrap_or_default();
@@ -93,10 +96,10 @@ impl Provenance {
 
     #[doc(hidden)]
     pub fn read(words: &str) -> Option<Self> {
-        serde_json::from_str(words).ok().filter(|told: &Self| !told.maquette.is_empty())
+        serde_json::from_str(words).ok().filter(|provenance: &Self| !provenance.maquette.is_empty())
     }
 
-    /// What of the file's provenance is another one now, in words.
+    /// Lists the differences from the current provenance, as messages.
     #[doc(hidden)]
     pub fn changes(&self, now: &Self) -> Vec<String> {
         let mut changes = Vec::new();
@@ -121,7 +124,7 @@ impl Provenance {
             changes.extend(new.map(|name| format!("{what} `{name}` was not there")));
         }
         if self.made != now.made {
-            // As many nodes are made of a graph as its data have elements.
+            // The number of nodes may depend on the number of elements of the data.
             let is_of_same = (&self.files, &self.inputs) == (&now.files, &now.inputs);
             changes.push(match is_of_same {
                 true => "the graph changed".into(),
@@ -132,9 +135,9 @@ impl Provenance {
     }
 }
 
-/// The beginning of a hash.
+/// Returns the first hexadecimal digits of a hash.
 #[doc(hidden)]
-pub fn short(hash: &str) -> String {
+pub fn shorten_hash(hash: &str) -> String {
     hash.chars().take(DIGITS).collect()
 }
 
@@ -145,38 +148,38 @@ mod tests {
     use super::*;
 
     #[test]
-    fn words_are_one_line_that_ends_no_comment_and_read_back() {
-        let told = Provenance {
+    fn words_are_one_line_without_end_of_comment() {
+        let provenance_of = Provenance {
             maquette: "0.1.0".into(),
             output: "Größe*/\n.glb".into(),
-            parameters: Sorted::from_iter([("growth".to_owned(), json!(12.0))]),
+            parameters: SortedMap::from_iter([("growth".to_owned(), json!(12.0))]),
             ..Provenance::default()
         };
-        let words = told.words();
+        let words = provenance_of.words();
         assert!(words.is_ascii() && !words.contains("*/") && !words.contains('\n'), "{words}");
-        assert_eq!(Provenance::read(&words), Some(told));
+        assert_eq!(Provenance::read(&words), Some(provenance_of));
         assert_eq!(Provenance::read("{}"), None);
     }
 
     #[test]
-    fn what_changed_is_named() {
-        fn told(growth: f64, made: &str) -> Provenance {
+    fn changes_are_listed() {
+        fn provenance(growth: f64, made: &str) -> Provenance {
             Provenance {
-                parameters: Sorted::from_iter([("growth".to_owned(), json!(growth))]),
+                parameters: SortedMap::from_iter([("growth".to_owned(), json!(growth))]),
                 made: made.to_owned(),
                 ..Provenance::default()
             }
         }
-        assert_eq!(told(1.0, "a").changes(&told(1.0, "a")), [""; 0]);
+        assert_eq!(provenance(1.0, "a").changes(&provenance(1.0, "a")), [""; 0]);
         let expected = ["parameter `growth` was 1.0, now 2.0", "the graph changed"];
-        assert_eq!(told(1.0, "a").changes(&told(2.0, "b")), expected);
-        // Other data may have other elements.
-        let files = Sorted::from_iter([("scan.ply".to_owned(), json!("00ff"))]);
-        let other = Provenance { files, ..told(1.0, "b") };
+        assert_eq!(provenance(1.0, "a").changes(&provenance(2.0, "b")), expected);
+        // With other data, the numbers of elements may differ too.
+        let files = SortedMap::from_iter([("scan.ply".to_owned(), json!("00ff"))]);
+        let other = Provenance { files, ..provenance(1.0, "b") };
         let expected = [
             "file `scan.ply` was not there",
             "the graph changed, or how many elements its data have",
         ];
-        assert_eq!(told(1.0, "a").changes(&other), expected);
+        assert_eq!(provenance(1.0, "a").changes(&other), expected);
     }
 }

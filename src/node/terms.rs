@@ -1,16 +1,16 @@
-//! What a node wants of the values that come in, and promises of those that it gives.
+//! Properties that a node requires of its inputs and guarantees for its outputs.
 
-/// A [property](maquette_value::Property) that a node wants of the values at a port. It is tested before the node runs, once per value,
-/// unless whoever gives the value promises it.
+/// A [property](maquette_value::Property) that a node requires of the values at a port. Each value is tested once, before the node runs,
+/// unless the node that computes the value guarantees the property.
 pub struct Want<N> {
     #[doc(hidden)]
     pub port: &'static str,
     #[doc(hidden)]
     pub property: &'static str,
-    pub(crate) when: Option<When<N>>,
+    pub(crate) when: Option<Condition<N>>,
 }
 
-/// A [property](maquette_value::Property) of the values at an output, which nobody needs to test.
+/// A [property](maquette_value::Property) that a node guarantees for the values at an output. So these values need not be tested.
 pub struct Promise<N> {
     #[doc(hidden)]
     pub output: &'static str,
@@ -18,38 +18,38 @@ pub struct Promise<N> {
     pub property: &'static str,
     #[doc(hidden)]
     pub source: Source,
-    pub(crate) when: Option<When<N>>,
+    pub(crate) when: Option<Condition<N>>,
 }
 
-/// On what a promise depends.
+/// The condition under which a promise holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[doc(hidden)]
 pub enum Source {
-    /// Nothing.
+    /// The property always holds.
     Always,
-    /// All values at this port have the property, and there are some.
+    /// The property holds if there is at least one value at this port and all values at the port have the property.
     From(&'static str),
-    /// A value with anything in it never has the property.
+    /// The property never holds, except for empty values.
     Never,
 }
 
-/// For which parameters something is wanted or promised.
-pub(crate) struct When<N> {
-    /// In words that go on the sentence: `with the scheme Loop`.
+/// A condition on the parameters of a node.
+pub(crate) struct Condition<N> {
+    /// The condition in words, as the manual prints it: `with the scheme Loop`.
     pub(crate) words: &'static str,
     pub(crate) holds: fn(&N) -> bool,
 }
 
 impl<N> Want<N> {
-    /// Each value at `port` must have the property.
+    /// Requires that each value at `port` has the property.
     pub const fn new(port: &'static str, property: &'static str) -> Self {
         Self { port, property, when: None }
     }
 
-    /// Only with some parameters: `words` say with which.
+    /// Restricts the requirement to some values of the parameters, which `words` describes.
     #[must_use]
-    pub const fn when(self, words: &'static str, holds: fn(&N) -> bool) -> Self {
-        Self { port: self.port, property: self.property, when: Some(When { words, holds }) }
+    pub const fn only_if(self, words: &'static str, holds: fn(&N) -> bool) -> Self {
+        Self { port: self.port, property: self.property, when: Some(Condition { words, holds }) }
     }
 }
 
@@ -58,18 +58,18 @@ impl<N> Promise<N> {
         Self { output, property, source, when: None }
     }
 
-    /// `output` has the property, whatever comes in.
+    /// Guarantees the property for `output`.
     pub const fn always(output: &'static str, property: &'static str) -> Self {
         Self::new(output, property, Source::Always)
     }
 
-    /// `output` has the property if all values at `port`, one at least, have it.
+    /// Guarantees the property for `output`, if there is at least one value at `port` and all values at the port have the property.
     pub const fn from(output: &'static str, property: &'static str, port: &'static str) -> Self {
         Self::new(output, property, Source::From(port))
     }
 
-    /// All that may hold of a mesh beyond its type: `output` has what all meshes at `port` have, because its faces are theirs, whatever
-    /// becomes of places and attributes.
+    /// Guarantees for `output` all properties of meshes that the meshes at `port` have. This is for nodes that keep the faces and change
+    /// only positions and attributes.
     pub const fn faces_kept(output: &'static str, port: &'static str) -> [Self; 6] {
         [
             Self::from(output, "Closed", port),
@@ -81,7 +81,7 @@ impl<N> Promise<N> {
         ]
     }
 
-    /// The same only with some parameters: `words` say with which.
+    /// As [`faces_kept`](Self::faces_kept), but only for some values of the parameters, which `words` describes.
     pub const fn faces_kept_when(
         output: &'static str,
         port: &'static str,
@@ -90,79 +90,82 @@ impl<N> Promise<N> {
     ) -> [Self; 6] {
         let [a, b, c, d, e, f] = Self::faces_kept(output, port);
         [
-            a.when(words, holds),
-            b.when(words, holds),
-            c.when(words, holds),
-            d.when(words, holds),
-            e.when(words, holds),
-            f.when(words, holds),
+            a.only_if(words, holds),
+            b.only_if(words, holds),
+            c.only_if(words, holds),
+            d.only_if(words, holds),
+            e.only_if(words, holds),
+            f.only_if(words, holds),
         ]
     }
 
-    /// `output` never has the property, unless there is nothing in it: who wants it is warned when the graph is checked.
-    pub const fn never(output: &'static str, property: &'static str) -> Self {
+    /// Declares that `output` never has the property, unless it is empty. If a node requires the property of this output, the check of a
+    /// graph reports a warning.
+    pub const fn never_has(output: &'static str, property: &'static str) -> Self {
         Self::new(output, property, Source::Never)
     }
 
-    /// Only with some parameters: `words` say with which.
+    /// Restricts the guarantee to some values of the parameters, which `words` describes.
     #[must_use]
-    pub const fn when(self, words: &'static str, holds: fn(&N) -> bool) -> Self {
+    pub const fn only_if(self, words: &'static str, holds: fn(&N) -> bool) -> Self {
         let Self { output, property, source, .. } = self;
-        Self { output, property, source, when: Some(When { words, holds }) }
+        Self { output, property, source, when: Some(Condition { words, holds }) }
     }
 }
 
-fn applies<N>(when: Option<&When<N>>, node: &N) -> bool {
+fn applies<N>(when: Option<&Condition<N>>, node: &N) -> bool {
     when.is_none_or(|when| (when.holds)(node))
 }
 
 impl<N> Want<N> {
-    /// The port and the property, if this node wants it.
-    pub(crate) fn of(&self, node: &N) -> Option<(&'static str, &'static str)> {
+    /// Returns the port and the property, if the node requires the property with its present parameters.
+    pub(crate) fn for_node(&self, node: &N) -> Option<(&'static str, &'static str)> {
         applies(self.when.as_ref(), node).then_some((self.port, self.property))
     }
 }
 
 impl<N> Promise<N> {
-    /// What this node promises.
-    pub(crate) fn of(&self, node: &N) -> Option<(&'static str, &'static str, Source)> {
+    /// Returns the output, the property and the source of the guarantee, if the node guarantees the property with its present parameters.
+    pub(crate) fn for_node(&self, node: &N) -> Option<(&'static str, &'static str, Source)> {
         let promise = (self.output, self.property, self.source);
         applies(self.when.as_ref(), node).then_some(promise)
     }
 }
 
-/// What a type of nodes wants of a port, or promises of an output, as people and programs are told.
+/// A requirement for a port or a guarantee for an output, as the documentation of a node type shows it.
 #[derive(Clone, Debug, PartialEq)]
 #[doc(hidden)]
 pub struct Term {
-    /// The port, or the output.
+    /// The port of a requirement, or the output of a guarantee.
     #[doc(hidden)]
     pub at: &'static str,
     #[doc(hidden)]
     pub property: &'static str,
-    /// None for what is wanted.
+    /// The condition of a guarantee. `None` for a requirement.
     #[doc(hidden)]
     pub source: Option<Source>,
     pub(crate) when: &'static str,
 }
 
 impl Term {
-    pub(crate) fn all<N>(wants: &[Want<N>], promises: &[Promise<N>]) -> Vec<Self> {
-        let words = |when: &Option<When<N>>| when.as_ref().map_or("", |when| when.words);
+    pub(crate) fn collect<N>(wants: &[Want<N>], promises: &[Promise<N>]) -> Vec<Self> {
+        fn words<N>(when: Option<&Condition<N>>) -> &'static str {
+            when.map_or("", |when| when.words)
+        }
         let wants = wants.iter().map(|want| {
-            let when = words(&want.when);
+            let when = words(want.when.as_ref());
             Self { at: want.port, property: want.property, source: None, when }
         });
         let promises = promises.iter().map(|promise| {
-            let (when, source) = (words(&promise.when), Some(promise.source));
+            let (when, source) = (words(promise.when.as_ref()), Some(promise.source));
             Self { at: promise.output, property: promise.property, source, when }
         });
         wants.chain(promises).collect()
     }
 
-    /// `Closed, if the values at `mesh` are so, with the scheme Loop`.
+    /// Formats the term: "Closed as `mesh`, with the scheme Loop".
     #[doc(hidden)]
-    pub fn in_words(&self) -> String {
+    pub fn describe(&self) -> String {
         let source = match self.source {
             None | Some(Source::Always) => String::new(),
             Some(Source::From(port)) => format!(" as `{port}`"),
@@ -180,7 +183,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn who_keeps_the_faces_of_a_mesh_keeps_all_that_may_hold_of_it() {
+    fn faces_kept_covers_all_properties_of_meshes() {
         let known = Mesh::properties().iter().map(|property| property.name);
         let kept = Promise::<()>::faces_kept("mesh", "mesh").map(|promise| promise.property);
         assert_eq!(Vec::from_iter(known), kept);

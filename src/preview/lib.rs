@@ -1,31 +1,31 @@
-//! The live page of a watch: what browsers are sent, and what they ask.
+//! The live page of a watch: the server for browsers, and the page.
 //!
-//! `server` says who may ask, and serves files, sockets, pictures and columns; `shown` makes a value columns of bytes; `news` is what
-//! happens, for pages that are slow, too; `pick` is what a ray through the pointer meets; `kept` keeps the link from one watch to the
-//! next. The page itself is in `web/`: plain modules without anything to build.
+//! `server` checks access and serves files, sockets, pictures and columns. `gpu_columns` converts a value to columns of bytes. `event_log`
+//! stores messages for pages, including slow pages. `pick` finds the element under the pointer. `saved_address` keeps the URL from one
+//! watch to the next. The page itself is in `web/`: JavaScript modules without a build step.
 //!
-//! Begin reading in `page.rs`, then `server.rs`. This crate does not evaluate: it shows what a watch has.
+//! Read `page.rs` first, then `server.rs`. This crate does not evaluate graphs: it shows the results that a watch has computed.
 //!
-//! The page has the lamps and the camera of `render` once more, in WebGL, and the tests of the page compare both pixel by pixel. Flat
-//! pictures are drawn on the picture that they were made from, so that every value can be enlarged, wiped and pinned. Traces are the page's
-//! own plots. Without WebGL `render` makes the pictures. The lens is that of `--view YAW,PITCH,ZOOM`: moving nearer enlarges.
+//! The page implements the lights and the camera of `maquette render` in WebGL; tests compare both pixel by pixel. A flat value, such as a
+//! mask, is drawn on the picture from which it was computed. So every value can be enlarged, compared with another by wiping, and pinned.
+//! The page draws plots itself. Without WebGL, the server renders the pictures. The camera is that of `--view YAW,PITCH,ZOOM`.
 
 #![allow(missing_docs, reason = "what others may use is documented where `maquette` hands it on")]
 
-pub mod probe;
+pub mod pixel_probe;
 
-mod kept;
+mod event_log;
+mod gpu_columns;
 mod location;
 mod locks;
-mod news;
 mod page;
 mod pick;
+mod saved_address;
 mod server;
-mod shown;
 
-pub use kept::Redirect;
+pub use gpu_columns::ViewedValue;
 pub use location::Location;
-pub use locks::unpoisoned;
-pub use page::{About, Feed, KEPT, MOST_KEPT, Question, Shared, Values, bind};
-pub use page::{Page, Viewed, Views, Wish};
-pub use shown::Shown;
+pub use locks::lock_ignoring_poison;
+pub use page::{Feed, MAX_KEPT, MAX_KEPT_BYTES, PageState, Question, QuestionKind, Values, bind};
+pub use page::{Page, PageRequest, ViewedOutput, Views};
+pub use saved_address::Redirect;

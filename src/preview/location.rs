@@ -1,13 +1,13 @@
-//! Places in files that pages may have opened in an editor.
+//! Locations in files. A page may ask to open some of them in an editor.
 
 use std::path::PathBuf;
 
 use serde::Deserialize;
 use serde_json::Value as Json;
 
-use super::{Shared, unpoisoned};
+use super::{PageState, lock_ignoring_poison};
 
-/// A place in a file, as people count: from 1.
+/// A line and column of a file, both counted from 1.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 pub struct Location {
     pub file: PathBuf,
@@ -15,21 +15,22 @@ pub struct Location {
     pub column: usize,
 }
 
-impl Shared {
-    /// Where the box of this name stands, if pages were told.
-    pub(super) fn place_of_box(&self, name: &str) -> Option<Location> {
-        let text = unpoisoned(&self.feed).graph.clone()?;
+impl PageState {
+    /// Returns the location of the box with this name, if the pages show such a box.
+    pub(super) fn box_location(&self, name: &str) -> Option<Location> {
+        let text = lock_ignoring_poison(&self.feed).graph.clone()?;
         let graph: Json = serde_json::from_str(&text).ok()?;
         let mut boxes = graph["boxes"].as_array()?.iter();
-        Location::deserialize(boxes.find(|told| told["name"] == name)?).ok()
+        Location::deserialize(boxes.find(|item| item["name"] == name)?).ok()
     }
 
-    /// Whether pages were told of a problem, of its other end, or of a use that leads to one, at this place now.
+    /// Returns true if a current diagnostic, its note, or a use that leads to the diagnostic is at this location. A page may open only such
+    /// locations and those of boxes.
     pub(super) fn has_problem_at(&self, place: &Location) -> bool {
-        let text = unpoisoned(&self.feed).problems.clone();
-        let told = text.and_then(|text| serde_json::from_str::<Json>(&text).ok());
-        let problems = told.iter().flat_map(|told| told["problems"].as_array()).flatten();
-        let is_it = |told: &Json| Location::deserialize(told).is_ok_and(|told| told == *place);
+        let text = lock_ignoring_poison(&self.feed).problems.clone();
+        let event = text.and_then(|text| serde_json::from_str::<Json>(&text).ok());
+        let problems = event.iter().flat_map(|event| event["problems"].as_array()).flatten();
+        let is_it = |item: &Json| Location::deserialize(item).is_ok_and(|found| found == *place);
         problems.into_iter().any(|problem| {
             let is_end = is_it(problem) || is_it(&problem["note"]);
             is_end || problem["uses"].as_array().is_some_and(|uses| uses.iter().any(is_it))

@@ -1,8 +1,9 @@
-//! Locks that a panic of another thread does not spoil.
+//! Locks mutexes without regard to panics of other threads.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Locks a mutex. What a thread that panicked has left is whole: every change of it is one step.
-pub fn unpoisoned<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+/// Locks a mutex even if a thread has panicked while holding the lock. The guarded data must therefore be consistent after every single
+/// change.
+pub fn lock_ignoring_poison<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

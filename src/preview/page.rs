@@ -1,4 +1,4 @@
-//! A page of a watch, and who looks at it.
+//! The live page of a watch, and the state that its server shares with the watch.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::io;
@@ -12,66 +12,66 @@ use maquette_graph::catalog::Catalog;
 use serde::Deserialize;
 use serde_json::{Value as Json, json};
 
-use super::kept::{Keeper, Kept};
-use super::news::{Listener, News};
-use super::pick::Sight;
-use super::shown::Content;
-use crate::kept::Redirect;
+use super::event_log::{EventLog, Listener};
+use super::gpu_columns::Content;
+use super::pick::PickRay;
+use super::saved_address::{Keeper, SavedAddress};
+use crate::gpu_columns::ViewedValue;
 use crate::location::Location;
-use crate::locks::unpoisoned;
-use crate::shown::Shown;
-use crate::{probe, server};
+use crate::locks::lock_ignoring_poison;
+use crate::saved_address::Redirect;
+use crate::{pixel_probe, server};
 
-/// The live page, served until the program ends.
+/// The live page, which is served until the program ends.
 pub struct Page {
-    pub(crate) shared: Arc<Shared>,
+    pub(crate) shared: Arc<PageState>,
     pub(crate) keeper: Option<Keeper>,
 }
 
-/// An output of a node that somebody looks at, or of a use of a graph.
+/// An output that a page views: of a node, or of a used graph.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
-pub struct Viewed {
+pub struct ViewedOutput {
     pub node: String,
     pub output: String,
 }
 
-/// All that anybody looks at.
-pub type Views = BTreeSet<Viewed>;
+/// The outputs that at least one page views.
+pub type Views = BTreeSet<ViewedOutput>;
 
-/// What pages want of the watch.
+/// A request of a page to the watch.
 #[derive(Clone, Debug)]
-pub enum Wish {
-    /// These are all values that are looked at now.
-    Look(Views),
-    /// The page of this number wants values to be put into the file of the graph: for each a parameter, or a field `node.field`, and
-    /// RON.
+pub enum PageRequest {
+    /// Reports that the set of viewed outputs has changed.
+    SetViews(Views),
+    /// Writes values to the graph file. The number identifies the page. Each value has a name (a parameter, or a field as `node.field`) and
+    /// its text as RON.
     Set(u64, Vec<(String, String)>),
-    /// It wants to see what such values would give.
+    /// Evaluates the graph with values, given as for [`Self::Set`], without writing the values.
     Drag(u64, Vec<(String, String)>),
-    /// It does not any more, or it is gone.
-    Drop(u64),
-    /// The last such change is to be taken back.
+    /// Ends a drag, the evaluations that [`Self::Drag`] has requested. This is also sent when the page disconnects.
+    EndDrag(u64),
+    /// Undoes the last change of the graph file by a page.
     Undo,
-    /// The user's editor is to be opened here.
+    /// Opens a location in the user's editor.
     Open(Location),
 }
 
-/// What a page asks of a value that it looks at. It alone is answered.
+/// A question of a page about a viewed value. Only the page that asked gets the answer.
 pub struct Question {
-    /// By which it knows the answer.
+    /// The id of the question, which the answer repeats.
     pub(crate) id: u64,
-    pub(crate) viewed: Viewed,
-    pub(crate) about: About,
+    pub(crate) viewed: ViewedOutput,
+    pub(crate) about: QuestionKind,
 }
 
-pub enum About {
-    /// What is under this pixel (column, row)?
+pub enum QuestionKind {
+    /// Asks for the value at a pixel, given as [column, row].
     Pixel([usize; 2]),
-    /// What does this ray meet?
-    Sight(Sight),
+    /// Asks for the element that a ray hits first.
+    Sight(PickRay),
 }
 
-impl About {
+impl QuestionKind {
     pub(crate) fn name(&self) -> &'static str {
         match self {
             Self::Pixel(_) => "probe",
@@ -80,104 +80,104 @@ impl About {
     }
 }
 
-/// What the server and the watch both know.
-pub struct Shared {
+/// The state that the server shares with the watch.
+pub struct PageState {
     pub(crate) address: SocketAddr,
-    /// What a browser has to know before it is told anything.
+    /// The secret token that a browser must send.
     pub(crate) token: String,
     pub(crate) feed: Mutex<Feed>,
-    pub(crate) news: News,
-    /// What each page looks at, by the number of its socket.
-    pub(crate) looks: Mutex<BTreeMap<u64, Views>>,
-    /// Whether editors may show the page in a frame.
+    pub(crate) event_log: EventLog,
+    /// The outputs that each page views, by the number of the page's socket.
+    pub(crate) views_by_socket: Mutex<BTreeMap<u64, Views>>,
+    /// True if editors may embed the page in a frame.
     pub(crate) in_editor: bool,
-    /// Is told what pages want.
-    pub(crate) wish: Box<dyn Fn(Wish) + Send + Sync>,
+    /// The function that is called with each request of a page.
+    pub(crate) on_request: Box<dyn Fn(PageRequest) + Send + Sync>,
     pub(crate) values: Mutex<Values>,
 }
 
-/// Bytes of values that nobody looks at any more which are kept, beside as many as somebody looks at: so the last ones before these
-/// are there, however large they are.
-pub const KEPT: usize = if cfg!(test) { 1 << 10 } else { 128 << 20 };
+/// The maximum total size in bytes of previous values that are kept. The total size of the viewed values is added to this limit, so at
+/// least the values that were viewed last are kept, however large they are.
+pub const MAX_KEPT_BYTES: usize = if cfg!(test) { 1 << 10 } else { 128 << 20 };
 
-/// Values of before that are kept.
-pub const MOST_KEPT: usize = 64;
+/// The maximum number of previous values that are kept.
+pub const MAX_KEPT: usize = 64;
 
-/// The last good values that pages look at.
+/// The last valid value of each viewed output, and previous values.
 #[derive(Default)]
 pub struct Values {
-    pub(crate) now: BTreeMap<Viewed, Arc<Shown>>,
-    /// Those of before, the last one last: pages have columns of them, and need no more than what has changed since.
-    pub(crate) before: VecDeque<Arc<Shown>>,
+    pub(crate) current: BTreeMap<ViewedOutput, Arc<ViewedValue>>,
+    /// Previous values, the newest last. Pages still have columns of these values and need only the changes since then.
+    pub(crate) previous: VecDeque<Arc<ViewedValue>>,
 }
 
 impl Values {
-    pub(crate) fn put(&mut self, viewed: Viewed, shown: Arc<Shown>) {
-        let old = self.now.insert(viewed, shown.clone());
+    pub(crate) fn put(&mut self, viewed: ViewedOutput, shown: Arc<ViewedValue>) {
+        let old = self.current.insert(viewed, shown.clone());
         self.keep(old.filter(|old| !Arc::ptr_eq(old, &shown)));
     }
 
     pub(crate) fn retain(&mut self, views: &Views) {
-        let gone = self.now.extract_if(.., |viewed, _| !views.contains(viewed));
+        let gone = self.current.extract_if(.., |viewed, _| !views.contains(viewed));
         let gone: Vec<_> = gone.map(|(_, shown)| shown).collect();
         if views.is_empty() {
-            // Nobody has columns of which some may have changed.
-            return self.before.clear();
+            // No output is viewed, so no page has columns that changes could update.
+            return self.previous.clear();
         }
         self.keep(gone);
     }
 
-    pub(crate) fn keep(&mut self, old: impl IntoIterator<Item = Arc<Shown>>) {
-        self.before.extend(old);
-        let most = KEPT + self.now.values().map(|shown| shown.size()).sum::<usize>();
-        let mut size: usize = self.before.iter().map(|shown| shown.size()).sum();
-        while size > most || self.before.len() > MOST_KEPT {
-            size -= self.before.pop_front().map_or(size, |shown| shown.size());
+    pub(crate) fn keep(&mut self, old: impl IntoIterator<Item = Arc<ViewedValue>>) {
+        self.previous.extend(old);
+        let most = MAX_KEPT_BYTES + self.current.values().map(|shown| shown.size()).sum::<usize>();
+        let mut size: usize = self.previous.iter().map(|shown| shown.size()).sum();
+        while size > most || self.previous.len() > MAX_KEPT {
+            size -= self.previous.pop_front().map_or(size, |shown| shown.size());
         }
     }
 
-    pub(crate) fn all(&self) -> impl Iterator<Item = &Arc<Shown>> {
-        self.now.values().chain(self.before.iter().rev())
+    pub(crate) fn values(&self) -> impl Iterator<Item = &Arc<ViewedValue>> {
+        self.current.values().chain(self.previous.iter().rev())
     }
 }
 
-/// What is true now, told in this order.
+/// The current state as messages. A new page gets them in the order of the fields.
 #[derive(Default)]
 pub struct Feed {
     pub(crate) hello: Option<Arc<str>>,
     pub(crate) graph: Option<Arc<str>>,
     pub(crate) problems: Option<Arc<str>>,
-    /// The end of the last run.
+    /// The message about the end of the last run.
     pub(crate) done: Option<Arc<str>>,
-    /// The beginning of the run under way.
+    /// The message about the beginning of the current run.
     pub(crate) run: Option<Arc<str>>,
-    /// The last that was said of each node in this run.
+    /// The last message about each node in the current run.
     pub(crate) nodes: BTreeMap<String, Arc<str>>,
-    pub(crate) values: BTreeMap<Viewed, Arc<str>>,
+    pub(crate) values: BTreeMap<ViewedOutput, Arc<str>>,
 }
 
 impl Page {
-    /// Starts the server on a port of this machine: that of the last time if it is free. `draft` is whether runs are drafts,
-    /// `in_editor` whether editors may show it in a frame; `wish` is told what pages want.
+    /// Starts the server on a port of this machine, preferably the port of the last watch. `draft` is true if runs use draft values, and
+    /// `in_editor` is true if editors may embed the page in a frame. `on_request` is called with each request of a page.
     ///
     /// # Errors
-    /// If no port can be listened on, or the system gives no random numbers.
+    /// An error if the server cannot listen on any port, or if the system provides no random numbers.
     pub fn open(
         graph: &Path,
         draft: bool,
         in_editor: bool,
-        wish: impl Fn(Wish) + Send + Sync + 'static,
+        on_request: impl Fn(PageRequest) + Send + Sync + 'static,
     ) -> io::Result<Self> {
-        let keeper = Keeper::of(graph);
+        let keeper = Keeper::for_graph(graph);
         let (listener, token) = bind(keeper.as_ref())?;
-        let shared = Arc::new(Shared {
+        let shared = Arc::new(PageState {
             address: listener.local_addr()?,
             token,
             feed: Mutex::default(),
-            news: News::new(),
-            looks: Mutex::default(),
+            event_log: EventLog::new(),
+            views_by_socket: Mutex::default(),
             in_editor,
-            wish: Box::new(wish),
+            on_request: Box::new(on_request),
             values: Mutex::default(),
         });
         server::start(listener, shared.clone())?;
@@ -186,19 +186,20 @@ impl Page {
         let hello = json!({
             "event": "hello", "program": program, "graph": graph, "page": page, "draft": draft,
         });
-        shared.tell(&hello);
+        shared.send(&hello);
         Ok(Self { shared, keeper })
     }
 
-    /// What opens the page in a browser. Who has it may see the graph: it is for the user alone.
+    /// Returns the URL of the page, which contains the token. Anyone who knows the URL can see the graph, so it must be given only to the
+    /// user.
     pub fn link(&self) -> String {
         format!("http://{}/#{}", self.shared.address, self.shared.token)
     }
 
-    /// A file that leads a browser to the page.
+    /// Creates a file that redirects a browser to the page.
     ///
     /// # Errors
-    /// If there is no place for such a file.
+    /// If the file cannot be created.
     pub fn redirect(&self) -> io::Result<Redirect> {
         let keeper = self
             .keeper
@@ -207,16 +208,21 @@ impl Page {
         keeper.redirect(self.shared.address.port(), &self.link())
     }
 
-    /// Shows a graph: where its boxes are, and what links them.
+    /// Shows a graph on the pages: its boxes with their positions, and its links.
     pub fn show(&self, graph: &Graph, catalog: &Catalog) {
         let mut message = Drawing::new(graph, catalog).to_json();
         message["event"] = "graph".into();
         message["schema"] = graph.schema().clone();
-        self.shared.tell(&message);
+        self.shared.send(&message);
     }
 
-    /// Values that pages look at, as of a run, `live` ones of a drag; those that are not among them stay as they were.
-    pub fn show_values(&self, run: usize, live: bool, values: &BTreeMap<Viewed, Arc<Shown>>) {
+    /// Updates the viewed values after a run; values that are not in `values` stay unchanged. `live` is true during a drag.
+    pub fn show_values(
+        &self,
+        run: usize,
+        live: bool,
+        values: &BTreeMap<ViewedOutput, Arc<ViewedValue>>,
+    ) {
         for (viewed, shown) in values {
             let mut message = shown.about.clone();
             message["event"] = "value".into();
@@ -224,48 +230,49 @@ impl Page {
             message["output"] = viewed.output.clone().into();
             message["run"] = run.into();
             message["live"] = live.into();
-            unpoisoned(&self.shared.values).put(viewed.clone(), shown.clone());
-            self.shared.tell(&message);
+            lock_ignoring_poison(&self.shared.values).put(viewed.clone(), shown.clone());
+            self.shared.send(&message);
         }
     }
 
-    /// What tells all pages something, and those that come later as long as it is true.
-    pub fn teller(&self) -> impl Fn(&Json) + Send + Sync + 'static {
+    /// Returns a function that sends a message to all pages. A page that connects later gets the message, too, while it is current.
+    pub fn message_sender(&self) -> impl Fn(&Json) + Send + Sync + 'static {
         let shared = self.shared.clone();
-        move |message| shared.tell(message)
+        move |message| shared.send(message)
     }
 }
 
-/// Listens on the port that is kept, with the token that is kept; or on a free one with a new token, which are kept if nothing is. If
-/// the port that is kept is taken, another watch of the same graph has it, and what is kept stays its own.
+/// Listens on the saved port with the saved token if possible, otherwise on a free port with a new token. The new port and token are saved
+/// only if none were saved before: if the saved port is in use, it belongs to another watch of the graph, which keeps it.
 pub fn bind(keeper: Option<&Keeper>) -> io::Result<(TcpListener, String)> {
-    fn at(port: u16) -> Result<TcpListener, io::Error> {
+    fn listen(port: u16) -> Result<TcpListener, io::Error> {
         TcpListener::bind((Ipv4Addr::LOCALHOST, port))
     }
     let kept = keeper.and_then(Keeper::load);
-    if let Some(Kept { port, token }) = &kept
-        && let Ok(listener) = at(*port)
+    if let Some(SavedAddress { port, token }) = &kept
+        && let Ok(listener) = listen(*port)
     {
         return Ok((listener, token.clone()));
     }
-    let listener = at(0)?;
+    let listener = listen(0)?;
     let mut secret = [0; 16];
     getrandom::fill(&mut secret).map_err(io::Error::other)?;
     let token = format!("{:032x}", u128::from_le_bytes(secret));
     if let (Some(keeper), None) = (keeper, kept) {
         let port = listener.local_addr()?.port();
-        // Where it cannot be kept the link is another one the next time.
-        let _ = keeper.save(&Kept { port, token: token.clone() });
+        // If the address cannot be saved, the next watch has another URL.
+        let _ = keeper.save(&SavedAddress { port, token: token.clone() });
     }
     Ok((listener, token))
 }
 
-impl Shared {
-    /// A page looks at something else now; at nothing when it is gone.
-    pub(crate) fn look(&self, socket: u64, views: Views) {
-        let mut looks = unpoisoned(&self.looks);
-        let union =
-            |looks: &BTreeMap<u64, Views>| Views::from_iter(looks.values().flatten().cloned());
+impl PageState {
+    /// Sets the outputs that a page views. The set is empty after the page has disconnected.
+    pub(crate) fn set_views(&self, socket: u64, views: Views) {
+        let mut looks = lock_ignoring_poison(&self.views_by_socket);
+        fn union(looks: &BTreeMap<u64, Views>) -> Views {
+            looks.values().flatten().cloned().collect()
+        }
         let before = union(&looks);
         if views.is_empty() {
             looks.remove(&socket);
@@ -275,38 +282,40 @@ impl Shared {
         let now = union(&looks);
         drop(looks);
         if now != before {
-            unpoisoned(&self.values).retain(&now);
-            unpoisoned(&self.feed).values.retain(|viewed, _| now.contains(viewed));
-            (self.wish)(Wish::Look(now));
+            lock_ignoring_poison(&self.values).retain(&now);
+            lock_ignoring_poison(&self.feed).values.retain(|viewed, _| now.contains(viewed));
+            (self.on_request)(PageRequest::SetViews(now));
         }
     }
 
-    /// The value with this hash, if somebody looks at it or did so not long ago.
-    pub(crate) fn value(&self, hash: &str) -> Option<Arc<Shown>> {
-        let values = unpoisoned(&self.values);
-        values.all().find(|shown| shown.value.hash().to_string() == hash).cloned()
+    /// Returns the value with this hash, if a page views it or it is still kept.
+    pub(crate) fn value(&self, hash: &str) -> Option<Arc<ViewedValue>> {
+        let values = lock_ignoring_poison(&self.values);
+        values.values().find(|shown| shown.value.hash().to_string() == hash).cloned()
     }
 
-    /// The column of this name of such a value.
+    /// Returns the content of the column with this name, from the viewed and the previous values.
     pub(crate) fn column(&self, name: &str) -> Option<Content> {
-        let values = unpoisoned(&self.values);
-        values.all().find_map(|shown| shown.column(name).cloned())
+        let values = lock_ignoring_poison(&self.values);
+        values.values().find_map(|shown| shown.column(name).cloned())
     }
 
-    /// What a page is answered that asks of a value.
+    /// Returns the answer to a question about a value.
     pub(crate) fn answer(&self, question: &Question) -> Json {
         let Question { id, viewed, about } = question;
-        let shown = unpoisoned(&self.values).now.get(viewed).cloned();
+        let shown = lock_ignoring_poison(&self.values).current.get(viewed).cloned();
         let mut answer = match (about, shown) {
-            (About::Pixel(_), None) => json!({ "why": "nobody looks at such a value" }),
-            (About::Pixel(pixel), Some(shown)) => match probe::at(&shown.value, *pixel) {
-                Some(found) => json!({ "facts": probe::facts(found) }),
-                None => {
-                    let asked = (&viewed.output[..], &shown.value);
-                    json!({ "why": probe::no_answer(&viewed.node, &[asked], *pixel) })
+            (QuestionKind::Pixel(_), None) => json!({ "why": "no page views this value" }),
+            (QuestionKind::Pixel(pixel), Some(shown)) => {
+                match pixel_probe::probe(&shown.value, *pixel) {
+                    Some(found) => json!({ "facts": pixel_probe::facts(found) }),
+                    None => {
+                        let output = (&viewed.output[..], &shown.value);
+                        json!({ "why": pixel_probe::no_answer(&viewed.node, &[output], *pixel) })
+                    }
                 }
-            },
-            (About::Sight(sight), shown) => {
+            }
+            (QuestionKind::Sight(sight), shown) => {
                 let found = shown.and_then(|shown| shown.pickable().pick(sight));
                 found.unwrap_or_else(|| json!({ "nothing": true }))
             }
@@ -316,17 +325,17 @@ impl Shared {
         answer
     }
 
-    pub(crate) fn tell(&self, message: &Json) {
+    pub(crate) fn send(&self, message: &Json) {
         let text: Arc<str> = message.to_string().into();
-        let mut feed = unpoisoned(&self.feed);
+        let mut feed = lock_ignoring_poison(&self.feed);
         feed.note(message, &text);
-        self.news.tell(text);
+        self.event_log.send(text);
     }
 
-    /// All that is true, and what comes after it.
+    /// Returns the messages that describe the current state, and a listener for later messages.
     pub(crate) fn listen(&self) -> (Vec<Arc<str>>, Listener<'_>) {
-        let feed = unpoisoned(&self.feed);
-        (feed.all(), self.news.listen())
+        let feed = lock_ignoring_poison(&self.feed);
+        (feed.messages(), self.event_log.listen())
     }
 }
 
@@ -350,8 +359,8 @@ impl Feed {
                 self.nodes.clear();
             }
             Some("value") => {
-                let viewed = Viewed::deserialize(message).ok();
-                self.values.extend(viewed.zip(Some(text.clone())));
+                let viewed_output = ViewedOutput::deserialize(message).ok();
+                self.values.extend(viewed_output.zip(Some(text.clone())));
             }
             Some("started" | "progress" | "finished") => {
                 let node = message["node"].as_str().unwrap_or_default();
@@ -361,7 +370,7 @@ impl Feed {
         }
     }
 
-    pub(crate) fn all(&self) -> Vec<Arc<str>> {
+    pub(crate) fn messages(&self) -> Vec<Arc<str>> {
         let once = [&self.hello, &self.graph, &self.problems, &self.done, &self.run];
         let once = once.into_iter().flatten();
         once.chain(self.nodes.values()).chain(self.values.values()).cloned().collect()
@@ -375,11 +384,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn who_comes_late_is_told_what_is_true() {
+    fn a_late_page_gets_the_current_state() {
         let mut feed = Feed::default();
         let mut note = |message: Json| {
             feed.note(&message, &message.to_string().into());
-            feed.all()
+            feed.messages()
                 .iter()
                 .map(|text| {
                     let message: Json = serde_json::from_str(text).unwrap();
@@ -393,27 +402,27 @@ mod tests {
         note(json!({ "event": "run", "run": 1 }));
         note(json!({ "event": "started", "node": "a" }));
         note(json!({ "event": "finished", "node": "a" }));
-        let told = note(json!({ "event": "started", "node": "b" }));
-        assert_eq!(told, ["hello", "graph", "problems", "run", "finished", "started"]);
-        let told = note(json!({ "event": "done", "run": 1 }));
-        assert_eq!(told, ["hello", "graph", "problems", "done"]);
+        let messages = note(json!({ "event": "started", "node": "b" }));
+        assert_eq!(messages, ["hello", "graph", "problems", "run", "finished", "started"]);
+        let messages = note(json!({ "event": "done", "run": 1 }));
+        assert_eq!(messages, ["hello", "graph", "problems", "done"]);
         note(json!({ "event": "run", "run": 2 }));
-        assert_eq!(note(json!({ "event": "cancelled", "run": 2 })), told);
+        assert_eq!(note(json!({ "event": "cancelled", "run": 2 })), messages);
     }
 
     #[test]
-    fn the_value_before_a_large_one_is_still_known() {
-        fn viewed() -> Viewed {
-            Viewed { node: "a".into(), output: "value".into() }
+    fn the_value_before_a_large_one_is_kept() {
+        fn viewed_output() -> ViewedOutput {
+            ViewedOutput { node: "a".into(), output: "value".into() }
         }
         let mut values = Values::default();
         let all = [0, 1, 2, 3].map(|level: u8| {
             let value = AnyValue::new(Image::new(64, 64, vec![[level; 3]; 64 * 64]).unwrap());
-            Arc::new(Shown::new(value.clone(), value.show(), Vec::new(), None, None))
+            Arc::new(ViewedValue::new(value.clone(), value.show(), Vec::new(), None, None))
         });
-        assert!(all[0].size() > KEPT);
-        all.iter().for_each(|shown| values.put(viewed(), shown.clone()));
-        let known: Vec<_> = values.all().map(|shown| shown.value.hash()).collect();
+        assert!(all[0].size() > MAX_KEPT_BYTES);
+        all.iter().for_each(|shown| values.put(viewed_output(), shown.clone()));
+        let known: Vec<_> = values.values().map(|shown| shown.value.hash()).collect();
         assert_eq!(known, [all[3].value.hash(), all[2].value.hash()]);
     }
 }

@@ -1,4 +1,4 @@
-//! What of a value is under the pointer, where it lies in space.
+//! Finds the element of a value that is under the pointer in a 3D view.
 
 use maquette_value::{
     AnyValue, Attribute, Attributes, Axes, Layer, Material, Mesh, RayHit, Rgb, TriangleTree, Wrap,
@@ -7,67 +7,66 @@ use nalgebra::{Point3, Vector3};
 use serde::Deserialize;
 use serde_json::{Map, Value as Json, json};
 
-/// How far beside the ray a point may be if nothing else is said: a share of its distance.
-const RADIUS: f64 = 0.01;
+/// The default of [`PickRay::radius`].
+const DEFAULT_RADIUS: f64 = 0.01;
 
-/// A ray from the eye through the pointer, in the value's axes.
+/// A ray from the eye through the pointer, in the coordinates of the value.
 #[derive(Clone, Debug, Deserialize)]
-pub struct Sight {
+pub struct PickRay {
     origin: [f64; 3],
     direction: [f64; 3],
-    /// How far beside the ray a point may be: a share of its distance.
+    /// The maximum distance of a picked point from the ray, as a fraction of the point's distance from the eye.
     radius: Option<f64>,
 }
 
-/// A value, so prepared that what is under the pointer is found fast. Its axes are those of its faces, or of its first layer if it has
-/// none.
+/// An index of a value for fast picking. Its coordinates are those of the first mesh, or of the first layer if there is no mesh.
 pub(super) struct Pickable {
     axes: Axes,
     layers: Vec<Layer>,
-    /// Of each mesh among the layers.
+    /// A search tree for each mesh among the layers.
     trees: Vec<TriangleTree>,
 }
 
-/// What was found.
-struct Found<'a> {
+/// The element that a ray hits.
+struct Hit<'a> {
     kind: &'static str,
     at: Point3<f64>,
-    /// The number of the vertex or point, and where it is.
+    /// The nearest vertex or point: its index and its position.
     vertex: (usize, Point3<f64>),
     axes: Axes,
     face: Option<u32>,
-    /// The color that is seen there, and the pixel of the texture that has it.
+    /// The visible color at the hit, and if it comes from a texture, the pixel of the texture.
     color: Option<(Rgb, Option<[usize; 2]>)>,
-    /// Where they are told, the attributes, and of which element.
+    /// The attributes at the hit. Each has the kind of elements, the attributes of all such elements, and the index of the hit element.
     attributes: Vec<(&'static str, &'a Attributes, usize)>,
 }
 
 impl Pickable {
     pub(super) fn new(value: &AnyValue) -> Self {
         let layers = value.show();
-        let meshes = || layers.iter().filter_map(mesh_of);
-        let first = meshes().next().map(axes_of_mesh);
+        let meshes: Vec<_> = layers.iter().filter_map(mesh_of).collect();
+        let first = meshes.first().copied().map(axes_of_mesh);
         let axes = first.or_else(|| layers.iter().find_map(Layer::axes)).unwrap_or_default();
-        let trees = meshes().map(TriangleTree::new).collect();
+        let trees = meshes.into_iter().map(TriangleTree::new).collect();
         Self { axes, layers, trees }
     }
 
-    /// The first face that the ray meets, or else what of points, lines and arrows is nearest to it, in words for the page; nothing if
-    /// there is nothing.
-    pub(super) fn pick(&self, sight: &Sight) -> Option<Json> {
+    /// Describes the first face that the ray hits. If it hits no face, describes the nearest point, line or arrow. Returns `None` if
+    /// nothing is near the ray.
+    pub(super) fn pick(&self, sight: &PickRay) -> Option<Json> {
         let numbers = sight.origin.iter().chain(&sight.direction).chain(&sight.radius);
         if !numbers.into_iter().all(|number| number.is_finite()) {
             return None;
         }
         let found = self.face(sight).or_else(|| self.point(sight))?;
-        let told =
-            |place: Point3<f64>| Json::from(found.axes.turned(place, self.axes).coords.as_slice());
         let (vertex, vertex_at) = found.vertex;
+        let [at, vertex_at] = [found.at, vertex_at]
+            .map(|position| Json::from(found.axes.convert(position, self.axes).coords.as_slice()));
         let mut fields = json!({
             "kind": found.kind,
-            "at": told(found.at),
+            "at": at,
             "vertex": vertex,
-            "vertex_at": told(vertex_at),
+            "vertex_at": vertex_at,
         });
         if let Some(face) = found.face {
             fields["face"] = face.into();
@@ -82,46 +81,42 @@ impl Pickable {
         Some(fields)
     }
 
-    fn face(&self, sight: &Sight) -> Option<Found<'_>> {
+    fn face(&self, sight: &PickRay) -> Option<Hit<'_>> {
         let meshes = self.layers.iter().filter_map(mesh_of);
         let hits = meshes.zip(&self.trees).filter_map(|(mesh, tree)| {
             let (origin, direction) = self.ray(sight, axes_of_mesh(mesh));
             Some((mesh, tree.first_hit(origin, direction)?))
         });
         let (mesh, hit) = hits.reduce(|a, b| if b.1.along < a.1.along { b } else { a })?;
-        let at = hit.place(mesh);
+        let at = hit.position(mesh);
         let face = hit.face as usize;
         let first = mesh.faces().first_corner(face);
-        let vertices = mesh.faces().face(face).iter().enumerate();
-        fn place(vertex: u32, mesh: &Mesh) -> Point3<f64> {
-            mesh.positions()[vertex as usize]
-        }
-        fn distance(vertex: u32, mesh: &Mesh, at: Point3<f64>) -> f64 {
-            (place(vertex, mesh) - at).norm_squared()
-        }
-        let (corner, &vertex) = vertices
-            .min_by(|(_, a), (_, b)| distance(**a, mesh, at).total_cmp(&distance(**b, mesh, at)))?;
-        Some(Found {
+        let vertices = mesh.faces().face(face).iter().map(|&vertex| vertex as usize);
+        let distances =
+            vertices.map(|vertex| (vertex, (mesh.positions()[vertex] - at).norm_squared()));
+        let (corner, (vertex, _)) =
+            distances.enumerate().min_by(|(_, (_, a)), (_, (_, b))| a.total_cmp(b))?;
+        Some(Hit {
             kind: "triangles",
             at,
-            vertex: (vertex as usize, place(vertex, mesh)),
+            vertex: (vertex, mesh.positions()[vertex]),
             axes: axes_of_mesh(mesh),
             face: Some(hit.face),
-            color: color_at(mesh, &hit, first + corner, vertex as usize),
+            color: color_at(mesh, &hit, first + corner, vertex),
             attributes: vec![
-                ("attributes", mesh.vertex(), vertex as usize),
+                ("attributes", mesh.vertex(), vertex),
                 ("corner_attributes", mesh.corner(), first + corner),
                 ("face_attributes", mesh.face(), face),
             ],
         })
     }
 
-    /// What of points, of the corners of lines and of the ends of arrows is nearest to the ray, as its angle is seen from the origin.
-    fn point(&self, sight: &Sight) -> Option<Found<'_>> {
-        let mut best: Option<(f64, Found<'_>)> = None;
+    /// Returns the point, the corner of a line or the end of an arrow that has the smallest angle to the ray.
+    fn point(&self, sight: &PickRay) -> Option<Hit<'_>> {
+        let mut best: Option<(f64, Hit<'_>)> = None;
         for layer in &self.layers {
             let Some(axes) = layer.axes() else { continue };
-            let cone = Cone::new(self.ray(sight, axes), sight.radius.unwrap_or(RADIUS))?;
+            let cone = Cone::new(self.ray(sight, axes), sight.radius.unwrap_or(DEFAULT_RADIUS))?;
             let (kind, nearest) = match layer {
                 Layer::Points(cloud) => {
                     ("points", cone.nearest(cloud.points.positions().iter().copied().enumerate()))
@@ -155,41 +150,41 @@ impl Pickable {
                 let color = attributes.first().and_then(|(_, attributes, element)| {
                     Some((attributes.colors("color")?[*element], None))
                 });
-                let found = Found { kind, at, vertex, axes, face: None, color, attributes };
+                let found = Hit { kind, at, vertex, axes, face: None, color, attributes };
                 best = Some((off, found));
             }
         }
         best.map(|(_, found)| found)
     }
 
-    /// The ray in the axes of a layer.
-    fn ray(&self, sight: &Sight, axes: Axes) -> (Point3<f64>, Vector3<f64>) {
-        fn turn(place: [f64; 3], axes: &Axes, self_axes: &Axes) -> Point3<f64> {
-            self_axes.turned(place.into(), *axes)
-        }
-        (turn(sight.origin, &axes, &self.axes), turn(sight.direction, &axes, &self.axes).coords)
+    /// Converts the ray to the coordinates of a layer with these axes.
+    fn ray(&self, sight: &PickRay, axes: Axes) -> (Point3<f64>, Vector3<f64>) {
+        let [origin, direction] = [sight.origin, sight.direction]
+            .map(|vector| self.axes.convert(Point3::from(vector), axes));
+        (origin, direction.coords)
     }
 }
 
-/// What is near a ray, as seen from its origin.
+/// A cone around a ray.
 struct Cone {
     origin: Point3<f64>,
-    /// Of length 1.
+    /// The direction, of length 1.
     direction: Vector3<f64>,
-    /// How far beside the ray a point may be: a share of its distance.
+    /// The maximum distance of a point from the ray, as a fraction of the point's distance from the eye.
     radius: f64,
 }
 
 impl Cone {
-    /// None if the direction leads nowhere.
+    /// Creates a cone around a ray. Returns `None` if the direction is zero or not finite.
     fn new((origin, direction): (Point3<f64>, Vector3<f64>), radius: f64) -> Option<Self> {
-        // First by its largest number: the square of a huge one is infinite.
+        // The direction is divided by its largest component first, because the square of a huge component would be infinite.
         let direction = (direction / direction.amax()).normalize();
         let is_one = direction.iter().all(|x| x.is_finite());
         is_one.then_some(Self { origin, direction, radius })
     }
 
-    /// The place that is the fewest times its distance beside the ray, the first of several; and how many times.
+    /// Finds the position with the smallest angle to the ray. Returns the tangent of the angle (the distance from the ray divided by the
+    /// distance along the ray) and the position with its index. If several positions have the same angle, returns the first.
     fn nearest(
         &self,
         places: impl Iterator<Item = (usize, Point3<f64>)>,
@@ -216,7 +211,8 @@ fn axes_of_mesh(mesh: &Mesh) -> Axes {
     if mesh.frame().is_some() { Axes::Sensor } else { Axes::Upright }
 }
 
-/// The color of a mesh where a ray meets it, as `render` paints it: the texel, or else the color of the nearest corner or vertex.
+/// Returns the color of a mesh where a ray hits it, as `maquette render` draws it: the color of the texture, or without a texture, that of
+/// the nearest corner or vertex.
 fn color_at(
     mesh: &Mesh,
     hit: &RayHit,
@@ -232,17 +228,17 @@ fn color_at(
     };
     let material = mesh.material_of(hit.face as usize);
     if let Some((material, uv)) = material.zip(uv)
-        && let Some(texture) = material.shown()
+        && let Some(texture) = material.non_empty_picture()
     {
         let uv = [0, 1].map(|axis| {
-            hit.shares().iter().zip(uv).map(|(share, uv)| share * uv[axis]).sum::<f64>()
+            hit.barycentric().iter().zip(uv).map(|(share, uv)| share * uv[axis]).sum::<f64>()
         });
-        let [u, v] = Wrap::uv(material.wrap(), uv);
+        let [u, v] = Wrap::wrap_uv(material.wrap(), uv);
         fn texel(share: f64, size: usize) -> usize {
             ((share * size as f64) as usize).min(size - 1)
         }
         let pixel = [texel(u, texture.width()), texel(1.0 - v, texture.height())];
-        return Some((texture.at(pixel), Some(pixel)));
+        return Some((texture.pixel(pixel), Some(pixel)));
     }
     let color = match (mesh.corner().colors("color"), mesh.vertex().colors("color")) {
         (Some(colors), _) => colors[corner],
@@ -256,7 +252,7 @@ fn in_hexadecimal([r, g, b]: Rgb) -> String {
     format!("#{r:02x}{g:02x}{b:02x}")
 }
 
-/// What the attributes of an element are, by name.
+/// Returns the attributes of an element by name.
 fn values(attributes: &Attributes, element: usize) -> Json {
     fn value(attribute: &Attribute, element: usize) -> Json {
         match attribute {
@@ -282,12 +278,12 @@ mod tests {
     fn pick(layers: Vec<Layer>, sight: &Json) -> Json {
         let axes = layers.iter().find_map(Layer::axes).unwrap_or_default();
         let trees = layers.iter().filter_map(mesh_of).map(TriangleTree::new).collect();
-        let sight = Sight::deserialize(sight).unwrap();
+        let sight = PickRay::deserialize(sight).unwrap();
         Pickable { axes, layers, trees }.pick(&sight).unwrap_or_default()
     }
 
     #[test]
-    fn what_is_nearest_to_the_ray_is_found_among_points_lines_and_arrows() {
+    fn the_nearest_point_line_or_arrow_is_picked() {
         fn x(x: f64) -> Point3<f64> {
             Point3::new(x, 0.0, 0.0)
         }
@@ -299,13 +295,13 @@ mod tests {
         let up =
             json!({ "origin": [0.0, -10.0, 0.0], "direction": [0.0, 3.0, 0.0], "radius": 0.05 });
         let found = pick(vec![cloud(Axes::Upright)], &up);
-        // The one behind is as far beside the ray, and farther away.
+        // The second point is at the same angle from the ray, but farther away.
         assert_eq!((&found["kind"], &found["vertex"]), (&json!("points"), &json!(2)), "{found}");
         assert_eq!(
             (&found["at"], &found["attributes"]),
             (&json!([0.2, 5.0, 0.0]), &json!({ "w": 3.0 }))
         );
-        // Behind the eye is nothing, and nothing far beside.
+        // Points behind the eye or far from the ray are not picked.
         let down =
             json!({ "origin": [0.0, -10.0, 0.0], "direction": [0.0, -1.0, 0.0], "radius": 0.05 });
         assert_eq!(pick(vec![cloud(Axes::Upright)], &down), Json::Null);
@@ -328,7 +324,7 @@ mod tests {
     }
 
     #[test]
-    fn other_axes_are_turned_into_those_of_the_value() {
+    fn coordinates_are_converted_to_the_axes_of_the_value() {
         fn place(axes: Axes) -> Point3<f64> {
             match axes {
                 Axes::Upright => Point3::new(1.0, 2.0, 3.0),
@@ -351,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn a_textured_face_tells_the_pixel_of_its_texture_and_the_color_of_that() {
+    fn a_textured_face_has_a_texel_and_its_color() {
         let square = [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]];
         let corners = square.map(|[x, y]| Point3::new(x, y, 0.0)).to_vec();
         let mesh = Mesh::new(corners, Faces::polygons(&[4], vec![0, 1, 2, 3]).unwrap()).unwrap();
@@ -374,13 +370,13 @@ mod tests {
                 assert_eq!(found["at"], json!([place[0], place[1], 0.0]), "{found}");
             }
         }
-        // A picture that nobody knows the place of is not seen.
+        // Without a pose the picture of a mesh is not visible, so the mesh has no color.
         let sight = json!({ "origin": [1.0, 1.0, 7.0], "direction": [0, 0, -1] });
         assert_eq!(pick(vec![Layer::Triangles(Box::new(bare))], &sight)["color"], Json::Null);
     }
 
     #[test]
-    fn a_face_is_before_the_points_behind_it_and_tells_what_it_has() {
+    fn a_face_hides_points_behind_it_and_has_attributes() {
         let corners = [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]];
         let corners = corners.map(|[x, y]| Point3::new(x, y, 0.0)).to_vec();
         let mesh = Mesh::new(corners, Faces::polygons(&[4], vec![0, 1, 2, 3]).unwrap()).unwrap();

@@ -1,10 +1,10 @@
-//! The server: the page's own files, and one socket for each page that is open.
+//! The HTTP server of the live page: the files of the page, and one WebSocket for each open page.
 //!
-//! A program that shows a user's files to any browser that asks would show them to every site that the user visits. So it listens on this
-//! machine's own address alone; answers only requests that were made to that address by name, which a site that had its name
-//! rebound cannot; and opens a socket only to its own page, which knows the token of the link.
+//! Without protection, any website that the user visits could read the user's files from this server. So the server listens only on the
+//! loopback address. It answers only requests whose `Host` is that address, which prevents DNS rebinding. And it opens a socket only for
+//! its own page, which knows the token in the URL.
 //!
-//! `axum` answers on one thread. The name of a column is known only to pages that were told of the column.
+//! `axum` runs on one thread. Columns need no token: their names are hashes, which only pages that received the names know.
 
 use std::future::pending;
 use std::net::TcpListener;
@@ -23,19 +23,19 @@ use axum::{Extension, Router};
 use connections::Lease;
 use maquette_format::png;
 use maquette_render as render;
-use maquette_render::{Ground, Kind, Look, View};
+use maquette_render::{Look, OwnedBackdrop, Representation, View};
 use serde::Deserialize;
 use serde_json::{Value as Json, json};
 use tokio::task::JoinHandle;
 
-use super::news::Missed;
-use super::pick::Sight;
-use super::shown::changes;
-use super::{About, Location, Question, Shared, Viewed, Views, Wish};
+use super::event_log::MissedEventsError;
+use super::gpu_columns::changes;
+use super::pick::PickRay;
+use super::{Location, PageRequest, PageState, Question, QuestionKind, ViewedOutput, Views};
 
 mod connections;
 
-/// The files of the page: path, type, content.
+/// The files of the page, each as (path, content type, content).
 const FILES: &[(&str, &str, &str)] = &[
     ("/", "text/html; charset=utf-8", include_str!("web/index.html")),
     ("/icon.svg", "image/svg+xml", include_str!("web/icon.svg")),
@@ -59,15 +59,15 @@ const FILES: &[(&str, &str, &str)] = &[
 
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
-/// What the page may do: nothing but what it brings.
+/// The content security policy of the page, which allows only the page's own files.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; \
                       worker-src 'self'; base-uri 'none'; form-action 'none'; \
                       require-trusted-types-for 'script'; trusted-types 'none'";
 
-/// Who may show the page in a frame.
-const NOBODY: &str = "'none'";
+/// The sites that may embed the page in a frame: none.
+const NO_FRAMES: &str = "'none'";
 
-/// The same if an editor shows it.
+/// The sites that may embed the page in a frame if editors may.
 const EDITORS: &str =
     "vscode-webview: vscode-file: https://*.vscode-cdn.net http://127.0.0.1:* http://localhost:*";
 
@@ -80,22 +80,22 @@ const HEADERS: [(HeaderName, &str); 6] = [
     (header::CACHE_CONTROL, "no-store"),
 ];
 
-/// The name of what is spoken over the socket; the token is offered beside it.
+/// The name of the WebSocket subprotocol. The page offers the token as a second subprotocol.
 const PROTOCOL: &str = "maquette";
 
-/// The largest message that a page may send.
-const LARGEST: usize = 1 << 20;
+/// The maximum size in bytes of a message from a page.
+const MAX_MESSAGE_BYTES: usize = 1 << 20;
 
-/// The most values that a page can look at.
-const MOST_VIEWS: usize = 16;
+/// The maximum number of values that a page can view at the same time.
+const MAX_VIEWS: usize = 16;
 
-/// The longest side of a picture.
-const MOST_PIXELS: usize = 4096;
+/// The maximum width and height in pixels of a rendered picture.
+const MAX_PIXELS: usize = 4096;
 
-/// A page that takes no message for so long is gone.
-const PATIENCE: Duration = Duration::from_secs(20);
+/// The maximum time for sending a message to a page.
+const SEND_TIMEOUT: Duration = Duration::from_secs(20);
 
-/// What the files of the page are, as a hash, by which a page of another program knows that it is out of date.
+/// Returns the hash of the page's files. An open page compares it with its own to detect that it is out of date.
 pub(super) fn version() -> &'static str {
     static VERSION: LazyLock<String> = LazyLock::new(|| {
         let mut hasher = blake3::Hasher::new();
@@ -109,14 +109,14 @@ pub(super) fn version() -> &'static str {
     &VERSION
 }
 
-/// The first file, which says what the page is.
+/// Inserts the version, the hash of the page's files, into the content of `index.html`.
 fn index(content: &str) -> String {
     let place = "<meta name=\"page\" content=\"\">";
     content.replace(place, &format!("<meta name=\"page\" content=\"{}\">", version()))
 }
 
-/// Serves until the program ends.
-pub(super) fn start(listener: TcpListener, shared: Arc<Shared>) -> io::Result<()> {
+/// Starts the server, which runs until the program ends.
+pub(super) fn start(listener: TcpListener, shared: Arc<PageState>) -> io::Result<()> {
     listener.set_nonblocking(true)?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let serve = async move {
@@ -128,7 +128,7 @@ pub(super) fn start(listener: TcpListener, shared: Arc<Shared>) -> io::Result<()
     Ok(())
 }
 
-fn router(shared: Arc<Shared>) -> Router {
+fn router(shared: Arc<PageState>) -> Router {
     let mut router = Router::new()
         .route("/socket", get(open))
         .route("/picture/{hash}", get(picture))
@@ -142,9 +142,9 @@ fn router(shared: Arc<Shared>) -> Router {
     router.layer(middleware::from_fn_with_state(shared.clone(), guard)).with_state(shared)
 }
 
-/// Refuses what was not asked of this machine by its own name, and adds the headers that every answer has.
+/// Rejects requests with a wrong `Host`, and adds the common headers to all answers.
 async fn guard(
-    State(shared): State<Arc<Shared>>,
+    State(shared): State<Arc<PageState>>,
     Extension(lease): Extension<Arc<Lease>>,
     request: Request,
     next: Next,
@@ -155,10 +155,10 @@ async fn guard(
     let mut response = match is_own {
         true => next.run(request).await,
         false => {
-            (StatusCode::FORBIDDEN, "this page is served to this machine alone\n").into_response()
+            (StatusCode::FORBIDDEN, "this page is only served to this machine\n").into_response()
         }
     };
-    let framed_by = if shared.in_editor { EDITORS } else { NOBODY };
+    let framed_by = if shared.in_editor { EDITORS } else { NO_FRAMES };
     let policy = format!("{POLICY}; frame-ancestors {framed_by}");
     for (name, value) in HEADERS.into_iter().chain([(header::CONTENT_SECURITY_POLICY, &policy[..])])
     {
@@ -167,9 +167,9 @@ async fn guard(
     response
 }
 
-/// Opens the socket of a page, if it is this server's own and knows the token.
+/// Opens the socket of a page if its origin and token are right.
 async fn open(
-    State(shared): State<Arc<Shared>>,
+    State(shared): State<Arc<PageState>>,
     Extension(lease): Extension<Arc<Lease>>,
     headers: HeaderMap,
     upgrade: WebSocketUpgrade,
@@ -183,59 +183,65 @@ async fn open(
         return (StatusCode::FORBIDDEN, "open the link that the watch has printed\n")
             .into_response();
     }
-    let upgrade = upgrade.protocols([PROTOCOL]).max_message_size(LARGEST).max_frame_size(LARGEST);
+    let upgrade = upgrade
+        .protocols([PROTOCOL])
+        .max_message_size(MAX_MESSAGE_BYTES)
+        .max_frame_size(MAX_MESSAGE_BYTES);
     lease.belongs_to_page();
     upgrade.on_upgrade(move |socket| async move {
         static SOCKETS: AtomicU64 = AtomicU64::new(0);
         let number = SOCKETS.fetch_add(1, Ordering::Relaxed);
         let _gone = serve(socket, number, &shared).await;
-        shared.look(number, Views::new());
-        (shared.wish)(Wish::Drop(number));
+        shared.set_views(number, Views::new());
+        (shared.on_request)(PageRequest::EndDrag(number));
         drop(lease);
     })
 }
 
-/// From where a picture is wanted.
+/// The parameters of a request for a picture.
 #[derive(Deserialize)]
-struct Asked {
+struct PictureRequest {
     width: usize,
     height: usize,
     yaw: f64,
     pitch: f64,
     zoom: f64,
-    /// Whether a value that is a picture is seen as one, not in space.
+    /// True if the picture is flat, false if it shows the value in 3D.
     flat: bool,
 }
 
-/// A picture of a value, as `maquette render` makes it.
+/// Returns a picture of a value, as `maquette render` draws it.
 async fn picture(
-    State(shared): State<Arc<Shared>>,
+    State(shared): State<Arc<PageState>>,
     Path(hash): Path<String>,
-    Query(asked): Query<Asked>,
+    Query(request): Query<PictureRequest>,
 ) -> Response {
-    let Some(shown) = shared.value(&hash) else { return nobody_looks() };
+    let Some(shown) = shared.value(&hash) else { return not_viewed() };
     fn side(size: usize) -> usize {
-        size.clamp(1, MOST_PIXELS)
+        size.clamp(1, MAX_PIXELS)
     }
-    let Asked { yaw, pitch, zoom, flat, .. } = asked;
-    let size = [side(asked.width), side(asked.height)];
+    let PictureRequest { yaw, pitch, zoom, flat, .. } = request;
+    let size = [side(request.width), side(request.height)];
     let view = View { size, yaw, pitch, zoom, ..View::front() };
-    let kind = if flat { Kind::Fitted } else { Kind::Space };
+    let kind = if flat { Representation::Fitted } else { Representation::Space };
     match tokio::task::spawn_blocking(move || {
-        let below = shown.ground.as_ref().and_then(Ground::below);
-        let picture = render::picture(&shown.layers(), &Look { view, kind, below })?;
+        let below = shown.ground.as_ref().and_then(OwnedBackdrop::backdrop);
+        let picture = render::picture(
+            &shown.layers(),
+            &Look { view, representation: kind, backdrop: below },
+        )?;
         png::encode_rgb(&picture).ok()
     })
     .await
     {
         Ok(Some(bytes)) => ([(header::CONTENT_TYPE, "image/png")], bytes).into_response(),
-        _ => (StatusCode::NOT_FOUND, "there is nothing to be seen of it\n").into_response(),
+        _ => (StatusCode::NOT_FOUND, "the value has no picture\n").into_response(),
     }
 }
 
-/// What is to be known of a value: rows of labels and texts, as `maquette inspect` prints them.
-async fn facts(State(shared): State<Arc<Shared>>, Path(hash): Path<String>) -> Response {
-    let Some(shown) = shared.value(&hash) else { return nobody_looks() };
+/// Returns the facts about a value: rows of labels and texts, as `maquette inspect` prints them.
+async fn facts(State(shared): State<Arc<PageState>>, Path(hash): Path<String>) -> Response {
+    let Some(shown) = shared.value(&hash) else { return not_viewed() };
     match tokio::task::spawn_blocking(move || {
         let facts = shown.value.describe();
         Json::from_iter(facts.0.iter().map(|(label, fact)| json!([label, fact]))).to_string()
@@ -243,23 +249,25 @@ async fn facts(State(shared): State<Arc<Shared>>, Path(hash): Path<String>) -> R
     .await
     {
         Ok(text) => ([(header::CONTENT_TYPE, "application/json")], text).into_response(),
-        Err(_) => (StatusCode::INTERNAL_SERVER_ERROR, "it cannot be described\n").into_response(),
+        Err(_) => {
+            (StatusCode::INTERNAL_SERVER_ERROR, "the value cannot be described\n").into_response()
+        }
     }
 }
 
-/// Which column a page has already.
+/// The parameters of a request for a column: the name of the column that the page already has.
 #[derive(Deserialize)]
-struct Had {
+struct ColumnRequest {
     from: Option<String>,
 }
 
-/// The bytes of a column; what has changed, if the page has another one and that is less.
+/// Returns the bytes of a column. If the page has an older version of the column and the changes are smaller, returns only the changes.
 async fn column(
-    State(shared): State<Arc<Shared>>,
+    State(shared): State<Arc<PageState>>,
     Path(name): Path<String>,
-    Query(had): Query<Had>,
+    Query(had): Query<ColumnRequest>,
 ) -> Response {
-    let Some(new) = shared.column(&name) else { return nobody_looks() };
+    let Some(new) = shared.column(&name) else { return not_viewed() };
     let old = had.from.and_then(|from| shared.column(&from));
     match tokio::task::spawn_blocking(move || {
         let new = new.bytes();
@@ -272,30 +280,39 @@ async fn column(
     .await
     {
         Ok((kind, bytes)) => ([(header::CONTENT_TYPE, kind)], bytes).into_response(),
-        Err(_) => (StatusCode::INTERNAL_SERVER_ERROR, "it cannot be made\n").into_response(),
+        Err(_) => {
+            (StatusCode::INTERNAL_SERVER_ERROR, "the column cannot be computed\n").into_response()
+        }
     }
 }
 
-/// The type of an answer that says what has changed in a column.
+/// The content type of an answer that contains only the changes of a column.
 const CHANGES: &str = "application/x-maquette-changes";
 
-fn nobody_looks() -> Response {
-    (StatusCode::NOT_FOUND, "nobody looks at such a value\n").into_response()
+fn not_viewed() -> Response {
+    (StatusCode::NOT_FOUND, "no page views this value\n").into_response()
 }
 
-/// Tells a page what is true and then what happens, until it goes away or takes nothing any more.
-async fn serve(mut socket: WebSocket, number: u64, shared: &Arc<Shared>) -> Result<(), Gone> {
+/// Sends the current state and then all messages to a page, until the page disconnects or stops reading.
+async fn serve(
+    mut socket: WebSocket,
+    number: u64,
+    shared: &Arc<PageState>,
+) -> Result<(), DisconnectError> {
     let (mut due, mut news) = shared.listen();
-    let mut desk = Desk::default();
+    let mut desk = QuestionQueue::default();
     loop {
         for text in due.drain(..) {
             let sent = socket.send(Message::Text((*text).into()));
-            tokio::time::timeout(PATIENCE, sent).await.map_err(|_| Gone)?.map_err(|_| Gone)?;
+            tokio::time::timeout(SEND_TIMEOUT, sent)
+                .await
+                .map_err(|_| DisconnectError)?
+                .map_err(|_| DisconnectError)?;
         }
         tokio::select! {
             told = news.next() => match told {
                 Ok(text) => due.push(text),
-                Err(Missed) => (due, news) = shared.listen(),
+                Err(MissedEventsError) => (due, news) = shared.listen(),
             },
             heard = socket.recv() => match heard {
                 None | Some(Err(_) | Ok(Message::Close(_))) => return Ok(()),
@@ -311,11 +328,11 @@ async fn serve(mut socket: WebSocket, number: u64, shared: &Arc<Shared>) -> Resu
     }
 }
 
-/// What a page says. What is not understood may be of a newer page, and is skipped.
+/// A message from a page. Unknown messages are ignored, because a newer page may send them.
 #[derive(Deserialize)]
 #[serde(tag = "ask", rename_all = "lowercase")]
-enum Said {
-    /// It shows these values now.
+enum ClientMessage {
+    /// The page now shows these values.
     Views {
         views: Views,
     },
@@ -342,63 +359,68 @@ enum Said {
         node: String,
         output: String,
         #[serde(flatten)]
-        sight: Sight,
+        sight: PickRay,
     },
 }
 
-/// Does what a page says; a question remains.
-fn hear(text: &str, socket: u64, shared: &Shared) -> Option<Question> {
+/// Handles a message from a page. If the message is a question, returns the question.
+fn hear(text: &str, socket: u64, shared: &PageState) -> Option<Question> {
     match serde_json::from_str(text) {
-        Ok(Said::Views { mut views }) => {
-            while views.len() > MOST_VIEWS {
+        Ok(ClientMessage::Views { mut views }) => {
+            while views.len() > MAX_VIEWS {
                 views.pop_last();
             }
-            shared.look(socket, views);
+            shared.set_views(socket, views);
         }
-        Ok(Said::Set { values }) => (shared.wish)(Wish::Set(socket, values)),
-        Ok(Said::Drag { values }) => (shared.wish)(Wish::Drag(socket, values)),
-        Ok(Said::Drop) => (shared.wish)(Wish::Drop(socket)),
-        Ok(Said::Undo) => (shared.wish)(Wish::Undo),
-        Ok(Said::Open { node, problem }) => {
-            let node = node.and_then(|name| shared.place_of_box(&name));
+        Ok(ClientMessage::Set { values }) => (shared.on_request)(PageRequest::Set(socket, values)),
+        Ok(ClientMessage::Drag { values }) => {
+            (shared.on_request)(PageRequest::Drag(socket, values));
+        }
+        Ok(ClientMessage::Drop) => (shared.on_request)(PageRequest::EndDrag(socket)),
+        Ok(ClientMessage::Undo) => (shared.on_request)(PageRequest::Undo),
+        Ok(ClientMessage::Open { node, problem }) => {
+            let node = node.and_then(|name| shared.box_location(&name));
             let problem = problem.filter(|place| shared.has_problem_at(place));
             match node.or(problem) {
-                Some(place) => (shared.wish)(Wish::Open(place)),
-                None => shared.tell(&json!({ "event": "refused", "why": "there is no such place in the graph now" })),
+                Some(place) => (shared.on_request)(PageRequest::Open(place)),
+                None => shared.send(
+                    &json!({ "event": "refused", "why": "the graph has no such location now" }),
+                ),
             }
         }
-        Ok(Said::Probe { id, node, output, at }) => {
-            let viewed = Viewed { node, output };
-            return Some(Question { id, viewed, about: About::Pixel(at) });
+        Ok(ClientMessage::Probe { id, node, output, at }) => {
+            let viewed = ViewedOutput { node, output };
+            return Some(Question { id, viewed, about: QuestionKind::Pixel(at) });
         }
-        Ok(Said::Pick { id, node, output, sight }) => {
-            let viewed = Viewed { node, output };
-            return Some(Question { id, viewed, about: About::Sight(sight) });
+        Ok(ClientMessage::Pick { id, node, output, sight }) => {
+            let viewed = ViewedOutput { node, output };
+            return Some(Question { id, viewed, about: QuestionKind::Sight(sight) });
         }
         Err(_) => {}
     }
     None
 }
 
-/// The questions of a page: one is answered at a time, in a thread of its own, and of each kind the latest one waits.
+/// The questions of one page. One question is answered at a time, in a separate thread. Of the waiting questions, only the latest of each
+/// kind is kept.
 #[derive(Default)]
-struct Desk {
+struct QuestionQueue {
     probe: Option<Question>,
     pick: Option<Question>,
     answering: Option<JoinHandle<Json>>,
 }
 
-impl Desk {
-    fn ask(&mut self, question: Question, shared: &Arc<Shared>) {
+impl QuestionQueue {
+    fn ask(&mut self, question: Question, shared: &Arc<PageState>) {
         match question.about {
-            About::Pixel(_) => self.probe = Some(question),
-            About::Sight(_) => self.pick = Some(question),
+            QuestionKind::Pixel(_) => self.probe = Some(question),
+            QuestionKind::Sight(_) => self.pick = Some(question),
         }
-        self.work(shared);
+        self.start_next(shared);
     }
 
-    /// Begins with the next question, if none is being answered.
-    fn work(&mut self, shared: &Arc<Shared>) {
+    /// Starts to answer the next question, unless another one is being answered.
+    fn start_next(&mut self, shared: &Arc<PageState>) {
         if self.answering.is_none()
             && let Some(question) = self.pick.take().or_else(|| self.probe.take())
         {
@@ -407,21 +429,22 @@ impl Desk {
         }
     }
 
-    /// The next answer, as soon as there is one; none if finding it failed. Whoever stops waiting for it loses nothing.
-    async fn answer(&mut self, shared: &Arc<Shared>) -> Option<Arc<str>> {
+    /// Waits for the next answer. Returns `None` if computing the answer failed. The future may be dropped before it is complete without
+    /// losing an answer.
+    async fn answer(&mut self, shared: &Arc<PageState>) -> Option<Arc<str>> {
         let Some(answering) = &mut self.answering else { return pending().await };
         let answer = answering.await;
         self.answering = None;
-        self.work(shared);
+        self.start_next(shared);
         answer.ok().map(|answer| answer.to_string().into())
     }
 }
 
-/// A page is not there any more.
-struct Gone;
+/// The error that a page has disconnected.
+struct DisconnectError;
 
-impl Shared {
-    /// The names by which this server is asked.
+impl PageState {
+    /// Returns the values of the header `Host` that are accepted.
     fn names(&self) -> [String; 2] {
         let port = self.address.port();
         [format!("127.0.0.1:{port}"), format!("localhost:{port}")]
@@ -432,7 +455,7 @@ fn text_of<'h>(headers: &'h HeaderMap, name: &HeaderName) -> Option<&'h str> {
     headers.get(name)?.to_str().ok()
 }
 
-/// Whether two texts are the same, in a time that does not tell where they differ.
+/// Compares two texts in constant time, so that the time does not reveal the position of the first difference.
 fn is_same(a: &str, b: &str) -> bool {
     a.len() == b.len() && a.bytes().zip(b.bytes()).fold(0, |all, (a, b)| all | (a ^ b)) == 0
 }

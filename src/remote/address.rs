@@ -1,4 +1,4 @@
-//! Where a server is, and who one is there.
+//! The URL and credentials of a remote cache.
 
 use std::fmt;
 
@@ -9,39 +9,39 @@ use ureq::http::Uri;
 
 use super::bucket::Bucket;
 
-/// The address of a server of results. Who one is there is never printed.
+/// The address of a remote cache. Credentials are never printed.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Address {
-    /// Without a name, a password or a slash at the end.
+    /// The URL without user name, password and trailing slash.
     url: String,
-    who: Who,
+    credentials: Credentials,
 }
 
-/// Who one is at a server.
+/// The credentials for a server.
 #[derive(Clone, PartialEq, Eq)]
-enum Who {
-    Anybody,
-    /// This is said of it.
-    Said(String),
-    /// Each request is signed.
+enum Credentials {
+    Anonymous,
+    /// The value of the `Authorization` header that is sent with each request.
+    Header(String),
+    /// The bucket whose keys sign each request.
     Signed(Bucket),
 }
 
-const HTTPS: &str = "https is not spoken here: build with the feature `tls`, or name a proxy on this machine or in its network that \
-    speaks it, by http://";
+const HTTPS: &str = "https is not supported by this build: build with the feature `tls`, or use the http:// address of a proxy on this machine or \
+    in its network that supports https";
 
 impl Address {
-    /// The server at an address such as `http://name:password@host:8080/results`, or the bucket at `s3://bucket/results`; instead of
-    /// name and password, a `token` is shown if there is one.
+    /// Parses the address of a server, such as `http://name:password@host:8080/results`, or of a bucket, such as `s3://bucket/results`. If
+    /// a `token` is given, it is used instead of name and password.
     ///
     /// # Errors
-    /// In words, if it is no address.
+    /// A message if the address is invalid.
     pub fn parse(text: &str, token: Option<&str>) -> Result<Self, String> {
         if let Some(rest) = text.strip_prefix("s3://") {
-            let who = Who::Signed(Bucket::parse(rest, |name| {
+            let who = Credentials::Signed(Bucket::parse(rest, |name| {
                 std::env::var(name).ok().filter(|value| !value.is_empty())
             })?);
-            return Ok(Self { url: text.trim_end_matches('/').to_owned(), who });
+            return Ok(Self { url: text.trim_end_matches('/').to_owned(), credentials: who });
         }
         let (scheme, rest) = text.split_once("://").unwrap_or_default();
         let (authority, path) = rest.split_at(rest.find(['/', '?', '#']).unwrap_or(rest.len()));
@@ -53,37 +53,39 @@ impl Address {
         let (origin, path) = endpoint(&format!("{scheme}://{host}{path}"))?;
         let who = match (token, login) {
             (Some(token), _) if !is_plain(token) => {
-                return Err("the token has characters that no token has".into());
+                return Err("the token has invalid characters".into());
             }
-            (Some(token), _) => Who::Said(format!("Bearer {token}")),
-            (None, Some(login)) => Who::Said(format!("Basic {}", BASE64_STANDARD.encode(&login))),
-            (None, None) => Who::Anybody,
+            (Some(token), _) => Credentials::Header(format!("Bearer {token}")),
+            (None, Some(login)) => {
+                Credentials::Header(format!("Basic {}", BASE64_STANDARD.encode(&login)))
+            }
+            (None, None) => Credentials::Anonymous,
         };
-        Ok(Self { url: origin + &path, who })
+        Ok(Self { url: origin + &path, credentials: who })
     }
 
-    /// Where the server has a file of this name.
-    pub(super) fn of(&self, file: &str) -> String {
-        match &self.who {
-            Who::Signed(bucket) => bucket.url(file),
-            Who::Anybody | Who::Said(_) => format!("{}/{file}", self.url),
+    /// Returns the URL of the file with this name.
+    pub(super) fn file_url(&self, file: &str) -> String {
+        match &self.credentials {
+            Credentials::Signed(bucket) => bucket.url(file),
+            Credentials::Anonymous | Credentials::Header(_) => format!("{}/{file}", self.url),
         }
     }
 
-    /// What is said with a request for a file of this name.
+    /// Returns the headers that a request for a file needs.
     pub(super) fn headers(&self, method: &str, file: &str) -> Vec<(&'static str, String)> {
-        match &self.who {
-            Who::Anybody => Vec::new(),
-            Who::Said(said) => vec![("authorization", said.clone())],
-            Who::Signed(bucket) => bucket.headers(method, file),
+        match &self.credentials {
+            Credentials::Anonymous => Vec::new(),
+            Credentials::Header(said) => vec![("authorization", said.clone())],
+            Credentials::Signed(bucket) => bucket.headers(method, file),
         }
     }
 
-    /// The bucket, if it is one.
+    /// Returns the bucket, or `None` if the address is that of a server.
     pub(super) fn bucket(&self) -> Option<&Bucket> {
-        match &self.who {
-            Who::Signed(bucket) => Some(bucket),
-            Who::Anybody | Who::Said(_) => None,
+        match &self.credentials {
+            Credentials::Signed(bucket) => Some(bucket),
+            Credentials::Anonymous | Credentials::Header(_) => None,
         }
     }
 }
@@ -94,10 +96,10 @@ impl fmt::Display for Address {
     }
 }
 
-/// The server and the path in it that `http://host:port/path` names, without a slash at the end.
+/// Splits a URL such as `http://host:port/path` into server and path. A trailing slash is removed.
 ///
 /// # Errors
-/// In words, if it is no such address.
+/// A message if the URL is invalid.
 pub(super) fn endpoint(url: &str) -> Result<(String, String), String> {
     let Some((scheme @ ("http" | "https"), rest)) = url.split_once("://") else {
         let known = if cfg!(feature = "s3") { "http://, https:// or s3://" } else { "http://" };
@@ -119,7 +121,7 @@ pub(super) fn endpoint(url: &str) -> Result<(String, String), String> {
     Ok((format!("{scheme}://{host}"), path.to_owned()))
 }
 
-/// Whether it may stand in a request as it is.
+/// Returns true if a text can be part of a request without escaping.
 pub(super) fn is_plain(text: &str) -> bool {
     text.bytes().all(|byte| byte.is_ascii_graphic())
 }
@@ -129,7 +131,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn who_one_is_is_taken_out_of_the_address() {
+    fn credentials_are_removed_from_the_url() {
         fn read(text: &str, token: Option<&str>) -> (String, Option<String>) {
             let address = Address::parse(text, token).unwrap();
             let said = address.headers("GET", "").pop().map(|(_, said)| said);
@@ -143,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_address_is_told_without_its_password() {
+    fn errors_do_not_contain_the_password() {
         for bad in [
             "",
             "host",

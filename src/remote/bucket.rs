@@ -1,4 +1,4 @@
-//! Buckets, as S3 has them: where files are in one, who one is there, and what it says if it refuses.
+//! S3 buckets: the URLs of files, the credentials, and error answers.
 
 use std::time::SystemTime;
 
@@ -7,28 +7,28 @@ use ureq::http::StatusCode;
 use super::address::{endpoint, is_plain};
 use super::signature::{Keys, date};
 
-/// A bucket, and the folder in it that results are in.
+/// A bucket, and the folder of the bucket that contains the results.
 #[derive(Clone, PartialEq, Eq)]
 pub(super) struct Bucket {
     name: String,
-    /// `https://host:port`
+    /// The scheme, host and port of the endpoint: `https://host:port`.
     origin: String,
-    /// Before the names of files: `/`, `/prefix/`, `/bucket/prefix/`.
+    /// The part of the path before the name of a file: `/`, `/prefix/` or `/bucket/prefix/`.
     folder: String,
     keys: Keys,
 }
 
-/// What is sent is not hashed a second time: what comes back is verified.
+/// The value that stands for the hash of the body in a signature. Uploads are not hashed, because downloads are verified by checksums.
 const PAYLOAD: &str = "UNSIGNED-PAYLOAD";
 
 const NO_KEYS: &str = "a bucket needs AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY; files of profiles are not read: \
     `aws configure export-credentials --format env` prints what they have";
 
 impl Bucket {
-    /// The bucket of `s3://BUCKET/PREFIX`, by what the usual variables say of the place and the keys.
+    /// Parses an address such as `s3://BUCKET/PREFIX`. The endpoint, region and keys are read from the usual environment variables of AWS.
     ///
     /// # Errors
-    /// In words, if there is no such address, or something is not said.
+    /// A message if the address is invalid or a variable is missing.
     pub(super) fn parse(
         text: &str,
         variable: impl Fn(&str) -> Option<String>,
@@ -48,15 +48,13 @@ impl Bucket {
         let region = first(&["AWS_REGION", "AWS_DEFAULT_REGION"]);
         let region = region.unwrap_or_else(|| "us-east-1".to_owned());
         if !is_name(&region) {
-            return Err("AWS_REGION is no region, such as eu-west-1".into());
+            return Err("AWS_REGION is not a region, such as eu-west-1".into());
         }
         let id = variable("AWS_ACCESS_KEY_ID").ok_or(NO_KEYS)?;
         let secret = variable("AWS_SECRET_ACCESS_KEY").ok_or(NO_KEYS)?;
         let token = variable("AWS_SESSION_TOKEN");
         if !is_plain(&id) || !token.as_deref().is_none_or(is_plain) {
-            return Err(
-                "AWS_ACCESS_KEY_ID or AWS_SESSION_TOKEN has characters that none has".into()
-            );
+            return Err("AWS_ACCESS_KEY_ID or AWS_SESSION_TOKEN has invalid characters".into());
         }
         let (origin, path) = match first(&["AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL"]) {
             Some(url) => {
@@ -68,7 +66,8 @@ impl Bucket {
                 let end = if region.starts_with("cn-") { ".cn" } else { "" };
                 let host = format!("s3.{region}.amazonaws.com{end}");
                 match name.contains('.') {
-                    // No certificate is for a name with more dots.
+                    // The bucket's name is in the path: as a part of the host name, a name with dots would not match the wildcard
+                    // certificate.
                     true => (format!("https://{host}"), format!("/{name}")),
                     false => (format!("https://{name}.{host}"), String::new()),
                 }
@@ -78,12 +77,12 @@ impl Bucket {
         Ok(Self { name: name.to_owned(), origin, folder, keys: Keys { id, secret, token, region } })
     }
 
-    /// Where a file of this name is.
+    /// Returns the URL of the file with this name.
     pub(super) fn url(&self, file: &str) -> String {
         format!("{}{}{file}", self.origin, self.folder)
     }
 
-    /// What is said with a request for a file of this name, now.
+    /// Returns the headers of a request for a file, signed for the current time.
     pub(super) fn headers(&self, method: &str, file: &str) -> Vec<(&'static str, String)> {
         let host = self.origin.split_once("://").map_or("", |(_, host)| host);
         let date = date(SystemTime::now());
@@ -100,7 +99,8 @@ impl Bucket {
         headers
     }
 
-    /// Why it refuses what it was asked for; none if it merely has no such file. Of what it says, only a code and a region are told.
+    /// Returns a message for an error answer, or `None` if the file does not exist. The message contains only the error code and the region
+    /// from the answer.
     pub(super) fn refusal(
         &self,
         status: StatusCode,
@@ -122,7 +122,7 @@ impl Bucket {
             }
             Some("RequestTimeTooSkewed") => "the clock of this machine is wrong".into(),
             Some("ExpiredToken" | "InvalidToken") => {
-                "AWS_SESSION_TOKEN is not valid, or not any more".into()
+                "AWS_SESSION_TOKEN is invalid or expired".into()
             }
             Some("AccessDenied") => {
                 "the keys need s3:GetObject and s3:ListBucket, and s3:PutObject to keep results"
@@ -141,7 +141,7 @@ impl Bucket {
     }
 }
 
-/// What stands in the first element of this name.
+/// Returns the content of the first XML element with this name in a text.
 fn element<'a>(text: &'a str, name: &str) -> Option<&'a str> {
     let (_, rest) = text.split_once(&format!("<{name}>"))?;
     rest.split_once("</").map(|(inside, _)| inside)
@@ -161,7 +161,9 @@ mod tests {
 
     #[test]
     fn a_file_of_a_bucket_has_an_address() {
-        let url = |text, more: &[_]| read(text, more).map(|it| it.url("build/name")).unwrap();
+        fn url(text: &str, more: &[(&str, &str)]) -> String {
+            read(text, more).map(|it| it.url("build/name")).unwrap()
+        }
         let at = ("AWS_ENDPOINT_URL", "http://[::1]:5000/s3/");
         assert_eq!(url("b/p/q/", &[at]), "http://[::1]:5000/s3/b/p/q/build/name");
         assert_eq!(url("b", &[]), "https://b.s3.us-east-1.amazonaws.com/build/name");
@@ -170,33 +172,38 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_bucket_is_told_without_its_keys() {
+    fn errors_do_not_contain_the_keys() {
         for text in ["", "/p", "id:hidden@b/p", "b/../c", "b//c", "b/p?hidden", "b/ä"] {
             let why = read(text, &[]).err().unwrap_or_else(|| panic!("{text}"));
             assert!(why.contains("s3://BUCKET/PREFIX") && !why.contains("hidden"), "{why}");
         }
-        for (name, value, told) in [
+        for (name, value, expected) in [
             ("AWS_ENDPOINT_URL", "ftp://h", "AWS_ENDPOINT_URL: "),
             ("AWS_ENDPOINT_URL_S3", "https://a:hidden@h", "AWS_ENDPOINT_URL: "),
-            ("AWS_REGION", "hidden/x", "AWS_REGION is no region"),
-            ("AWS_SESSION_TOKEN", "hidden\n", "AWS_SESSION_TOKEN has characters"),
+            ("AWS_REGION", "hidden/x", "AWS_REGION is not a region"),
+            ("AWS_SESSION_TOKEN", "hidden\n", "AWS_ACCESS_KEY_ID or AWS_SESSION_TOKEN has invalid"),
         ] {
             let why = read("b", &[(name, value)]).err().unwrap_or_else(|| panic!("{name}"));
-            assert!(why.contains(told) && !why.contains("hidden"), "{why}");
+            assert!(why.contains(expected) && !why.contains("hidden"), "{why}");
         }
         assert!(Bucket::parse("b", |_| None).is_err_and(|why| why.contains("AWS_ACCESS_KEY_ID")));
     }
 
     #[test]
-    fn what_a_bucket_refuses_is_told_with_its_code() {
+    fn errors_of_a_bucket_contain_the_code() {
         let bucket = read("b/p", &[]).unwrap();
-        fn told(status: u16, region: Option<&str>, said: &str, bucket: &Bucket) -> Option<String> {
+        fn refusal(
+            status: u16,
+            region: Option<&str>,
+            said: &str,
+            bucket: &Bucket,
+        ) -> Option<String> {
             let said =
                 format!("<?xml version=\"1.0\"?><Error>{said}<Message>hidden</Message></Error>");
             bucket.refusal(StatusCode::from_u16(status).unwrap(), region, &said)
         }
         fn code(status: u16, code: &str, bucket: &Bucket) -> Option<String> {
-            told(status, None, &format!("<Code>{code}</Code>"), bucket)
+            refusal(status, None, &format!("<Code>{code}</Code>"), bucket)
         }
         assert_eq!(code(404, "NoSuchKey", &bucket), None);
         assert_eq!(
@@ -209,10 +216,10 @@ mod tests {
         }
         assert_eq!(code(503, "SlowDown", &bucket).unwrap(), "503 SlowDown");
         let moved =
-            told(301, Some("eu-west-1"), "<Code>PermanentRedirect</Code>", &bucket).unwrap();
+            refusal(301, Some("eu-west-1"), "<Code>PermanentRedirect</Code>", &bucket).unwrap();
         assert!(moved.ends_with("AWS_REGION must be eu-west-1"), "{moved}");
-        // Whatever else somebody says there.
+        // An error code with invalid characters is not shown.
         assert_eq!(code(403, "\u{1b}[31m", &bucket).unwrap(), "403 Forbidden");
-        assert_eq!(told(500, None, "", &bucket).unwrap(), "500 Internal Server Error");
+        assert_eq!(refusal(500, None, "", &bucket).unwrap(), "500 Internal Server Error");
     }
 }

@@ -1,4 +1,4 @@
-//! What is said to a server: GET, PUT and HEAD, none of which is waited for long.
+//! The HTTP client: GET, PUT and HEAD requests with short timeouts.
 
 use std::io::{self, Read};
 use std::time::{Duration, Instant};
@@ -10,95 +10,96 @@ use ureq::{Agent, Body, Error, RequestBuilder, SendBody};
 
 use super::address::Address;
 
-/// How long it may take to find the server, and then to reach it; twice as long where keys are exchanged, too.
-const TO_REACH: Duration = Duration::from_millis(300);
+/// The timeout for resolving the server's name, and for connecting. Connecting with TLS may take twice as long.
+const CONNECT_TIMEOUT: Duration = Duration::from_millis(300);
 
-/// How long the server may take to begin its answer, and may stop in the middle of it.
-const TO_ANSWER: Duration = Duration::from_millis(500);
+/// The timeout for the beginning of an answer, and for each pause while the answer is received.
+const ANSWER_TIMEOUT: Duration = Duration::from_millis(500);
 
-/// How long it may take to say what became of what it was sent, which nobody waits for.
-const TO_STORE: Duration = Duration::from_secs(5);
+/// The timeout for the answer to an upload. It is longer, because uploads run in the background.
+const STORE_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// How many seconds an answer may take whatever it is worth.
-const PATIENCE: f64 = 0.5;
+/// The time in seconds that any download may take, even if computing the result would be faster.
+const MIN_ALLOWED_SECONDS: f64 = 0.5;
 
-/// What a bucket says of a refusal is shorter.
-const MOST_WORDS: u64 = 8 << 10;
+/// The maximum number of bytes that are read from an error answer.
+const MAX_REFUSAL_BYTES: u64 = 8 << 10;
 
 pub(super) struct Client {
     agent: Agent,
     address: Address,
 }
 
-/// What a server said of something that it was asked for.
+/// The result of a GET request.
 pub(super) enum Answer {
-    Is(Vec<u8>),
-    /// It has no such thing, or one that is torn or too long.
-    IsNot,
-    /// It is of no use any more, and why.
-    Fails(String),
+    Found(Vec<u8>),
+    /// The file does not exist, or it is incomplete or too long.
+    Missing,
+    /// The server cannot be used any more; the text is the reason.
+    Failed(String),
 }
 
-/// What a server said of something that it was sent.
+/// The result of a PUT request.
 pub(super) enum Reply {
-    Took,
-    /// It takes nothing so large.
+    Stored,
+    /// The server does not accept files of this size.
     TooLarge,
-    /// It takes nothing, and why.
-    Refuses(String),
-    Fails(String),
+    /// The server does not accept any files; the text is the reason.
+    Refused(String),
+    Failed(String),
 }
 
 impl Client {
     pub(super) fn new(address: Address) -> Self {
-        let is_encrypted = address.of("").starts_with("https");
+        let is_encrypted = address.file_url("").starts_with("https");
         let config = Agent::config_builder()
             .http_status_as_error(false)
-            // What is elsewhere is not what was asked for.
+            // Redirects are not followed: a redirect counts as a missing file.
             .max_redirects(0)
             .max_redirects_will_error(false)
             .proxy(None)
             .user_agent(concat!("maquette/", env!("CARGO_PKG_VERSION")))
-            // One that the server is about to close looks like a server that is lost.
+            // Idle connections are closed early. A request on a connection that the server is just closing would look like a failure of the
+            // server.
             .max_idle_age(Duration::from_secs(2))
-            .timeout_resolve(Some(TO_REACH))
-            .timeout_connect(Some(if is_encrypted { 2 * TO_REACH } else { TO_REACH }))
-            .timeout_per_read(Some(TO_ANSWER))
-            .timeout_per_write(Some(TO_ANSWER))
-            .timeout_recv_response(Some(TO_ANSWER));
-        // Whom the machine trusts is trusted, and nobody else.
+            .timeout_resolve(Some(CONNECT_TIMEOUT))
+            .timeout_connect(Some(if is_encrypted { 2 * CONNECT_TIMEOUT } else { CONNECT_TIMEOUT }))
+            .timeout_per_read(Some(ANSWER_TIMEOUT))
+            .timeout_per_write(Some(ANSWER_TIMEOUT))
+            .timeout_recv_response(Some(ANSWER_TIMEOUT));
+        // Only the certificates of the system are trusted.
         #[cfg(feature = "tls")]
         let config =
             config.tls_config(TlsConfig::builder().root_certs(RootCerts::PlatformVerifier).build());
         Self { agent: config.build().into(), address }
     }
 
-    /// Whether the server answers; else why not.
-    pub(crate) fn reach(&self) -> Result<(), String> {
-        // Only in its answer to a GET a bucket says why it refuses.
+    /// Checks that the server answers.
+    pub(crate) fn check(&self) -> Result<(), String> {
+        // A bucket is checked by a GET request, because it sends the reason of an error only in the answer to a GET.
         match self.address.bucket().map(|_| self.get("answers", 0, 0.0)) {
-            Some(Answer::Fails(why)) => Err(why),
-            Some(Answer::Is(_) | Answer::IsNot) => Ok(()),
+            Some(Answer::Failed(why)) => Err(why),
+            Some(Answer::Found(_) | Answer::Missing) => Ok(()),
             None => self.head("").map(drop),
         }
     }
 
-    /// What is in the file of this name, at most `most` bytes, unless it takes longer than `worth` seconds.
-    pub(super) fn get(&self, file: &str, most: u64, worth: f64) -> Answer {
-        let request = self.signed(self.agent.get(self.address.of(file)), "GET", file);
+    /// Downloads a file of at most `max_bytes` bytes. Gives up if the download would take longer than `max_seconds` seconds.
+    pub(super) fn get(&self, file: &str, max_bytes: u64, max_seconds: f64) -> Answer {
+        let request = self.sign_request(self.agent.get(self.address.file_url(file)), "GET", file);
         match request.call() {
             Ok(mut response) if response.status() != StatusCode::OK => {
-                self.refusal(&mut response).map_or(Answer::IsNot, Answer::Fails)
+                self.refusal(&mut response).map_or(Answer::Missing, Answer::Failed)
             }
-            Ok(response) => body(response, most, worth),
-            Err(error) => Answer::Fails(in_words(&error)),
+            Ok(response) => body(response, max_bytes, max_seconds),
+            Err(error) => Answer::Failed(describe_error(&error)),
         }
     }
 
-    /// How many bytes are in the file of this name, if there is one; why the server is of no use, if it is of none.
+    /// Returns the size of a file in bytes, or `None` if the file does not exist. The error is the reason why the server cannot be used.
     pub(super) fn head(&self, file: &str) -> Result<Option<u64>, String> {
-        let request = self.signed(self.agent.head(self.address.of(file)), "HEAD", file);
-        let response = request.call().map_err(|error| in_words(&error))?;
+        let request = self.sign_request(self.agent.head(self.address.file_url(file)), "HEAD", file);
+        let response = request.call().map_err(|error| describe_error(&error))?;
         let status = response.status();
         if status == StatusCode::UNAUTHORIZED || status.is_server_error() {
             return Err(status.to_string());
@@ -106,30 +107,36 @@ impl Client {
         Ok(response.body().content_length().filter(|_| status == StatusCode::OK))
     }
 
-    /// Puts so many bytes into the file of this name.
+    /// Uploads a file of `length` bytes.
     pub(super) fn put(&self, file: &str, length: u64, mut bytes: impl Read) -> Reply {
-        let request = self.signed(self.agent.put(self.address.of(file)), "PUT", file);
+        let request = self.sign_request(self.agent.put(self.address.file_url(file)), "PUT", file);
         let request = request.header("Content-Length", length);
         let request = request.content_type("application/octet-stream").config();
-        let request =
-            request.timeout_recv_response(Some(TO_STORE)).timeout_per_read(Some(TO_STORE));
+        let request = request
+            .timeout_recv_response(Some(STORE_TIMEOUT))
+            .timeout_per_read(Some(STORE_TIMEOUT));
         match request.build().send(SendBody::from_reader(&mut bytes)) {
-            Ok(response) if response.status().is_success() => Reply::Took,
+            Ok(response) if response.status().is_success() => Reply::Stored,
             Ok(mut response) => {
                 let status = response.status();
                 reply(status, self.refusal(&mut response).unwrap_or_else(|| status.to_string()))
             }
-            Err(error) => Reply::Fails(in_words(&error)),
+            Err(error) => Reply::Failed(describe_error(&error)),
         }
     }
 
-    /// A request with what is said of who one is.
-    fn signed<B>(&self, request: RequestBuilder<B>, method: &str, file: &str) -> RequestBuilder<B> {
+    /// Adds the credentials to a request.
+    fn sign_request<B>(
+        &self,
+        request: RequestBuilder<B>,
+        method: &str,
+        file: &str,
+    ) -> RequestBuilder<B> {
         let headers = self.address.headers(method, file).into_iter();
         headers.fold(request, |request, (name, value)| request.header(name, value))
     }
 
-    /// Why the server refuses what it was asked for; none if it has no such thing, or has it elsewhere.
+    /// Returns a message for an error answer. Returns `None` if the file does not exist, or if the answer is a redirect.
     fn refusal(&self, response: &mut Response<Body>) -> Option<String> {
         let status = response.status();
         let Some(bucket) = self.address.bucket() else {
@@ -138,54 +145,54 @@ impl Client {
             return (!is_absent).then(|| status.to_string());
         };
         let mut said = Vec::new();
-        // What cannot be read says nothing.
-        let _ = response.body_mut().as_reader().take(MOST_WORDS).read_to_end(&mut said);
+        // If the body cannot be read, the message contains only the status.
+        let _ = response.body_mut().as_reader().take(MAX_REFUSAL_BYTES).read_to_end(&mut said);
         let region = response.headers().get("x-amz-bucket-region");
         let region = region.and_then(|region| region.to_str().ok());
         bucket.refusal(status, region, &String::from_utf8_lossy(&said))
     }
 }
 
-/// Why nothing was taken.
+/// Classifies the error answer to an upload.
 fn reply(status: StatusCode, why: String) -> Reply {
     match status {
         StatusCode::PAYLOAD_TOO_LARGE => Reply::TooLarge,
-        StatusCode::INSUFFICIENT_STORAGE => Reply::Refuses(why),
-        it if it.is_server_error() => Reply::Fails(why),
-        _ => Reply::Refuses(why),
+        StatusCode::INSUFFICIENT_STORAGE => Reply::Refused(why),
+        it if it.is_server_error() => Reply::Failed(why),
+        _ => Reply::Refused(why),
     }
 }
 
-fn body(mut response: Response<Body>, most: u64, worth: f64) -> Answer {
-    let told = response.body().content_length();
-    if told.is_some_and(|told| most < told) {
-        return Answer::IsNot;
+fn body(mut response: Response<Body>, max_bytes: u64, max_seconds: f64) -> Answer {
+    let length = response.body().content_length();
+    if length.is_some_and(|length| max_bytes < length) {
+        return Answer::Missing;
     }
     let start = Instant::now();
     let (mut bytes, mut part) = (Vec::new(), vec![0; 64 << 10]);
     let mut reader = response.body_mut().with_config().limit(u64::MAX).reader();
     loop {
         let read = match reader.read(&mut part) {
-            Ok(0) => return Answer::Is(bytes),
+            Ok(0) => return Answer::Found(bytes),
             Ok(read) => read,
-            Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => return Answer::IsNot,
-            Err(error) => return Answer::Fails(in_words(&Error::from(error))),
+            Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => return Answer::Missing,
+            Err(error) => return Answer::Failed(describe_error(&Error::from(error))),
         };
         bytes.extend_from_slice(&part[..read]);
         let (now, elapsed) = (bytes.len() as u64, start.elapsed().as_secs_f64());
-        if most < now {
-            return Answer::IsNot;
+        if max_bytes < now {
+            return Answer::Missing;
         }
-        // At this speed, all of it would be here after so long.
-        let expected = told.map_or(f64::INFINITY, |told| elapsed * told as f64 / now as f64);
-        if PATIENCE < elapsed && worth.max(PATIENCE) < expected {
-            return Answer::Fails("it is slower than computing".into());
+        // The time that the whole download would take at the current speed.
+        let expected = length.map_or(f64::INFINITY, |length| elapsed * length as f64 / now as f64);
+        if MIN_ALLOWED_SECONDS < elapsed && max_seconds.max(MIN_ALLOWED_SECONDS) < expected {
+            return Answer::Failed("downloading is slower than computing".into());
         }
     }
 }
 
-/// Why a request failed; without the address, which may name who one is.
-fn in_words(error: &Error) -> String {
+/// Describes the error of a request. The address is left out, because it may contain credentials.
+fn describe_error(error: &Error) -> String {
     match error {
         Error::Timeout(_) => "it does not answer in time".into(),
         Error::HostNotFound => "there is no such host".into(),
@@ -193,7 +200,7 @@ fn in_words(error: &Error) -> String {
             "it does not answer in time".into()
         }
         Error::Io(error) => match error.get_ref().and_then(|error| error.downcast_ref()) {
-            Some(error) => in_words(error),
+            Some(error) => describe_error(error),
             None => error.to_string(),
         },
         error => error.to_string(),

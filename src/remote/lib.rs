@@ -1,15 +1,14 @@
-//! Results that machines share, through a server or a bucket that keeps files by name: `URL/BUILD/NAME`.
+//! Remote caches: machines share results through an HTTP server or a bucket that stores files by name: `URL/BUILD/NAME`.
 //!
-//! What it gives is believed exactly as what is on disk: if its checksum, which is one of its name, too, fits. It is a help, never a
-//! need: after the first request that fails or is not answered in time, or when it has cost more time than it has saved, it is left
-//! alone; and what it is sent nobody waits for, see `uploads`.
+//! Files are verified like those on disk: by a checksum that also covers the name. The cache is optional. It is not used any more after the
+//! first request that fails or times out, or when it has cost more time than it has saved. Uploads run in the background, see `uploads`.
 //!
-//! Begin reading in `remote.rs`. This crate knows names and bytes, and nothing of values or graphs.
+//! Read `remote.rs` first. This crate handles names and bytes, and does not depend on values or graphs.
 
 #![allow(missing_docs, reason = "what others may use is documented where `maquette` hands it on")]
 
 mod address;
-// Tests have buckets in any build.
+// Tests of buckets run in any build.
 #[cfg_attr(not(any(test, feature = "s3")), path = "no_bucket.rs")]
 mod bucket;
 mod client;
@@ -18,11 +17,11 @@ mod remote;
 mod signature;
 mod uploads;
 
-/// Whether this build speaks https.
+/// True if this build supports https addresses.
 pub const HTTPS: bool = cfg!(feature = "tls");
 
-/// Whether it speaks to buckets.
+/// True if this build supports addresses of S3 buckets.
 pub const BUCKETS: bool = cfg!(feature = "s3");
 
 pub use address::Address;
-pub use remote::{Exchange, Remote, reach};
+pub use remote::{Remote, RequestCounts, check_server};

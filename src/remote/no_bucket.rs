@@ -1,16 +1,16 @@
-//! In place of buckets, where the program is built without them.
+//! Replaces the module `bucket` in builds without the feature `s3`.
 
 use std::convert::Infallible;
 
 use ureq::http::StatusCode;
 
-/// There is none.
+/// A type without values, because an address is never a bucket in this build.
 #[derive(Clone, PartialEq, Eq)]
 pub(super) struct Bucket(Infallible);
 
 impl Bucket {
     pub(super) fn parse(_: &str, _: impl Fn(&str) -> Option<String>) -> Result<Self, String> {
-        Err("buckets are not spoken to here: build with the feature `s3`".into())
+        Err("buckets are not supported by this build: build with the feature `s3`".into())
     }
 
     pub(super) fn url(&self, _: &str) -> String {

@@ -1,4 +1,4 @@
-//! A server of results, for one build.
+//! The remote cache for the results of one build of the program.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -9,42 +9,42 @@ use super::address::Address;
 use super::client::{Answer, Client, Reply};
 use super::uploads::{Upload, Uploads};
 
-/// How many seconds a server may cost more than it saves.
-pub(crate) const CREDIT: f64 = 0.5;
+/// The maximum time in seconds by which the waiting for a server may exceed the computing time that the server has saved.
+pub(crate) const MAX_DEFICIT: f64 = 0.5;
 
-/// A server of results, for one build.
+/// The remote cache for the results of one build of the program.
 pub struct Remote {
     server: Arc<Server>,
     uploads: Uploads,
 }
 
-/// What a server was asked for so far.
+/// The numbers of requests to a server, by result.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Exchange {
-    /// Files that it had.
+pub struct RequestCounts {
+    /// The number of downloaded files.
     pub found: usize,
-    /// Files that it did not have.
+    /// The number of files that the server did not have.
     pub missing: usize,
-    /// Files that were not what they should be.
+    /// The number of downloaded files with a wrong checksum or content.
     pub damaged: usize,
-    /// Files that it took.
+    /// The number of uploaded files, including those that the server already had.
     pub sent: usize,
-    /// Files that were not sent, because it takes none or it would have taken too long.
+    /// The number of files that were not uploaded, because the server does not accept them or the upload would have taken too long.
     pub unsent: usize,
 }
 
 pub(crate) struct Server {
     pub(crate) client: Client,
     pub(crate) address: Address,
-    /// The folder of this build's files.
-    pub(crate) home: String,
-    /// It is neither asked nor sent anything any more.
-    pub(crate) is_left: AtomicBool,
-    /// It is sent nothing any more.
+    /// The name of the folder on the server that contains the files of this build.
+    pub(crate) folder: String,
+    /// True if the server is not used any more.
+    pub(crate) is_abandoned: AtomicBool,
+    /// True if nothing is uploaded any more, because the server does not accept files.
     pub(crate) is_full: AtomicBool,
-    /// The first trouble with it, which alone is told.
-    pub(crate) trouble: OnceLock<String>,
-    pub(crate) account: Mutex<Account>,
+    /// The first problem with the server. Later problems are not reported.
+    pub(crate) problem: OnceLock<String>,
+    pub(crate) account: Mutex<TimeAccount>,
     pub(crate) counts: Counts,
 }
 
@@ -57,9 +57,10 @@ pub(crate) struct Counts {
     pub unsent: AtomicUsize,
 }
 
-/// The seconds that are waited for answers, on however many threads at once, and those that need not be computed.
+/// The time that waiting for answers has cost, and the computing time that downloads have saved, in seconds. If several threads wait at the
+/// same time, the time counts once.
 #[derive(Default)]
-pub(crate) struct Account {
+pub(crate) struct TimeAccount {
     waiting: usize,
     since: Option<Instant>,
     waited: f64,
@@ -67,156 +68,161 @@ pub(crate) struct Account {
 }
 
 impl Remote {
-    /// The server for the results of this build.
+    /// Creates the remote cache for the results of the build with this fingerprint.
     pub fn new(address: Address, fingerprint: &str) -> Self {
         let server = Arc::new(Server {
             client: Client::new(address.clone()),
-            home: fingerprint.to_owned(),
+            folder: fingerprint.to_owned(),
             address,
-            is_left: AtomicBool::new(false),
+            is_abandoned: AtomicBool::new(false),
             is_full: AtomicBool::new(false),
-            trouble: OnceLock::new(),
+            problem: OnceLock::new(),
             account: Mutex::default(),
             counts: Counts::default(),
         });
         Self { uploads: Uploads::new(server.clone()), server }
     }
 
-    /// What the server has of the file of this name: at most `most` bytes that took no longer than `worth` seconds and are what
-    /// `judged` makes something of.
+    /// Downloads a file of at most `max_bytes` bytes in at most `max_seconds` seconds, and decodes it with `decode`. Returns `None` if the
+    /// download or the decoding fails.
     pub fn get<T>(
         &self,
         path: &Path,
-        most: u64,
-        worth: f64,
-        judged: impl FnOnce(Vec<u8>) -> Option<T>,
+        max_bytes: u64,
+        max_seconds: f64,
+        decode: impl FnOnce(Vec<u8>) -> Option<T>,
     ) -> Option<T> {
         let server = &*self.server;
-        let name = server.name(path).filter(|_| !server.is_left.load(Ordering::Relaxed))?;
-        server.begin();
-        let answer = server.client.get(&name, most, worth);
-        server.end();
+        let remote_name =
+            server.name(path).filter(|_| !server.is_abandoned.load(Ordering::Relaxed))?;
+        server.begin_wait();
+        let answer = server.client.get(&remote_name, max_bytes, max_seconds);
+        server.end_wait();
         match answer {
-            Answer::Is(bytes) => {
-                let found = judged(bytes);
+            Answer::Found(bytes) => {
+                let found = decode(bytes);
                 let counts = &server.counts;
                 count(if found.is_some() { &counts.found } else { &counts.damaged });
                 if found.is_none() {
-                    server.tell("it gives something else than what was put there".into());
+                    server.report("a file differs from what was uploaded".into());
                 }
                 found
             }
-            Answer::IsNot => {
+            Answer::Missing => {
                 count(&server.counts.missing);
                 None
             }
-            Answer::Fails(why) => {
-                server.leave(why);
+            Answer::Failed(why) => {
+                server.abandon(why);
                 None
             }
         }
     }
 
-    /// Takes notice that so many seconds of computing are saved.
-    pub fn has_saved(&self, seconds: f64) {
+    /// Records that a download has saved this number of seconds of computing.
+    pub fn record_saved_time(&self, seconds: f64) {
         lock(&self.server.account).saved += seconds;
     }
 
-    /// Sends a file some time; one that is not `new` only if the server has none of its name.
+    /// Queues an upload. If `is_new` is false, the file is uploaded only if the server does not have it.
     pub fn put(&self, path: PathBuf, is_new: bool) {
         self.uploads.send(Upload { path, is_new });
     }
 
-    /// Waits a moment until the server has what it was to be sent; drops what is left then.
+    /// Waits for uploads for a limited time. Uploads that have not ended by then are dropped.
     pub fn finish(&self) {
         self.uploads.finish();
     }
 
-    /// The first trouble with the server, in words.
-    pub fn trouble(&self) -> Option<&str> {
-        self.server.trouble.get().map(String::as_str)
+    /// Returns the first problem with the server.
+    pub fn problem(&self) -> Option<&str> {
+        self.server.problem.get().map(String::as_str)
     }
 
-    /// What the server was asked for so far.
-    pub fn exchange(&self) -> Exchange {
+    /// Returns the numbers of requests so far.
+    pub fn request_counts(&self) -> RequestCounts {
         let Counts { found, missing, damaged, sent, unsent } = &self.server.counts;
         let [found, missing, damaged, sent, unsent] =
             [found, missing, damaged, sent, unsent].map(|count| count.load(Ordering::Relaxed));
-        Exchange { found, missing, damaged, sent, unsent }
+        RequestCounts { found, missing, damaged, sent, unsent }
     }
 }
 
-/// Whether there is a server that answers at this address; else why not.
-pub fn reach(address: &Address) -> Result<(), String> {
-    Client::new(address.clone()).reach()
+/// Checks that a server answers at an address.
+pub fn check_server(address: &Address) -> Result<(), String> {
+    Client::new(address.clone()).check()
 }
 
 impl Server {
-    /// What the server calls a file.
+    /// Returns the name on the server of the file at a local path.
     pub(crate) fn name(&self, path: &Path) -> Option<String> {
-        Some(format!("{}/{}", self.home, path.file_name()?.to_str()?))
+        Some(format!("{}/{}", self.folder, path.file_name()?.to_str()?))
     }
 
-    /// Sends a file, unless that is not wanted any more.
-    pub(crate) fn take(&self, upload: &Upload, cancelled: impl Fn() -> bool) {
-        let taken = self.try_take(upload, cancelled);
+    /// Uploads a file. Stops when `cancelled` returns true.
+    pub(crate) fn upload(&self, upload: &Upload, cancelled: impl Fn() -> bool) {
+        let taken = self.try_upload(upload, cancelled);
         count(if taken { &self.counts.sent } else { &self.counts.unsent });
     }
 
-    pub(crate) fn try_take(
+    pub(crate) fn try_upload(
         &self,
         Upload { path, is_new }: &Upload,
         cancelled: impl Fn() -> bool,
     ) -> bool {
-        let is_over = self.is_left.load(Ordering::Relaxed) || self.is_full.load(Ordering::Relaxed);
+        let is_over =
+            self.is_abandoned.load(Ordering::Relaxed) || self.is_full.load(Ordering::Relaxed);
         if is_over || cancelled() {
             return false;
         }
         let opened = std::fs::File::open(path).and_then(|file| Ok((file.metadata()?.len(), file)));
-        // Who has cleared the cache meanwhile does not care.
+        // Opening the file fails if the cache on disk has been cleared since the upload was queued.
         let (Ok((length, file)), Some(name)) = (opened, self.name(path)) else { return false };
         if !is_new {
             match self.client.head(&name) {
                 Ok(there) if there == Some(length) => return true,
                 Ok(_) => {}
                 Err(why) => {
-                    self.leave(why);
+                    self.abandon(why);
                     return false;
                 }
             }
         }
-        let reply =
-            self.client.put(&name, length, super::uploads::Until { file, cancelled: &cancelled });
+        let reply = self.client.put(
+            &name,
+            length,
+            super::uploads::CancellableFile { file, cancelled: &cancelled },
+        );
         match reply {
-            Reply::Took => return true,
-            Reply::TooLarge => self.tell(format!("it takes no file of {length} bytes")),
-            Reply::Refuses(why) => {
+            Reply::Stored => return true,
+            Reply::TooLarge => self.report(format!("it accepts no file of {length} bytes")),
+            Reply::Refused(why) => {
                 self.is_full.store(true, Ordering::Relaxed);
-                self.tell(format!("it takes no results: {why}"));
+                self.report(format!("it accepts no results: {why}"));
             }
-            Reply::Fails(_) if cancelled() => {}
-            Reply::Fails(why) => self.leave(why),
+            Reply::Failed(_) if cancelled() => {}
+            Reply::Failed(why) => self.abandon(why),
         }
         false
     }
 
-    /// Leaves the server alone from now on.
-    pub(crate) fn leave(&self, why: String) {
-        self.is_left.store(true, Ordering::Relaxed);
-        self.tell(format!("{why}; it is left alone"));
+    /// Stops using the server, and reports the reason.
+    pub(crate) fn abandon(&self, why: String) {
+        self.is_abandoned.store(true, Ordering::Relaxed);
+        self.report(format!("{why}; it is not used any more"));
     }
 
-    pub(crate) fn tell(&self, trouble: String) {
-        let _ = self.trouble.set(format!("the server of results {}: {trouble}", self.address));
+    pub(crate) fn report(&self, trouble: String) {
+        let _ = self.problem.set(format!("the server of results {}: {trouble}", self.address));
     }
 
-    pub(crate) fn begin(&self) {
+    pub(crate) fn begin_wait(&self) {
         let account = &mut *lock(&self.account);
         account.waiting += 1;
         account.since.get_or_insert_with(Instant::now);
     }
 
-    pub(crate) fn end(&self) {
+    pub(crate) fn end_wait(&self) {
         let account = &mut *lock(&self.account);
         account.waiting -= 1;
         if account.waiting == 0
@@ -224,8 +230,8 @@ impl Server {
         {
             account.waited += since.elapsed().as_secs_f64();
         }
-        if account.saved + CREDIT < account.waited {
-            self.leave("it costs more time than it saves".into());
+        if account.saved + MAX_DEFICIT < account.waited {
+            self.abandon("it has cost more time than it saved".into());
         }
     }
 }
@@ -234,7 +240,8 @@ pub(crate) fn count(count: &AtomicUsize) {
     count.fetch_add(1, Ordering::Relaxed);
 }
 
-/// Locks even if another thread panicked while it held the lock: what these locks guard is whole after every step.
+/// Locks a mutex even if a thread has panicked while holding the lock. That is safe, because the guarded data is consistent after every
+/// step.
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(|broken| broken.into_inner())
 }

@@ -1,9 +1,9 @@
-//! AWS Signature Version 4, by which a bucket knows who asks.
+//! AWS Signature Version 4, which authenticates requests to a bucket.
 //!
-//! Amazon, *Signature Calculations for the Authorization Header: Transferring Payload in a Single Chunk (AWS Signature Version 4)*, in
-//! the reference of S3, whose example is the test.
+//! Source: Amazon, *Signature Calculations for the Authorization Header: Transferring Payload in a Single Chunk (AWS Signature Version 4)*,
+//! in the reference of S3. The test uses the example from this source.
 //!
-//! The signature is in a header, never in the URL, because proxies log URLs. The client that sends all other requests sends these, too.
+//! The signature is sent in a header and never in the URL, because proxies log URLs.
 
 use std::fmt::Write as _;
 use std::time::{Duration, SystemTime};
@@ -11,19 +11,19 @@ use std::time::{Duration, SystemTime};
 use ring::digest::{SHA256, digest};
 use ring::hmac;
 
-/// Who one is at a bucket. None of it but the region is ever printed.
+/// The credentials for a bucket. Only the region may be printed.
 #[derive(Clone, PartialEq, Eq)]
 pub(super) struct Keys {
     pub(super) id: String,
     pub(super) secret: String,
-    /// What goes with keys that are valid for some hours.
+    /// The session token, if the keys are temporary.
     pub(super) token: Option<String>,
     pub(super) region: String,
 }
 
 impl Keys {
-    /// What stands in `Authorization`: that who has these keys asks for this path, at this [`date`]. All of the headers are sent; they are
-    /// sorted by their names, which are in small letters. `payload` is the hash of what is sent, or the word for none.
+    /// Returns the value of the header `Authorization` for a request at the time `date`, which has the format of [`date`]. The headers must
+    /// be sorted by name, and the names must be in lower case. `payload` is the hash of the body, or `UNSIGNED-PAYLOAD`.
     pub(super) fn authorization(
         &self,
         method: &str,
@@ -52,9 +52,10 @@ impl Keys {
     }
 }
 
-/// A time as `20130524T000000Z`.
+/// Formats a time as `20130524T000000Z`.
 ///
-/// Howard Hinnant, *chrono-Compatible Low-Level Date Algorithms* (2013), `civil_from_days`, whose names are kept.
+/// Source: Howard Hinnant, *chrono-Compatible Low-Level Date Algorithms* (2013), `civil_from_days`. The variables have the names of the
+/// source.
 pub(super) fn date(time: SystemTime) -> String {
     let seconds = time.duration_since(SystemTime::UNIX_EPOCH).unwrap_or(Duration::ZERO).as_secs();
     let z = seconds / 86_400 + 719_468;
@@ -106,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn dates_are_those_of_the_calendar() {
+    fn dates_are_formatted() {
         let dates = [0, 951_782_399, 951_782_400, 1_369_353_600, 4_107_542_399]
             .map(|seconds| date(SystemTime::UNIX_EPOCH + Duration::from_secs(seconds)));
         let known = [

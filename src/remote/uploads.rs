@@ -1,4 +1,4 @@
-//! What is sent to a server, by a thread that nobody waits for longer than a moment.
+//! Uploads files to the remote cache in the background.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -10,18 +10,18 @@ use std::time::{Duration, Instant};
 
 use super::remote::{Server, count, lock};
 
-/// A file to send: its name alone, so that what waits needs no memory.
+/// A file to upload. The queue contains only paths, so it needs little memory.
 pub(super) struct Upload {
     pub(super) path: PathBuf,
-    /// Whether it was not on disk before.
+    /// True if the file has just been written, false if it was on disk before.
     pub(super) is_new: bool,
 }
 
-/// Files that may wait; what comes then is not sent.
+/// The maximum number of files in the queue. Further files are not uploaded.
 const QUEUE: usize = 4096;
 
-/// How long the end of a run waits for what is not sent yet.
-const LAST_WAIT: Duration = Duration::from_secs(1);
+/// The maximum time that a run waits for uploads at its end.
+const FINISH_TIMEOUT: Duration = Duration::from_secs(1);
 
 pub(super) struct Uploads {
     server: Arc<Server>,
@@ -31,10 +31,10 @@ pub(super) struct Uploads {
 
 #[derive(Default)]
 struct Queue {
-    /// How many files wait or are being sent.
+    /// The number of files that are queued or being uploaded.
     waiting: Mutex<usize>,
-    is_less: Condvar,
-    /// How often what waited was dropped: what came before is not sent any more.
+    changed: Condvar,
+    /// The number of times that the queue was dropped. A file that was queued before the last time is not uploaded.
     dropped: AtomicU64,
 }
 
@@ -43,12 +43,12 @@ impl Queue {
         self.dropped.load(Ordering::Relaxed) != time
     }
 
-    /// Takes notice that a file which came at this time does not wait any more.
+    /// Records that a file is not queued any more. `time` is the value of `dropped` when the file was queued.
     fn leave(&self, time: u64) {
         let mut waiting = lock(&self.waiting);
         if !self.is_dropped(time) {
             *waiting -= 1;
-            self.is_less.notify_all();
+            self.changed.notify_all();
         }
     }
 }
@@ -65,7 +65,7 @@ impl Uploads {
             let (server, queue) = (self.server.clone(), self.queue.clone());
             std::thread::spawn(move || {
                 for (time, upload) in receiver {
-                    server.take(&upload, || queue.is_dropped(time));
+                    server.upload(&upload, || queue.is_dropped(time));
                     queue.leave(time);
                 }
             });
@@ -82,42 +82,42 @@ impl Uploads {
         }
     }
 
-    /// Waits a moment for what is not sent yet, and drops the rest.
+    /// Waits at most [`FINISH_TIMEOUT`] for uploads. The uploads that have not ended by then are dropped.
     pub(super) fn finish(&self) {
-        let end = Instant::now() + LAST_WAIT;
+        let end = Instant::now() + FINISH_TIMEOUT;
         let mut waiting = lock(&self.queue.waiting);
         while 0 < *waiting {
             let left = end.saturating_duration_since(Instant::now());
             if left.is_zero() {
                 let files = std::mem::take(&mut *waiting);
                 self.queue.dropped.fetch_add(1, Ordering::Relaxed);
-                return self.server.tell(format!(
-                    "it is too slow for the last {files} files, which it does not get"
-                ));
+                return self
+                    .server
+                    .report(format!("it is too slow: the last {files} files are not uploaded"));
             }
-            let woken = self.queue.is_less.wait_timeout(waiting, left);
+            let woken = self.queue.changed.wait_timeout(waiting, left);
             waiting = woken.unwrap_or_else(|broken| broken.into_inner()).0;
         }
     }
 }
 
-/// The thread ends by itself: what it is sending is not waited for.
+/// Does not wait for the current upload. The thread ends by itself.
 impl Drop for Uploads {
     fn drop(&mut self) {
         self.queue.dropped.fetch_add(1, Ordering::Relaxed);
     }
 }
 
-/// A file that is read as long as it is wanted.
-pub(super) struct Until<'a> {
+/// A file whose reading can be cancelled.
+pub(super) struct CancellableFile<'a> {
     pub(super) file: File,
     pub(super) cancelled: &'a dyn Fn() -> bool,
 }
 
-impl Read for Until<'_> {
+impl Read for CancellableFile<'_> {
     fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
         match (self.cancelled)() {
-            true => Err(io::Error::other("it is not wanted any more")),
+            true => Err(io::Error::other("the upload was cancelled")),
             false => self.file.read(into),
         }
     }

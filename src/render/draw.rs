@@ -1,41 +1,46 @@
-//! Draws what a value shows, in bands of rows.
+//! Drawing of values, in bands of rows.
 
 use maquette_value::parallel::*;
 use maquette_value::{Image, Layer, Mesh, Rgb};
 
 use super::camera::Camera;
-use super::flat::{fitted, picture_of};
+use super::flat::{fit_picture, picture_layer};
 use super::light;
 use super::raster::{Band, Bins};
 use super::sampling::BAND;
 use super::scene::Scene;
 use super::solid::render_layers;
-use super::view::{Kind, Look, View};
+use super::view::{Look, Representation, View};
 
-/// A picture of what a value shows; none if it shows nothing, or nothing of what is asked for.
+/// Draws the layers of a value. `None` if the layers have nothing that the chosen representation shows.
 pub fn picture(layers: &[Layer], look: &Look<'_>) -> Option<Image> {
-    let flat = || {
-        let picture = picture_of(layers)?;
-        Some(look.below.as_ref().map_or_else(|| picture.image.clone(), |it| it.under(picture)))
-    };
-    match look.kind {
-        Kind::Own => flat().or_else(|| render_layers(layers, &look.view)),
-        Kind::Fitted => flat()
-            .map(|picture| fitted(&picture, look.view.size))
+    match look.representation {
+        Representation::Native => {
+            flat_picture(layers, look).or_else(|| render_layers(layers, &look.view))
+        }
+        Representation::Fitted => flat_picture(layers, look)
+            .map(|picture| fit_picture(&picture, look.view.size))
             .or_else(|| render_layers(layers, &look.view)),
-        Kind::Space => render_layers(layers, &look.view),
+        Representation::Space => render_layers(layers, &look.view),
     }
 }
 
-/// A picture of `mesh`: lit from the left above, with its texture, else its vertex colors, else as clay.
+/// The flat picture of some layers. If the representation has a backdrop, the flat picture is drawn on top of it.
+fn flat_picture(layers: &[Layer], look: &Look<'_>) -> Option<Image> {
+    let picture = picture_layer(layers)?;
+    Some(look.backdrop.as_ref().map_or_else(|| picture.image.clone(), |it| it.draw_over(picture)))
+}
+
+/// Renders a mesh that is lit from the upper left. It is shown with its texture, or else with its vertex colors, or else in the color of
+/// clay.
 ///
-/// The inner side of faces is red. The attribute `normal` shades the surface if there is one; otherwise faces that meet at
-/// less than some 100 degrees look smooth.
+/// The inner side of faces is red. If the mesh has the attribute `normal`, it is used for shading. Otherwise two faces look smooth at their
+/// common edge if their normals differ by less than about 100 degrees.
 pub fn render(mesh: &Mesh, view: &View) -> Image {
     render_all(&[mesh], view)
 }
 
-/// A picture of meshes that share their axes.
+/// Renders several meshes that have the same axes.
 pub(crate) fn render_all(meshes: &[&Mesh], view: &View) -> Image {
     let [width, height] = view.size;
     let mut pixels: Vec<Rgb> = vec![[0; 3]; width.saturating_mul(height)];
@@ -51,5 +56,5 @@ pub(crate) fn render_all(meshes: &[&Mesh], view: &View) -> Image {
             );
         });
     }
-    Image::new(width, height, pixels).expect("a pixel for each place")
+    Image::new(width, height, pixels).expect("one pixel per position")
 }

@@ -1,17 +1,16 @@
-//! One picture of a value, in software: for goldens, `inspect`, `render` and documents.
+//! Software rendering of values as pictures, for goldens, `inspect`, `render` and documents.
 //!
-//! What a value shows is either a picture of its own, which may lie on another one (`flat`), or lies in space, where a camera sees its
-//! faces, lines, points and arrows together.
+//! A value is shown in one of two ways. It is a flat picture, possibly on top of another picture (`flat`). Or it is in space, where a
+//! camera sees its faces, lines, points and arrows together.
 //!
-//! Guaranteed: the same bytes on every machine and for any number of threads; no cracks between faces that share an edge.
-//! The picture is made in bands of rows that know nothing of each other. In each band every face is first drawn into a
-//! buffer that remembers the nearest face of each *sample*, of which a pixel has 3 x 3; then each pixel is shaded once for
-//! every face that it shows.
+//! Two properties are guaranteed: the bytes are the same on every machine and for any number of threads, and there are no cracks between
+//! faces that share an edge. The picture is made in independent bands of rows. In each band every face is first drawn into a buffer, which
+//! stores the nearest face of each *sample*; a pixel has 3 x 3 samples. Then each pixel is shaded once for every face that it shows.
 //!
-//! Polygons are drawn as the triangles that [`Mesh::face_triangles`](maquette_value::Mesh::face_triangles) cuts them into.
+//! Polygons are drawn as triangles, into which [`Mesh::face_triangles`](maquette_value::Mesh::face_triangles) cuts them.
 //!
-//! Begin reading in `view.rs`, then `scene.rs` and `raster.rs`; `shapes.rs` prepares the same for a graphics card. This crate knows
-//! values and formats of pictures, but no graph.
+//! Begin reading in `view.rs`, then `scene.rs` and `raster.rs`. `shapes.rs` prepares the same scene for a graphics card. This crate depends
+//! on values and picture formats, but not on graphs.
 
 #![allow(missing_docs, reason = "what others may use is documented where `maquette` hands it on")]
 
@@ -31,9 +30,9 @@ mod view;
 
 pub(crate) use draw::render_all;
 pub use draw::{picture, render};
-pub use flat::{Below, Ground, fitted, picture_of};
+pub use flat::{Backdrop, OwnedBackdrop, fit_picture, picture_layer};
 pub use picture::PACK;
-pub(crate) use sampling::{BAND, SAMPLES, each, four, padded};
-pub use shapes::{Field, Ruler, Shape, Shapes};
+pub(crate) use sampling::{BAND, SAMPLES, array3, array4, pad};
+pub use shapes::{Field, Normalization, Shape, Shapes};
 pub use solid::render_layers;
-pub use view::{Aim, Kind, Look, Projection, View};
+pub use view::{Aim, Look, Projection, Representation, View};

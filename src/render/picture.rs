@@ -1,4 +1,4 @@
-//! Writes meshes and surfaces as pictures: rendered from the front, PNG.
+//! PNG pictures of meshes and surfaces, which are rendered from the front.
 
 use maquette_format::png;
 use maquette_node::pack::{FileFormat, NewFile, Pack, format};
@@ -7,7 +7,7 @@ use maquette_value::{Mesh, Surface};
 
 use super::{View, render};
 
-/// Writes meshes and surfaces as pictures.
+/// The pack of the file formats that write meshes and surfaces as pictures.
 pub static PACK: Pack = Pack {
     name: "render",
     version: env!("CARGO_PKG_VERSION"),
@@ -16,25 +16,25 @@ pub static PACK: Pack = Pack {
     ..Pack::EMPTY
 };
 
-/// A rendered mesh.
+/// The file format of a rendered mesh.
 pub(super) struct MeshPng;
 
 impl FileFormat for MeshPng {
     type Value = Mesh;
-    const ENDING: &'static str = "png";
+    const EXTENSION: &'static str = "png";
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, Error> {
         let picture = render(mesh, &View::front());
-        Ok(NewFile::only(name, png::encode_rgb(&picture)?))
+        Ok(NewFile::single(name, png::encode_rgb(&picture)?))
     }
 }
 
-/// A rendered surface.
+/// The file format of a rendered surface.
 pub(super) struct SurfacePng;
 
 impl FileFormat for SurfacePng {
     type Value = Surface;
-    const ENDING: &'static str = "png";
+    const EXTENSION: &'static str = "png";
 
     fn write(surface: &Surface, name: &str) -> Result<Vec<NewFile>, Error> {
         MeshPng::write(&surface.tessellate(0, 0)?, name)

@@ -1,25 +1,25 @@
-//! How a picture is sampled, and short arrays that the compiler keeps in registers.
+//! The sampling pattern of pictures, and functions for short arrays that the compiler keeps in registers.
 
-/// Samples along each side of a pixel.
+/// The number of samples along each side of a pixel.
 pub(crate) const SAMPLES: usize = 3;
 
-/// Rows of pixels in a band: few enough that a band's samples fit in a core's cache at usual widths.
+/// The number of pixel rows per band. The samples of a band of usual width fit in a core's cache.
 pub(crate) const BAND: usize = 8;
 
-/// Three things, made one by one: the compiler keeps them in registers, which it does not for those of `array::map`.
+/// Builds an array of three items one by one. The compiler keeps such items in registers, unlike those of `array::map`.
 #[inline(always)]
-pub(crate) fn each<T>(make: impl Fn(usize) -> T) -> [T; 3] {
+pub(crate) fn array3<T>(make: impl Fn(usize) -> T) -> [T; 3] {
     [make(0), make(1), make(2)]
 }
 
-/// Four things: as many numbers as one instruction computes. The last is 0 where only three are meant.
+/// Builds an array of four items, which is the number that one instruction computes. If only three items are needed, the last one is 0.
 #[inline(always)]
-pub(crate) fn four<T>(make: impl Fn(usize) -> T) -> [T; 4] {
+pub(crate) fn array4<T>(make: impl Fn(usize) -> T) -> [T; 4] {
     [make(0), make(1), make(2), make(3)]
 }
 
-/// Three numbers and a zero.
+/// Appends a zero to an array of three numbers.
 #[inline(always)]
-pub(crate) fn padded<T: Copy + Default>([a, b, c]: [T; 3]) -> [T; 4] {
+pub(crate) fn pad<T: Copy + Default>([a, b, c]: [T; 3]) -> [T; 4] {
     [a, b, c, T::default()]
 }

@@ -1,4 +1,4 @@
-//! Meshes as one picture needs them: places in the picture, normals and colors.
+//! Meshes that are prepared for one picture: projected positions, normals and colors.
 
 use std::borrow::Cow;
 
@@ -6,47 +6,47 @@ use maquette_value::parallel::*;
 use maquette_value::{Image, Material, Mesh, Rgb, Wrap};
 use nalgebra::Vector3;
 
-use super::camera::{Camera, Spot};
+use super::camera::{Camera, ProjectedVertex};
 use super::light::{self, Light};
-use super::{each, four, padded};
+use super::{array3, array4, pad};
 
-/// Vertices that one task transforms.
+/// The number of vertices per parallel task.
 const CHUNK: usize = 4096;
 
-/// Where a computed vertex normal leans away from its face by more than this cosine (50 degrees), the face is drawn flat:
-/// at less, round things show facets; at more, boxes look like pillows.
+/// The cosine of 50 degrees. If a computed vertex normal deviates by more than this angle from the normal of a face, the face is drawn flat
+/// at that vertex. With a smaller angle round objects would show facets; with a larger angle boxes would look like pillows.
 pub(super) const FLAT: f32 = 0.642_787_6;
 
-/// What is drawn: the corners, triangles and vertices of all meshes, one mesh after the other.
+/// The corners, triangles and vertices of all meshes. Those of one mesh come after those of another.
 pub(super) struct Scene<'a> {
     corners: Cow<'a, [u32]>,
-    /// Three corners per triangle; none if all faces are triangles.
+    /// The three corners of each triangle. `None` if all faces are triangles.
     triangles: Option<Vec<[u32; 3]>>,
-    pub(super) spots: Vec<Spot>,
-    /// In view space.
-    places: Vec<[f32; 3]>,
-    skins: Vec<Skin<'a>>,
+    pub(super) projected: Vec<ProjectedVertex>,
+    /// The positions of the vertices in view space.
+    view_positions: Vec<[f32; 3]>,
+    shadings: Vec<MeshShading<'a>>,
     perspective: bool,
 }
 
-/// How one mesh of a scene looks.
-struct Skin<'a> {
-    /// Where its corners and its vertices begin in the scene.
+/// The shading data of one mesh of a scene.
+struct MeshShading<'a> {
+    /// The index of the mesh's first corner in the scene, and the index of its first vertex.
     first: [u32; 2],
     normals: Data<'a, [f32; 3]>,
-    /// Whether the normals were computed here.
-    computed: bool,
+    /// True if the normals were computed from the faces, and not given by the mesh.
+    is_computed: bool,
     paint: Paint<'a>,
 }
 
-/// Data at the corners of faces, or at their vertices.
+/// Data at the corners of faces or at vertices.
 pub(super) enum Data<'a, T: Clone> {
     Vertex(Cow<'a, [T]>),
     Corner(Cow<'a, [T]>),
 }
 
 impl<T: Copy> Data<'_, T> {
-    pub(super) fn at(&self, corner: u32, vertex: u32) -> T {
+    pub(super) fn get(&self, corner: u32, vertex: u32) -> T {
         match self {
             Self::Vertex(data) => data[vertex as usize],
             Self::Corner(data) => data[corner as usize],
@@ -54,18 +54,19 @@ impl<T: Copy> Data<'_, T> {
     }
 }
 
-/// The color of the surface: that of its pictures, else that of its vertices, corners or materials, else that of clay.
+/// The colors of a mesh. They come from its textures, or else from its vertices, corners or materials; without any of these they are the
+/// color of clay.
 pub(super) struct Paint<'a> {
     mesh: &'a Mesh,
     uv: Option<Data<'a, [f64; 2]>>,
     colors: Option<Data<'a, Rgb>>,
-    /// The picture of each material.
+    /// The texture of each material.
     pictures: Vec<Option<(&'a Image, [Wrap; 2])>>,
-    /// The number of the material of each corner, if there are several.
+    /// The material index of each corner. Present only if there are several materials.
     materials: Option<Vec<u32>>,
 }
 
-/// One triangle, in the order of the corners of its face.
+/// A triangle of a mesh. Its corners are in the order in which they occur in their face.
 #[derive(Clone, Copy)]
 pub(super) struct Triangle {
     corners: [u32; 3],
@@ -74,30 +75,30 @@ pub(super) struct Triangle {
 
 impl<'a> Scene<'a> {
     pub(super) fn new(meshes: &[&'a Mesh], camera: &Camera) -> Self {
-        let perspective = camera.weighs_by_nearness();
+        let perspective = camera.is_perspective();
         let (corners, triangles) = triangles_of(meshes);
-        let (mut spots, mut places) = (Vec::new(), Vec::new());
-        let (mut skins, mut first) = (Vec::with_capacity(meshes.len()), [0; 2]);
+        let (mut projected, mut view_positions) = (Vec::new(), Vec::new());
+        let (mut shadings, mut first) = (Vec::with_capacity(meshes.len()), [0; 2]);
         for &mesh in meshes {
-            skins.push(Skin::new(mesh, first, camera));
+            shadings.push(MeshShading::new(mesh, first, camera));
             first = [
                 first[0] + mesh.faces().corners().len() as u32,
                 first[1] + mesh.positions().len() as u32,
             ];
             let points = mesh.positions().par_iter().with_min_len(CHUNK);
-            let seen: (Vec<Spot>, Vec<[f32; 3]>) = points
+            let seen: (Vec<ProjectedVertex>, Vec<[f32; 3]>) = points
                 .map(|&point| {
                     let view = camera.view(point);
-                    (camera.spot(view), <[f32; 3]>::from(view.cast::<f32>()))
+                    (camera.project(view), <[f32; 3]>::from(view.cast::<f32>()))
                 })
                 .unzip();
-            append(&mut spots, seen.0);
-            append(&mut places, seen.1);
+            append(&mut projected, seen.0);
+            append(&mut view_positions, seen.1);
         }
-        Self { corners, triangles, spots, places, skins, perspective }
+        Self { corners, triangles, projected, view_positions, shadings, perspective }
     }
 
-    /// Number of triangles.
+    /// The number of triangles of the scene.
     pub(super) fn len(&self) -> usize {
         self.triangles.as_ref().map_or(self.corners.len() / 3, Vec::len)
     }
@@ -108,27 +109,28 @@ impl<'a> Scene<'a> {
             Some(triangles) => triangles[index],
             None => [first, first + 1, first + 2],
         };
-        Triangle { corners, vertices: each(|k| self.corners[corners[k] as usize]) }
+        Triangle { corners, vertices: array3(|k| self.corners[corners[k] as usize]) }
     }
 
-    /// A triangle with all that its shading needs.
+    /// Collects the data for shading a triangle.
     pub(super) fn facet(&self, triangle: Triangle) -> Facet<'_> {
-        let [a, b, c] = each(|k| Vector3::from(self.places[triangle.vertices[k] as usize]));
-        let flat = unit(padded((b - a).cross(&(c - a)).into()));
-        let (skin, local) = self.skin(triangle);
-        let normals = each(|k| {
-            let normal = padded(local.corner(k, &skin.normals));
-            let leans = skin.computed && dot(normal, flat.unwrap_or_default()) < FLAT;
+        let [a, b, c] =
+            array3(|k| Vector3::from(self.view_positions[triangle.vertices[k] as usize]));
+        let flat = unit(pad((b - a).cross(&(c - a)).into()));
+        let (shading, local) = self.shading(triangle);
+        let normals = array3(|k| {
+            let normal = pad(local.corner(k, &shading.normals));
+            let leans = shading.is_computed && dot(normal, flat.unwrap_or_default()) < FLAT;
             if leans { flat.unwrap_or_default() } else { normal }
         });
-        let paint = &skin.paint;
+        let paint = &shading.paint;
         let number = paint.materials.as_ref().map_or(0, |all| all[local.corners[0] as usize]);
         let picture = paint.pictures.get(number as usize).copied().flatten();
         let color = match (picture.zip(paint.uv.as_ref()), &paint.colors) {
             (Some(((image, wrap), uv)), _) => {
-                Color::Texture(image, wrap, each(|k| local.corner(k, uv)))
+                Color::Texture(image, wrap, array3(|k| local.corner(k, uv)))
             }
-            (None, Some(colors)) => Color::Mixed(each(|k| {
+            (None, Some(colors)) => Color::Mixed(array3(|k| {
                 let [r, g, b] = local.corner(k, colors);
                 light::linear([f64::from(r), f64::from(g), f64::from(b)])
             })),
@@ -136,7 +138,9 @@ impl<'a> Scene<'a> {
         };
         Facet {
             nears: self.perspective.then(|| {
-                padded(each(|k: usize| f64::from(self.spots[triangle.vertices[k] as usize].near)))
+                pad(array3(|k: usize| {
+                    f64::from(self.projected[triangle.vertices[k] as usize].near)
+                }))
             }),
             flat,
             normals,
@@ -144,53 +148,62 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// The mesh of a triangle, and the triangle as that mesh counts its corners and vertices.
-    fn skin(&self, triangle: Triangle) -> (&Skin<'a>, Triangle) {
-        let after = self.skins.partition_point(|skin| skin.first[0] <= triangle.corners[0]);
-        let skin = &self.skins[after - 1];
-        let [corner, vertex] = skin.first;
+    /// The mesh that contains a triangle, and the triangle with indices that count within that mesh.
+    fn shading(&self, triangle: Triangle) -> (&MeshShading<'a>, Triangle) {
+        let after =
+            self.shadings.partition_point(|shading| shading.first[0] <= triangle.corners[0]);
+        let shading = &self.shadings[after - 1];
+        let [corner, vertex] = shading.first;
         let (corners, vertices) = (triangle.corners, triangle.vertices);
-        let corners = each(|k| corners[k] - corner);
-        (skin, Triangle { corners, vertices: each(|k| vertices[k] - vertex) })
+        let corners = array3(|k| corners[k] - corner);
+        (shading, Triangle { corners, vertices: array3(|k| vertices[k] - vertex) })
     }
 }
 
-impl<'a> Skin<'a> {
+impl<'a> MeshShading<'a> {
     fn new(mesh: &'a Mesh, first: [u32; 2], camera: &Camera) -> Self {
-        let turn = |normal: Vector3<f64>| camera.turn(normal).cast::<f32>().into();
-        let turn_all = |normals: &[[f64; 3]]| {
-            let normals = normals.par_iter().with_min_len(CHUNK);
-            normals.map(|&normal| turn(normal.into())).collect::<Vec<_>>().into()
-        };
         let given = match (mesh.corner().vectors("normal"), mesh.vertex().vectors("normal")) {
-            (Some(corner), _) => Some(Data::Corner(turn_all(corner))),
-            (None, Some(vertex)) => Some(Data::Vertex(turn_all(vertex))),
+            (Some(corner), _) => Some(Data::Corner(rotate_normals(camera, corner))),
+            (None, Some(vertex)) => Some(Data::Vertex(rotate_normals(camera, vertex))),
             (None, None) => None,
         };
-        let computed = given.is_none();
-        let normals = given
-            .unwrap_or_else(|| Data::Vertex(mesh.vertex_normals().into_iter().map(turn).collect()));
-        Self { first, normals, computed, paint: Paint::of(mesh) }
+        let is_computed = given.is_none();
+        let normals = given.unwrap_or_else(|| {
+            let normals = mesh.vertex_normals().into_iter();
+            Data::Vertex(normals.map(|normal| rotate_normal(camera, normal)).collect())
+        });
+        Self { first, normals, is_computed, paint: Paint::new(mesh) }
     }
+}
+
+/// Transforms a normal of the mesh to view space.
+fn rotate_normal(camera: &Camera, normal: Vector3<f64>) -> [f32; 3] {
+    camera.rotate(normal).cast::<f32>().into()
+}
+
+/// Transforms the normals of the mesh to view space, in parallel.
+fn rotate_normals<'a>(camera: &Camera, normals: &[[f64; 3]]) -> Cow<'a, [[f32; 3]]> {
+    let normals = normals.par_iter().with_min_len(CHUNK);
+    normals.map(|&normal| rotate_normal(camera, normal.into())).collect::<Vec<_>>().into()
 }
 
 impl Triangle {
     fn corner<T: Copy>(&self, k: usize, data: &Data<'_, T>) -> T {
-        data.at(self.corners[k], self.vertices[k])
+        data.get(self.corners[k], self.vertices[k])
     }
 }
 
-/// A triangle, ready to be shaded at any place.
+/// A triangle, with the data for shading it.
 pub(super) struct Facet<'a> {
-    /// How near its corners are, where far things look smaller.
+    /// The nearness of the triangle's corners. `None` without perspective.
     nears: Option<[f64; 4]>,
     flat: Option<[f32; 4]>,
-    /// By its corners.
+    /// The normals at the corners of the triangle.
     normals: [[f32; 4]; 3],
     color: Color<'a>,
 }
 
-/// The color of a triangle, by its corners.
+/// The color of a triangle, as data at its corners.
 enum Color<'a> {
     Clay,
     Mixed([Light; 3]),
@@ -198,43 +211,54 @@ enum Color<'a> {
 }
 
 impl Facet<'_> {
-    /// The light that comes from it, linear; `shares` weighs its corners as the picture sees them.
+    /// The linear light that comes from a point of the triangle. `barycentric` are the barycentric coordinates that the point has in the
+    /// picture.
     #[inline(always)]
-    pub(super) fn shade(&self, shares: [f64; 4], inner: bool) -> Light {
-        let shares = self.in_space(shares);
-        let [a, b, c] = each(|k| shares[k] as f32);
-        let mix =
-            |parts: &[[f32; 4]; 3]| four(|k| a * parts[0][k] + b * parts[1][k] + c * parts[2][k]);
-        let normal = unit(mix(&self.normals)).or(self.flat).unwrap_or([0.0, 0.0, 1.0, 0.0]);
+    pub(super) fn shade(&self, barycentric: [f64; 4], inner: bool) -> Light {
+        let barycentric = self.in_space(barycentric);
+        let weights = array3(|k| barycentric[k] as f32);
+        let normal =
+            unit(mix(weights, &self.normals)).or(self.flat).unwrap_or([0.0, 0.0, 1.0, 0.0]);
         if inner {
-            return light::lit(light::INNER, four(|k| -normal[k]));
+            return light::lit(light::INNER, array4(|k| -normal[k]));
         }
         let color = match &self.color {
             Color::Clay => light::CLAY,
-            Color::Mixed(colors) => mix(colors),
+            Color::Mixed(colors) => mix(weights, colors),
             Color::Texture(image, wrap, uv) => {
-                #[inline(always)]
-                fn at(k: usize, shares: [f64; 4], uv: &[[f64; 2]; 3]) -> f64 {
-                    shares[0] * uv[0][k] + shares[1] * uv[1][k] + shares[2] * uv[2][k]
-                }
-                light::linear(image.sample_beyond([at(0, shares, uv), at(1, shares, uv)], *wrap))
+                light::linear(image.sample_beyond(mix_uv(barycentric, uv), *wrap))
             }
         };
         light::lit(color, normal)
     }
 
-    /// Weights of the corners in space, from those in the picture.
+    /// Converts barycentric coordinates in the picture to barycentric coordinates in space.
     #[inline(always)]
-    fn in_space(&self, shares: [f64; 4]) -> [f64; 4] {
-        let Some(nears) = self.nears else { return shares };
-        let weights = four(|k| shares[k] * nears[k]);
+    fn in_space(&self, barycentric: [f64; 4]) -> [f64; 4] {
+        let Some(nears) = self.nears else { return barycentric };
+        let weights = array4(|k| barycentric[k] * nears[k]);
         let sum = weights[0] + weights[1] + weights[2];
-        if sum > 0.0 { four(|k| weights[k] / sum) } else { shares }
+        if sum > 0.0 { array4(|k| weights[k] / sum) } else { barycentric }
     }
 }
 
+/// Interpolates between the vectors at the corners, by barycentric coordinates.
+#[inline(always)]
+fn mix([a, b, c]: [f32; 3], corners: &[[f32; 4]; 3]) -> [f32; 4] {
+    array4(|k| a * corners[0][k] + b * corners[1][k] + c * corners[2][k])
+}
+
+/// Interpolates between the texture coordinates at the corners, by barycentric coordinates.
+#[inline(always)]
+fn mix_uv(barycentric: [f64; 4], uv: &[[f64; 2]; 3]) -> [f64; 2] {
+    [
+        barycentric[0] * uv[0][0] + barycentric[1] * uv[1][0] + barycentric[2] * uv[2][0],
+        barycentric[0] * uv[0][1] + barycentric[1] * uv[1][1] + barycentric[2] * uv[2][1],
+    ]
+}
+
 impl<'a> Paint<'a> {
-    pub(super) fn of(mesh: &'a Mesh) -> Self {
+    pub(super) fn new(mesh: &'a Mesh) -> Self {
         let uv = match (mesh.corner().pairs("uv"), mesh.vertex().pairs("uv")) {
             (Some(uv), _) => Some(Data::Corner((&uv[..]).into())),
             (None, uv) => uv.map(|uv| Data::Vertex((&uv[..]).into())),
@@ -242,13 +266,15 @@ impl<'a> Paint<'a> {
         let mut pictures: Vec<_> = mesh
             .materials()
             .iter()
-            .map(|it| it.shown().map(|picture| (picture, it.wrap())).filter(|_| uv.is_some()))
+            .map(|it| {
+                it.non_empty_picture().map(|picture| (picture, it.wrap())).filter(|_| uv.is_some())
+            })
             .collect();
         let materials = mesh.face_materials().map(|numbers| {
             let faces = mesh.faces().iter().zip(numbers.iter());
             faces
                 .flat_map(|(face, &number): (&[u32], &u32)| {
-                    std::iter::repeat_n(mesh.known_material(number), face.len())
+                    std::iter::repeat_n(mesh.resolve_material(number), face.len())
                 })
                 .collect::<Vec<_>>()
         });
@@ -280,7 +306,7 @@ impl<'a> Paint<'a> {
         Self { mesh, uv: uv.filter(|_| has_picture), colors, pictures, materials }
     }
 
-    /// Whether corners at the same vertex may look different.
+    /// Returns true if two corners at the same vertex may differ in color or texture coordinate.
     pub(super) fn is_by_corner(&self) -> bool {
         matches!(self.colors, Some(Data::Corner(_))) || matches!(self.uv, Some(Data::Corner(_)))
     }
@@ -293,39 +319,38 @@ impl<'a> Paint<'a> {
         self.uv.is_some()
     }
 
-    /// The color of a corner, if it has one of its own.
+    /// The color of a corner, if the mesh has colors.
     pub(super) fn color(&self, corner: u32, vertex: u32) -> Option<Rgb> {
-        self.colors.as_ref().map(|colors| colors.at(corner, vertex))
+        self.colors.as_ref().map(|colors| colors.get(corner, vertex))
     }
 
-    /// Where a corner lies on the texture.
+    /// The texture coordinate of a corner of the mesh.
     pub(super) fn uv(&self, corner: u32, vertex: u32) -> Option<[f32; 2]> {
-        self.uv.as_ref().map(|uv| uv.at(corner, vertex).map(|x| x as f32))
+        self.uv.as_ref().map(|uv| uv.get(corner, vertex).map(|x| x as f32))
     }
 
-    /// The pictures, and for each stretch of triangles, one after the other, how many there are and the place of their picture; nothing if
-    /// all have the same one.
-    pub(super) fn stretches(&self) -> Stretches {
+    /// The runs of consecutive triangles with the same texture. Empty if all triangles have the same texture.
+    pub(super) fn material_runs(&self) -> MaterialRuns {
         let Some(numbers) = self.mesh.face_materials().filter(|_| self.uv.is_some()) else {
             return Vec::new();
         };
-        let mut stretches: Stretches = Vec::new();
+        let mut runs: MaterialRuns = Vec::new();
         for (face, &number) in self.mesh.faces().iter().zip(numbers.iter()) {
-            let number = self.mesh.known_material(number) as usize;
+            let number = self.mesh.resolve_material(number) as usize;
             let picture = self.pictures[number].is_some().then_some(number);
-            match stretches.last_mut() {
+            match runs.last_mut() {
                 Some((count, last)) if *last == picture => *count += face.len() - 2,
-                _ => stretches.push((face.len() - 2, picture)),
+                _ => runs.push((face.len() - 2, picture)),
             }
         }
-        stretches
+        runs
     }
 }
 
-/// How many triangles follow each other with the same material, and its number if it has a picture.
-pub(super) type Stretches = Vec<(usize, Option<usize>)>;
+/// A run of triangles: the number of triangles, and the index of their material if the material has a texture.
+pub(super) type MaterialRuns = Vec<(usize, Option<usize>)>;
 
-/// The vertex of each corner of all meshes, and the corners of each triangle if some faces are none.
+/// The vertex at each corner of all meshes. Also the corners of each triangle, if some faces are not triangles.
 fn triangles_of<'a>(meshes: &[&'a Mesh]) -> (Cow<'a, [u32]>, Option<Vec<[u32; 3]>>) {
     let has_polygons = meshes.iter().any(|mesh| mesh.faces().sides() != Some(3));
     let triangles = has_polygons.then(|| triangle_corners(meshes));
@@ -340,7 +365,7 @@ fn triangles_of<'a>(meshes: &[&'a Mesh]) -> (Cow<'a, [u32]>, Option<Vec<[u32; 3]
     (Cow::Owned(corners), triangles)
 }
 
-/// The triangles of all meshes, with their corners by index among the corners of all meshes.
+/// The triangles of all meshes. Their corners are given as indices among the corners of all meshes.
 fn triangle_corners(meshes: &[&Mesh]) -> Vec<[u32; 3]> {
     let mut first = 0;
     let of_meshes = meshes.iter().map(|mesh| {
@@ -352,7 +377,7 @@ fn triangle_corners(meshes: &[&Mesh]) -> Vec<[u32; 3]> {
     of_meshes.reduce(|all, more| [all, more].concat()).unwrap_or_default()
 }
 
-/// Puts a list behind another, without a copy behind an empty one.
+/// Appends a list to another list. If the latter is empty, nothing is copied.
 fn append<T>(all: &mut Vec<T>, mut more: Vec<T>) {
     if all.is_empty() {
         *all = more;
@@ -369,5 +394,5 @@ fn dot(a: [f32; 4], b: [f32; 4]) -> f32 {
 #[inline(always)]
 fn unit(vector: [f32; 4]) -> Option<[f32; 4]> {
     let length = dot(vector, vector).sqrt();
-    (length.is_finite() && length > 1e-12).then(|| four(|k| vector[k] / length))
+    (length.is_finite() && length > 1e-12).then(|| array4(|k| vector[k] / length))
 }

@@ -1,12 +1,11 @@
-//! What of a value lies in space, as a graphics card takes it: triangles, with a normal, a color and a place on the texture at each
-//! vertex.
+//! Values in space that are prepared for a graphics card: triangles whose vertices have a normal, a color and a texture coordinate.
 //!
-//! What is seen is what [`render_layers`](super::render_layers) draws: the same normals, colors and solids. Places are single precision,
-//! measured from a `center` in units of a `scale`; both are round numbers, so that a small change of a value does not move all of it.
-//! Where only some vertices have moved, a shape is [made of the one before](after).
+//! The shapes show what [`render_layers`](super::render_layers) shows, with the same normals, colors and solids. Positions are in single
+//! precision, relative to a `center` and in units of a `scale`. Both are round numbers, so that a small change of a value does not change
+//! all positions. If only some vertices have moved, a shape is [updated from the previous one](update).
 //!
-//! The scale is a power of two near the size of the value, and the center a multiple of the scale. A center that follows the value would
-//! change every byte.
+//! The scale is a power of two that is near the size of the value. The center is a multiple of the scale. If the center followed the value
+//! exactly, every byte would change.
 
 use std::sync::Arc;
 
@@ -17,156 +16,167 @@ use nalgebra::{Point3, Vector3};
 use super::scene::{Data, FLAT, Paint};
 use super::solid::meshes_of;
 
-mod after;
 mod fields;
+mod update;
 
 pub use fields::Field;
 use fields::fields_of;
 
-/// Triangles that one task looks at.
+/// The number of triangles per parallel task.
 const CHUNK: usize = 8192;
 
-/// No display vertex.
+/// The index that stands for no display vertex.
 const NONE: u32 = u32::MAX;
 
-/// All that a value shows in space.
+/// All shapes of a value in space.
 pub struct Shapes {
-    /// Which way its axes go.
+    /// The directions of the axes of the shapes.
     pub axes: Axes,
-    pub ruler: Ruler,
-    /// Its faces, each mesh by itself, then the solids of points, lines and arrows.
+    pub normalization: Normalization,
+    /// One shape per mesh, followed by the solids that represent points, lines and arrows.
     pub shapes: Vec<Arc<Shape>>,
 }
 
-/// How places are measured.
+/// The normalization of positions: the origin and the unit.
 #[derive(Clone, Copy, PartialEq)]
-pub struct Ruler {
-    /// From where, in mm.
+pub struct Normalization {
+    /// The origin of the positions, in mm.
     pub center: Point3<f64>,
-    /// The unit, in mm.
+    /// The unit of the positions, in mm.
     pub scale: f64,
 }
 
-/// One mesh.
+/// The display data of one mesh.
 pub struct Shape {
     mesh: Mesh,
-    ruler: Ruler,
-    /// Whether it is made of points, lines and arrows.
+    normalization: Normalization,
+    /// True if the mesh consists of the solids that represent points, lines and arrows.
     pub is_solid: bool,
-    pub places: Column<[f32; 3]>,
-    /// Three numbers of ten bits, -511 to 511 for -1 to 1, from the lowest bit on.
+    pub positions: Column<[f32; 3]>,
+    /// The normals. Each has three signed numbers of ten bits, beginning with the lowest bit; -511 to 511 stands for -1 to 1.
     pub normals: Column<u32>,
-    /// sRGB, and 255.
+    /// The colors: the three channels in sRGB, and 255.
     pub colors: Option<Column<[u8; 4]>>,
-    /// From the lower left corner of the texture.
+    /// The texture coordinates. (0, 0) is the lower left corner of the texture.
     pub uv: Option<Column<[f32; 2]>>,
     pub triangles: Column<[u32; 3]>,
-    /// Where its triangles have different pictures: how many follow each other with the same one, and the material that has it.
-    pub stretches: Vec<(usize, Option<usize>)>,
+    /// The runs of triangles with the same texture, as the number of triangles and the index of the material that has the texture. Empty if
+    /// all triangles have the same texture.
+    pub material_runs: Vec<(usize, Option<usize>)>,
     pub fields: Arc<[Field]>,
-    /// The vertex of the mesh of each vertex here.
+    /// For each display vertex, the vertex of the mesh that it shows.
     origins: Column<u32>,
-    /// The normals of the mesh's vertices, if they were computed.
+    /// The normals at the vertices of the mesh, if they were computed from the faces.
     computed: Option<Column<[f32; 3]>>,
     leaning: Vec<Leaning>,
-    /// Whether a vertex of the mesh can be several here, because its corners have other data.
+    /// True if a vertex of the mesh can become several display vertices, because its corners differ in their data.
     is_split: bool,
-    /// The faces that are not fans, in order, if all have the same number of corners.
+    /// The faces whose triangles are not a fan, in ascending order. Present if all faces have the same number of corners.
     bent: Vec<u32>,
 }
 
-/// A triangle with corners at which a computed normal leans too far away from it: it has a vertex of its own there.
+/// A leaning triangle: at some of its corners a computed normal deviates too much from the normal of the triangle. It has separate display
+/// vertices at these corners.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Leaning {
     triangle: usize,
     corners: [bool; 3],
-    /// Its own normal, packed.
+    /// The normal of the triangle in packed form.
     normal: u32,
 }
 
 impl Shapes {
-    /// Nothing if none of it lies in space. What was shown `before` in the same place is a start.
-    pub fn of(layers: &[Layer], before: &[Arc<Shape>]) -> Option<Self> {
+    /// Builds the shapes of some layers. `None` if no layer is in space. `before` are the shapes that were shown previously; the shape at
+    /// the same position of the list is updated where possible.
+    pub fn from_layers(layers: &[Layer], before: &[Arc<Shape>]) -> Option<Self> {
         let (meshes, axes) = meshes_of(layers, None);
-        let bounds = meshes.iter().filter_map(|(mesh, _)| mesh.known_bounds());
+        let bounds = meshes.iter().filter_map(|(mesh, _)| mesh.cached_bounds());
         let (low, high) = bounds.reduce(|a, b| (a.0.inf(&b.0), a.1.sup(&b.1)))?;
-        // Halves, because the difference of two huge numbers is infinite.
+        // The numbers are halved first, because the difference of two huge numbers would be infinite.
         let half = (high.coords / 2.0 - low.coords / 2.0).amax();
         let scale = if half > 0.0 { libm::exp2(libm::log2(half).ceil()) } else { 1.0 };
         let middle = low.coords / 2.0 + high.coords / 2.0;
         let center = Point3::from(middle.map(|x| (x / scale).round() * scale));
-        let ruler = Ruler { center, scale };
+        let normalization = Normalization { center, scale };
         let shapes = meshes
             .into_iter()
             .enumerate()
-            .map(|(place, (mesh, is_solid)): (usize, (Mesh, bool))| {
-                let after =
-                    before.get(place).and_then(|before| before.after(&mesh, is_solid, ruler));
-                after.unwrap_or_else(|| Shape::new(mesh, is_solid, ruler)).into()
+            .map(|(index, (mesh, is_solid)): (usize, (Mesh, bool))| {
+                let after = before
+                    .get(index)
+                    .and_then(|before| before.update(&mesh, is_solid, normalization));
+                after.unwrap_or_else(|| Shape::new(mesh, is_solid, normalization)).into()
             })
             .collect();
-        Some(Self { axes, ruler, shapes })
+        Some(Self { axes, normalization, shapes })
     }
 }
 
-impl Ruler {
-    fn at(&self, place: Point3<f64>) -> [f32; 3] {
-        ((place - self.center) / self.scale).map(|x| x as f32).into()
+impl Normalization {
+    fn apply(&self, point: Point3<f64>) -> [f32; 3] {
+        ((point - self.center) / self.scale).map(|x| x as f32).into()
     }
 }
 
 impl Shape {
-    fn new(mesh: Mesh, is_solid: bool, ruler: Ruler) -> Self {
+    fn new(mesh: Mesh, is_solid: bool, normalization: Normalization) -> Self {
         let corners = mesh.faces().corners();
-        let (paint, normals) = (Paint::of(&mesh), Normals::of(&mesh));
+        let (paint, normals) = (Paint::new(&mesh), Normals::new(&mesh));
         let split = (normals.is_by_corner() || paint.is_by_corner()).then(|| {
-            welded(corners, mesh.positions().len(), |corner: u32| {
+            weld(corners, mesh.positions().len(), |corner: u32| {
                 let vertex = corners[corner as usize];
                 let uv = paint.uv(corner, vertex).unwrap_or_default();
                 let [r, g, b] = paint.color(corner, vertex).unwrap_or_default();
                 let color = u32::from_le_bytes([r, g, b, 0]);
-                [normals.at(corner, vertex), color, uv[0].to_bits(), uv[1].to_bits()]
+                [normals.packed_normal(corner, vertex), color, uv[0].to_bits(), uv[1].to_bits()]
             })
         });
         let is_split = split.is_some();
-        // The vertex here of each corner.
+        // For each corner, its display vertex.
         let (of_corners, firsts) = match &split {
             Some((of_corners, firsts)) => (&of_corners[..], Some(&firsts[..])),
             None => (&corners[..], None),
         };
-        let cut = Triangles::of(&mesh);
+        let cut = Triangulation::new(&mesh);
         let shared = |triangle| cut.vertices(triangle, of_corners);
         let leaning: Vec<Leaning> = (0..cut.len())
             .into_par_iter()
-            .filter_map(|triangle| normals.lean(&mesh, &cut, triangle))
+            .filter_map(|triangle| normals.find_leaning(&mesh, &cut, triangle))
             .collect();
         let count = firsts.map_or(mesh.positions().len(), <[u32]>::len);
-        let own = Own::of(&leaning, count, shared);
+        let separate = SeparateVertices::new(&leaning, count, shared);
         let mut triangles: Vec<[u32; 3]> = list(cut.len(), shared);
-        own.patch(&leaning, shared, |triangle, vertices| triangles[triangle] = vertices);
+        separate.patch(&leaning, shared, |triangle, vertices| triangles[triangle] = vertices);
 
-        let seen = Seen { mesh: &mesh, ruler, paint: &paint, normals: &normals, firsts, own: &own };
-        let count = own.end();
-        let places = list(count, |k| seen.place(k)).into();
-        let packed = list(count, |k| seen.normal(k)).into();
-        let colors = paint.has_colors().then(|| list(count, |k| seen.color(k)).into());
-        let uv = paint.has_uv().then(|| list(count, |k| seen.uv(k)).into());
-        let origins = list(count, |k| seen.origin(k)).into();
+        let data = VertexData {
+            mesh: &mesh,
+            normalization,
+            paint: &paint,
+            normals: &normals,
+            firsts,
+            separate: &separate,
+        };
+        let count = separate.end();
+        let positions = list(count, |k| data.position(k)).into();
+        let packed = list(count, |k| data.normal(k)).into();
+        let colors = paint.has_colors().then(|| list(count, |k| data.color(k)).into());
+        let uv = paint.has_uv().then(|| list(count, |k| data.uv(k)).into());
+        let origins = list(count, |k| data.origin(k)).into();
         let (triangles, fields) = (triangles.into(), fields_of(&mesh).into());
-        let computed = normals.computed().cloned();
+        let computed = normals.computed_normals().cloned();
         let bent = cut.bent;
-        let stretches = paint.stretches();
+        let material_runs = paint.material_runs();
         drop((cut.listed, paint, normals));
         Self {
             mesh,
-            ruler,
+            normalization,
             is_solid,
-            places,
+            positions,
             normals: packed,
             colors,
             uv,
             triangles,
-            stretches,
+            material_runs,
             fields,
             origins,
             computed,
@@ -176,87 +186,90 @@ impl Shape {
         }
     }
 
-    /// How much memory it holds beside the mesh and what is shown of it, in bytes.
+    /// The memory that the shape holds, in bytes, without that of the mesh and of the display columns.
     pub fn size(&self) -> usize {
         let computed = self.computed.as_ref().map_or(0, Column::size);
         self.origins.size() + computed + size_of_val(&self.leaning[..])
     }
 
-    /// The first material with a picture that is seen on it.
-    pub fn textured(&self) -> Option<&Material> {
-        self.materials().iter().find(|it| it.shown().is_some()).filter(|_| self.uv.is_some())
+    /// The first material that has a visible texture.
+    pub fn textured_material(&self) -> Option<&Material> {
+        self.materials()
+            .iter()
+            .find(|it| it.non_empty_picture().is_some())
+            .filter(|_| self.uv.is_some())
     }
 
-    /// The materials of its faces.
+    /// The materials of the shape's faces.
     pub fn materials(&self) -> &[Material] {
         self.mesh.materials()
     }
 
-    /// Its edges, without those that only divide faces of many corners into triangles.
+    /// The edges of the faces as pairs of display vertices. The diagonals of polygons are left out.
     pub fn edges(&self) -> Vec<[u32; 2]> {
-        let mut place = vec![NONE; self.mesh.positions().len()];
+        let mut display_vertices = vec![NONE; self.mesh.positions().len()];
         for (k, &vertex) in self.origins.iter().enumerate().rev() {
-            place[vertex as usize] = k as u32;
+            display_vertices[vertex as usize] = k as u32;
         }
         let edges = self.mesh.edges().vertices.into_iter();
-        edges.map(|ends| ends.map(|vertex| place[vertex as usize])).collect()
+        edges.map(|ends| ends.map(|vertex| display_vertices[vertex as usize])).collect()
     }
 
-    /// Whether its vertices have parameters, as those of surfaces do.
+    /// Returns true if the vertices have surface parameters, as those of tessellated surfaces do.
     pub fn has_parameters(&self) -> bool {
         self.mesh.vertex().pairs("uv").is_some()
     }
 
-    /// The parameters of each vertex.
+    /// The surface parameters of each display vertex.
     pub fn parameters(&self) -> Option<Vec<[f32; 2]>> {
         let uv = self.mesh.vertex().pairs("uv")?;
         Some(self.origins.iter().map(|&vertex| uv[vertex as usize].map(|x| x as f32)).collect())
     }
 }
 
-/// So many items, each made on some thread.
+/// Builds a list of `count` items in parallel.
 fn list<T: Send>(count: usize, item: impl Fn(usize) -> T + Copy + Send + Sync) -> Vec<T> {
     (0..count).into_par_iter().with_min_len(CHUNK).map(item).collect()
 }
 
-/// One vertex for all corners at a vertex that have the same key, vertices without corners left out: the new vertex of each corner, and
-/// the first corner of each new vertex.
-fn welded<K: PartialEq>(
+/// Merges those corners at a vertex that have the same key into one display vertex. Vertices without corners are left out. Returns the
+/// display vertex of each corner, and the first corner of each display vertex.
+fn weld<K: PartialEq>(
     corners: &[u32],
     vertices: usize,
     key: impl Fn(u32) -> K,
 ) -> (Vec<u32>, Vec<u32>) {
     let (mut first, mut next) = (vec![NONE; vertices], Vec::new());
     let (mut keys, mut firsts) = (Vec::new(), Vec::new());
-    let place = |(corner, &vertex): (usize, &u32)| {
+    let mut display_vertices = Vec::with_capacity(corners.len());
+    for (corner, &vertex) in corners.iter().enumerate() {
         let key = key(corner as u32);
-        let mut place = first[vertex as usize];
-        while place != NONE && keys[place as usize] != key {
-            place = next[place as usize];
+        let mut found = first[vertex as usize];
+        while found != NONE && keys[found as usize] != key {
+            found = next[found as usize];
         }
-        if place == NONE {
-            place = firsts.len() as u32;
-            next.push(std::mem::replace(&mut first[vertex as usize], place));
+        if found == NONE {
+            found = firsts.len() as u32;
+            next.push(std::mem::replace(&mut first[vertex as usize], found));
             keys.push(key);
             firsts.push(corner as u32);
         }
-        place
-    };
-    let places = corners.iter().enumerate().map(place).collect();
-    (places, firsts)
+        display_vertices.push(found);
+    }
+    (display_vertices, firsts)
 }
 
-/// The triangles of a mesh's faces.
-struct Triangles<'a> {
+/// The triangulation of a mesh's faces.
+struct Triangulation<'a> {
     mesh: &'a Mesh,
-    /// The corners of each, if the faces have different numbers of them.
+    /// The corners of each triangle. Present if the faces differ in their numbers of corners.
     listed: Option<Vec<[u32; 3]>>,
-    /// The faces that are not fans, in order, if all have the same number of corners.
+    /// The faces whose triangles are not a fan, in ascending order. Present if all faces have the same number of corners.
     bent: Vec<u32>,
 }
 
-impl<'a> Triangles<'a> {
-    fn of(mesh: &'a Mesh) -> Self {
+impl<'a> Triangulation<'a> {
+    fn new(mesh: &'a Mesh) -> Self {
         let listed = mesh.faces().sides().is_none().then(|| mesh.triangle_corners());
         let faces = if listed.is_some() || mesh.faces().sides() == Some(3) {
             0
@@ -277,12 +290,12 @@ impl<'a> Triangles<'a> {
         }
     }
 
-    /// The number of triangles of each face, if that is the same for all.
+    /// The number of triangles per face. `None` if it differs between faces.
     fn of_face(&self) -> usize {
         self.mesh.faces().sides().map_or(0, |sides| sides - 2)
     }
 
-    /// The corners of a triangle, by index among the corners of all faces.
+    /// The corners of a triangle, as indices among the corners of all faces.
     fn corners(&self, triangle: usize) -> [usize; 3] {
         if let Some(triangles) = &self.listed {
             return triangles[triangle].map(|corner| corner as usize);
@@ -296,51 +309,52 @@ impl<'a> Triangles<'a> {
         corners.expect("as many triangles as in a fan").map(|corner| first + corner as usize)
     }
 
-    /// Its vertices, of which these are those of all corners.
+    /// The vertices of a triangle. `of_corners` holds the vertex at each corner of all faces.
     fn vertices(&self, triangle: usize, of_corners: &[u32]) -> [u32; 3] {
         self.corners(triangle).map(|corner| of_corners[corner])
     }
 }
 
-/// The vertices that single triangles have to themselves, behind those that they share: with room for some more, so that a few more or
-/// less leave all others where they are.
-struct Own {
-    /// How many are shared.
+/// The separate display vertices of leaning triangles. They are stored after the shared display vertices. Some capacity is reserved, so
+/// that a few more or fewer separate vertices do not move other data.
+struct SeparateVertices {
+    /// The number of shared display vertices.
     count: usize,
-    /// The shared one in its place, and its normal.
+    /// For each separate display vertex, the shared vertex that it replaces, and its normal.
     vertices: Vec<(u32, u32)>,
 }
 
-impl Own {
-    fn of(leaning: &[Leaning], count: usize, vertices: impl Fn(usize) -> [u32; 3]) -> Self {
-        let mut own = Vec::new();
+impl SeparateVertices {
+    fn new(leaning: &[Leaning], count: usize, vertices: impl Fn(usize) -> [u32; 3]) -> Self {
+        let mut separate = Vec::new();
         for Leaning { triangle, corners, normal } in leaning {
             let vertices = vertices(*triangle).into_iter().zip(corners);
-            own.extend(vertices.filter(|(_, leans)| **leans).map(|(vertex, _)| (vertex, *normal)));
+            separate
+                .extend(vertices.filter(|(_, leans)| **leans).map(|(vertex, _)| (vertex, *normal)));
         }
-        own.resize(Self::room(own.len(), count), (0, 0));
-        Self { count, vertices: own }
+        separate.resize(Self::room(separate.len(), count), (0, 0));
+        Self { count, vertices: separate }
     }
 
-    fn room(own: usize, count: usize) -> usize {
-        own.next_multiple_of(count / 64 + 1)
+    fn room(separate: usize, count: usize) -> usize {
+        separate.next_multiple_of(count / 64 + 1)
     }
 
-    /// How many vertices there are in all.
+    /// The number of all display vertices, shared and separate.
     fn end(&self) -> usize {
         self.count + self.vertices.len()
     }
 
-    /// The vertex in whose place this one is.
-    fn shared(&self, place: usize) -> usize {
-        place.checked_sub(self.count).map_or(place, |own| self.vertices[own].0 as usize)
+    /// The shared vertex that a display vertex replaces. For a shared vertex, the vertex itself.
+    fn shared_vertex(&self, vertex: usize) -> usize {
+        vertex.checked_sub(self.count).map_or(vertex, |separate| self.vertices[separate].0 as usize)
     }
 
-    fn normal(&self, place: usize) -> Option<u32> {
-        place.checked_sub(self.count).map(|own| self.vertices[own].1)
+    fn normal(&self, vertex: usize) -> Option<u32> {
+        vertex.checked_sub(self.count).map(|separate| self.vertices[separate].1)
     }
 
-    /// Tells for each leaning triangle its vertices.
+    /// Calls `to` with each leaning triangle and the display vertices of the triangle.
     fn patch(
         &self,
         leaning: &[Leaning],
@@ -362,16 +376,16 @@ impl Own {
 /// The normals of a mesh.
 enum Normals<'a> {
     Given(Data<'a, [f64; 3]>),
-    /// By vertex.
+    /// The normal at each vertex of the mesh.
     Computed(Column<[f32; 3]>),
 }
 
 impl<'a> Normals<'a> {
-    fn of(mesh: &'a Mesh) -> Self {
+    fn new(mesh: &'a Mesh) -> Self {
         match (mesh.corner().vectors("normal"), mesh.vertex().vectors("normal")) {
             (Some(corner), _) => Self::Given(Data::Corner((&corner[..]).into())),
             (None, Some(vertex)) => Self::Given(Data::Vertex((&vertex[..]).into())),
-            (None, None) => Self::Computed(mesh.single_normals()),
+            (None, None) => Self::Computed(mesh.cached_normals()),
         }
     }
 
@@ -379,60 +393,64 @@ impl<'a> Normals<'a> {
         matches!(self, Self::Given(Data::Corner(_)))
     }
 
-    fn computed(&self) -> Option<&Column<[f32; 3]>> {
+    fn computed_normals(&self) -> Option<&Column<[f32; 3]>> {
         match self {
             Self::Computed(normals) => Some(normals),
             Self::Given(_) => None,
         }
     }
 
-    /// Packed.
-    fn at(&self, corner: u32, vertex: u32) -> u32 {
+    /// The normal at a corner in packed form.
+    fn packed_normal(&self, corner: u32, vertex: u32) -> u32 {
         match self {
-            Self::Given(data) => packed(data.at(corner, vertex).into()),
-            Self::Computed(normals) => packed(Vector3::from(normals[vertex as usize]).cast()),
+            Self::Given(data) => pack_normal(data.get(corner, vertex).into()),
+            Self::Computed(normals) => pack_normal(Vector3::from(normals[vertex as usize]).cast()),
         }
     }
 
-    /// Whether a computed normal leans too far away from a triangle at a corner of it.
-    fn lean(&self, mesh: &Mesh, cut: &Triangles<'_>, triangle: usize) -> Option<Leaning> {
-        let normals = self.computed()?;
+    /// Finds those corners of a triangle at which a computed normal deviates too much from the normal of the triangle.
+    fn find_leaning(
+        &self,
+        mesh: &Mesh,
+        cut: &Triangulation<'_>,
+        triangle: usize,
+    ) -> Option<Leaning> {
+        let normals = self.computed_normals()?;
         let vertices = cut.vertices(triangle, mesh.faces().corners()).map(|k| k as usize);
         let [a, b, c] = vertices.map(|vertex| mesh.positions()[vertex]);
         let flat = (b - a).cross(&(c - a)).try_normalize(0.0)?;
-        let lean =
-            |vertex: usize| Vector3::from(normals[vertex]).cast().dot(&flat) < f64::from(FLAT);
-        let corners = vertices.map(lean);
-        let normal = packed(flat);
+        let corners = vertices
+            .map(|vertex| Vector3::from(normals[vertex]).cast().dot(&flat) < f64::from(FLAT));
+        let normal = pack_normal(flat);
         corners.contains(&true).then_some(Leaning { triangle, corners, normal })
     }
 }
 
-/// What is at the vertices of a shape.
+/// The source from which the data at the display vertices of a shape come.
 #[derive(Clone, Copy)]
-struct Seen<'a> {
+struct VertexData<'a> {
     mesh: &'a Mesh,
-    ruler: Ruler,
+    normalization: Normalization,
     paint: &'a Paint<'a>,
     normals: &'a Normals<'a>,
-    /// One corner of each vertex that is shared; none if they are the mesh's vertices, all data of which are their own.
+    /// For each shared display vertex, one of its corners. `None` if the shared display vertices are the vertices of the mesh.
     firsts: Option<&'a [u32]>,
-    own: &'a Own,
+    separate: &'a SeparateVertices,
 }
 
-impl Seen<'_> {
-    /// The vertex of the mesh here.
+impl VertexData<'_> {
+    /// The vertex of the mesh that a display vertex shows.
     fn origin(&self, k: usize) -> u32 {
         self.corner_and_vertex(k).1
     }
 
-    fn place(&self, k: usize) -> [f32; 3] {
-        self.ruler.at(self.mesh.positions()[self.origin(k) as usize])
+    fn position(&self, k: usize) -> [f32; 3] {
+        self.normalization.apply(self.mesh.positions()[self.origin(k) as usize])
     }
 
     fn normal(&self, k: usize) -> u32 {
         let (corner, vertex) = self.corner_and_vertex(k);
-        self.own.normal(k).unwrap_or_else(|| self.normals.at(corner, vertex))
+        self.separate.normal(k).unwrap_or_else(|| self.normals.packed_normal(corner, vertex))
     }
 
     fn color(&self, k: usize) -> [u8; 4] {
@@ -447,7 +465,7 @@ impl Seen<'_> {
     }
 
     fn corner_and_vertex(&self, k: usize) -> (u32, u32) {
-        let shared = self.own.shared(k);
+        let shared = self.separate.shared_vertex(k);
         match self.firsts {
             Some(firsts) => (firsts[shared], self.mesh.faces().corners()[firsts[shared] as usize]),
             None => (NONE, shared as u32),
@@ -455,8 +473,8 @@ impl Seen<'_> {
     }
 }
 
-/// A direction in 30 bits; 0 for none.
-fn packed(normal: Vector3<f64>) -> u32 {
+/// Packs a direction into 30 bits. The zero vector becomes 0.
+fn pack_normal(normal: Vector3<f64>) -> u32 {
     let unit = normal.try_normalize(0.0).unwrap_or_default();
     fn bits(x: f64) -> u32 {
         (x * 511.0).round() as i32 as u32 & 0x3ff
@@ -476,10 +494,10 @@ mod tests {
     }
 
     fn shape(mesh: Mesh) -> Arc<Shape> {
-        Shapes::of(&[Layer::Triangles(Box::new(mesh))], &[]).unwrap().shapes.remove(0)
+        Shapes::from_layers(&[Layer::Triangles(Box::new(mesh))], &[]).unwrap().shapes.remove(0)
     }
 
-    fn unpacked(normal: u32) -> Vector3<f64> {
+    fn unpack_normal(normal: u32) -> Vector3<f64> {
         fn part(shift: u32, normal: u32) -> f64 {
             f64::from(((normal >> shift << 22) as i32) >> 22) / 511.0
         }
@@ -492,29 +510,30 @@ mod tests {
             let (s, c) = libm::sincos(f64::from(k));
             let (t, d) = libm::sincos(0.37 * f64::from(k));
             let unit = Vector3::new(s * t, c * t, d);
-            assert!(unpacked(packed(unit)).normalize().dot(&unit) > 0.99999, "{unit}");
+            assert!(unpack_normal(pack_normal(unit)).normalize().dot(&unit) > 0.99999, "{unit}");
         }
-        assert_eq!(packed(Vector3::zeros()), 0);
+        assert_eq!(pack_normal(Vector3::zeros()), 0);
     }
 
     #[test]
     fn smooth_faces_share_vertices_and_sharp_ones_do_not() {
         let flat = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
         let sheet = shape(mesh(&flat, &[[0, 1, 2], [0, 2, 3]]));
-        assert_eq!((sheet.places.len(), sheet.triangles.len(), sheet.edges().len()), (4, 2, 5));
-        // Two squares that meet at a right angle: the normals at their edge lean by 45 degrees, those of a sharper edge by more.
+        assert_eq!((sheet.positions.len(), sheet.triangles.len(), sheet.edges().len()), (4, 2, 5));
+        // Two faces meet at a right angle: the normals at their common edge deviate from them by 45 degrees. The normals of a sharper edge
+        // deviate by more.
         fn edge(height: f64, depth: f64) -> Arc<Shape> {
             let points = [[0., 0., 0.], [0., 1., 0.], [1., 0., 0.], [height, 0., depth]];
             shape(mesh(&points, &[[0, 2, 1], [0, 1, 3]]))
         }
-        assert_eq!(edge(0.0, 1.0).places.len(), 4);
+        assert_eq!(edge(0.0, 1.0).positions.len(), 4);
         let sharp = edge(0.7, 0.7);
-        assert_eq!(sharp.places.len(), 8);
+        assert_eq!(sharp.positions.len(), 8);
         assert_eq!(sharp.edges().iter().flatten().max(), Some(&3));
     }
 
     #[test]
-    fn corners_with_other_data_are_other_vertices() {
+    fn corners_with_different_data_are_different_vertices() {
         let flat = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
         let sheet = mesh(&flat, &[[0, 1, 2], [0, 2, 3]]);
         let colors = [[9; 3], [8; 3], [7; 3], [9; 3], [6; 3], [5; 3]];
@@ -532,7 +551,7 @@ mod tests {
     }
 
     #[test]
-    fn a_small_change_moves_a_small_part() {
+    fn a_small_change_changes_few_vertices() {
         let points: Vec<_> =
             (0..10_000).map(|k: u32| [f64::from(k % 100), f64::from(k / 100), 0.0]).collect();
         let faces = (0..99).flat_map(|y| (0..99).map(move |x| y * 100 + x));
@@ -541,21 +560,22 @@ mod tests {
         let mut moved = points.clone();
         moved[4242][2] = 0.5;
         let after = shape(mesh(&moved, &faces));
-        let differ = before.places.iter().zip(&after.places[..]).filter(|(a, b)| a != b).count();
+        let differ =
+            before.positions.iter().zip(&after.positions[..]).filter(|(a, b)| a != b).count();
         let turned = before.normals.iter().zip(&after.normals[..]).filter(|(a, b)| a != b).count();
         assert_eq!((differ, before.triangles == after.triangles), (1, true));
         assert!((1..=7).contains(&turned), "{turned}");
     }
 
     #[test]
-    fn every_type_of_values_and_none_stops_the_program() {
+    fn no_edge_case_of_a_value_causes_a_panic() {
         for kind in TYPES {
-            for value in kind.hostile() {
-                let Some(shapes) = Shapes::of(&value.show(), &[]) else { continue };
+            for value in kind.edge_cases() {
+                let Some(shapes) = Shapes::from_layers(&value.show(), &[]) else { continue };
                 for shape in &shapes.shapes {
-                    let count = shape.places.len() as u32;
-                    assert!(shape.triangles.iter().flatten().all(|&place| place < count));
-                    assert_eq!(shape.normals.len(), shape.places.len());
+                    let count = shape.positions.len() as u32;
+                    assert!(shape.triangles.iter().flatten().all(|&vertex| vertex < count));
+                    assert_eq!(shape.normals.len(), shape.positions.len());
                     shape.edges();
                     shape.fields.iter().for_each(|field| drop(shape.field(field)));
                 }

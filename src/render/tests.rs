@@ -1,6 +1,6 @@
 use maquette_value::{
-    Attribute, Axes, CaptureFrame, Faces, Image, Layer, Lines, MATERIAL, Map, MapKind, Material,
-    Mesh, PLAIN, Picture, Registration, Rgb, TYPES, Wrap,
+    Attribute, Axes, BACKGROUND, CaptureFrame, Faces, Image, Layer, Lines, MATERIAL_ATTRIBUTE, Map,
+    MapKind, Material, Mesh, Picture, Registration, Rgb, TYPES, Wrap,
 };
 use nalgebra::Point3;
 
@@ -15,7 +15,7 @@ fn view(width: usize, height: usize) -> View {
     View { size: [width, height], projection: Projection::Orthographic, ..View::front() }
 }
 
-/// The color that is farthest above the others, pixel by pixel: r, g, b, w for light grays, `.` for the background.
+/// Converts a picture to letters, one per pixel: r, g or b for the dominant channel, w for light grays, and `.` for the background.
 fn draw(image: &Image) -> String {
     let rows = image.pixels().chunks(image.width());
     rows.map(|row| {
@@ -33,7 +33,7 @@ fn draw(image: &Image) -> String {
     .collect()
 }
 
-/// A square of two triangles at a height z, in one color, seen from +z.
+/// A square of two triangles at the height z. It has one color, and is seen from +z.
 fn square(low: [f64; 2], high: [f64; 2], z: f64, color: Rgb) -> ([[f64; 3]; 4], Rgb) {
     let corners = [[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]];
     (corners.map(|[x, y]| [x, y, z]), color)
@@ -56,7 +56,8 @@ const BLUE: Rgb = [0, 0, 255];
 #[test]
 fn a_triangle_covers_its_pixels() {
     let triangle = mesh(&[[0., 0., 0.], [8., 0., 0.], [0., 8., 0.]], &[[0, 1, 2]]);
-    // The triangle ends 0.32 pixels from the border; the pixels on its diagonal are covered by half.
+    // The border of the triangle is 0.32 pixels from the border of the picture, and the pixels on the triangle's diagonal are covered by
+    // half.
     let expected = concat!(
         "w.......\n",
         "ww......\n",
@@ -71,7 +72,7 @@ fn a_triangle_covers_its_pixels() {
 }
 
 #[test]
-fn the_nearer_face_is_seen_whichever_comes_first() {
+fn the_nearer_face_is_visible_in_any_order() {
     let far = square([0., 0.], [6., 6.], 0., RED);
     let near = square([2., 2.], [4., 4.], 1., GREEN);
     for faces in [[far, near], [near, far]] {
@@ -97,11 +98,11 @@ fn inner_sides_are_red() {
     let points = [[0., 0., 0.], [8., 0., 0.], [0., 8., 0.]];
     let outer = draw(&render(&mesh(&points, &[[0, 1, 2]]), &view(8, 8)));
     let inner = draw(&render(&mesh(&points, &[[0, 2, 1]]), &view(8, 8)));
-    // The first row is covered too little to tell.
+    // The first row is covered too little to be checked.
     assert_eq!(outer.replace('w', "r")[9..], inner[9..]);
 }
 
-/// Red is left, green is right, blue is above both; z tells them apart from the sides.
+/// Three squares: red on the left, green on the right, and blue above both. Each has another z.
 fn signpost() -> Mesh {
     squares(&[
         square([0., 0.], [4., 4.], 0., RED),
@@ -112,14 +113,14 @@ fn signpost() -> Mesh {
 
 #[test]
 fn a_mesh_has_x_right_and_y_up_and_a_capture_y_down() {
-    // The middles of the four quarters.
+    // The letters of the pixels in the middles of the picture's quarters.
     fn quarters(mesh: &Mesh) -> [u8; 4] {
         let picture = draw(&render(mesh, &view(10, 10)));
         [(2, 2), (2, 7), (7, 2), (7, 7)].map(|(row, column)| picture.as_bytes()[11 * row + column])
     }
     assert_eq!(&quarters(&signpost()), b"bbrg");
     let frame = CaptureFrame { camera: None, picture: [1, 1], depth: 1.0, world_from_camera: None };
-    // A sensor looks along +z with y down, so that it sees this side of faces that turn the other way.
+    // A sensor looks along +z with y down. So it sees this side of the faces if their orientation is reversed.
     let post = signpost();
     let turned = post.faces().as_triangles().unwrap().iter().map(|&[a, b, c]| [a, c, b]);
     let turned = Mesh::new(post.positions().clone(), Faces::triangles(turned.collect()))
@@ -131,8 +132,8 @@ fn a_mesh_has_x_right_and_y_up_and_a_capture_y_down() {
 }
 
 #[test]
-fn walking_to_the_right_shows_the_right_side_and_rising_the_top() {
-    // A cube whose right side is green, whose top is blue, and whose other sides are left out.
+fn yaw_shows_the_right_side_and_pitch_the_top() {
+    // A cube whose right side is green and whose top is blue. The other sides are left out.
     let right = [[1., 0., 1.], [1., 0., 0.], [1., 1., 0.], [1., 1., 1.]];
     let top = [[0., 1., 1.], [1., 1., 1.], [1., 1., 0.], [0., 1., 0.]];
     let cube = squares(&[(right, GREEN), (top, BLUE)]);
@@ -147,7 +148,7 @@ fn walking_to_the_right_shows_the_right_side_and_rising_the_top() {
 }
 
 #[test]
-fn a_texture_lies_upright_and_without_a_bend_at_the_diagonal() {
+fn a_texture_is_upright_and_straight_across_the_diagonal() {
     let image = Image::new(2, 2, vec![RED, GREEN, BLUE, [255; 3]]).unwrap();
     let uv = vec![[0., 0.], [1., 0.], [1., 1.], [0., 1.]];
     let board =
@@ -166,7 +167,7 @@ fn a_texture_lies_upright_and_without_a_bend_at_the_diagonal() {
     }
     assert!(row(24, &picture).starts_with('r') && row(24, &picture).ends_with('g'), "{picture}");
     assert!(row(35, &picture).starts_with('b') && row(35, &picture).ends_with('w'), "{picture}");
-    // In perspective the near half of the board is wider than the far one.
+    // With perspective, the near half of the board is wider in the picture than the far half.
     let red = row(24, &picture).chars().filter(|&c| c == 'r').count();
     let green = row(24, &picture).chars().filter(|&c| c == 'g').count();
     assert!(red > green, "{red} {green}");
@@ -204,16 +205,16 @@ fn a_sheet_has_no_cracks() {
 #[test]
 fn the_bytes_do_not_depend_on_the_number_of_threads() {
     let sheet = waves(150);
-    fn with(threads: usize, sheet: &Mesh) -> Image {
+    fn render_with(threads: usize, sheet: &Mesh) -> Image {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| render(sheet, &View { size: [90, 83], yaw: 30.0, ..View::front() }))
     }
-    let one = with(1, &sheet);
-    assert_eq!([with(2, &sheet), with(8, &sheet)], [one.clone(), one]);
+    let one = render_with(1, &sheet);
+    assert_eq!([render_with(2, &sheet), render_with(8, &sheet)], [one.clone(), one]);
 }
 
 #[test]
-fn nothing_to_see_gives_the_background() {
+fn an_empty_scene_gives_the_background() {
     let empty = render(&mesh(&[], &[]), &view(4, 3));
     let line = render(&mesh(&[[0.; 3], [1.; 3], [2.; 3]], &[[0, 1, 2]]), &view(4, 3));
     let point = render(&mesh(&[[5.; 3]; 3], &[[0, 1, 2]]), &View { size: [4, 3], ..View::front() });
@@ -223,7 +224,7 @@ fn nothing_to_see_gives_the_background() {
 }
 
 #[test]
-fn wild_numbers_do_no_harm() {
+fn extreme_numbers_cause_no_panic() {
     let huge = f64::MAX;
     let triangles = [
         [[-huge, 0., 0.], [huge, 0., 0.], [0., huge, 0.]],
@@ -245,24 +246,31 @@ fn wild_numbers_do_no_harm() {
 
 #[test]
 fn each_face_shows_the_picture_or_the_color_of_its_material() {
-    fn at(x: f64, y: f64) -> [f64; 3] {
+    fn point_xy(x: f64, y: f64) -> [f64; 3] {
         [x, y, 0.]
     }
-    let places = [at(0., 0.), at(4., 0.), at(8., 0.), at(8., 8.), at(4., 8.), at(0., 8.)];
-    let mesh = mesh(&places, &[[0, 1, 4], [0, 4, 5], [1, 2, 3], [1, 3, 4]]);
-    // The picture is green on its left half, and goes on beyond its border.
-    let uv = places.map(|[x, ..]| [x / 4. + 1., 0.5]);
+    let points = [
+        point_xy(0., 0.),
+        point_xy(4., 0.),
+        point_xy(8., 0.),
+        point_xy(8., 8.),
+        point_xy(4., 8.),
+        point_xy(0., 8.),
+    ];
+    let mesh = mesh(&points, &[[0, 1, 4], [0, 4, 5], [1, 2, 3], [1, 3, 4]]);
+    // The left half of the texture is green, and the texture is repeated beyond its border.
+    let uv = points.map(|[x, ..]| [x / 4. + 1., 0.5]);
     let image = Image::new(2, 1, vec![GREEN, RED]).unwrap();
-    let mut skin = Material::of_picture(image);
+    let mut skin = Material::from_picture(image);
     let map = Map { wrap: [Wrap::Repeat; 2], ..Map::new("", vec![]) };
     skin.maps.insert(MapKind::BaseColor, map);
     let blue = Material { base_color: [0.0, 0.0, 1.0, 1.0], ..Material::default() };
     let mesh = mesh.with_vertex("uv", Attribute::Pair(uv.to_vec().into())).unwrap();
     let numbers = Attribute::Index(vec![0, 0, 1, 1].into());
-    let mesh = mesh.with_face(MATERIAL, numbers).unwrap().with_materials([skin, blue]);
+    let mesh = mesh.with_face(MATERIAL_ATTRIBUTE, numbers).unwrap().with_materials([skin, blue]);
     let picture = render(&mesh, &view(80, 80));
-    let most = |column: usize| {
-        let [r, g, b] = picture.at([column, 40]);
+    let dominant_channel = |column: usize| {
+        let [r, g, b] = picture.pixel([column, 40]);
         if r > g && r > b {
             'r'
         } else if g > b {
@@ -271,28 +279,28 @@ fn each_face_shows_the_picture_or_the_color_of_its_material() {
             'b'
         }
     };
-    assert_eq!([10, 30, 50, 70].map(most), ['g', 'r', 'b', 'b']);
-    let shapes = Shapes::of(&[Layer::Triangles(Box::new(mesh))], &[]).unwrap();
+    assert_eq!([10, 30, 50, 70].map(dominant_channel), ['g', 'r', 'b', 'b']);
+    let shapes = Shapes::from_layers(&[Layer::Triangles(Box::new(mesh))], &[]).unwrap();
     let shape = &shapes.shapes[0];
-    assert_eq!(shape.stretches, [(2, Some(0)), (2, None)]);
+    assert_eq!(shape.material_runs, [(2, Some(0)), (2, None)]);
     let corner = shape.triangles[2][1] as usize;
     assert_eq!(shape.colors.as_ref().unwrap()[corner], [0, 0, 255, 255]);
 }
 
-/// A line from place to place.
+/// A line between two points.
 fn line(ends: [[f64; 3]; 2], axes: Axes) -> Layer {
     let points = Vec::from(ends.map(Point3::from));
     Layer::Lines(Lines { points: points.into(), chains: vec![vec![0, 1]], axes })
 }
 
 #[test]
-fn lines_are_drawn_with_the_faces_that_they_belong_to_and_faces_alone_as_ever() {
+fn lines_are_drawn_in_front_of_and_behind_faces() {
     let mesh = squares(&[square([0., 0.], [8., 8.], 0., RED)]);
     let faces = Layer::Triangles(Box::new(mesh.clone()));
     let view = view(400, 400);
     let alone = render_layers(std::slice::from_ref(&faces), &view).unwrap();
     assert_eq!(alone, render(&mesh, &view));
-    // In front of the square, behind it, and in front of it in the other axes.
+    // The lines are in front of the square, behind it, and in front of it in the axes of the sensor.
     fn line_at(z: f64, axes: Axes) -> Layer {
         line([[0., 4., z], [8., 4., z]], axes)
     }
@@ -306,60 +314,66 @@ fn lines_are_drawn_with_the_faces_that_they_belong_to_and_faces_alone_as_ever() 
 }
 
 #[test]
-fn a_view_aims_at_a_place_or_fits_a_box() {
+fn a_view_aims_at_a_point_or_fits_a_box() {
     fn middle(view: &View) -> char {
         let picture = render(&signpost(), view);
         draw(&picture).chars().nth(31 * 15 + 15).unwrap()
     }
-    fn share(view: &View, color: char) -> usize {
+    fn count_pixels(view: &View, color: char) -> usize {
         let picture = draw(&render(&signpost(), view));
         picture.chars().filter(|&c| c == color).count()
     }
     for projection in [Projection::Orthographic, Projection::Perspective] {
         let whole = View { projection, ..view(30, 30) };
-        fn at(aim: Aim, whole: &View) -> View {
+        fn aimed_view(aim: Aim, whole: &View) -> View {
             View { aim: Some(aim), ..*whole }
         }
-        let place = at(Aim::Place(Point3::new(6., 2., 0.)), &whole);
-        assert_eq!(middle(&place), 'g');
-        assert!(share(&place, 'g').abs_diff(share(&whole, 'g')) < 20, "no larger than before");
-        let green = Aim::around([[4., 0., 0.], [f64::NAN; 3], [8., 4., 0.]].map(Point3::from));
-        let fits = at(green.unwrap(), &whole);
-        assert!(share(&fits, 'g') > 700, "{}", draw(&render(&signpost(), &fits)));
-        assert!(share(&View { zoom: 0.5, ..fits }, 'g').abs_diff(share(&fits, 'g') / 4) < 30);
-        // A box behind and before all there is, and nothing at all.
+        let aimed = aimed_view(Aim::Point(Point3::new(6., 2., 0.)), &whole);
+        assert_eq!(middle(&aimed), 'g');
+        assert!(
+            count_pixels(&aimed, 'g').abs_diff(count_pixels(&whole, 'g')) < 20,
+            "no larger than before"
+        );
+        let green = Aim::at_points([[4., 0., 0.], [f64::NAN; 3], [8., 4., 0.]].map(Point3::from));
+        let fits = aimed_view(green.unwrap(), &whole);
+        assert!(count_pixels(&fits, 'g') > 700, "{}", draw(&render(&signpost(), &fits)));
+        assert!(
+            count_pixels(&View { zoom: 0.5, ..fits }, 'g').abs_diff(count_pixels(&fits, 'g') / 4)
+                < 30
+        );
+        // Boxes behind the scene and in front of it, and an empty scene.
         for z in [-1e3, 1e3, 1e300, f64::NAN] {
             let (low, high) = (Point3::new(0., 0., z), Point3::new(1., 1., z));
-            render(&signpost(), &at(Aim::Box(low, high), &whole));
-            render(&mesh(&[], &[]), &at(Aim::Place(low), &whole));
+            render(&signpost(), &aimed_view(Aim::Box(low, high), &whole));
+            render(&mesh(&[], &[]), &aimed_view(Aim::Point(low), &whole));
         }
     }
-    assert_eq!(Aim::around([Point3::new(0., f64::INFINITY, 0.)]), None);
+    assert_eq!(Aim::at_points([Point3::new(0., f64::INFINITY, 0.)]), None);
 }
 
-/// Rows of letters: the background, white, and a color.
-fn drawn(rows: &[&str]) -> Layer {
+/// Builds a layer with a picture from rows of letters: `.` is the background, w is white, and every other letter is a color.
+fn layer_from_rows(rows: &[&str]) -> Layer {
     let pixels: Vec<_> = rows
         .iter()
         .flat_map(|row| {
             row.bytes().map(|letter: u8| match letter {
-                b'.' => PLAIN,
+                b'.' => BACKGROUND,
                 b'w' => [255; 3],
                 _ => GREEN,
             })
         })
         .collect();
     let image = Image::new(rows[0].len(), rows.len(), pixels).unwrap();
-    Layer::Picture(Picture { image, registration: None, drawn: true })
+    Layer::Picture(Picture { image, registration: None, has_false_colors: true })
 }
 
 #[test]
-fn a_region_lies_on_its_capture_with_an_outline_and_the_rest_is_dark() {
+fn a_region_is_outlined_on_its_capture_and_the_rest_is_dark() {
     let capture = Image::new(8, 6, vec![[200, 100, 60]; 48]).unwrap();
     let registration = Some(Registration { scale: [2.0; 2], offset: [2.0; 2], picture: [8, 6] });
-    fn on(layer: Layer, registration: Option<Registration>, capture: &Image) -> Image {
-        let below = Some(Below { image: capture, registration });
-        picture(&[layer], &Look { below, ..Look::own() }).unwrap()
+    fn draw_on(layer: Layer, registration: Option<Registration>, capture: &Image) -> Image {
+        let below = Some(Backdrop { image: capture, registration });
+        picture(&[layer], &Look { backdrop: below, ..Look::front() }).unwrap()
     }
     fn letters(image: &Image) -> String {
         let rows = image.pixels().chunks(image.width());
@@ -379,26 +393,36 @@ fn a_region_lies_on_its_capture_with_an_outline_and_the_rest_is_dark() {
     }
     let region = ["....", ".ww.", ".ww."];
     let expected = ["........", "........", "..oooo..", "..o##o..", "..o##o..", "..o##o.."];
-    assert_eq!(letters(&on(drawn(&region), None, &capture)), expected.join("\n") + "\n");
+    assert_eq!(
+        letters(&draw_on(layer_from_rows(&region), None, &capture)),
+        expected.join("\n") + "\n"
+    );
     let expected = ["........", "........", "........", "...oooo.", "...o##o.", "...o##o."];
-    assert_eq!(letters(&on(drawn(&region), registration, &capture)), expected.join("\n") + "\n");
-    // A label has lines of its own color around it, and tints what is inside.
-    let label = letters(&on(drawn(&["....", "gggg", "gggg"]), None, &capture));
+    assert_eq!(
+        letters(&draw_on(layer_from_rows(&region), registration, &capture)),
+        expected.join("\n") + "\n"
+    );
+    // A label gets an outline in its own color, and tints the backdrop in its interior.
+    let label = letters(&draw_on(layer_from_rows(&["....", "gggg", "gggg"]), None, &capture));
     assert_eq!(label.lines().nth(2), Some("gggggggg"), "{label}");
     assert_eq!(label.lines().nth(4), Some("????????"), "{label}");
 }
 
 #[test]
 fn a_flat_picture_fits_into_a_size() {
-    fn fitted(rows: &[&str], size: [usize; 2]) -> Image {
-        let look = Look { view: View { size, ..View::front() }, kind: Kind::Fitted, below: None };
-        picture(&[drawn(rows)], &look).unwrap()
+    fn scale_to(rows: &[&str], size: [usize; 2]) -> Image {
+        let look = Look {
+            view: View { size, ..View::front() },
+            representation: Representation::Fitted,
+            backdrop: None,
+        };
+        picture(&[layer_from_rows(rows)], &look).unwrap()
     }
-    let wide = fitted(&["wg", "gw"], [8, 4]);
+    let wide = scale_to(&["wg", "gw"], [8, 4]);
     assert_eq!(["..wwgg..", "..wwgg..", "..ggww..", "..ggww.."], letters_of(&wide)[..]);
-    let small = fitted(&["ww....", "ww...."], [3, 3]);
+    let small = scale_to(&["ww....", "ww...."], [3, 3]);
     assert_eq!(["...", "w..", "..."], letters_of(&small)[..]);
-    assert_eq!(fitted(&["w"], [0, 5]).pixels().len(), 0);
+    assert_eq!(scale_to(&["w"], [0, 5]).pixels().len(), 0);
 }
 
 fn letters_of(image: &Image) -> Vec<String> {
@@ -408,7 +432,7 @@ fn letters_of(image: &Image) -> Vec<String> {
         .map(|row| {
             row.iter()
                 .map(|&pixel| match pixel {
-                    PLAIN => '.',
+                    BACKGROUND => '.',
                     GREEN => 'g',
                     _ => 'w',
                 })
@@ -418,20 +442,27 @@ fn letters_of(image: &Image) -> Vec<String> {
 }
 
 #[test]
-fn every_type_of_values_has_a_picture_and_none_stops_the_program() {
+fn every_value_type_has_a_picture_and_no_edge_case_causes_a_panic() {
     let below = Image::new(3, 2, vec![GREEN; 6]).unwrap();
     let odd = Registration { scale: [f64::NAN, 0.0], offset: [1e300, -1.0], picture: [3, 2] };
     for kind in TYPES {
         let mut seen = 0;
-        for value in kind.hostile() {
+        for value in kind.edge_cases() {
             let layers = value.show();
             let view = View { size: [12, 9], ..View::front() };
-            let look = Look { view, kind: Kind::Fitted, below: None };
+            let look = Look { view, representation: Representation::Fitted, backdrop: None };
             seen += usize::from(picture(&layers, &look).is_some());
-            let below = Some(Below { image: &below, registration: Some(odd) });
-            picture(&layers, &Look { below, ..look });
-            let aim = Some(Aim::Place(Point3::new(1e308, -1.0, 0.0)));
-            picture(&layers, &Look { view: View { aim, ..view }, kind: Kind::Space, below: None });
+            let below = Some(Backdrop { image: &below, registration: Some(odd) });
+            picture(&layers, &Look { backdrop: below, ..look });
+            let aim = Some(Aim::Point(Point3::new(1e308, -1.0, 0.0)));
+            picture(
+                &layers,
+                &Look {
+                    view: View { aim, ..view },
+                    representation: Representation::Space,
+                    backdrop: None,
+                },
+            );
         }
         assert!(seen > 0, "{} is never seen", kind.name);
     }

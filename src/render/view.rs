@@ -1,59 +1,59 @@
-//! From where a picture is taken, and what of a value is drawn.
+//! Views: the position of the camera, and the choice of the representation in which a value is drawn.
 
 use nalgebra::Point3;
 
-use super::flat::Below;
+use super::flat::Backdrop;
 
-/// From where a picture is taken. All that is seen is framed by itself, unless the view aims at a part of it.
+/// The camera, and the size of the picture. The whole scene is framed automatically, unless the view aims at a part of the scene.
 ///
-/// Seen from the front, a mesh with a [`CaptureFrame`](maquette_value::CaptureFrame) looks as its sensor saw it; one without
-/// has x to the right, y up, and z towards the viewer.
+/// Seen from the front, a mesh with a [`CaptureFrame`](maquette_value::CaptureFrame) looks as its sensor saw it. A mesh without a frame has
+/// x to the right, y up, and z towards the viewer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
-    /// Width and height in pixels.
+    /// The width and height in pixels.
     pub size: [usize; 2],
-    /// How far the viewer walks around the mesh to the right, in degrees.
+    /// The angle by which the camera moves around the mesh to the right, in degrees.
     pub yaw: f64,
-    /// How far the viewer rises above it, in degrees.
+    /// The angle by which the camera rises above the mesh, in degrees.
     pub pitch: f64,
-    /// How much larger than what just fits, 0.001 to 1000.
+    /// The magnification relative to a scene that just fits into the picture, 0.001 to 1000.
     pub zoom: f64,
-    /// Whether far things look smaller.
+    /// The projection: perspective or orthographic.
     pub projection: Projection,
-    /// What is in the middle; all there is without it.
+    /// The part of the scene that is shown in the middle of the picture. If omitted, the whole scene is shown.
     pub aim: Option<Aim>,
 }
 
-/// What is in the middle of a picture, in mm, in the axes of what is seen.
+/// The part of the scene that is shown in the middle of a picture, in mm, in the axes of the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Aim {
-    /// A place. It changes nothing else.
-    Place(Point3<f64>),
-    /// The least and the greatest corner of a box, which just fits into the picture.
+    /// A point, which is shown in the middle. The scale does not change.
+    Point(Point3<f64>),
+    /// The minimum and the maximum corner of a box, which just fits into the picture.
     Box(Point3<f64>, Point3<f64>),
 }
 
 impl Aim {
-    /// Aims at the box around some places, those that are not finite left out; none if there is no other.
-    pub fn around(places: impl IntoIterator<Item = Point3<f64>>) -> Option<Self> {
-        let places: Vec<_> =
-            places.into_iter().filter(|place| place.coords.iter().all(|x| x.is_finite())).collect();
-        maquette_value::bounds(places.iter()).map(|(low, high)| Self::Box(low, high))
+    /// Aims at the bounding box of those points that are finite. `None` if no point is finite.
+    pub fn at_points(points: impl IntoIterator<Item = Point3<f64>>) -> Option<Self> {
+        let points: Vec<_> =
+            points.into_iter().filter(|point| point.coords.iter().all(|x| x.is_finite())).collect();
+        maquette_value::bounds(points.iter()).map(|(low, high)| Self::Box(low, high))
     }
 }
 
-/// Whether far things look smaller.
+/// The projection: perspective or orthographic.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Projection {
-    /// They do: a lens of 26 degrees.
+    /// Perspective through a lens with an angle of view of 26 degrees.
     #[default]
     Perspective,
-    /// They do not.
+    /// No perspective, so that parallel lines remain parallel.
     Orthographic,
 }
 
 impl View {
-    /// From the front, 800 x 600 pixels, in perspective.
+    /// A view from the front, 800 x 600 pixels, in perspective.
     pub fn front() -> Self {
         Self {
             size: [800, 600],
@@ -66,32 +66,32 @@ impl View {
     }
 }
 
-/// How a value is looked at.
+/// The camera and the representation with which a value is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Look<'a> {
-    /// From where what lies in space is seen.
+    /// The camera for a value in space.
     pub view: View,
-    /// Which of the two is drawn.
-    pub kind: Kind,
-    /// What a flat picture lies on.
-    pub below: Option<Below<'a>>,
+    /// The representation in which the value is drawn.
+    pub representation: Representation,
+    /// The backdrop: the picture on which a flat picture is drawn.
+    pub backdrop: Option<Backdrop<'a>>,
 }
 
-/// What of a value is drawn.
+/// The representation in which a value is drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Kind {
-    /// The picture that it shows, with the pixels that it has; without one, what lies in space.
+pub enum Representation {
+    /// The value's flat picture, in its own resolution. If the value has none, the value in space.
     #[default]
-    Own,
-    /// The same, but a picture fits into the size of the view.
+    Native,
+    /// As `Native`, except that a flat picture is scaled to the size of the view.
     Fitted,
-    /// What lies in space.
+    /// The value in space.
     Space,
 }
 
 impl Look<'_> {
-    /// At the picture of a value if it shows one, else from the front.
-    pub fn own() -> Self {
-        Self { view: View::front(), kind: Kind::Own, below: None }
+    /// A view of the flat picture of a value. If the value has none, a view of the value from the front.
+    pub fn front() -> Self {
+        Self { view: View::front(), representation: Representation::Native, backdrop: None }
     }
 }

@@ -1,27 +1,29 @@
-//! Brackets that are missing, wrong or too many in a text, and where others belong.
+//! Finds missing, wrong and surplus brackets in a text, and proposes corrections.
 
 use ronin_core::SyntaxKind;
 
-use super::file::{CLOSES_NOTHING, Mistake, ONE_TOO_MANY, closing, first_word, raw_tokens};
 use super::help::Help;
+use super::parser::{
+    CLOSES_NOTHING, REMOVE_HELP, SyntaxError, closing_help, first_word, raw_tokens,
+};
 use super::repair::{Edit, Repair};
-use crate::error::{Place, Span};
+use crate::error::{Position, Span};
 
-/// A bracket that is open.
-struct Open {
+/// A bracket that is open while the text is read.
+struct OpenBracket {
     kind: SyntaxKind,
     at: Span,
-    /// Where the part of it begins that is being read.
+    /// The offset at which the current part begins.
     part: Option<usize>,
     has_names: bool,
-    /// How many parts without a name are behind commas.
+    /// The number of complete parts without a name.
     items: usize,
-    /// Whether its first part is a text, behind which fields may come: `Graph("lib.ron", version: "1.0")`, and in sweeps
-    /// `picture: ("model.glb", zoom: 2)`.
+    /// True if the first part is a string that fields may follow. Examples are `Graph("lib.ron", version: "1.0")` and, in sweeps, `picture:
+    /// ("model.glb", zoom: 2)`.
     is_of_text: bool,
 }
 
-impl Open {
+impl OpenBracket {
     fn closer(&self) -> char {
         match self.kind {
             SyntaxKind::LParen => ')',
@@ -30,8 +32,8 @@ impl Open {
         }
     }
 
-    /// Returns true if a part with such a name can be in it.
-    fn takes(&self, name: SyntaxKind) -> bool {
+    /// Returns true if the bracket can contain a part whose name is of this kind.
+    fn accepts_name(&self, name: SyntaxKind) -> bool {
         match self.kind {
             SyntaxKind::LParen => {
                 let most = usize::from(self.is_of_text);
@@ -43,17 +45,17 @@ impl Open {
     }
 }
 
-/// The brackets that are missing, wrong or too many.
+/// The missing, wrong and surplus brackets of a text.
 pub(super) struct Brackets<'t> {
     repair: &'t Repair,
-    /// The text as it was.
+    /// The original text.
     text: &'t str,
     tokens: Vec<(SyntaxKind, Span)>,
     pub(super) edits: Vec<Edit>,
     pub(super) doubtful: Vec<Span>,
-    /// The mistakes, at their places in the text as it was.
-    pub(super) wrong: Vec<Mistake>,
-    open: Vec<Open>,
+    /// The errors, with spans in the original text.
+    pub(super) errors: Vec<SyntaxError>,
+    open: Vec<OpenBracket>,
 }
 
 fn opener_of(kind: SyntaxKind) -> Option<SyntaxKind> {
@@ -66,25 +68,25 @@ fn opener_of(kind: SyntaxKind) -> Option<SyntaxKind> {
 }
 
 impl<'t> Brackets<'t> {
-    /// A name tells which bracket it belongs to: texts name entries of maps, and words name fields of calls.
-    pub(super) fn of(repair: &'t Repair, text: &'t str) -> Self {
+    /// Finds the errors. A name shows which kind of bracket contains it: strings name entries of maps, and words name fields of calls.
+    pub(super) fn analyze(repair: &'t Repair, text: &'t str) -> Self {
         use SyntaxKind::{Colon, Comma, LBrace, LBracket, LParen};
         let tokens: Vec<_> =
             raw_tokens(&repair.text).filter(|(kind, _)| !kind.is_trivia()).collect();
-        let (edits, doubtful, wrong, open) = Default::default();
-        let mut it = Self { repair, text, tokens, edits, doubtful, wrong, open };
+        let (edits, doubtful, errors, open) = Default::default();
+        let mut it = Self { repair, text, tokens, edits, doubtful, errors, open };
         let is_sweep = first_word(&repair.text) == "Sweep";
         for index in 0..it.tokens.len() {
             let (kind, at) = it.tokens[index];
             match kind {
                 LParen | LBracket | LBrace => {
-                    it.begin(at.start);
+                    it.begin_part(at.start);
                     let is_call = index > 0 && it.tokens[index - 1].0 == SyntaxKind::Ident;
                     let kind = if is_call { it.begin_call(kind, index) } else { kind };
                     let first = it.tokens.get(index + 1).map(|(kind, _)| *kind);
                     let is_of_text = (is_call || is_sweep) && first == Some(SyntaxKind::String);
                     let (part, has_names, items) = (None, false, 0);
-                    it.open.push(Open { kind, at, part, has_names, items, is_of_text });
+                    it.open.push(OpenBracket { kind, at, part, has_names, items, is_of_text });
                 }
                 Comma => {
                     if let Some(open) = it.open.last_mut() {
@@ -92,46 +94,50 @@ impl<'t> Brackets<'t> {
                         open.part = None;
                     }
                 }
-                Colon => it.name(index),
+                Colon => it.read_name(index),
                 _ => match opener_of(kind) {
                     Some(opener) => it.end(index, opener),
-                    None => it.begin(at.start),
+                    None => it.begin_part(at.start),
                 },
             }
         }
-        let end = it.tokens.last().map_or(0, |(_, last)| last.end);
-        it.close(0, end, None);
+        let read_closer = it.tokens.last().map_or(0, |(_, last)| last.end);
+        it.close(0, read_closer, None);
         it
     }
 
-    fn begin(&mut self, at: usize) {
+    fn begin_part(&mut self, at: usize) {
         if let Some(open) = self.open.last_mut() {
             open.part.get_or_insert(at);
         }
     }
 
-    /// Reads a bracket behind a name, which begins a call. Returns the kind that it must have.
+    /// Processes the bracket after a name, which begins a call. Returns the kind of bracket that the name requires.
     fn begin_call(&mut self, kind: SyntaxKind, index: usize) -> SyntaxKind {
         let at = self.tokens[index].1;
         if kind != SyntaxKind::LParen {
             self.edits.push((at, "(".into()));
-            let (name, _) = self.shown(self.tokens[index - 1].1);
-            let (found, span) = self.shown(at);
-            let message = format!("expected `(` behind `{name}`, found `{found}`");
-            self.wrong.push(Mistake { span, message, help: Help::edit("write `(`", span, "(") });
+            let (name, _) = self.source_piece(self.tokens[index - 1].1);
+            let (found, span) = self.source_piece(at);
+            let message = format!("expected `(` after `{name}`, found `{found}`");
+            self.errors.push(SyntaxError {
+                span,
+                message,
+                help: Help::edit("write `(`", span, "("),
+            });
         }
         SyntaxKind::LParen
     }
 
-    /// Reads the colon at `index`: what cannot have the name before it ends before that name.
-    fn name(&mut self, index: usize) {
+    /// Processes the colon at `index`. Closes all brackets that cannot contain the name before the colon.
+    fn read_name(&mut self, index: usize) {
         let Some(&(name, named)) = index.checked_sub(1).map(|before| &self.tokens[before]) else {
             return;
         };
         let is_name = matches!(name, SyntaxKind::Ident | SyntaxKind::String);
         if is_name
-            && self.open.last().is_some_and(|open| !open.takes(name))
-            && let Some(place) = self.open.iter().rposition(|open| open.takes(name))
+            && self.open.last().is_some_and(|open| !open.accepts_name(name))
+            && let Some(place) = self.open.iter().rposition(|open| open.accepts_name(name))
             && self.open[place].part != Some(named.start)
         {
             let before = self.tokens[..index - 1].iter().rev();
@@ -144,7 +150,7 @@ impl<'t> Brackets<'t> {
         }
     }
 
-    /// Reads the closing bracket at `index`.
+    /// Processes the closing bracket at `index`.
     fn end(&mut self, index: usize, opener: SyntaxKind) {
         let at = self.tokens[index].1;
         let Some(last) = self.open.len().checked_sub(1) else {
@@ -154,14 +160,14 @@ impl<'t> Brackets<'t> {
             self.open.pop();
             return;
         }
-        // It closes an outer bracket, stands for another one, or is one too many: whatever agrees with what follows.
+        // The bracket may close an outer bracket, be of the wrong kind, or be surplus. The tokens that follow decide.
         let outer = self.open.iter().rposition(|open| open.kind == opener);
         let next = self.tokens.get(index + 1);
         let is_before_another = next.is_some_and(|(kind, _)| opener_of(*kind).is_some());
-        let closes = outer.is_some_and(|outer| self.agrees(outer, index + 1));
-        if !closes && (self.agrees(last, index + 1) || self.is_swapped(index, opener)) {
+        let closes = outer.is_some_and(|outer| self.is_consistent(outer, index + 1));
+        if !closes && (self.is_consistent(last, index + 1) || self.is_swapped(index, opener)) {
             self.replace(at);
-        } else if !closes && self.agrees(last + 1, index + 1) {
+        } else if !closes && self.is_consistent(last + 1, index + 1) {
             self.remove(at);
         } else if let Some(outer) = outer {
             let end = index.checked_sub(1).map_or(at.start, |before| self.tokens[before].1.end);
@@ -174,23 +180,25 @@ impl<'t> Brackets<'t> {
         }
     }
 
-    /// Returns true if the bracket at `index` and the one behind it close what is open in the other order.
+    /// Returns true if the bracket at `index` and the bracket after it close the two innermost open brackets in the wrong order.
     fn is_swapped(&self, index: usize, opener: SyntaxKind) -> bool {
         let [.., outer, last] = &self.open[..] else { return false };
         let next = self.tokens.get(index + 1).and_then(|(kind, _)| opener_of(*kind));
         let is_other_order = outer.kind == opener && next == Some(last.kind);
-        is_other_order && self.agrees(self.open.len() - 2, index + 2)
+        is_other_order && self.is_consistent(self.open.len() - 2, index + 2)
     }
 
-    /// Returns true if the text goes on from this token as it must where so many brackets are open.
-    fn agrees(&self, mut open: usize, from: usize) -> bool {
+    /// Returns true if the tokens from `index` on are consistent with `open` open brackets.
+    fn is_consistent(&self, mut open: usize, from: usize) -> bool {
         for (index, &(kind, _)) in self.tokens.iter().enumerate().skip(from) {
             let last = open.checked_sub(1).map(|last| &self.open[last]);
             let next = self.tokens.get(index + 1).map(|(kind, _)| *kind);
             match (kind, last) {
                 (SyntaxKind::Comma, _) => {}
                 (_, None) => return false,
-                (_, Some(last)) if next == Some(SyntaxKind::Colon) => return last.takes(kind),
+                (_, Some(last)) if next == Some(SyntaxKind::Colon) => {
+                    return last.accepts_name(kind);
+                }
                 (_, Some(last)) => match opener_of(kind) {
                     Some(opener) if opener == last.kind => open -= 1,
                     Some(_) => return false,
@@ -201,59 +209,60 @@ impl<'t> Brackets<'t> {
         open == 0
     }
 
-    /// Closes the brackets from this one on, before what is found in the place of their own closing brackets.
+    /// Closes the open brackets with indices `from` and above at the offset `at`. `found` is the bracket that the text has instead of their
+    /// closing brackets.
     fn close(&mut self, from: usize, at: usize, found: Option<Span>) {
-        let known = self.wrong.len();
+        let known = self.errors.len();
         while from < self.open.len() {
             let Some(open) = self.open.pop() else { return };
             self.edits.push((Span { start: at, end: at }, open.closer().into()));
-            // Entries of a map are what they are, wherever it ends.
+            // The entries of a map can be read even if the end of the map is wrong.
             let part = self.open.last().and_then(|outer| outer.part);
             if open.kind != SyntaxKind::LBrace && self.open.len() > 1 {
                 self.doubtful.push(Span { start: part.unwrap_or(open.at.start), end: at });
             }
-            // A text that is cut off leaves all of them open.
-            if found.is_none() && known < self.wrong.len() {
+            // If the text is cut off, many brackets are open, but only one error is reported.
+            if found.is_none() && known < self.errors.len() {
                 continue;
             }
-            let (opener, span) = self.shown(open.at);
-            let message = match found.map(|found| self.shown(found)) {
+            let (opener, span) = self.source_piece(open.at);
+            let message = match found.map(|found| self.source_piece(found)) {
                 Some((found, at)) => {
-                    let Place { line, column } = Place::of(self.text, at.start);
+                    let Position { line, column } = Position::from_offset(self.text, at.start);
                     format!("this `{opener}` is not closed before the `{found}` at {line}:{column}")
                 }
                 None => format!("this `{opener}` is never closed"),
             };
-            let help = closing(self.text, span, open.closer());
-            self.wrong.push(Mistake { span, message, help });
+            let help = closing_help(self.text, span, open.closer());
+            self.errors.push(SyntaxError { span, message, help });
         }
     }
 
-    /// Puts the right bracket in the place of a wrong one.
+    /// Replaces a closing bracket by a closing bracket of the right kind.
     fn replace(&mut self, at: Span) {
         let Some(open) = self.open.pop() else { return };
         let closer = open.closer();
         self.edits.push((at, closer.into()));
-        let ((opener, opened), (found, span)) = (self.shown(open.at), self.shown(at));
-        let Place { line, column } = Place::of(self.text, opened.start);
+        let ((opener, opened), (found, span)) = (self.source_piece(open.at), self.source_piece(at));
+        let Position { line, column } = Position::from_offset(self.text, opened.start);
         let message = format!(
             "expected `{closer}`, which closes the `{opener}` at {line}:{column}, found `{found}`"
         );
         let help = Help::edit(format!("write `{closer}`"), span, closer);
-        self.wrong.push(Mistake { span, message, help });
+        self.errors.push(SyntaxError { span, message, help });
     }
 
-    /// Leaves out a bracket that closes nothing.
+    /// Removes a surplus closing bracket.
     fn remove(&mut self, at: Span) {
         self.edits.push((at, String::new()));
-        let (found, span) = self.shown(at);
+        let (found, span) = self.source_piece(at);
         let message = format!("this `{found}`{CLOSES_NOTHING}");
-        let help = Help::edit(ONE_TOO_MANY, span, "");
-        self.wrong.push(Mistake { span, message, help });
+        let help = Help::edit(REMOVE_HELP, span, "");
+        self.errors.push(SyntaxError { span, message, help });
     }
 
-    /// A piece of the repaired text, and its place in the text as it was.
-    fn shown(&self, at: Span) -> (&'t str, Span) {
-        (&self.repair.text[at.start..at.end], self.repair.place(at))
+    /// Returns a piece of the repaired text, and its span in the original text.
+    fn source_piece(&self, at: Span) -> (&'t str, Span) {
+        (&self.repair.text[at.start..at.end], self.repair.source_span(at))
     }
 }

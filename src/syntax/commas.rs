@@ -1,19 +1,19 @@
-//! Texts whose commas begin lines, as in `, "red": Transform(..)`.
+//! Support for texts whose lines begin with commas, as in `, "red": Transform(..)`.
 //!
-//! Comments belong to the entry that they stand above, so tools that move entries want each comma directly behind its entry.
-//! [`commas_behind`] moves the commas there, and [`with_commas_behind`] moves them back after an edit.
+//! A comment belongs to the entry below it, so tools that move entries need each comma directly after its entry. [`with_trailing_commas`]
+//! moves commas to the ends of entries, and [`edit_with_trailing_commas`] moves them back after an edit.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-use super::file::{Token, tokens};
+use super::parser::{Token, tokens};
 use crate::error::Span;
 
-/// Moves each comma that is on a later line than the value before it directly behind that value.
+/// Moves each comma that is on a later line than the value before it to the end of that value.
 ///
-/// The text must have no syntax errors. Comments and line breaks stay where they are, except that a line with nothing but a comma
-/// is removed.
-pub fn commas_behind(text: &str) -> Cow<'_, str> {
+/// The text must have no syntax errors. Comments and line breaks are not moved. Only a line that consists of nothing but a comma is
+/// removed.
+pub fn with_trailing_commas(text: &str) -> Cow<'_, str> {
     let mut edits = Vec::new();
     let mut end = None;
     for (token, span) in tokens(text) {
@@ -22,18 +22,18 @@ pub fn commas_behind(text: &str) -> Cow<'_, str> {
             Token::Comma => {
                 if let Some(end) = end.take().filter(|&end| text[end..span.start].contains('\n')) {
                     edits.push((Span { start: end, end }, ","));
-                    edits.push((removed(text, span), ""));
+                    edits.push((removal_span(text, span), ""));
                 }
             }
             Token::Word | Token::Close => end = Some(span.end),
             Token::Open | Token::Colon => end = None,
         }
     }
-    if edits.is_empty() { Cow::Borrowed(text) } else { Cow::Owned(edited(text, edits)) }
+    if edits.is_empty() { Cow::Borrowed(text) } else { Cow::Owned(apply_edits(text, edits)) }
 }
 
-/// The comma with the spaces behind it, or its whole line if nothing else is there.
-fn removed(text: &str, comma: Span) -> Span {
+/// Returns the span of the comma and the spaces after it. If nothing else is on the line of the comma, returns the span of the whole line.
+fn removal_span(text: &str, comma: Span) -> Span {
     fn spaces(text: &str) -> usize {
         text.len() - text.trim_start_matches([' ', '\t', '\r']).len()
     }
@@ -45,7 +45,7 @@ fn removed(text: &str, comma: Span) -> Span {
     }
 }
 
-fn edited(text: &str, edits: Vec<(Span, &str)>) -> String {
+fn apply_edits(text: &str, edits: Vec<(Span, &str)>) -> String {
     let mut result = String::with_capacity(text.len() + 64);
     let mut copied = 0;
     for (span, new) in edits {
@@ -56,20 +56,20 @@ fn edited(text: &str, edits: Vec<(Span, &str)>) -> String {
     result + &text[copied..]
 }
 
-/// Which groups of a text have their commas at the beginning of lines, and the spaces behind these.
+/// The groups in a text that have leading commas, and the spaces after these commas.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct CommaStyle {
-    /// By the names that lead to the group; `None` if its commas are behind the values.
+    /// For each group, by its path, the spaces after its leading commas. `None` if the commas of the group are trailing.
     groups: BTreeMap<Vec<String>, Option<String>>,
-    /// The style of groups that the text does not have.
+    /// The style of groups that the text did not contain.
     other: Option<String>,
 }
 
 impl CommaStyle {
-    fn of(text: &str) -> Self {
+    fn detect(text: &str) -> Self {
         let mut style = Self::default();
         let (mut leading, mut all) = (0, 0);
-        each_break(text, |path, comma, before, next| {
+        for_each_break(text, |path, comma, before, next| {
             let leads = text[before..comma.start].contains('\n');
             let behind = &text[comma.end..next];
             let spaces =
@@ -87,10 +87,10 @@ impl CommaStyle {
         style
     }
 
-    /// Moves commas behind values to the beginning of the next line, in the groups that had them there.
-    fn put(&self, text: &str) -> String {
+    /// Moves the commas of those groups that had leading commas back to the beginnings of lines.
+    fn apply(&self, text: &str) -> String {
         let mut edits = Vec::new();
-        each_break(text, |path, comma, before, next| {
+        for_each_break(text, |path, comma, before, next| {
             let spaces = self.groups.get(path).unwrap_or(&self.other);
             let line = text[..next].rfind('\n').map_or(0, |newline| newline + 1);
             let begins_line = text[line..next].trim().is_empty();
@@ -99,40 +99,40 @@ impl CommaStyle {
                 edits.push((Span { start: next, end: next }, format!(",{spaces}")));
             }
         });
-        // Groups end behind those in them.
+        // Inner groups are reported before outer ones, so the edits must be sorted.
         edits.sort_by_key(|(span, _)| *span);
-        edited(text, edits.iter().map(|(span, new)| (*span, &new[..])).collect())
+        apply_edits(text, edits.iter().map(|(span, new)| (*span, &new[..])).collect())
     }
 }
 
-/// Runs an edit on a text with its commas behind values, and moves them back in the result. If they cannot be moved back exactly,
-/// they stay behind the values.
-pub fn with_commas_behind<E>(
+/// Runs an edit on a text with trailing commas, and restores the leading commas in the result. If they cannot be restored exactly, the
+/// commas of the result are trailing.
+pub fn edit_with_trailing_commas<E>(
     text: &str,
     edit: impl FnOnce(&str) -> Result<String, E>,
 ) -> Result<String, E> {
-    let Cow::Owned(behind) = commas_behind(text) else { return edit(text) };
+    let Cow::Owned(behind) = with_trailing_commas(text) else { return edit(text) };
     let edited = edit(&behind)?;
     if edited == behind {
         return Ok(text.to_owned());
     }
-    let style = CommaStyle::of(text);
-    Ok(if style.put(&behind) == text { style.put(&edited) } else { edited })
+    let style = CommaStyle::detect(text);
+    Ok(if style.apply(&behind) == text { style.apply(&edited) } else { edited })
 }
 
-/// What is read of a group that is open.
+/// The state of a group whose bracket is open.
 #[derive(Default)]
 struct Group {
-    /// The comma behind the last value, and where that value ends.
+    /// The comma after the last value, and the end of that value.
     comma: Option<(Span, usize)>,
-    /// The name of the value that is being read; empty if it has none.
+    /// The name of the current value; empty if it has none.
     name: String,
     index: usize,
 }
 
-/// Calls `see` for each comma between two values on different lines, with the names that lead to its group, the comma, the end of
-/// the value before it, and the start of the value behind it.
-fn each_break(text: &str, mut see: impl FnMut(&[String], Span, usize, usize)) {
+/// Calls `see` for each comma between two values on different lines. The arguments are the path of the comma's group, the comma, the end of
+/// the value before it, and the start of the value after it.
+fn for_each_break(text: &str, mut see: impl FnMut(&[String], Span, usize, usize)) {
     let mut path: Vec<String> = Vec::new();
     let mut open: Vec<Group> = vec![Group::default()];
     let (mut start, mut end) = (0, 0);
@@ -189,8 +189,8 @@ mod tests {
 ";
 
     #[test]
-    fn commas_go_behind_their_values_and_back() {
-        let behind = commas_behind(LEADING);
+    fn leading_commas_are_moved_and_restored() {
+        let behind = with_trailing_commas(LEADING);
         let expected = LEADING
             .replace("1\n    , nodes", "1,\n    nodes")
             .replace("A(x: 1) //", "A(x: 1), //")
@@ -200,15 +200,15 @@ mod tests {
             .replace("    }\n    //", "    },\n    //")
             .replace(", outputs", "outputs");
         assert_eq!(behind, expected);
-        assert_eq!(CommaStyle::of(LEADING).put(&behind), LEADING);
-        assert!(matches!(commas_behind(&expected), Cow::Borrowed(_)));
-        assert_eq!(CommaStyle::of(&expected).put(&expected), expected);
+        assert_eq!(CommaStyle::detect(LEADING).apply(&behind), LEADING);
+        assert!(matches!(with_trailing_commas(&expected), Cow::Borrowed(_)));
+        assert_eq!(CommaStyle::detect(&expected).apply(&expected), expected);
     }
 
     #[test]
-    fn comments_behind_a_leading_comma_stay_below_it() {
+    fn comments_after_a_leading_comma_stay_below_it() {
         fn check(text: &str, expected: &str) {
-            assert_eq!(commas_behind(text), expected, "{text}")
+            assert_eq!(with_trailing_commas(text), expected, "{text}");
         }
         check("(a: 1\n, // above b\n  b: 2)", "(a: 1,\n// above b\n  b: 2)");
         check("(a: 1 // behind a\n,\n  b: 2)", "(a: 1, // behind a\n  b: 2)");
@@ -217,9 +217,9 @@ mod tests {
     }
 
     #[test]
-    fn groups_that_are_new_follow_the_others() {
-        let style = CommaStyle::of(LEADING);
+    fn new_groups_have_the_common_style() {
+        let style = CommaStyle::detect(LEADING);
         let new = "Graph(nodes: {\n \"c\": C(\n  x: 1,\n  y: 2\n )\n})";
-        assert_eq!(style.put(new), "Graph(nodes: {\n \"c\": C(\n  x: 1\n  , y: 2\n )\n})");
+        assert_eq!(style.apply(new), "Graph(nodes: {\n \"c\": C(\n  x: 1\n  , y: 2\n )\n})");
     }
 }

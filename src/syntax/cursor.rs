@@ -1,81 +1,81 @@
-//! What stands around a place of a text: the brackets that are open there, what each of them belongs to, and what has been typed. It is
-//! read from the tokens alone, so that nothing behind the place need be right, or there.
+//! The context of a position in a text: the brackets that are open at the position, the value to which each bracket belongs, and the token
+//! that is being typed. The context is derived from tokens alone, so the text after the position may be invalid or missing.
 
 use ronin_core::SyntaxKind;
 
-use super::file::raw_tokens;
+use super::parser::raw_tokens;
 use super::tree::Name;
 use crate::error::Span;
 
-/// What stands around a place of a text.
+/// The context of a position in a text.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cursor {
-    /// The brackets that are open, from the outermost on.
+    /// The open brackets, from the outermost one.
     pub frames: Vec<Frame>,
-    /// What is being written.
-    pub typed: Typed,
+    /// The token at the position, which may be being typed.
+    pub typed: TypedToken,
 }
 
-/// A bracket that is open.
+/// An open bracket.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frame {
-    /// `(`, `[` or `{`.
+    /// The character of the bracket: `(`, `[` or `{`.
     pub bracket: char,
-    /// Where it stands.
+    /// The byte offset of the bracket.
     pub start: usize,
-    /// The word before it: `Threshold` of `Threshold(`.
+    /// The word before the bracket: `Threshold` of `Threshold(`.
     pub name: Option<Name>,
-    /// The field or key whose value stands, or would stand, here; none where a name is due.
+    /// The field or key whose value is expected at the position. `None` if a name is expected.
     pub field: Option<Name>,
-    /// How many parts, each with its comma, stand before.
+    /// The number of commas between the bracket and the position.
     pub index: usize,
-    /// The fields and keys that it has, those behind the place included as far as the text is in order.
-    pub given: Vec<Name>,
+    /// The fields and keys in the bracket. Those after the position are included as far as the text is valid.
+    pub names: Vec<Name>,
 }
 
-/// What is being written at a place.
+/// The token at a position.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Typed {
+pub struct TypedToken {
     pub kind: TypedKind,
-    /// The whole word, or the whole text without its quotes; empty between two words.
+    /// The whole word, or the string without its quotes. Empty if the position is between two words.
     pub span: Span,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TypedKind {
-    /// Nothing yet.
+    /// There is no token at the position.
     Nothing,
     /// A word, or a number.
     Word,
-    /// A text in quotes.
+    /// A string in quotes.
     Text,
     Comment,
 }
 
-/// A field, a key or an item that a walk over the tokens passes, with the brackets around it.
-pub enum Passed<'a> {
-    /// `name:`, whose value follows.
+/// A field, key or item that [`for_each_word`] visits.
+pub enum WalkEvent<'a> {
+    /// A field or key with its colon, `name:`; its value follows.
     Name(&'a Name),
-    /// A word, a number, or a text without its quotes.
+    /// A value: a word, a number, or a string without its quotes.
     Word(&'a Name, TypedKind),
 }
 
-/// Walks over the tokens of a text and keeps the brackets that are open.
+/// Walks over the tokens of a text and keeps track of the open brackets.
 #[derive(Default)]
 struct Walk {
     frames: Vec<Frame>,
-    /// The last word or text, which may turn out to be a name, and whether it was a text.
+    /// The last word or string, with its kind. If a colon follows, it is a name.
     last: Option<(Name, TypedKind)>,
 }
 
 impl Walk {
-    /// Passes a token. `see` is told of names, words and texts as soon as it is known which they are.
-    fn pass(
+    /// Processes a token. Calls `see` for each name, word and string as soon as the token is known to be a name or a value.
+    fn process_token(
         &mut self,
         text: &str,
         kind: SyntaxKind,
         at: Span,
-        see: &mut dyn FnMut(&[Frame], Passed<'_>),
+        see: &mut dyn FnMut(&[Frame], WalkEvent<'_>),
     ) {
         use SyntaxKind::{
             Bom, Colon, Comma, Ident, LBrace, LBracket, LParen, LineComment, RBrace, RBracket,
@@ -87,14 +87,14 @@ impl Walk {
         };
         if kind == Colon {
             let Some(((name, _), frame)) = last.zip(self.frames.last_mut()) else { return };
-            frame.given.push(name.clone());
+            frame.names.push(name.clone());
             frame.field = Some(name.clone());
-            see(&self.frames, Passed::Name(&name));
+            see(&self.frames, WalkEvent::Name(&name));
             return;
         }
-        // A word before a bracket is told of, too: `Threshold` of `Threshold(`.
+        // The word before a bracket, such as `Threshold` in `Threshold(`, is visited too.
         if let Some((name, kind)) = &last {
-            see(&self.frames, Passed::Word(name, *kind));
+            see(&self.frames, WalkEvent::Word(name, *kind));
         }
         match kind {
             LParen | LBracket | LBrace => {
@@ -105,7 +105,7 @@ impl Walk {
                     name,
                     field: None,
                     index: 0,
-                    given: Vec::new(),
+                    names: Vec::new(),
                 });
             }
             RParen | RBracket | RBrace => drop(self.frames.pop()),
@@ -114,22 +114,22 @@ impl Walk {
                     (frame.field, frame.index) = (None, frame.index + 1);
                 }
             }
-            Ident => self.last = Some((named(text, at), TypedKind::Word)),
+            Ident => self.last = Some((make_name(text, at), TypedKind::Word)),
             String | RawString => {
-                let inside = inside(text, at);
-                self.last = Some((named(text, inside), TypedKind::Text));
+                let string_content = string_content(text, at);
+                self.last = Some((make_name(text, string_content), TypedKind::Text));
             }
-            _ => see(&self.frames, Passed::Word(&named(text, at), TypedKind::Word)),
+            _ => see(&self.frames, WalkEvent::Word(&make_name(text, at), TypedKind::Word)),
         }
     }
 }
 
-fn named(text: &str, span: Span) -> Name {
+fn make_name(text: &str, span: Span) -> Name {
     Name { text: text[span.start..span.end].to_owned(), span }
 }
 
-/// A text in quotes without these; one without an end goes on until its line does.
-fn inside(text: &str, at: Span) -> Span {
+/// Returns the span of a string without its quotes. A string without a closing quote ends at the end of its line.
+fn string_content(text: &str, at: Span) -> Span {
     let literal = &text[at.start..at.end];
     let Some(quote) = literal.find('"') else { return at };
     let hashes = &literal[..quote].trim_start_matches('r');
@@ -145,12 +145,12 @@ fn inside(text: &str, at: Span) -> Span {
     Span { start: at.start + start, end: at.start + end.max(start) }
 }
 
-/// A text has this many strings without an end at most that are recovered from, so that a broken one is read in little more time.
+/// The maximum number of unterminated strings after which tokenizing continues. It bounds the time for broken texts.
 const MAX_RECOVERIES: usize = 16;
 
-/// The tokens of a text that is being written. A string without an end reaches to the next quote, which begins another string: it is cut at the
-/// end of its line, and what follows is read anew.
-pub(super) fn recovered_tokens(text: &str) -> Vec<(SyntaxKind, Span)> {
+/// Splits an unfinished text into tokens. An unterminated string would extend to the quote that begins the next string. It is cut at the
+/// end of its line instead, and the rest of the text is tokenized again.
+pub(super) fn recover_tokens(text: &str) -> Vec<(SyntaxKind, Span)> {
     let mut tokens = Vec::new();
     let (mut start, mut recoveries) = (0, 0);
     while start < text.len() {
@@ -171,7 +171,8 @@ pub(super) fn recovered_tokens(text: &str) -> Vec<(SyntaxKind, Span)> {
     tokens
 }
 
-/// The end of the first line of a string over several lines that has no closing quote, or one behind which no value can end.
+/// Returns the end of the first line of a string over several lines that seems unterminated: it has no closing quote, or its quote is not
+/// followed by something that can end a value.
 fn unclosed_end(text: &str, kind: SyntaxKind, at: Span) -> Option<usize> {
     if !matches!(kind, SyntaxKind::String | SyntaxKind::RawString) {
         return None;
@@ -182,55 +183,58 @@ fn unclosed_end(text: &str, kind: SyntaxKind, at: Span) -> Option<usize> {
         || rest.starts_with(|c: char| c.is_whitespace() || ",:)]}".contains(c))
         || rest.starts_with("//")
         || rest.starts_with("/*");
-    // Without a closing quote, what is inside ends with the line.
-    let is_closed = inside(text, at).end != at.start + line;
+    // If there is no closing quote, the content ends at the end of the line.
+    let is_closed = string_content(text, at).end != at.start + line;
     (!(is_closed && ends_value)).then_some(at.start + line)
 }
 
-/// Whether a quote behind this would be a part of the text.
-fn ends_escaped(text: &str) -> bool {
+/// Returns true if a quote directly after `text` would be escaped by a backslash.
+pub(super) fn ends_escaped(text: &str) -> bool {
     (text.len() - text.trim_end_matches('\\').len()) % 2 == 1
 }
 
-/// What stands around a place, which is moved back to the beginning of a letter if it is inside of one.
+/// Returns the context of the byte offset `at`. If the offset is inside of a character, it is moved back to the start of the character.
 pub fn cursor(text: &str, at: usize) -> Cursor {
     let at = (0..=at.min(text.len())).rfind(|&at| text.is_char_boundary(at)).unwrap_or(0);
     let mut walk = Walk::default();
-    let mut typed = Typed { kind: TypedKind::Nothing, span: Span { start: at, end: at } };
-    let mut tokens = recovered_tokens(text).into_iter().peekable();
+    let mut typed = TypedToken { kind: TypedKind::Nothing, span: Span { start: at, end: at } };
+    let mut tokens = recover_tokens(text).into_iter().peekable();
     while let Some((kind, span)) = tokens.next_if(|(_, span)| span.start < at) {
         if at < span.end || (at == span.end && is_open_end(text, kind, span)) {
-            typed = Typed::of(text, kind, span, at);
+            typed = TypedToken::new(text, kind, span, at);
             if typed.kind != TypedKind::Nothing {
                 break;
             }
         }
-        walk.pass(text, kind, span, &mut |_, _| {});
+        walk.process_token(text, kind, span, &mut |_, _| {});
     }
-    // A word at whose beginning the place is belongs to it.
+    // A word that begins at the position is the word that is being typed.
     if typed.kind == TypedKind::Nothing
         && let Some((kind, span)) = tokens.next_if(|(_, span)| span.start == at)
     {
-        match Typed::of(text, kind, span, at) {
+        match TypedToken::new(text, kind, span, at) {
             found if found.kind == TypedKind::Word => typed = found,
             _ => {
-                let around = walk.frames.clone();
+                let describe_cursor = walk.frames.clone();
                 return Cursor {
-                    frames: with_rest(text, around, &mut walk, (kind, span), tokens),
+                    frames: complete_frames(text, describe_cursor, &mut walk, (kind, span), tokens),
                     typed,
                 };
             }
         }
     }
-    let around = walk.frames.clone();
+    let describe_cursor = walk.frames.clone();
     if let Some(next) = tokens.next() {
-        return Cursor { frames: with_rest(text, around, &mut walk, next, tokens), typed };
+        return Cursor {
+            frames: complete_frames(text, describe_cursor, &mut walk, next, tokens),
+            typed,
+        };
     }
-    Cursor { frames: around, typed }
+    Cursor { frames: describe_cursor, typed }
 }
 
-/// The brackets with what they have behind the place.
-fn with_rest(
+/// Adds the fields and keys after the position to those of the open brackets.
+fn complete_frames(
     text: &str,
     mut around: Vec<Frame>,
     walk: &mut Walk,
@@ -238,10 +242,10 @@ fn with_rest(
     rest: impl Iterator<Item = (SyntaxKind, Span)>,
 ) -> Vec<Frame> {
     let mut depth = around.len();
-    // What is being written is no name yet that the text has.
+    // The word that is being typed is not a name of the text yet.
     walk.last = None;
     for (kind, span) in std::iter::once(next).chain(rest) {
-        walk.pass(text, kind, span, &mut |_, _| {});
+        walk.process_token(text, kind, span, &mut |_, _| {});
         while walk.frames.len() < depth {
             depth -= 1;
         }
@@ -250,18 +254,18 @@ fn with_rest(
         }
         if let Some((known, now)) = around.get_mut(depth - 1).zip(walk.frames.get(depth - 1))
             && known.start == now.start
-            && known.given.len() < now.given.len()
+            && known.names.len() < now.names.len()
         {
-            known.given.clone_from(&now.given);
+            known.names.clone_from(&now.names);
         }
     }
     around
 }
 
-/// Whether what ends here may go on behind it.
+/// Returns true if text that is typed at the end of this token would belong to the token.
 fn is_open_end(text: &str, kind: SyntaxKind, span: Span) -> bool {
     match kind {
-        SyntaxKind::String | SyntaxKind::RawString => inside(text, span).end == span.end,
+        SyntaxKind::String | SyntaxKind::RawString => string_content(text, span).end == span.end,
         SyntaxKind::LineComment => true,
         SyntaxKind::BlockComment => !text[span.start..span.end].ends_with("*/"),
         _ => is_word(kind),
@@ -273,14 +277,14 @@ fn is_word(kind: SyntaxKind) -> bool {
     matches!(kind, Ident | Integer | Float | TrueKw | FalseKw)
 }
 
-impl Typed {
-    fn of(text: &str, kind: SyntaxKind, span: Span, at: usize) -> Self {
+impl TypedToken {
+    fn new(text: &str, kind: SyntaxKind, span: Span, at: usize) -> Self {
         match kind {
             SyntaxKind::LineComment | SyntaxKind::BlockComment => {
                 Self { kind: TypedKind::Comment, span }
             }
             SyntaxKind::String | SyntaxKind::RawString => {
-                let inside = inside(text, span);
+                let inside = string_content(text, span);
                 match inside.start <= at && at <= inside.end {
                     true => Self { kind: TypedKind::Text, span: inside },
                     false => Self { kind: TypedKind::Nothing, span: Span { start: at, end: at } },
@@ -292,14 +296,14 @@ impl Typed {
     }
 }
 
-/// Tells of all names, words and texts of a text in their order, each with the brackets around it.
-pub fn each_word(text: &str, mut see: impl FnMut(&[Frame], Passed<'_>)) {
+/// Calls `see` for all names, words and strings of a text in order, with the brackets that are open at each.
+pub fn for_each_word(text: &str, mut see: impl FnMut(&[Frame], WalkEvent<'_>)) {
     let mut walk = Walk::default();
-    for (kind, span) in recovered_tokens(text) {
-        walk.pass(text, kind, span, &mut see);
+    for (kind, span) in recover_tokens(text) {
+        walk.process_token(text, kind, span, &mut see);
     }
     if let Some((name, kind)) = walk.last.take() {
-        see(&walk.frames, Passed::Word(&name, kind));
+        see(&walk.frames, WalkEvent::Word(&name, kind));
     }
 }
 
@@ -307,8 +311,8 @@ pub fn each_word(text: &str, mut see: impl FnMut(&[Frame], Passed<'_>)) {
 mod tests {
     use super::*;
 
-    /// The brackets and what is typed at the mark, in short.
-    fn around(text: &str) -> String {
+    /// Formats the open brackets and the token that is being typed at the mark `|`.
+    fn describe_cursor(text: &str) -> String {
         let at = text.find('|').unwrap();
         let found = cursor(&text.replacen('|', "", 1), at);
         fn name(name: &Option<Name>) -> String {
@@ -329,9 +333,9 @@ mod tests {
     }
 
     #[test]
-    fn what_is_open_is_known_however_the_text_ends() {
+    fn open_brackets_are_found_in_unfinished_texts() {
         fn check(text: &str, expected: &str) {
-            assert_eq!(around(text), expected, "{text}")
+            assert_eq!(describe_cursor(text), expected, "{text}");
         }
         check("|", " Nothing ``");
         check("Gra|", " Word `Gra`");
@@ -355,7 +359,7 @@ mod tests {
         check("A(b: \"ä|ö\")", "A(b#0 Text `äö`");
         check("A(b: r#\"x|y\"#)", "A(b#0 Text `xy`");
         check("A(b: \"x\"|)", "A(b#0 Nothing ``");
-        // A string over several lines is one, unless its last quote begins another string.
+        // A string over several lines is a single string, unless its last quote begins another string.
         check("A(b: \"x\n |y\")", "A(b#0 Text `x\n y`");
         check("A(b: \"x|\n c: \"y\")", "A(b#0 Text `x`");
         check("A(b: \"x\r\n c: \"y|\")", "A(c#0 Text `y`");
@@ -365,31 +369,31 @@ mod tests {
     }
 
     #[test]
-    fn fields_behind_the_place_are_given_too() {
+    fn fields_after_the_position_are_included() {
         let found = cursor("A(a: 1, , b: (c: 2), d: 3)", 8);
-        let names = found.frames[0].given.iter().map(|name| &name.text[..]);
-        assert_eq!(Vec::from_iter(names), ["a", "b", "d"]);
+        let names = found.frames[0].names.iter().map(|name| &name.text[..]);
+        assert_eq!(names.collect::<Vec<_>>(), ["a", "b", "d"]);
         assert_eq!(found.frames[0].field, None);
     }
 
     #[test]
-    fn each_word_is_told_once() {
-        let mut told = String::new();
-        each_word("A(b: \"c\", d: [E(1), true])", |frames, passed| {
-            told += &match passed {
-                Passed::Name(name) => format!("{}{}: ", "-".repeat(frames.len()), name.text),
-                Passed::Word(word, _) => format!("{}{} ", "-".repeat(frames.len()), word.text),
+    fn each_word_is_visited_once() {
+        let mut visited = String::new();
+        for_each_word("A(b: \"c\", d: [E(1), true])", |frames, passed| {
+            visited += &match passed {
+                WalkEvent::Name(name) => format!("{}{}: ", "-".repeat(frames.len()), name.text),
+                WalkEvent::Word(word, _) => format!("{}{} ", "-".repeat(frames.len()), word.text),
             };
         });
-        assert_eq!(told, "A -b: -c -d: --E ---1 --true ");
+        assert_eq!(visited, "A -b: -c -d: --E ---1 --true ");
     }
 
     #[test]
-    fn words_of_a_broken_text_come_in_their_order() {
+    fn words_of_an_invalid_text_are_visited_in_order() {
         for text in ["A(b: : c: d", "A(b: (: )", "a: b: \"c", "A(\"b\": {: 1, : }"] {
             let mut last = 0;
-            each_word(text, |_, passed| {
-                let (Passed::Name(word) | Passed::Word(word, _)) = passed;
+            for_each_word(text, |_, passed| {
+                let (WalkEvent::Name(word) | WalkEvent::Word(word, _)) = passed;
                 assert!(last <= word.span.start, "{text}");
                 last = word.span.end;
             });

@@ -1,4 +1,4 @@
-//! What went wrong ([`Error`]), and where and what to do ([`Problem`]).
+//! Errors ([`Error`]), and errors and warnings with a position in a graph file ([`Diagnostic`]).
 
 use std::fmt;
 use std::path::PathBuf;
@@ -6,24 +6,24 @@ use std::sync::Arc;
 
 use serde_json::json;
 
-/// What went wrong in a node or a file format; the engine says where.
+/// An error of a node or a file format. It has no position; the engine adds one.
 ///
-/// Made by `?` from any error type. Messages are lower case, without a full stop, and do not name the node.
+/// The operator `?` converts any error type to it. Messages are lower case, without a full stop, and do not name the node.
 #[derive(Clone)]
 pub struct Error {
     cause: Arc<dyn std::error::Error + Send + Sync>,
-    /// The file that it is about.
+    /// The name of the file that caused the error.
     file: Option<Arc<str>>,
 }
 
 impl Error {
-    /// The error as the type that it was made of, if it is an `E`.
+    /// Returns the original error, if its type is `E`.
     pub fn downcast<E: std::error::Error + 'static>(&self) -> Option<&E> {
         self.cause.downcast_ref()
     }
 
-    /// The same error, whose message begins with the name of the file that it is about.
-    pub fn in_file(self, name: &str) -> Self {
+    /// Adds the name of the file that caused the error. The message then begins with that name.
+    pub fn with_file(self, name: &str) -> Self {
         Self { file: Some(name.into()), ..self }
     }
 }
@@ -55,22 +55,22 @@ impl fmt::Debug for Error {
     }
 }
 
-/// The evaluation was told to stop.
+/// Error returned when an evaluation was cancelled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("cancelled")]
-pub struct Cancelled;
+pub struct CancelledError;
 
-/// Whether a problem keeps a graph from running.
+/// The severity of a diagnostic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
-    /// It does.
+    /// The graph cannot run.
     Error,
-    /// It does not, but the result may not be what was meant.
+    /// The graph can run, but its result may not be the intended one.
     Warning,
 }
 
 impl Severity {
-    /// The word in messages: `error` or `warning`.
+    /// Returns the word for messages: `error` or `warning`.
     pub fn word(self) -> &'static str {
         match self {
             Self::Error => "error",
@@ -79,27 +79,23 @@ impl Severity {
     }
 }
 
-/// A part of a text, by bytes; the end is exclusive.
+/// A range of bytes in a text. The end is exclusive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Span {
-    /// First byte.
     pub start: usize,
-    /// The byte behind the last one.
     pub end: usize,
 }
 
-/// A place in a text as people count: from 1, columns in Unicode scalars.
+/// A line and a column in a text, both counted from 1. Columns count Unicode scalar values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Place {
-    /// Line.
+pub struct Position {
     pub line: usize,
-    /// Column.
     pub column: usize,
 }
 
-impl Place {
-    /// The place of a byte offset; past the end it is the place behind the last character.
-    pub fn of(text: &str, offset: usize) -> Self {
+impl Position {
+    /// Converts a byte offset to a position. An offset beyond the end gives the position after the last character.
+    pub fn from_offset(text: &str, offset: usize) -> Self {
         let mut offset = offset.min(text.len());
         while !text.is_char_boundary(offset) {
             offset -= 1;
@@ -113,16 +109,16 @@ impl Place {
     }
 }
 
-/// Finds places in a text without counting its lines anew for each.
+/// Converts byte offsets to positions. The starts of the lines are computed only once per text.
 #[derive(Default)]
-pub struct Lines {
+pub struct LineIndex {
     source: Option<Arc<Source>>,
-    /// Where each line begins.
+    /// The byte offset of the start of each line.
     starts: Vec<usize>,
 }
 
-impl Lines {
-    pub fn place(&mut self, source: &Arc<Source>, at: usize) -> Place {
+impl LineIndex {
+    pub fn position(&mut self, source: &Arc<Source>, at: usize) -> Position {
         if self.source.as_ref().is_none_or(|known| !Arc::ptr_eq(known, source)) {
             let ends = source.text.match_indices('\n').map(|(end, _)| end + 1);
             self.starts = std::iter::once(0).chain(ends).collect();
@@ -130,50 +126,48 @@ impl Lines {
         }
         let line = self.starts.partition_point(|start| *start <= at);
         let start = self.starts[line - 1];
-        // Within a line, which is short.
-        let Place { column, .. } = Place::of(&source.text[start..], at - start);
-        Place { line, column }
+        // Characters are counted within one line only.
+        let Position { column, .. } = Position::from_offset(&source.text[start..], at - start);
+        Position { line, column }
     }
 }
 
-/// What a panic said.
-pub fn in_words(panic: &(dyn std::any::Any + Send)) -> String {
+/// Returns the message of a panic from its payload.
+pub fn panic_message(panic: &(dyn std::any::Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
     text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "no message".into())
 }
 
-/// The most problems that are reported at a time: nobody reads more. Explanations of further ones are not computed.
-pub const MOST_TOLD: usize = 100;
+/// The maximum number of diagnostics that are reported at a time. Beyond that number, no suggestions are computed.
+pub const MAX_REPORTED: usize = 100;
 
-/// A graph file's name and text, for messages.
+/// The name and text of a graph file, for messages.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Source {
-    /// The name as it was given.
+    /// The path as the user wrote it.
     pub name: PathBuf,
-    /// Its text.
     pub text: String,
 }
 
-/// One use of a graph in another one, on the way to a problem.
+/// A use of a graph by another graph. A diagnostic in a used graph has the list of uses that lead to it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Use {
-    /// The name of the node that uses it; the name of the type, if no node does.
+    /// The name of the node that uses the graph. If no node uses it, the name of the node type.
     pub name: String,
-    /// The file that uses it.
+    /// The file that contains the use.
     pub source: Arc<Source>,
-    /// Where in the file.
     pub span: Span,
 }
 
 impl Use {
-    /// `graphs/face.ron:9:9`.
-    pub fn place(&self) -> String {
-        let Place { line, column } = Place::of(&self.source.text, self.span.start);
+    /// Formats the file and position: `graphs/face.ron:9:9`.
+    pub fn location(&self) -> String {
+        let Position { line, column } = Position::from_offset(&self.source.text, self.span.start);
         format!("{}:{line}:{column}", self.source.name.display())
     }
 
     fn to_json(&self) -> serde_json::Value {
-        let Place { line, column } = Place::of(&self.source.text, self.span.start);
+        let Position { line, column } = Position::from_offset(&self.source.text, self.span.start);
         json!({
             "name": self.name,
             "file": self.source.name.display().to_string(),
@@ -183,97 +177,97 @@ impl Use {
     }
 }
 
-/// Something wrong at a place of a graph file: where, what, and what to do.
+/// An error or warning at a position of a graph file, with a help text.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Problem {
-    /// Whether it keeps the graph from running.
+pub struct Diagnostic {
     pub severity: Severity,
-    /// `G001` and so on; see [`code`].
+    /// The code of the diagnostic, such as `G001`; see [`code`].
     pub code: &'static str,
-    /// The file.
+    /// The file to which `span`, `fix` and `note` refer.
     pub source: Arc<Source>,
-    /// Where in the file.
     pub span: Span,
-    /// What is wrong.
     pub message: String,
-    /// What to do; may be empty.
+    /// The help text: a proposed remedy. It may be empty.
     pub help: String,
-    /// The edits of the file that make it go away, if there is one answer: what stands at each span becomes the text.
+    /// The edits of the file that fix the error, if there is exactly one way to fix it. Each span is replaced by its text.
     pub fix: Vec<(Span, String)>,
-    /// Another place that explains it, with a few words.
+    /// A second span in the same file that explains the diagnostic, with a label.
     pub note: Option<(Span, String)>,
-    /// For a problem inside of a subgraph: the uses that lead there, from the outermost on.
+    /// The uses that lead to the diagnostic, if it is in a used graph, from the outermost one.
     pub uses: Vec<Use>,
-    /// The elements of a value that are to blame, such as edges with one face, with a place of each in mm.
+    /// The elements of a value that cause the error, such as edges with one face. Each has a point in mm.
     pub elements: Vec<(String, [f64; 3])>,
 }
 
-/// Returns the problems of a check and of a run that followed it. What the check warns of and the run reports as an error is there once.
-pub fn with_those_of_run(mut checked: Vec<Problem>, run: Vec<Problem>) -> Vec<Problem> {
-    fn again(problem: &Problem, run: &[Problem]) -> bool {
-        run.iter().any(|other| Problem { severity: problem.severity, ..other.clone() } == *problem)
+/// Merges the diagnostics of a check with those of the run that followed it. If both report the same error with different severities, only
+/// that of the run is kept.
+pub fn merge_diagnostics(mut checked: Vec<Diagnostic>, run: Vec<Diagnostic>) -> Vec<Diagnostic> {
+    fn is_repeated(diagnostic: &Diagnostic, run: &[Diagnostic]) -> bool {
+        run.iter().any(|other| {
+            Diagnostic { severity: diagnostic.severity, ..other.clone() } == *diagnostic
+        })
     }
-    checked.retain(|problem| !again(problem, &run));
+    checked.retain(|diagnostic| !is_repeated(diagnostic, &run));
     checked.extend(run);
     checked
 }
 
-/// The codes of problems. They keep their meaning.
+/// The codes of diagnostics. The meaning of a code must never change.
 pub mod code {
     /// The text is not RON.
     pub const SYNTAX: &str = "G001";
     /// The format version is unknown.
     pub const FORMAT: &str = "G002";
-    /// A node type that no pack has.
+    /// The node type is not in any pack.
     pub const UNKNOWN_NODE: &str = "G003";
-    /// A field that a node, or the graph, does not have.
+    /// The node, or the graph, does not have this field.
     pub const UNKNOWN_FIELD: &str = "G004";
-    /// A field or a port that must be given.
+    /// A required field or port is missing.
     pub const MISSING_FIELD: &str = "G005";
-    /// A name that is used twice, or is no name.
+    /// A name is used twice, or is not a valid name.
     pub const BAD_NAME: &str = "G006";
-    /// A link to nothing.
+    /// The target of a link does not exist in the graph.
     pub const UNKNOWN_LINK: &str = "G007";
-    /// Nodes that hang on each other.
+    /// Nodes depend on each other in a cycle.
     pub const CYCLE: &str = "G008";
-    /// A value of the wrong kind.
+    /// A value has the wrong kind.
     pub const WRONG_VALUE: &str = "G009";
-    /// A value out of its range.
+    /// A value is out of its range.
     pub const OUT_OF_RANGE: &str = "G010";
-    /// A parameter or an expression that cannot be computed.
+    /// A parameter or an expression cannot be computed.
     pub const EXPRESSION: &str = "G011";
-    /// A link of the wrong type.
+    /// A link leads to a value of a wrong type.
     pub const WRONG_TYPE: &str = "G012";
-    /// A file that is not there.
+    /// A file does not exist.
     pub const MISSING_FILE: &str = "G013";
-    /// A path that leaves the project.
+    /// A path leads outside of the project.
     pub const OUTSIDE: &str = "G014";
-    /// An output that no file format can hold.
+    /// No file format can hold the value of an output.
     pub const OUTPUT_FORMAT: &str = "G015";
     /// A node failed.
     pub const FAILED: &str = "G016";
-    /// A warning of a node about its result.
+    /// A node warns about its result.
     pub const WARNING: &str = "G017";
-    /// A panic: our bug.
+    /// A node panicked, which is a bug of the program.
     pub const PANIC: &str = "G018";
-    /// A node gave another result for the same inputs.
+    /// A node returned different results for the same inputs.
     pub const NOT_PURE: &str = "G019";
-    /// Something that the graph or a test expects does not hold.
+    /// An expectation of the graph or of a test is not met.
     pub const EXPECTED: &str = "G020";
-    /// A node that nothing needs.
+    /// No output depends on the node.
     pub const UNUSED: &str = "G021";
-    /// A used graph of another version than the one that is wanted.
+    /// A used graph has a different version than required.
     pub const VERSION: &str = "G030";
-    /// A used graph that is not what the lock file says.
+    /// A used graph differs from the lock file.
     pub const LOCK: &str = "G031";
-    /// A node or a field under its old name.
+    /// A node or a field is written with an old name.
     pub const OUTDATED: &str = "G032";
-    /// A pinned result that was computed from something else, or of a node that is gone.
+    /// A pinned result was computed from different inputs, or its node no longer exists.
     pub const PIN: &str = "G033";
 }
 
-impl Problem {
-    /// What is wrong at a place, and no more.
+impl Diagnostic {
+    /// Creates a diagnostic without help, fix, note, uses and elements.
     pub fn new(
         severity: Severity,
         code: &'static str,
@@ -294,8 +288,9 @@ impl Problem {
         }
     }
 
-    /// The text of its file after the edits that make it go away, if there is one answer.
-    pub fn fixed(&self) -> Option<String> {
+    /// Returns the text of the file after the fix has been applied. `None` if there is no fix, or if the spans of the fix do not fit the
+    /// text.
+    pub fn apply_fix(&self) -> Option<String> {
         let mut edits = self.fix.clone();
         edits.sort_by_key(|(span, _)| (span.start, span.end));
         let mut text = self.source.text.clone();
@@ -309,35 +304,23 @@ impl Problem {
         (!edits.is_empty()).then_some(text)
     }
 
-    /// The problem as `--json` prints it. Its `note`, if it has one, is a place of its own with a message, as the related information
-    /// of an editor's diagnostics is, its `fix` the edits that make it go away. Elements that are to blame have `elements`, each with a
-    /// `name` and a place, `at`.
+    /// Returns the diagnostic as `--json` prints it. The field `note` is a position with a message, like the related information of LSP
+    /// diagnostics. The field `fix` holds the edits. The field `elements` holds the elements that cause the error, each with a `name` and a
+    /// point `at`.
     pub fn to_json(&self) -> serde_json::Value {
         let file = self.source.name.display().to_string();
-        fn place(
-            span: Span,
-            mut json: serde_json::Value,
-            source: &Arc<Source>,
-        ) -> serde_json::Value {
-            let [start, end] = [span.start, span.end].map(|at| Place::of(&source.text, at));
-            let numbers = [start.line, start.column, end.line, end.column];
-            for (name, number) in ["line", "column", "end_line", "end_column"].iter().zip(numbers) {
-                json[name] = number.into();
-            }
-            json
-        }
         let (severity, code) = (self.severity.word(), self.code);
         let (message, help) = (&self.message, &self.help);
         let json = json!({ "severity": severity, "code": code, "file": file, "message": message, "help": help });
-        let mut json = place(self.span, json, &self.source);
+        let mut json = self.with_position(self.span, json);
         if let Some((span, words)) = &self.note {
-            json["note"] = place(*span, json!({ "file": file, "message": words }), &self.source);
+            json["note"] = self.with_position(*span, json!({ "file": file, "message": words }));
         }
         if !self.fix.is_empty() {
             json["fix"] = self
                 .fix
                 .iter()
-                .map(|(span, text)| place(*span, json!({ "text": text }), &self.source))
+                .map(|(span, text)| self.with_position(*span, json!({ "text": text })))
                 .collect();
         }
         if !self.uses.is_empty() {
@@ -349,6 +332,17 @@ impl Problem {
         }
         json
     }
+
+    /// Adds the lines and columns of a span to a JSON object.
+    fn with_position(&self, span: Span, mut json: serde_json::Value) -> serde_json::Value {
+        let [start, end] =
+            [span.start, span.end].map(|at| Position::from_offset(&self.source.text, at));
+        let numbers = [start.line, start.column, end.line, end.column];
+        for (name, number) in ["line", "column", "end_line", "end_column"].iter().zip(numbers) {
+            json[name] = number.into();
+        }
+        json
+    }
 }
 
 #[cfg(test)]
@@ -356,21 +350,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn places_count_characters_not_bytes() {
+    fn positions_count_characters_not_bytes() {
         let text = "ab\näöx";
-        assert_eq!(Place::of(text, 0), Place { line: 1, column: 1 });
-        assert_eq!(Place::of(text, 7), Place { line: 2, column: 3 });
-        assert_eq!(Place::of(text, 99), Place { line: 2, column: 4 });
+        assert_eq!(Position::from_offset(text, 0), Position { line: 1, column: 1 });
+        assert_eq!(Position::from_offset(text, 7), Position { line: 2, column: 3 });
+        assert_eq!(Position::from_offset(text, 99), Position { line: 2, column: 4 });
     }
     #[test]
-    fn places_are_those_that_problems_have() {
+    fn line_index_agrees_with_from_offset() {
         let texts = ["", "\n", "a\n\nb\u{e4}c\n", "\u{e4}\nb"]
             .map(|text| Arc::new(Source { name: "a.ron".into(), text: text.into() }));
-        let mut lines = Lines::default();
+        let mut lines = LineIndex::default();
         for source in &texts {
             let bytes = 0..=source.text.len();
             for at in bytes.filter(|at| source.text.is_char_boundary(*at)) {
-                assert_eq!(lines.place(source, at), Place::of(&source.text, at), "{source:?} {at}");
+                assert_eq!(
+                    lines.position(source, at),
+                    Position::from_offset(&source.text, at),
+                    "{source:?} {at}"
+                );
             }
         }
     }

@@ -1,88 +1,88 @@
-//! What to do about a problem: in words, and as an edit of the text where there is one answer.
+//! The help of a diagnostic: a text, and an edit that fixes the error if there is exactly one way.
 //!
-//! The edit is determined where the problem is found, never from its words. `check --fix`, editors and the live page apply the edit as it
-//! is. An edit may show what the mistake has hidden, such as the fields of a node whose type was not known.
+//! The code that finds an error determines the edit, which is never derived from the message. `check --fix`, editors and the live page
+//! apply the edit unchanged. A fix may reveal further errors, such as those in the fields of a node whose type was unknown.
 
 use std::fmt;
 
 use crate::error::Span;
 
-/// What to do about a problem. The words may be empty.
+/// The help of a diagnostic. The text may be empty.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Help {
-    words: String,
-    /// None if only people can decide.
+    text: String,
+    /// The edit. `None` if no edit, or more than one edit, would fix the error.
     fix: Option<Box<Fix>>,
 }
 
-/// What makes a problem go away.
+/// An edit that fixes an error.
 #[derive(Clone, Debug, PartialEq)]
 enum Fix {
-    /// Another name in the place of the one that stands at the problem's place.
+    /// Replaces the name `from` within the span of the diagnostic.
     Rename { from: String, to: String },
-    /// Texts in the place of what stands at some spans.
+    /// Replaces each span by the text.
     Edits(Vec<(Span, String)>),
-    /// A link at a port, as soon as it is known what there is to link.
+    /// Adds a link at a port. The source of the link is chosen later among the nodes of the graph.
     Link { port: String, wants: Vec<String> },
 }
 
 impl Help {
     fn new(words: String, fix: Fix) -> Self {
-        Self { words, fix: Some(Box::new(fix)) }
+        Self { text: words, fix: Some(Box::new(fix)) }
     }
 
-    /// Help that is one edit of the text.
+    /// Creates a help with one edit.
     pub fn edit(words: impl Into<String>, span: Span, text: impl Into<String>) -> Self {
         Self::new(words.into(), Fix::Edits(vec![(span, text.into())]))
     }
 
-    /// Help that is another name.
+    /// Creates a help that replaces a name.
     pub fn rename(words: String, from: &str, to: &str) -> Self {
         Self::new(words, Fix::Rename { from: from.to_owned(), to: to.to_owned() })
     }
 
-    /// Help that is a link at a port, which wants values of some types.
+    /// Creates a help that adds a link at a port that takes values of the types `wants`.
     pub(crate) fn link(words: String, port: &str, wants: Vec<String>) -> Self {
         Self::new(words, Fix::Link { port: port.to_owned(), wants })
     }
 
-    /// The port that lacks a link, and the types of values that it takes.
-    pub fn lacking(&self) -> Option<(&str, &[String])> {
+    /// Returns the port that lacks a link, and the types of values that the port takes.
+    pub fn missing_link(&self) -> Option<(&str, &[String])> {
         match self.fix.as_deref()? {
             Fix::Link { port, wants } => Some((port, wants)),
             _ => None,
         }
     }
 
-    /// The name that was meant.
-    pub fn meant(&self) -> Option<&str> {
+    /// Returns the new name, if the fix renames something.
+    pub fn suggested_name(&self) -> Option<&str> {
         match self.fix.as_deref()? {
             Fix::Rename { to, .. } => Some(to),
             _ => None,
         }
     }
 
-    /// The same words with this edit.
-    pub fn with_edits(&mut self, edits: Vec<(Span, String)>) {
+    /// Replaces the fix by these edits.
+    pub fn set_edits(&mut self, edits: Vec<(Span, String)>) {
         self.fix = Some(Box::new(Fix::Edits(edits)));
     }
 
-    /// The same edit, in other words.
-    pub(crate) fn in_words(self, words: impl FnOnce(&str) -> String) -> Self {
-        Self { words: words(&self.words), ..self }
+    /// Replaces the text of the help and keeps the fix.
+    pub(crate) fn map_text(self, words: impl FnOnce(&str) -> String) -> Self {
+        Self { text: words(&self.text), ..self }
     }
 
     pub fn is_empty(&self) -> bool {
-        self.words.is_empty()
+        self.text.is_empty()
     }
 
-    /// The edits of a text that make the problem at `span` go away; none if people have to decide.
+    /// Returns the edits that fix the diagnostic at `span`. Empty if there is no unambiguous fix.
     pub(crate) fn edits(&self, text: &str, span: Span) -> Vec<(Span, String)> {
         match self.fix.as_deref() {
             None | Some(Fix::Link { .. }) => Vec::new(),
             Some(Fix::Edits(edits)) => edits.clone(),
             Some(Fix::Rename { from, to }) => {
-                let found = only(text.get(span.start..span.end).unwrap_or_default(), from);
+                let found = find_single(text.get(span.start..span.end).unwrap_or_default(), from);
                 found
                     .map(|at: usize| {
                         let start = span.start + at;
@@ -94,8 +94,8 @@ impl Help {
         }
     }
 
-    /// The same with its spans elsewhere; without an edit if one of them is nowhere.
-    pub(crate) fn moved(self, place: impl Fn(Span) -> Option<Span>) -> Self {
+    /// Maps the spans of the edits. If one of the spans is mapped to `None`, the fix is removed.
+    pub(crate) fn map_spans(self, place: impl Fn(Span) -> Option<Span>) -> Self {
         let Some(Fix::Edits(edits)) = self.fix.as_deref() else { return self };
         let moved = edits.iter().map(|(span, text)| Some((place(*span)?, text.clone())));
         let fix = moved.collect::<Option<_>>().map(|edits| Box::new(Fix::Edits(edits)));
@@ -103,8 +103,8 @@ impl Help {
     }
 }
 
-/// Where a name stands in a text, if it does so once.
-fn only(text: &str, name: &str) -> Option<usize> {
+/// Returns the offset of a name in a text, if the text contains the name exactly once.
+fn find_single(text: &str, name: &str) -> Option<usize> {
     fn is_part(c: char) -> bool {
         c.is_alphanumeric() || c == '_'
     }
@@ -117,7 +117,7 @@ fn only(text: &str, name: &str) -> Option<usize> {
 
 impl fmt::Display for Help {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.words)
+        f.write_str(&self.text)
     }
 }
 
@@ -129,13 +129,13 @@ impl From<&str> for Help {
 
 impl From<String> for Help {
     fn from(words: String) -> Self {
-        Self { words, fix: None }
+        Self { text: words, fix: None }
     }
 }
 
 impl From<Help> for String {
     fn from(help: Help) -> Self {
-        help.words
+        help.text
     }
 }
 
@@ -144,7 +144,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_name_is_replaced_where_it_stands_once() {
+    fn a_name_is_replaced_if_it_occurs_once() {
         fn edits(text: &str, from: &str) -> Vec<(Span, String)> {
             let span = Span { start: 1, end: text.len() };
             Help::rename(String::new(), from, "doll").edits(text, span)

@@ -1,20 +1,20 @@
-//! Fields that are written with hyphens, as the names are that they stand for.
+//! Reports field names that contain hyphens, like the names for which the fields stand.
 //!
-//! RON has no hyphens in names of fields, and names of nodes, inputs and parameters have no underscores. So an underscore in a field
-//! represents a hyphen, and each spelling has one meaning.
+//! In RON, names of fields cannot contain hyphens. Names of nodes, inputs and parameters cannot contain underscores. So an underscore in a
+//! field stands for a hyphen, and each spelling has exactly one meaning.
 
 use ronin_core::SyntaxKind;
 
-use super::file::{Mistake, Token};
 use super::help::Help;
+use super::parser::{SyntaxError, Token};
 use crate::error::Span;
 
-/// Names with hyphens in the place of fields: `eye-step: 3`.
-pub(super) fn hyphened_fields(text: &str, tokens: &[(SyntaxKind, Span)]) -> Vec<Mistake> {
+/// Reports fields that are written with hyphens: `eye-step: 3`.
+pub(super) fn hyphened_fields(text: &str, tokens: &[(SyntaxKind, Span)]) -> Vec<SyntaxError> {
     let mut last = None;
-    let mut mistakes = Vec::new();
+    let mut errors = Vec::new();
     for &(kind, at) in tokens.iter().filter(|(kind, _)| !kind.is_trivia()) {
-        let token = Token::of(kind);
+        let token = Token::from_kind(kind);
         let before = last.replace((token, at));
         let (Token::Colon, Some((Token::Word, word))) = (token, before) else { continue };
         let name = &text[..word.end];
@@ -28,9 +28,9 @@ pub(super) fn hyphened_fields(text: &str, tokens: &[(SyntaxKind, Span)]) -> Vec<
         }
         let span = Span { start: word.end - name.len(), end: word.end };
         let field = name.replace('-', "_");
-        let message = format!("`{name}` is no field: in a field `_` stands for a hyphen");
+        let message = format!("`{name}` is not a field name: a field has `_` instead of hyphens");
         let help = Help::edit(format!("write `{field}`"), span, field);
-        mistakes.push(Mistake { span, message, help });
+        errors.push(SyntaxError { span, message, help });
     }
-    mistakes
+    errors
 }

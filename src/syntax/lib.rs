@@ -1,68 +1,72 @@
-//! The text of graphs: RON as a tree with the place of every value, and problems that show their lines.
+//! The text of graph files. RON is parsed to a tree of values with positions, and diagnostics show the lines that they concern.
 //!
-//! [`parse`] makes a [`Tree`] of a text; [`Walk`] checks a tree against a JSON schema and finds every problem at its place;
-//! [`read_tree`] gives a node its fields by serde. [`error`] says what went wrong and where, [`telling`] prints it with the lines
-//! that it is about, and [`paths`] says what a graph may read and write.
+//! [`parse`] parses a text to a [`Tree`]. [`Walk`] checks a tree against a JSON schema and reports every error at its position.
+//! [`read_tree`] deserializes a tree with serde. [`error`] defines errors and diagnostics, [`diagnostics`] renders diagnostics with source
+//! lines, and [`paths`] decides which files a graph may read and write.
 //!
-//! Begin reading in `tree.rs`, then `tree_reader.rs` (from text to tree; with `file.rs` the only place that knows the parser) and
-//! `schema.rs`.
+//! Begin reading in `tree.rs`, then `tree_reader.rs` (text to tree) and `schema.rs`. Only `parser.rs` and `tree_reader.rs` use the
+//! parser library.
 //!
-//! This crate knows values, but no node, no graph and no command.
+//! This crate depends on values, but not on nodes, graphs or commands.
 
 #![allow(missing_docs, reason = "what others may use is documented where `maquette` hands it on")]
 
+pub mod diagnostics;
 pub mod error;
 pub mod paths;
-pub mod telling;
 
 mod brackets;
 mod commas;
+mod conflict_markers;
 pub mod cursor;
-mod doubts;
-mod ends;
-mod expected;
-mod file;
+pub mod duplicates;
+mod expected_value;
 mod help;
 mod hyphens;
-mod marks;
-#[cfg(test)]
-mod peer;
+mod line_endings;
+mod local_diagnostic;
+mod parser;
 mod phrases;
-mod problems;
+mod plain_data;
 mod reader;
 mod recovery;
 mod repair;
 pub mod ron;
+#[cfg(test)]
+mod ron_oracle;
 mod schema;
-mod sheet;
+mod schema_path;
 pub mod shell;
+mod source_map;
 pub mod spelling;
-mod steps;
 mod suggest;
+mod syntax_diagnostics;
 mod tree;
 mod tree_reader;
-pub mod twice;
+mod uncertain_parts;
 mod unit;
 
-pub use commas::{commas_behind, with_commas_behind};
-pub use cursor::{Cursor, Frame, Passed, TypedKind, cursor, each_word};
-pub use doubts::{Doubts, ReadText};
-pub use ends::Ends;
-pub use error::{Cancelled, Error, Place, Problem, Severity, Source, Span, code};
-pub use expected::Expected;
-pub use file::{DEEPEST, Mistake, Token, first_word, parse, printed, tokens};
+pub use commas::{edit_with_trailing_commas, with_trailing_commas};
+pub use conflict_markers::{CONFLICT_MESSAGE, conflict_diagnostic, conflict_line};
+pub use cursor::{Cursor, Frame, TypedKind, WalkEvent, cursor, for_each_word};
+pub use duplicates::{duplicate_fields, duplicate_files, duplicate_keys};
+pub use error::{CancelledError, Diagnostic, Error, Position, Severity, Source, Span, code};
+pub use expected_value::ExpectedValue;
 pub use help::Help;
-pub use marks::{CONFLICT, conflict_line, conflict_of};
+pub use line_endings::LineEnding;
+pub use local_diagnostic::LocalDiagnostic;
+pub use parser::{MAX_DEPTH, SyntaxError, Token, first_word, parse, reprint, tokens};
 pub use phrases::{any_of, with_article};
-pub use problems::syntax_problems;
+pub use plain_data::{format_plain_data, parse_plain_data};
 pub use reader::Reader;
-pub use reader::{FILE, LINK, ReadError, Slots, read_tree};
-pub use ron::{quoted, ron};
-pub use schema::{Finding, FoundFile, FoundLink, Walk, as_tree, check_default};
-pub use sheet::{Sheet, TextPart};
-pub use shell::shell;
-pub use steps::{inside, inside_option, merged, resolve, variants};
-pub use suggest::{LOOKS, nearest, nearest_or_all, unknown};
-pub use tree::{Body, Field, Given, Kind, Name, Origin, Tree, cut};
-pub use twice::{fields_twice, one_file_twice, twice};
+pub use reader::{FILE, InputSlots, LINK, ReadError, read_tree};
+pub use ron::{quote, to_ron};
+pub use schema::{FoundFile, FoundLink, Walk, as_tree, check_default};
+pub use schema_path::{merge_references, option_inner, resolve, resolve_field, variants};
+pub use shell::quote_for_shell;
+pub use source_map::{SourceMap, TextPart};
+pub use suggest::{COMPARISONS, nearest, nearest_or_all, unknown_name_message};
+pub use syntax_diagnostics::syntax_diagnostics;
+pub use tree::{Body, ExternalOrigin, Field, Kind, Name, Origin, Tree, truncate};
+pub use uncertain_parts::{ReadText, UncertainParts};
 pub use unit::{Quantity, Unit, unit_names};

@@ -1,30 +1,30 @@
-//! Which files a graph may read, and under which names it may write.
+//! Access rules: which files a graph may read, and to which names it may write.
 
 use std::path::{Component, Path, PathBuf};
 
 use crate::{Help, nearest};
 
-/// Marks the root of a project.
+/// The file that marks the root of a project.
 pub const MARKER: &str = "maquette.toml";
 
-/// The nearest folder upwards from a graph's folder that holds `maquette.toml`, else the graph's folder itself.
+/// Returns the nearest ancestor folder that contains `maquette.toml`. If there is none, returns the folder of the graph.
 pub fn project_root(folder: &Path) -> PathBuf {
     let folder = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
     let root = folder.ancestors().find(|above| above.join(MARKER).is_file());
     root.unwrap_or(&folder).to_owned()
 }
 
-/// Why a file cannot be read, and what to do.
+/// Error returned by [`may_read`].
 #[derive(Clone, Debug, PartialEq)]
-pub enum PathProblem {
+pub enum PathError {
     Outside { message: String, help: Help },
     Missing { message: String, help: Help },
 }
 
-/// Whether a graph may read `given`, which stands for `resolved`; looks only at names, opens nothing.
-pub fn may_read(given: &str, resolved: &Path, roots: &[PathBuf]) -> Result<(), PathProblem> {
-    fn outside(what: &str, given: &str, roots: &[PathBuf]) -> PathProblem {
-        PathProblem::Outside {
+/// Checks that a graph may read the file `resolved`, for which the graph has written the path `given`. The file is not opened.
+pub fn may_read(given: &str, resolved: &Path, roots: &[PathBuf]) -> Result<(), PathError> {
+    fn outside_error(what: &str, given: &str, roots: &[PathBuf]) -> PathError {
+        PathError::Outside {
         message: format!("`{given}` {what} outside of the project"),
         help: format!(
             "move the file into {}, put a {MARKER} into a folder above both, or allow its folder with --root",
@@ -34,37 +34,39 @@ pub fn may_read(given: &str, resolved: &Path, roots: &[PathBuf]) -> Result<(), P
     }
     }
     if Path::new(given).is_absolute() {
-        return Err(PathProblem::Outside {
+        return Err(PathError::Outside {
             message: format!("`{given}` is an absolute path, which leads outside of the project"),
             help: "write the path relative to the graph's file".into(),
         });
     }
-    fn inside(path: &Path, roots: &[PathBuf]) -> bool {
+    fn is_inside(path: &Path, roots: &[PathBuf]) -> bool {
         roots.iter().any(|root| path.starts_with(root))
     }
-    if !inside(&without_dots(resolved), roots) {
-        return Err(outside("lies", given, roots));
+    if !is_inside(&without_dots(resolved), roots) {
+        return Err(outside_error("lies", given, roots));
     }
     match std::fs::canonicalize(resolved) {
-        Ok(real) if !inside(&real, roots) => Err(outside("is a link to a file", given, roots)),
-        Ok(real) if !real.is_file() => Err(PathProblem::Missing {
+        Ok(real) if !is_inside(&real, roots) => {
+            Err(outside_error("is a link to a file", given, roots))
+        }
+        Ok(real) if !real.is_file() => Err(PathError::Missing {
             message: format!("`{given}` is not a file"),
             help: Help::default(),
         }),
         Ok(_) => Ok(()),
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Err(PathProblem::Missing {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Err(PathError::Missing {
             message: format!("there is no file `{given}`"),
-            help: similar(resolved),
+            help: suggest_file(resolved),
         }),
-        Err(error) => Err(PathProblem::Missing {
+        Err(error) => Err(PathError::Missing {
             message: format!("`{given}` cannot be read: {error}"),
             help: Help::default(),
         }),
     }
 }
 
-/// The file in the same folder whose name is nearest.
-fn similar(path: &Path) -> Help {
+/// Suggests the file in the same folder whose name is most similar.
+fn suggest_file(path: &Path) -> Help {
     let folder = path.parent().filter(|folder| *folder != Path::new(""));
     let folder = folder.unwrap_or(Path::new("."));
     let Ok(entries) = std::fs::read_dir(folder) else {
@@ -77,7 +79,7 @@ fn similar(path: &Path) -> Help {
     nearest(&name, names.iter().map(String::as_str))
 }
 
-/// A path without `.` and `..`, by its text alone.
+/// Removes `.` and `..` from a path without accessing the file system.
 pub fn without_dots(path: &Path) -> PathBuf {
     let mut clean = PathBuf::new();
     for part in path.components() {
@@ -92,7 +94,7 @@ pub fn without_dots(path: &Path) -> PathBuf {
     clean
 }
 
-/// The folder of a file that may not be there yet, without links and dots.
+/// Returns the folder of a file, without symbolic links and dots. The file need not exist yet.
 pub fn folder_of_new(file: &Path) -> PathBuf {
     let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
     let folder = file.parent().unwrap_or(&file);
@@ -104,7 +106,7 @@ pub fn folder_of_new(file: &Path) -> PathBuf {
     without_dots(&real.join(folder.strip_prefix(there).unwrap_or(Path::new(""))))
 }
 
-/// The path that leads from a folder to a file, both without dots.
+/// Returns the relative path from a folder to a file. Both paths must be free of dots.
 pub fn path_between(folder: &Path, file: &Path) -> String {
     let common = folder.components().zip(file.components()).take_while(|(a, b)| a == b).count();
     let up = folder.components().skip(common).map(|_| "..".to_owned());
@@ -113,19 +115,19 @@ pub fn path_between(folder: &Path, file: &Path) -> String {
     up.chain(down).collect::<Vec<_>>().join("/")
 }
 
-/// A path as it is told to others: from the root of the project on, or its last name alone where it lies elsewhere.
-pub fn within(root: &Path, path: &Path) -> String {
+/// Returns the path of a file relative to the root of the project. If the file is outside of the project, returns only its name.
+pub fn relative_to_root(root: &Path, path: &Path) -> String {
     let name = path.file_name().unwrap_or_default();
     let folder = path.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
     let folder = std::fs::canonicalize(folder).unwrap_or_else(|_| without_dots(folder));
     let whole = folder.join(name);
     let inside = whole.strip_prefix(root).unwrap_or(Path::new(name));
     let parts = inside.components().map(|part| part.as_os_str().to_string_lossy());
-    Vec::from_iter(parts).join("/")
+    parts.collect::<Vec<_>>().join("/")
 }
 
-/// Whether an output's name stays in the folder of outputs.
-pub fn stays_inside(name: &str) -> bool {
+/// Returns true if the name of an output is a path inside of the folder for outputs.
+pub fn is_inside_output_folder(name: &str) -> bool {
     !name.is_empty()
         && !name.contains(['\\', '\0'])
         && !name.ends_with('/')
@@ -137,17 +139,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_that_leave_the_folder_of_outputs_are_known() {
+    fn output_names_outside_of_the_folder_are_rejected() {
         for name in ["a.ply", "renders/a.png", "a..b.ply"] {
-            assert!(stays_inside(name), "{name}");
+            assert!(is_inside_output_folder(name), "{name}");
         }
         for name in ["", "../a.ply", "/a.ply", "b/../../a.ply", "a/", "..\\a.ply"] {
-            assert!(!stays_inside(name), "{name}");
+            assert!(!is_inside_output_folder(name), "{name}");
         }
     }
 
     #[test]
-    fn a_link_to_a_file_outside_is_outside() {
+    fn a_link_to_a_file_outside_is_rejected() {
         let folder = tempfile::tempdir().unwrap();
         let root = std::fs::canonicalize(folder.path()).unwrap();
         let (project, secret) = (root.join("project"), root.join("secret.obj"));
@@ -157,11 +159,11 @@ mod tests {
         std::os::unix::fs::symlink(&secret, project.join("link.obj")).unwrap();
         let check =
             |given: &str| may_read(given, &project.join(given), std::slice::from_ref(&project));
-        assert!(matches!(check("../secret.obj"), Err(PathProblem::Outside { .. })));
+        assert!(matches!(check("../secret.obj"), Err(PathError::Outside { .. })));
         #[cfg(unix)]
-        assert!(matches!(check("link.obj"), Err(PathProblem::Outside { .. })));
+        assert!(matches!(check("link.obj"), Err(PathError::Outside { .. })));
         assert!(
-            matches!(check("lnik.obj"), Err(PathProblem::Missing { help, .. }) if help.to_string().contains("link.obj"))
+            matches!(check("lnik.obj"), Err(PathError::Missing { help, .. }) if help.to_string().contains("link.obj"))
         );
     }
 }

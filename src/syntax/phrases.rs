@@ -1,12 +1,12 @@
-//! Parts of messages.
+//! Phrases for messages.
 
-/// `a Mask`, `an Image`.
+/// Returns the name of a type with its article: `a Mask`, `an Image`.
 pub fn with_article(word: &str) -> String {
     let vowel = word.starts_with(['A', 'E', 'I', 'O', 'U', 'a', 'e', 'i', 'o', 'u']);
     format!("{} {word}", if vowel { "an" } else { "a" })
 }
 
-/// The names of some types, for a message: `Mesh or Surface`.
+/// Joins the names of types for a message: `Mesh or Surface`.
 pub fn any_of<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
-    Vec::from_iter(names).join(" or ")
+    names.into_iter().collect::<Vec<_>>().join(" or ")
 }

@@ -1,7 +1,7 @@
-//! Reads a node's struct from the tree of its call, by serde.
+//! Deserializes the struct of a node from the tree of the node's call.
 //!
-//! The schema has been checked before ([`super::schema`]), with every problem of every field; what can still go wrong here is
-//! what only the type itself knows.
+//! [`super::schema`] must have checked the tree before. The only errors that remain are those of the type's own `Deserialize`
+//! implementation.
 
 use std::collections::HashMap;
 use std::fmt;
@@ -12,25 +12,25 @@ use super::schema::FoundFile;
 use super::tree::{Body, Field, Kind, Tree};
 use crate::error::Span;
 
-/// Keys of the JSON objects that stand for links and files in a node's serialized parameters. No parameter has such a key,
-/// because a field's name has no dollar sign.
+/// The keys of the JSON objects that represent links and files in the serialized parameters of a node. No parameter can have such a key,
+/// because the name of a field contains no dollar sign.
 pub const LINK: &str = "$link";
 pub const FILE: &str = "$file";
 
-/// Gives a node its fields: made by the check, read by `node`.
+/// Deserializes a node from a tree, with the links and files that the check of the tree has found.
 pub struct Reader<'a> {
     pub tree: &'a Tree,
-    pub links: &'a HashMap<Span, Slots>,
+    pub links: &'a HashMap<Span, InputSlots>,
     pub files: &'a [FoundFile],
 }
 
-/// Where the values of a link come in, by its place: a link to the output of a `ForEach` has many.
-pub struct Slots {
+/// The input slots of a link. A link to the output of a `ForEach` has several slots.
+pub struct InputSlots {
     pub first: usize,
     pub count: usize,
 }
 
-/// Why a node's fields cannot be read, and where.
+/// The error of deserializing the fields of a node, with its position.
 #[derive(Debug)]
 pub struct ReadError {
     pub span: Option<Span>,
@@ -57,7 +57,7 @@ impl Reader<'_> {
     }
 }
 
-/// Reads what is no node: without links and files.
+/// Deserializes a value without links and files.
 pub fn read_tree<T: DeserializeOwned>(tree: &Tree) -> Result<T, ReadError> {
     Reader { tree, links: &HashMap::new(), files: &[] }.read()
 }
@@ -66,16 +66,16 @@ pub fn read_tree<T: DeserializeOwned>(tree: &Tree) -> Result<T, ReadError> {
 struct Value<'a> {
     tree: &'a Tree,
     reader: &'a Reader<'a>,
-    /// Which of the values of a link.
+    /// The index of the next value among the values of a link.
     nth: usize,
 }
 
 impl<'a> Value<'a> {
-    fn at(self, tree: &'a Tree) -> Self {
+    fn with_tree(self, tree: &'a Tree) -> Self {
         Self { tree, nth: 0, ..self }
     }
 
-    /// How many values the link at this place has; one for what is no link.
+    /// Returns the number of values of the link at `tree`. For any other value, returns 1.
     fn count(self, tree: &Tree) -> usize {
         if tree.text().is_none() {
             return 1;
@@ -83,8 +83,8 @@ impl<'a> Value<'a> {
         self.reader.links.get(&tree.span).map_or(1, |link| link.count)
     }
 
-    /// Gives an error its place, unless something inside has done so.
-    fn place<T>(self, result: Result<T, ReadError>) -> Result<T, ReadError> {
+    /// Adds the span of this value to an error, unless the error has a span already.
+    fn with_span<T>(self, result: Result<T, ReadError>) -> Result<T, ReadError> {
         result.map_err(|error| ReadError { span: error.span.or(Some(self.tree.span)), ..error })
     }
 
@@ -112,7 +112,7 @@ impl<'a> Value<'a> {
         }
     }
 
-    /// What stands between the parentheses behind a variant's name, if there are any.
+    /// Deserializes the parentheses of an enum variant, if there are any.
     fn content<'de, V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ReadError> {
         match &self.tree.kind {
             Kind::Call { body, .. } => self.body(body, visitor),
@@ -120,7 +120,7 @@ impl<'a> Value<'a> {
         }
     }
 
-    fn any<'de, V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ReadError> {
+    fn visit_value<'de, V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ReadError> {
         match &self.tree.kind {
             Kind::Number { value, whole } if *whole || is_whole(*value) => {
                 visitor.visit_i64(*value as i64)
@@ -136,11 +136,11 @@ impl<'a> Value<'a> {
     }
 }
 
-/// Whether a number is a whole one, however it is written: serde keeps the fields of a flattened struct aside before it knows what
-/// they are, and would take `2.0` for no integer then. Those that an integer would not give back stay as they are.
+/// Returns true if a number is an integer that `i64` represents exactly. serde buffers the fields of a flattened struct before it knows
+/// their types. For an integer field it would then reject `2.0`.
 fn is_whole(value: f64) -> bool {
-    const MOST: f64 = (1_u64 << 53) as f64;
-    value.fract() == 0.0 && value.abs() <= MOST && !(value == 0.0 && value.is_sign_negative())
+    const MAX_EXACT: f64 = (1_u64 << 53) as f64;
+    value.fract() == 0.0 && value.abs() <= MAX_EXACT && !(value == 0.0 && value.is_sign_negative())
 }
 
 macro_rules! integers {
@@ -148,7 +148,7 @@ macro_rules! integers {
         $(fn $method<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ReadError> {
             match self.tree.kind {
                 Kind::Number { value, .. } if value.fract() == 0.0 => {
-                    self.place(visitor.visit_i64(value as i64))
+                    self.with_span(visitor.visit_i64(value as i64))
                 }
                 _ => self.deserialize_any(visitor),
             }
@@ -160,7 +160,7 @@ impl<'de> de::Deserializer<'de> for Value<'_> {
     type Error = ReadError;
 
     fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ReadError> {
-        self.place(self.any(visitor))
+        self.with_span(self.visit_value(visitor))
     }
 
     integers!(
@@ -178,7 +178,7 @@ impl<'de> de::Deserializer<'de> for Value<'_> {
         match &self.tree.kind {
             Kind::Word(word) if word == "None" => visitor.visit_none(),
             _ => match self.tree.call_of("Some") {
-                Some(inner) => visitor.visit_some(self.at(inner)),
+                Some(inner) => visitor.visit_some(self.with_tree(inner)),
                 None => visitor.visit_some(self),
             },
         }
@@ -187,7 +187,7 @@ impl<'de> de::Deserializer<'de> for Value<'_> {
     fn deserialize_seq<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ReadError> {
         let is_link = self.reader.links.contains_key(&self.tree.span);
         match &self.tree.kind {
-            // One link where a list of them may stand.
+            // Where a list of links is expected, a single link is accepted.
             Kind::Text(_) if is_link => self.items(std::slice::from_ref(self.tree), visitor),
             _ => self.deserialize_any(visitor),
         }
@@ -203,7 +203,7 @@ impl<'de> de::Deserializer<'de> for Value<'_> {
                 let link = self.reader.links.get(&self.tree.span);
                 let slot = link.map(|link| link.first + self.nth);
                 let slot = slot.ok_or_else(|| de::Error::custom("this link was not found"));
-                self.place(slot.and_then(|slot| visitor.visit_u64(slot as u64)))
+                self.with_span(slot.and_then(|slot| visitor.visit_u64(slot as u64)))
             }
             FILE => match self.reader.files.iter().find(|file| file.span == self.tree.span) {
                 Some(file) => {
@@ -223,9 +223,9 @@ impl<'de> de::Deserializer<'de> for Value<'_> {
         visitor: V,
     ) -> Result<V::Value, ReadError> {
         let Some(name) = self.tree.name() else {
-            return self.place(Err(de::Error::custom("this wants a name")));
+            return self.with_span(Err(de::Error::custom("expected a name")));
         };
-        self.place(visitor.visit_enum(Variant { value: self, name: name.text }))
+        self.with_span(visitor.visit_enum(Variant { value: self, name: name.text }))
     }
 
     serde::forward_to_deserialize_any! {
@@ -237,7 +237,7 @@ impl<'de> de::Deserializer<'de> for Value<'_> {
 struct Items<'a> {
     value: Value<'a>,
     items: &'a [Tree],
-    /// How many values of the first item, a link, have been read.
+    /// The first item of a list is a link. The number is that of the link's values that have been read.
     nth: usize,
 }
 
@@ -250,7 +250,7 @@ impl<'de> de::SeqAccess<'de> for Items<'_> {
     ) -> Result<Option<T::Value>, ReadError> {
         while let Some((first, rest)) = self.items.split_first() {
             if self.nth < self.value.count(first) {
-                let value = Value { nth: self.nth, ..self.value.at(first) };
+                let value = Value { nth: self.nth, ..self.value.with_tree(first) };
                 self.nth += 1;
                 return seed.deserialize(value).map(Some);
             }
@@ -282,8 +282,8 @@ impl<'de> de::MapAccess<'de> for Fields<'_> {
     fn next_value_seed<V: DeserializeSeed<'de>>(&mut self, seed: V) -> Result<V::Value, ReadError> {
         let field = &self.fields[self.next];
         self.next += 1;
-        let value = self.value.at(&field.value);
-        value.place(seed.deserialize(value))
+        let value = self.value.with_tree(&field.value);
+        value.with_span(seed.deserialize(value))
     }
 }
 
@@ -301,13 +301,13 @@ impl<'de> de::MapAccess<'de> for Entries<'_> {
         seed: K,
     ) -> Result<Option<K::Value>, ReadError> {
         let Some((key, _)) = self.entries.get(self.next) else { return Ok(None) };
-        seed.deserialize(self.value.at(key)).map(Some)
+        seed.deserialize(self.value.with_tree(key)).map(Some)
     }
 
     fn next_value_seed<V: DeserializeSeed<'de>>(&mut self, seed: V) -> Result<V::Value, ReadError> {
         let (_, value) = &self.entries[self.next];
         self.next += 1;
-        seed.deserialize(self.value.at(value))
+        seed.deserialize(self.value.with_tree(value))
     }
 }
 
@@ -339,14 +339,14 @@ impl<'de> de::VariantAccess<'de> for Value<'_> {
     fn newtype_variant_seed<T: DeserializeSeed<'de>>(self, seed: T) -> Result<T::Value, ReadError> {
         match &self.tree.kind {
             Kind::Call { body: Body::Items(items), .. } if items.len() == 1 => {
-                seed.deserialize(self.at(&items[0]))
+                seed.deserialize(self.with_tree(&items[0]))
             }
-            _ => self.place(seed.deserialize(Content(self))),
+            _ => self.with_span(seed.deserialize(Content(self))),
         }
     }
 
     fn tuple_variant<V: Visitor<'de>>(self, _: usize, visitor: V) -> Result<V::Value, ReadError> {
-        self.place(self.any(visitor))
+        self.with_span(self.visit_value(visitor))
     }
 
     fn struct_variant<V: Visitor<'de>>(
@@ -358,15 +358,15 @@ impl<'de> de::VariantAccess<'de> for Value<'_> {
     }
 }
 
-/// What stands between the parentheses behind a variant's name, for the one struct that the variant holds: its fields need no
-/// parentheses of their own. A name alone has the struct's defaults.
+/// The parentheses of an enum variant that contains a single struct. The fields of the struct are written directly in these parentheses. If
+/// a name has no parentheses, the fields have the struct's defaults.
 struct Content<'a>(Value<'a>);
 
 impl<'de> de::Deserializer<'de> for Content<'_> {
     type Error = ReadError;
 
     fn deserialize_any<V: Visitor<'de>>(self, _: V) -> Result<V::Value, ReadError> {
-        Err(de::Error::custom("this wants one value in parentheses"))
+        Err(de::Error::custom("expected one value in parentheses"))
     }
 
     fn deserialize_struct<V: Visitor<'de>>(
@@ -378,7 +378,7 @@ impl<'de> de::Deserializer<'de> for Content<'_> {
         self.0.content(visitor)
     }
 
-    // A struct that shares fields with others by `flatten` asks for a map.
+    // A struct with flattened fields asks serde for a map.
     fn deserialize_map<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ReadError> {
         self.0.content(visitor)
     }

@@ -1,160 +1,165 @@
-//! What can still be read of a text with syntax errors.
+//! Recovers the value of a text that has syntax errors.
 //!
-//! The text is repaired, read again, and the places of all values are moved back to those in the text as it is. A repair may guess
-//! wrong, so each says which part of the text is in doubt.
+//! The text is repaired and parsed again, and the positions of all values are mapped back to the original text. A repair may be wrong, so
+//! each repair records the part of the text that it makes uncertain.
 
 use std::collections::BTreeSet;
 
 use ronin_core::SyntaxKind;
 
 use super::brackets::Brackets;
-use super::cursor::recovered_tokens;
-use super::file::{CLOSES_NOTHING, Mistake, NO_END, OPEN_COMMENT, parse, raw_tokens};
-use super::marks::conflict_marks;
+use super::conflict_markers::conflict_error;
+use super::cursor::{ends_escaped, recover_tokens};
+use super::parser::{
+    CLOSES_NOTHING, SyntaxError, UNTERMINATED_COMMENT, UNTERMINATED_STRING, parse, raw_tokens,
+};
 use super::repair::{Edit, Repair};
 use super::tree::{Body, Kind, Tree};
 use crate::error::Span;
 
-/// What can be read of a text with syntax errors.
-pub(crate) struct Recovered {
+/// The value that was recovered from a text with syntax errors.
+pub(crate) struct Recovery {
     pub tree: Tree,
-    /// All syntax errors, those included that others hide.
-    pub mistakes: Vec<Mistake>,
-    /// Parts of the text whose values may be other ones than the author meant.
+    /// All syntax errors, including errors that others hide from the parser.
+    pub errors: Vec<SyntaxError>,
+    /// The uncertain parts of the text: their values may not be what the author meant.
     pub doubtful: Vec<Span>,
 }
 
-/// A text with more syntax errors is not read: it is no graph that somebody edits, and each error costs a look at the whole text.
-const MAX_MISTAKES: usize = 1000;
+/// The maximum number of syntax errors in a text that is recovered. Each error costs a pass over the whole text.
+const MAX_ERRORS: usize = 1000;
 
-/// Reads what can be read of a text in which the parser finds these mistakes. `None` if nothing is left of it, or there are more than
-/// [`MAX_MISTAKES`].
-pub(crate) fn recovered(text: &str, found: &[Mistake]) -> Option<Recovered> {
-    if conflict_marks(text).is_some() || MAX_MISTAKES < found.len() {
+/// Recovers the value of a text with these errors of the parser. Returns `None` if the value cannot be recovered, or if there are more than
+/// [`MAX_ERRORS`] errors.
+pub(crate) fn recover(text: &str, found: &[SyntaxError]) -> Option<Recovery> {
+    if conflict_error(text).is_some() || MAX_ERRORS < found.len() {
         return None;
     }
-    let mut repair = Repair::of(text);
-    let mut mistakes = found.to_vec();
+    let mut repair = Repair::new(text);
+    let mut errors = found.to_vec();
     let strings = unclosed_strings(text);
-    // A text or comment without an end has all of the rest in it.
-    let is_swallowed = found.iter().any(|it| [NO_END, OPEN_COMMENT].contains(&&it.message[..]));
-    if !strings.is_empty() && !is_swallowed {
-        // Whatever else the parser finds follows from them.
-        mistakes = strings.iter().map(|(string, _)| no_quote(*string)).collect();
+    // An unterminated string or comment extends to the end of the text.
+    let is_unterminated = found
+        .iter()
+        .any(|it| [UNTERMINATED_STRING, UNTERMINATED_COMMENT].contains(&&it.message[..]));
+    if !strings.is_empty() && !is_unterminated {
+        // All other errors of the parser are consequences of unterminated strings and comments.
+        errors = strings.iter().map(|(string, _)| missing_quote_error(*string)).collect();
     }
     let quotes: Vec<_> = strings.iter().map(|(_, edit)| edit.clone()).collect();
-    repair.doubt(&quotes.iter().map(|edit| edit.0).collect::<Vec<_>>());
+    repair.mark_doubtful(&quotes.iter().map(|edit| edit.0).collect::<Vec<_>>());
     repair.apply(&quotes);
-    let Brackets { edits: brackets, doubtful, wrong, .. } = Brackets::of(&repair, text);
-    // Of several wrong brackets the parser finds the first one.
-    if !wrong.is_empty() && !is_swallowed {
-        fn is_wrong(known: &Mistake, wrong: &[Mistake]) -> bool {
+    let Brackets { edits: brackets, doubtful, errors: wrong, .. } =
+        Brackets::analyze(&repair, text);
+    // If there are several wrong brackets, the parser reports only the first one.
+    if !wrong.is_empty() && !is_unterminated {
+        fn is_wrong(known: &SyntaxError, wrong: &[SyntaxError]) -> bool {
             wrong.iter().any(|wrong| wrong.span == known.span)
         }
-        mistakes.retain(|known| !is_about_bracket(known) && !is_wrong(known, &wrong));
-        fn known(wrong: &Mistake, found: &[Mistake]) -> Option<Mistake> {
+        errors.retain(|known| !is_about_bracket(known) && !is_wrong(known, &wrong));
+        fn matching_error(wrong: &SyntaxError, found: &[SyntaxError]) -> Option<SyntaxError> {
             found.iter().find(|known| is_about_bracket(known) && known.span == wrong.span).cloned()
         }
-        mistakes.extend(wrong.into_iter().map(|wrong| known(&wrong, found).unwrap_or(wrong)));
+        errors
+            .extend(wrong.into_iter().map(|wrong| matching_error(&wrong, found).unwrap_or(wrong)));
     }
-    repair.doubt(&doubtful);
+    repair.mark_doubtful(&doubtful);
     repair.apply(&brackets);
-    // Behind an unclosed bracket or string the parser reports nothing.
-    let is_hidden = !is_swallowed && (!quotes.is_empty() || !brackets.is_empty());
+    // After an unclosed bracket or string the parser reports nothing more.
+    let is_hidden = !is_unterminated && (!quotes.is_empty() || !brackets.is_empty());
     let hidden = if is_hidden { parse(&repair.text).1 } else { Vec::new() };
-    let Separators { edits, doubtful, strange } = Separators::of(&repair.text);
-    // What else the parser finds in this text follows from these.
-    fn begins(edit: &Edit, repair_text: &str) -> usize {
+    let Separators { edits, doubtful, strange } = Separators::analyze(&repair.text);
+    // All other errors of the parser in the present text are consequences of the errors that these edits fix.
+    fn first_affected(edit: &Edit, repair_text: &str) -> usize {
         let rest = &repair_text[edit.0.start..];
         repair_text.len() - rest.trim_start().len()
     }
     let begins = BTreeSet::from_iter(
-        edits.iter().flat_map(|edit| [edit.0.start, begins(edit, &repair.text)]),
+        edits.iter().flat_map(|edit| [edit.0.start, first_affected(edit, &repair.text)]),
     );
-    fn moved(repair: &Repair, mistake: &Mistake) -> Mistake {
-        Mistake {
-            span: repair.place(mistake.span),
-            help: mistake.help.clone().moved(|_| None),
-            ..mistake.clone()
+    fn map_to_source(repair: &Repair, error: &SyntaxError) -> SyntaxError {
+        SyntaxError {
+            span: repair.source_span(error.span),
+            help: error.help.clone().map_spans(|_| None),
+            ..error.clone()
         }
     }
-    let hidden = hidden.iter().filter(|mistake| begins.contains(&mistake.span.start));
-    let hidden: Vec<_> = hidden.map(|mistake| moved(&repair, mistake)).collect();
+    let hidden = hidden.iter().filter(|error| begins.contains(&error.span.start));
+    let hidden: Vec<_> = hidden.map(|error| map_to_source(&repair, error)).collect();
     let of_brackets = repair.doubtful.len();
-    repair.doubt(&strange);
-    let narrow: Vec<_> = doubtful.iter().map(|span| repair.place(*span)).collect();
+    repair.mark_doubtful(&strange);
+    let narrow: Vec<_> = doubtful.iter().map(|span| repair.source_span(*span)).collect();
     repair.apply(&edits);
     let (mut tree, left) = parse(&repair.text);
-    // A bracket that was guessed in a wrong place leaves pieces that make no sense.
-    if tree.is_broken() || MAX_MISTAKES < left.len() {
+    // If a bracket was inserted at a wrong position, pieces without meaning remain.
+    if tree.is_broken() || MAX_ERRORS < left.len() {
         return None;
     }
-    if !brackets.is_empty()
-        && left.iter().any(|mistake| mistake.message.ends_with("has no meaning here"))
-    {
+    if !brackets.is_empty() && left.iter().any(|error| error.message.starts_with("unexpected `")) {
         return None;
     }
     let of_signs = repair.doubtful.len();
-    repair.doubt(&left.iter().map(|mistake| mistake.span).collect::<Vec<_>>());
+    repair.mark_doubtful(&left.iter().map(|error| error.span).collect::<Vec<_>>());
     move_back(&mut tree, &repair);
     let doubtful = repair.doubtful.iter().map(|span| entry_around(&tree, *span).unwrap_or(*span));
     let doubtful: Vec<_> = doubtful.chain(narrow).collect();
-    // What is misplaced does not follow from itself.
-    let left = left.iter().filter(|_| is_hidden).map(|mistake| moved(&repair, mistake));
-    let all = hidden.into_iter().map(|it| (it, of_brackets)).chain(left.map(|it| (it, of_signs)));
-    for (mistake, certain) in all.collect::<Vec<_>>() {
-        let is_at = |span: &Span| overlaps(*span, mistake.span);
-        if !doubtful[..certain].iter().any(is_at) && !mistakes.iter().any(|it| is_at(&it.span)) {
-            mistakes.push(mistake);
+    // Errors inside of the uncertain parts of earlier steps are not reported.
+    let left = left.iter().filter(|_| is_hidden).map(|error| map_to_source(&repair, error));
+    let candidates =
+        hidden.into_iter().map(|it| (it, of_brackets)).chain(left.map(|it| (it, of_signs)));
+    for (error, certain) in candidates.collect::<Vec<_>>() {
+        let is_at = |span: &Span| overlaps(*span, error.span);
+        if !doubtful[..certain].iter().any(is_at) && !errors.iter().any(|it| is_at(&it.span)) {
+            errors.push(error);
         }
     }
-    // Of brackets that end the value too early.
-    mistakes.sort_by_key(|mistake| (is_behind_the_end(mistake), mistake.span));
-    mistakes.dedup_by(|it, _| is_behind_the_end(it));
-    Some(Recovered { tree, mistakes, doubtful })
+    // Errors after the end of the value come from brackets that end the value too early. Only one of them is kept.
+    errors.sort_by_key(|error| (is_after_end(error), error.span));
+    errors.dedup_by(|it, _| is_after_end(it));
+    Some(Recovery { tree, errors, doubtful })
 }
 
-/// Returns true if a mistake is a bracket that is not closed, or closes nothing.
-fn is_about_bracket(mistake: &Mistake) -> bool {
-    let message = &mistake.message;
+/// Returns true if an error concerns a bracket that is not closed, or that closes nothing.
+fn is_about_bracket(error: &SyntaxError) -> bool {
+    let message = &error.message;
     message.starts_with("this `")
         && (message.contains("` is n") || message.ends_with(CLOSES_NOTHING))
 }
 
-fn is_behind_the_end(mistake: &Mistake) -> bool {
-    mistake.message.contains("behind the end of the graph")
+fn is_after_end(error: &SyntaxError) -> bool {
+    error.message.contains("after the end of the graph")
 }
 
-fn no_quote(string: Span) -> Mistake {
-    let message = "this text has no closing quote".into();
-    Mistake { span: string, message, help: "put a `\"` where it ends".into() }
+fn missing_quote_error(string: Span) -> SyntaxError {
+    let message = "missing closing quote".into();
+    SyntaxError { span: string, message, help: "add the missing `\"`".into() }
 }
 
-/// Returns true if a part of one is in the other; a place without length counts where it is.
+/// Returns true if two spans overlap. An empty span counts as one byte.
 pub(crate) fn overlaps(a: Span, b: Span) -> bool {
     a.start <= b.start && b.start < a.end.max(a.start + 1)
         || b.start <= a.start && a.start < b.end.max(b.start + 1)
 }
 
 fn move_back(tree: &mut Tree, repair: &Repair) {
-    tree.span = repair.place(tree.span);
-    fn all(trees: &mut Vec<Tree>, repair: &Repair) {
-        trees.iter_mut().for_each(|tree| move_back(tree, repair))
+    tree.span = repair.source_span(tree.span);
+    fn move_all_back(trees: &mut [Tree], repair: &Repair) {
+        trees.iter_mut().for_each(|tree| move_back(tree, repair));
     }
     match &mut tree.kind {
-        Kind::List(items) => all(items, repair),
+        Kind::List(items) => move_all_back(items, repair),
         Kind::Map(entries) => entries.iter_mut().for_each(|(key, value)| {
             move_back(key, repair);
             move_back(value, repair);
         }),
         Kind::Call { name, body } => {
             if let Some(name) = name {
-                name.span = repair.place(name.span);
+                name.span = repair.source_span(name.span);
             }
             match body {
-                Body::Items(items) => all(items, repair),
+                Body::Items(items) => move_all_back(items, repair),
                 Body::Fields(fields) => fields.iter_mut().for_each(|field| {
-                    field.name.span = repair.place(field.name.span);
+                    field.name.span = repair.source_span(field.name.span);
                     move_back(&mut field.value, repair);
                 }),
                 Body::Empty => {}
@@ -164,28 +169,30 @@ fn move_back(tree: &mut Tree, repair: &Repair) {
     }
 }
 
-/// The entry of a section around a place, such as a node; the field of the graph if it is no section.
+/// Returns the span of the entry, such as a node, of a section that contains `at`. If the field that contains `at` is not a section,
+/// returns the span of the whole field.
 fn entry_around(tree: &Tree, at: Span) -> Option<Span> {
-    fn joined(name: Span, value: &Tree) -> Span {
+    fn entry_span(name: Span, value: &Tree) -> Span {
         Span { start: name.start, end: value.span.end }
     }
-    let fields =
-        tree.fields()?.iter().map(|field| (joined(field.name.span, &field.value), &field.value));
+    let fields = tree
+        .fields()?
+        .iter()
+        .map(|field| (entry_span(field.name.span, &field.value), &field.value));
     let (field, value) = fields.into_iter().find(|(span, _)| overlaps(*span, at))?;
     let Kind::Map(entries) = &value.kind else { return Some(field) };
-    let mut entries = entries.iter().map(|(key, value)| joined(key.span, value));
+    let mut entries = entries.iter().map(|(key, value)| entry_span(key.span, value));
     entries.find(|entry| overlaps(*entry, at))
 }
 
-/// The strings without a closing quote, and the quote behind the last letter on the line that may belong to the string.
+/// Returns the strings without a closing quote. With each comes an edit that inserts the quote after the last character on the line that
+/// may belong to the string.
 fn unclosed_strings(text: &str) -> Vec<(Span, Edit)> {
     let mut strings = Vec::new();
-    for (kind, span) in recovered_tokens(text) {
+    for (kind, span) in recover_tokens(text) {
         let piece = &text[span.start..span.end];
         let inside = piece.strip_prefix('"').and_then(|inside| inside.strip_suffix('"'));
-        let is_escaped =
-            |inside: &str| (inside.len() - inside.trim_end_matches('\\').len()) % 2 == 1;
-        if kind == SyntaxKind::String && inside.is_none_or(is_escaped) {
+        if kind == SyntaxKind::String && inside.is_none_or(ends_escaped) {
             let line = piece.lines().next().unwrap_or_default();
             let end =
                 span.start + line.trim_end_matches([',', ')', ']', '}', ' ', '\r']).len().max(1);
@@ -195,33 +202,34 @@ fn unclosed_strings(text: &str) -> Vec<(Span, Edit)> {
     strings
 }
 
-/// The commas and colons that are missing or too many.
+/// The missing and surplus commas and colons of a text.
 #[derive(Default)]
 struct Separators {
     edits: Vec<Edit>,
-    /// Parts that may have another name, or none.
+    /// Parts whose name may be another one, or that may have no name.
     doubtful: Vec<Span>,
-    /// Signs that have no meaning.
+    /// Pieces of the text without meaning.
     strange: Vec<Span>,
 }
 
 impl Separators {
-    /// The brackets of the text are in order.
-    fn of(text: &str) -> Self {
+    /// Finds the errors of a text whose brackets are correct.
+    fn analyze(text: &str) -> Self {
         use SyntaxKind::{
             Colon, Comma, Ident, LBrace, LBracket, LParen, LexError, RBrace, RBracket, RParen,
             String,
         };
-        let is_attribute =
-            |kind| matches!(kind, SyntaxKind::Hash | SyntaxKind::Bang | SyntaxKind::EnableKw);
+        fn is_attribute(kind: SyntaxKind) -> bool {
+            matches!(kind, SyntaxKind::Hash | SyntaxKind::Bang | SyntaxKind::EnableKw)
+        }
         let tokens: Vec<_> = raw_tokens(text).filter(|(kind, _)| !kind.is_trivia()).collect();
         let mut it = Self::default();
         if tokens.iter().any(|(kind, _)| is_attribute(*kind)) {
             return it;
         }
-        // The open brackets, and whether the part that is being read in each has a name.
+        // The open brackets. The flag of each is true if the current part in the bracket has a name.
         let mut open: Vec<(SyntaxKind, bool)> = Vec::new();
-        fn name(open: &mut Vec<(SyntaxKind, bool)>, is_named: bool) {
+        fn name(open: &mut [(SyntaxKind, bool)], is_named: bool) {
             open.last_mut().into_iter().for_each(|open| open.1 = is_named);
         }
         let mut before: Option<SyntaxKind> = None;
@@ -279,27 +287,31 @@ mod tests {
     use super::super::tree::Field;
     use super::*;
 
-    /// A value as a text.
-    fn shown(tree: &Tree) -> String {
-        fn all(trees: &[Tree]) -> String {
-            trees.iter().map(shown).collect::<Vec<_>>().join(", ")
+    /// Formats a value.
+    fn format_tree(tree: &Tree) -> String {
+        fn format_all(trees: &[Tree]) -> String {
+            trees.iter().map(format_tree).collect::<Vec<_>>().join(", ")
         }
         match &tree.kind {
             Kind::Number { value, .. } => value.to_string(),
             Kind::Text(text) | Kind::Word(text) => text.clone(),
-            Kind::List(items) => format!("[{}]", all(items)),
+            Kind::List(items) => format!("[{}]", format_all(items)),
             Kind::Map(entries) => {
-                let entry =
-                    |(key, value): &(Tree, Tree)| format!("{}: {}", shown(key), shown(value));
-                format!("{{{}}}", entries.iter().map(entry).collect::<Vec<_>>().join(", "))
+                let entries = entries.iter();
+                let entries = entries
+                    .map(|(key, value)| format!("{}: {}", format_tree(key), format_tree(value)));
+                format!("{{{}}}", entries.collect::<Vec<_>>().join(", "))
             }
             Kind::Call { name, body } => {
-                let fields =
-                    |field: &Field| format!("{}: {}", field.name.text, shown(&field.value));
+                fn format_field(field: &Field) -> String {
+                    format!("{}: {}", field.name.text, format_tree(&field.value))
+                }
                 let body = match body {
                     Body::Empty => String::new(),
-                    Body::Items(items) => all(items),
-                    Body::Fields(all) => all.iter().map(fields).collect::<Vec<_>>().join(", "),
+                    Body::Items(items) => format_all(items),
+                    Body::Fields(all) => {
+                        all.iter().map(format_field).collect::<Vec<_>>().join(", ")
+                    }
                 };
                 format!("{}({body})", name.as_ref().map_or("", |name| &name.text))
             }
@@ -307,17 +319,17 @@ mod tests {
         }
     }
 
-    /// What is read of a text, and what of it is in doubt.
+    /// Checks the recovered value of a text and its uncertain parts.
     fn check(text: &str, expected: &str, doubtful: &[&str]) {
         let found =
-            recovered(text, &parse(text).1).unwrap_or_else(|| panic!("nothing is read of {text}"));
-        assert_eq!(shown(&found.tree), expected, "{text}");
+            recover(text, &parse(text).1).unwrap_or_else(|| panic!("nothing is read of {text}"));
+        assert_eq!(format_tree(&found.tree), expected, "{text}");
         let parts = found.doubtful.iter().map(|span| &text[span.start..span.end]);
-        assert_eq!(Vec::from_iter(parts), doubtful, "{text}");
+        assert_eq!(parts.collect::<Vec<_>>(), doubtful, "{text}");
     }
 
     #[test]
-    fn brackets_are_closed_where_their_parts_end() {
+    fn brackets_are_closed_at_the_end_of_their_parts() {
         check(
             "G(n: {\"a\": A(x: 1, \"b\": B(y: (1, 2))}, o: {})",
             "G(n: {a: A(x: 1), b: B(y: (1, 2))}, o: {})",
@@ -348,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn commas_colons_and_quotes_are_put_in() {
+    fn commas_colons_and_quotes_are_inserted() {
         check("G(n: {\"a\": A(x: 1 y: 2)})", "G(n: {a: A(x: 1, y: 2)})", &[]);
         check("G(n: {\"a\": A(x: 1) \"b\": B()} o: {})", "G(n: {a: A(x: 1), b: B()}, o: {})", &[]);
         check("G(n: {\"a\": A(x: (1 2))})", "G(n: {a: A(x: (1, 2))})", &["2"]);
@@ -363,31 +375,31 @@ mod tests {
     }
 
     #[test]
-    fn what_an_unclosed_bracket_hides_is_found() {
+    fn errors_hidden_by_an_unclosed_bracket_are_found() {
         let text = "G(n: {\"a\": A(x: 1, \"b\": B(y: 1 z: 2)})";
-        let found = recovered(text, &parse(text).1).unwrap();
-        let messages = found.mistakes.iter().map(|mistake| &mistake.message[..]);
+        let found = recover(text, &parse(text).1).unwrap();
+        let messages = found.errors.iter().map(|error| &error.message[..]);
         let expected =
-            ["this `(` is not closed before the `}` at 1:37", "there is no comma before `z`"];
-        assert_eq!(Vec::from_iter(messages), expected);
+            ["this `(` is not closed before the `}` at 1:37", "missing comma before `z`"];
+        assert_eq!(messages.collect::<Vec<_>>(), expected);
     }
 
     #[test]
-    fn every_wrong_bracket_is_told_once_with_what_was_expected() {
+    fn every_wrong_bracket_is_reported_once() {
         let text = "G(n: {\"a\": A(x: (1, 2]), \"b\": B(y: [1)), \"c\": C(z: 1}}, o: {}]";
-        let found = recovered(text, &parse(text).1).unwrap();
-        let messages = found.mistakes.iter().map(|mistake| &mistake.message[..]);
+        let found = recover(text, &parse(text).1).unwrap();
+        let messages = found.errors.iter().map(|error| &error.message[..]);
         let expected = [
             "expected `)`, which closes the `(` at 1:17, found `]`",
             "expected `]`, which closes the `[` at 1:36, found `)`",
             "expected `)`, which closes the `(` at 1:48, found `}`",
             "expected `)`, which closes the `(` at 1:2, found `]`",
         ];
-        assert_eq!(Vec::from_iter(messages), expected);
+        assert_eq!(messages.collect::<Vec<_>>(), expected);
     }
 
     #[test]
-    fn brackets_that_swap_places_are_read_as_they_were_meant() {
+    fn swapped_brackets_are_corrected() {
         let right = "G(n: {a: A(x: [1, 2]), b: B(y: 2)}, o: {})";
         let text = "G(n: {\"a\": A(x: [1, 2]), \"b\": B(y: 2)}, o: {})";
         check(&text.replace("2])", "2)]"), right, &[]);
@@ -398,19 +410,19 @@ mod tests {
         let tuple = right.replace("[1, 2]", "(1, 2)");
         check(&text.replace("A(x: [1, 2])", "A[x: (1, 2])"), &tuple, &[]);
         let text = text.replace("2])", "2)]").replace("B(", "B[");
-        let messages = recovered(&text, &parse(&text).1).unwrap().mistakes.into_iter();
+        let messages = recover(&text, &parse(&text).1).unwrap().errors.into_iter();
         let expected = [
             "expected `]`, which closes the `[` at 1:17, found `)`",
             "expected `)`, which closes the `(` at 1:13, found `]`",
-            "expected `(` behind `B`, found `[`",
+            "expected `(` after `B`, found `[`",
         ];
-        assert_eq!(messages.map(|mistake| mistake.message).collect::<Vec<_>>(), expected);
+        assert_eq!(messages.map(|error| error.message).collect::<Vec<_>>(), expected);
     }
 
     #[test]
-    fn calls_with_a_text_before_their_fields_are_in_order() {
+    fn calls_with_an_unnamed_text_before_fields_are_valid() {
         fn check_repair(text: &str, right: &str) {
-            check(text, &shown(&parse(right).0), &[]);
+            check(text, &format_tree(&parse(right).0), &[]);
         }
         let right = "G(u: {\"L\": Graph(\"l.ron\", version: \"1\")}, n: {\"a\": A(x: 1, y: 2)})";
         check_repair(&right.replace("1, y", "1 y"), right);
@@ -423,16 +435,16 @@ mod tests {
     }
 
     #[test]
-    fn a_text_that_is_cut_off_in_a_word_or_comment_has_one_mistake() {
+    fn a_text_cut_off_in_a_string_or_comment_has_one_error() {
         for text in ["G(n: {\"a\": A(x: 1), \"b", "G(n: {\"a\": A(x: [1, /* two"] {
             let found = parse(text).1;
             assert_eq!(found.len(), 1, "{found:?}");
-            assert_eq!(recovered(text, &found).map_or(found.clone(), |it| it.mistakes), found);
+            assert_eq!(recover(text, &found).map_or(found.clone(), |it| it.errors), found);
         }
     }
 
     #[test]
-    fn any_spoiled_text_is_read_or_given_up() {
+    fn recovery_of_mutated_texts_does_not_panic() {
         let text = "G(n: {\"a\": A(x: [1, (2, 3)], y: \"p\"), \"b\": B()}, o: {})";
         for at in 0..text.len() {
             for piece in
@@ -440,7 +452,7 @@ mod tests {
             {
                 for end in [at, at + 1] {
                     let spoiled = format!("{}{piece}{}", &text[..at], &text[end..]);
-                    if let Some(found) = recovered(&spoiled, &parse(&spoiled).1) {
+                    if let Some(found) = recover(&spoiled, &parse(&spoiled).1) {
                         assert!(found.tree.span.end <= spoiled.len());
                     }
                 }

@@ -1,26 +1,26 @@
-//! A text that is repaired by edits, and where its parts stand in the text as it was.
+//! A text that is repaired by edits. It maps the positions in the repaired text to the original text.
 
 use crate::error::Span;
 
-/// A text in the place of a part of another one.
+/// A replacement of a span by a text.
 pub(super) type Edit = (Span, String);
 
 /// A text that is being repaired.
 pub(super) struct Repair {
     pub(super) text: String,
-    /// For each byte of it, and its end, the place in the text as it was.
+    /// For each byte of the repaired text, and for its end, the offset in the original text.
     places: Vec<usize>,
-    /// Places in the text as it was.
+    /// Uncertain spans in the original text.
     pub(super) doubtful: Vec<Span>,
 }
 
 impl Repair {
-    pub(super) fn of(text: &str) -> Self {
+    pub(super) fn new(text: &str) -> Self {
         let places = (0..=text.len()).collect();
         Self { text: text.to_owned(), places, doubtful: Vec::new() }
     }
 
-    /// Makes edits, which are in order.
+    /// Applies edits, which must be in order.
     pub(super) fn apply(&mut self, edits: &[Edit]) {
         let (mut text, mut places, mut copied) = (String::new(), Vec::new(), 0);
         for (span, new) in edits {
@@ -38,14 +38,14 @@ impl Repair {
         (self.text, self.places) = (text, places);
     }
 
-    pub(super) fn place(&self, span: Span) -> Span {
+    pub(super) fn source_span(&self, span: Span) -> Span {
         let end = self.text.len();
         let [start, end] = [span.start, span.end].map(|at| self.places[at.min(end)]);
         Span { start, end: end.max(start) }
     }
 
-    pub(super) fn doubt(&mut self, spans: &[Span]) {
-        let places: Vec<_> = spans.iter().map(|span| self.place(*span)).collect();
+    pub(super) fn mark_doubtful(&mut self, spans: &[Span]) {
+        let places: Vec<_> = spans.iter().map(|span| self.source_span(*span)).collect();
         self.doubtful.extend(places);
     }
 }

@@ -1,28 +1,29 @@
-//! A default as a graph file would have it.
+//! Formats JSON values as RON.
 
 use serde_json::{Map, Value as Json};
 
-use super::steps::{inside_option, resolve, variants};
+use super::schema_path::{option_inner, resolve, variants};
 
-/// A value of JSON, which fits this schema, as RON. Fields that have their defaults are left out.
-pub fn ron(value: &Json, schema: &Json, root: &Json) -> String {
+/// Formats a JSON value that conforms to `schema` as RON. Fields whose values equal their defaults are omitted.
+pub fn to_ron(value: &Json, schema: &Json, root: &Json) -> String {
     let schema = resolve(root, schema);
     if value.is_null() {
         return "None".into();
     }
-    if let Some(inner) = inside_option(&schema) {
-        return ron(value, &inner, root);
+    if let Some(inner) = option_inner(&schema) {
+        return to_ron(value, &inner, root);
     }
     let variants = variants(&schema);
     match value {
         Json::String(word) if !variants.is_empty() => word.clone(),
-        Json::String(text) => quoted(text),
+        Json::String(text) => quote(text),
         Json::Array(items) => list(items, &schema, root),
         Json::Object(entries) => match entries.iter().next() {
             Some((name, content)) if !variants.is_empty() => {
                 let variant = variants.iter().find(|(known, _)| known == name);
                 let schema = variant.and_then(|(_, schema)| *schema);
-                let content = schema.map_or_else(String::new, |schema| ron(content, schema, root));
+                let content =
+                    schema.map_or_else(String::new, |schema| to_ron(content, schema, root));
                 match content.starts_with('(') {
                     true => format!("{name}{content}"),
                     false => format!("{name}({content})"),
@@ -49,7 +50,7 @@ fn list(items: &[Json], schema: &Json, root: &Json) -> String {
         .enumerate()
         .map(|(index, item)| {
             let schema = fixed.and_then(|fixed| fixed.get(index)).or_else(|| schema.get("items"));
-            ron(item, schema.unwrap_or(&Json::Null), root)
+            to_ron(item, schema.unwrap_or(&Json::Null), root)
         })
         .collect::<Vec<_>>()
         .join(", ");
@@ -60,21 +61,21 @@ fn fields(values: &Map<String, Json>, properties: &Map<String, Json>, root: &Jso
     let fields = properties.iter().filter_map(|(name, schema)| {
         let value = values.get(name)?;
         let is_default = schema.get("default") == Some(value);
-        (!is_default).then(|| format!("{name}: {}", ron(value, schema, root)))
+        (!is_default).then(|| format!("{name}: {}", to_ron(value, schema, root)))
     });
-    Vec::from_iter(fields).join(", ")
+    fields.collect::<Vec<_>>().join(", ")
 }
 
 fn map(entries: &Map<String, Json>, schema: &Json, root: &Json) -> String {
     let content = schema.get("additionalProperties").unwrap_or(&Json::Null);
     let entries = entries.iter();
     let entries =
-        entries.map(|(key, value)| format!("{}: {}", quoted(key), ron(value, content, root)));
-    format!("{{{}}}", Vec::from_iter(entries).join(", "))
+        entries.map(|(key, value)| format!("{}: {}", quote(key), to_ron(value, content, root)));
+    format!("{{{}}}", entries.collect::<Vec<_>>().join(", "))
 }
 
-/// A text in quotes, with its escapes.
-pub fn quoted(text: &str) -> String {
+/// Quotes and escapes a string.
+pub fn quote(text: &str) -> String {
     let mut quoted = String::from("\"");
     for c in text.chars() {
         match c {
@@ -97,13 +98,13 @@ mod tests {
     use super::*;
 
     fn check(value: Json, schema: Json, expected: &str) {
-        assert_eq!(ron(&value, &schema, &json!({})), expected);
-        // The crate of that name is the reference.
+        assert_eq!(to_ron(&value, &schema, &json!({})), expected);
+        // The crate `ron` is the reference.
         assert!(::ron::from_str::<::ron::Value>(expected).is_ok(), "{expected}");
     }
 
     #[test]
-    fn words_texts_tuples_and_lists_are_told_apart() {
+    fn words_texts_tuples_and_lists_are_distinguished() {
         check(json!("Up"), json!({"enum": ["Up", "Down"]}), "Up");
         check(json!("draft"), json!({"enum": ["draft", "fine"]}), "draft");
         check(json!("Up \"x\"\n"), json!({"type": "string"}), "\"Up \\\"x\\\"\\n\"");
@@ -120,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn a_choice_leaves_out_what_has_its_default() {
+    fn a_variant_omits_fields_with_their_defaults() {
         let fields = json!({"type": "object", "properties": {"levels": {"default": 3}, "up": {}}});
         let choice = json!({"oneOf": [
             {"const": "Flat"},

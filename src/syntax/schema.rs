@@ -1,94 +1,69 @@
-//! Checks a value of the file against the JSON schema of the field that it is for, and collects links and files on the way.
+//! Checks values against the JSON schemas of their fields, and collects links and files.
 //!
-//! Every problem is found, each at its own place, before serde reads the value.
+//! All errors are reported, each at its own position, before serde deserializes the value.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use maquette_value::Color;
-use maquette_value::plain::ending;
+use maquette_value::fs::extension;
 use serde_json::{Map, Value as Json};
 
-use super::file::parse;
 use super::help::Help;
-use super::ron::ron;
-use super::sheet::Sheet;
-use super::steps::{inside_option, resolve, variants};
+use super::local_diagnostic::LocalDiagnostic;
+use super::parser::parse;
+use super::ron::to_ron;
+use super::schema_path::{option_inner, resolve, variants};
+use super::source_map::SourceMap;
 use super::suggest::nearest_or_all;
-use super::tree::{Body, Field, Given, Kind, Name, Origin, Tree};
+use super::tree::{Body, ExternalOrigin, Field, Kind, Name, Origin, Tree};
 use super::{any_of, with_article};
-use crate::error::{MOST_TOLD, Problem, Severity, Source, Span, code};
+use crate::error::{MAX_REPORTED, Span, code};
 
 mod rules;
 
-/// A link that a port holds.
+/// A link in the fields of a node.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FoundLink {
     pub span: Span,
-    /// `node` or `node.output`.
+    /// The target of the link, `node` or `node.output`.
     pub text: String,
-    /// The field that holds it.
+    /// The name of the field that contains the link.
     pub port: String,
-    /// The value or union that the port wants.
+    /// The name of the type or union of the port.
     pub wants: String,
-    /// The values that fit.
+    /// The types of values that the port accepts.
     pub types: Vec<String>,
-    /// Whether the port takes a list of links.
-    pub many: bool,
-    /// Whether the port can do without a link.
-    pub optional: bool,
+    /// True if the port takes a list of links.
+    pub is_list: bool,
+    /// True if the port may have no link.
+    pub is_optional: bool,
 }
 
-/// A file that a field names.
+/// A file that a field of a node names.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FoundFile {
     pub span: Span,
-    /// Where its name is written in this file, if not there: the default of a parameter.
+    /// The span of the path in the present file. It differs from `span` if the path is the default of a parameter.
     pub at: Span,
     pub given: String,
     pub resolved: PathBuf,
-    /// Where its name comes from, if that is another file.
-    pub from: Option<Given>,
-    /// What is wrong with its ending, and what to do.
-    pub misfit: Option<(String, String)>,
-}
-
-/// A problem without its file.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Finding {
-    pub code: &'static str,
-    pub span: Span,
-    pub message: String,
-    pub help: Help,
-    pub note: Option<(Span, String)>,
-}
-
-impl Finding {
-    /// The same as an error in this file.
-    pub fn at(self, source: &Arc<Source>) -> Problem {
-        let Self { code, span, message, help, note } = self;
-        // What has another name now is understood all the same.
-        let severity = if code == code::OUTDATED { Severity::Warning } else { Severity::Error };
-        Problem {
-            fix: help.edits(&source.text, span),
-            help: help.into(),
-            note,
-            ..Problem::new(severity, code, (source.clone(), span), message)
-        }
-    }
+    /// The origin of the path, if the path comes from another file.
+    pub from: Option<ExternalOrigin>,
+    /// The message and the help, if the node does not read files with the extension of this file.
+    pub extension_error: Option<(String, String)>,
 }
 
 /// Checks one node against its schema.
 pub struct Walk<'a> {
-    /// The node's name, for messages.
+    /// The name of the node, for messages.
     pub node: &'a str,
-    /// The schema of the node, which holds the definitions that others refer to.
+    /// The schema of the node. It holds the definitions to which other schemas refer.
     pub root: &'a Json,
-    /// What says which folder paths are relative to; none where there are none.
-    pub sheet: Option<&'a Sheet>,
-    /// What has been found, behind what was known before.
-    pub findings: Vec<Finding>,
+    /// The source map, which determines the base folders of paths. `None` if the node has no paths.
+    pub source_map: Option<&'a SourceMap>,
+    /// The diagnostics that have been found so far.
+    pub diagnostics: Vec<LocalDiagnostic>,
     pub links: Vec<FoundLink>,
     pub files: Vec<FoundFile>,
 }
@@ -100,40 +75,40 @@ impl Walk<'_> {
         match &tree.kind {
             Kind::Word(_) => {
                 let help = format!("write `{node}()` for a node without fields");
-                self.find(code::WRONG_VALUE, tree, format!("{node} has no parentheses"), help);
+                self.report(code::WRONG_VALUE, tree, format!("{node} has no parentheses"), help);
             }
             Kind::Call { body: Body::Items(_), .. } => {
                 let help = format!("write `{node}(field: value, ..)`");
-                self.find(code::WRONG_VALUE, tree, format!("{node} wants named fields"), help);
+                self.report(code::WRONG_VALUE, tree, format!("{node} needs named fields"), help);
             }
             _ => self.fields(tree, root, node),
         }
     }
 
-    fn find(&mut self, code: &'static str, tree: &Tree, message: String, help: impl Into<Help>) {
+    fn report(&mut self, code: &'static str, tree: &Tree, message: String, help: impl Into<Help>) {
         let mut help: Help = help.into();
         let note = match &tree.origin {
             Some(Origin::Default(span)) => Some((*span, "the value comes from here".to_owned())),
             Some(Origin::Set(text)) => Some((tree.span, format!("set by `--set {text}`"))),
-            Some(Origin::Given(given)) => {
-                // A note can only be shown in the file of the problem itself.
-                // The value is changed there.
+            Some(Origin::External(given)) => {
+                // A note must be in the same file as its diagnostic, so an origin in another file becomes a part of the help.
                 let gap = if help.is_empty() { "" } else { "; " };
-                help = self
-                    .guess(|| format!("the value comes from {}{gap}{help}", given.place()).into());
+                help = self.suggest(|| {
+                    format!("the value comes from {}{gap}{help}", given.location()).into()
+                });
                 None
             }
             None => None,
         };
-        self.findings.push(Finding { code, span: tree.span, message, help, note });
+        self.diagnostics.push(LocalDiagnostic { code, span: tree.span, message, help, note });
     }
 
-    /// What may have been meant, as long as problems are few enough to be told.
-    fn guess(&self, make: impl FnOnce() -> Help) -> Help {
-        if self.findings.len() < MOST_TOLD { make() } else { Help::default() }
+    /// Computes a suggestion, unless there are already too many diagnostics to report.
+    fn suggest(&self, make: impl FnOnce() -> Help) -> Help {
+        if self.diagnostics.len() < MAX_REPORTED { make() } else { Help::default() }
     }
 
-    /// Checks the value of the field `field`.
+    /// Checks the value of the field with the name `field`.
     pub fn value(&mut self, tree: &Tree, schema: &Json, field: &str) {
         if tree.is_broken() {
             return;
@@ -142,7 +117,7 @@ impl Walk<'_> {
         if schema.get("port").is_some() {
             return self.link(tree, &schema, field);
         }
-        if let Some(inner) = inside_option(&schema) {
+        if let Some(inner) = option_inner(&schema) {
             return match &tree.kind {
                 Kind::Word(word) if word == "None" => {}
                 _ => self.value(tree.call_of("Some").unwrap_or(tree), &inner, field),
@@ -155,24 +130,29 @@ impl Walk<'_> {
         match schema.get("type").and_then(Json::as_str) {
             Some("object") if schema.get("properties").is_some() => match tree.kind {
                 Kind::Call { name: None, .. } => self.fields(tree, &schema, field),
-                _ => self.wrong(tree, field, "a group of fields: `(field: value, ..)`"),
+                _ => {
+                    self.report_wrong_value(tree, field, "a group of fields: `(field: value, ..)`");
+                }
             },
             Some("object") => self.map(tree, &schema, field),
             Some("array") => self.array(tree, &schema, field),
             Some("number" | "integer") => self.number(tree, &schema, field),
             Some("boolean") if !matches!(tree.kind, Kind::Bool(_)) => {
-                self.wrong(tree, field, "true or false");
+                self.report_wrong_value(tree, field, "true or false");
             }
             Some("string") => self.text(tree, &schema, field),
             _ => {}
         }
     }
 
-    fn wrong(&mut self, tree: &Tree, field: &str, wanted: &str) {
-        let message =
-            format!("field `{field}` of {} wants {wanted}, not {}", self.node, tree.in_words());
+    fn report_wrong_value(&mut self, tree: &Tree, field: &str, wanted: &str) {
+        let message = format!(
+            "field `{field}` of {}: expected {wanted}, found {}",
+            self.node,
+            tree.describe()
+        );
         let help = match (&tree.kind, wanted) {
-            // It is written here, and not a parameter's value.
+            // The text is written in the field itself, not in the default of a parameter.
             (Kind::Text(text), _) if wanted.starts_with("a number") && tree.origin.is_none() => {
                 format!(
                     "parameters take values; for a parameter of the graph write Param(\"{text}\")"
@@ -180,7 +160,7 @@ impl Walk<'_> {
             }
             _ => String::new(),
         };
-        self.find(code::WRONG_VALUE, tree, message, help);
+        self.report(code::WRONG_VALUE, tree, message, help);
     }
 
     fn fields(&mut self, tree: &Tree, schema: &Json, owner: &str) {
@@ -188,9 +168,9 @@ impl Walk<'_> {
         let properties = schema.get("properties").and_then(Json::as_object).unwrap_or(&empty);
         let Some(fields) = tree.fields() else {
             let message = format!(
-                "field `{owner}` of {} wants named fields: `(field: value, ..)`, not {}",
+                "field `{owner}` of {}: expected named fields: `(field: value, ..)`, found {}",
                 self.node,
-                tree.in_words()
+                tree.describe()
             );
             let required = schema["required"].as_array().map_or(&[][..], |required| required);
             let help = match (&tree.kind, required) {
@@ -200,7 +180,7 @@ impl Walk<'_> {
                 }
                 _ => None,
             };
-            return self.find(code::WRONG_VALUE, tree, message, help.unwrap_or_default());
+            return self.report(code::WRONG_VALUE, tree, message, help.unwrap_or_default());
         };
         let required = schema.get("required").and_then(Json::as_array).into_iter().flatten();
         let required: Vec<_> = required.filter_map(Json::as_str).collect();
@@ -209,14 +189,14 @@ impl Walk<'_> {
             let at_name = Tree::new(name.span, Kind::Broken);
             if !given.insert(&name.text[..]) {
                 let message = format!("field `{}` is given twice", name.text);
-                self.find(code::BAD_NAME, &at_name, message, "keep one of them");
+                self.report(code::BAD_NAME, &at_name, message, "keep one of them");
             } else if let Some(schema) = properties.get(&name.text) {
                 let first = self.links.len();
                 self.value(value, schema, &name.text);
                 if let [link] = &mut self.links[first..]
                     && link.span == value.call_of("Some").unwrap_or(value).span
                 {
-                    link.optional = !required.contains(&&name.text[..]);
+                    link.is_optional = !required.contains(&&name.text[..]);
                 }
             } else {
                 let message = format!("{owner} has no field `{}`", name.text);
@@ -225,15 +205,15 @@ impl Walk<'_> {
                 }
                 let port = self.port_for(&name.text, schema);
                 let help = port.unwrap_or_else(|| {
-                    self.guess(|| nearest_or_all(&name.text, "its fields", &names(properties)))
+                    self.suggest(|| nearest_or_all(&name.text, "its fields", &names(properties)))
                 });
-                meant.extend(help.meant().map(str::to_owned));
-                self.find(code::UNKNOWN_FIELD, &at_name, message, help);
+                meant.extend(help.suggested_name().map(str::to_owned));
+                self.report(code::UNKNOWN_FIELD, &at_name, message, help);
             }
         }
-        self.ascending(fields, schema, owner);
+        self.check_order(fields, schema, owner);
         for name in required {
-            // What is there under a name that is nearly right does not lack.
+            // A field whose name is misspelled is not missing.
             if given.contains(name) || meant.contains(name) {
                 continue;
             }
@@ -242,7 +222,7 @@ impl Walk<'_> {
                 Some(Json::String(wants)) => {
                     let words = format!(
                         "write `{name}: \"node\"` with a node that gives {}",
-                        taken(schema.unwrap_or(&Json::Null), wants)
+                        accepted_types(schema.unwrap_or(&Json::Null), wants)
                     );
                     let types = schema.and_then(|schema| schema["types"].as_array());
                     let types = types.into_iter().flatten().filter_map(Json::as_str);
@@ -261,21 +241,24 @@ impl Walk<'_> {
                     (format!("{owner} needs a field `{name}`"), help.into())
                 }
             };
-            self.find(code::MISSING_FIELD, tree, message, help);
+            self.report(code::MISSING_FIELD, tree, message, help);
         }
     }
 
     fn link(&mut self, tree: &Tree, schema: &Json, field: &str) {
         let wants = schema["port"].as_str().unwrap_or_default().to_owned();
-        // A link is part of what the graph is: no parameter changes it.
-        let is_parameter = matches!(tree.origin, Some(Origin::Default(_) | Origin::Given(_)));
+        // Links define the structure of the graph, so parameters must not change them.
+        let is_parameter = matches!(tree.origin, Some(Origin::Default(_) | Origin::External(_)));
         let Some(text) = tree.text().filter(|_| !is_parameter) else {
             let found =
-                if is_parameter { "the value of a parameter".into() } else { tree.in_words() };
-            let message = format!("port `{field}` of {} wants a link, not {found}", self.node);
-            let help =
-                format!("write the name of a node that gives {}: \"node\"", taken(schema, &wants));
-            return self.find(code::WRONG_VALUE, tree, message, help);
+                if is_parameter { "the value of a parameter".into() } else { tree.describe() };
+            let message =
+                format!("port `{field}` of {}: expected a link, found {found}", self.node);
+            let help = format!(
+                "write the name of a node that gives {}: \"node\"",
+                accepted_types(schema, &wants)
+            );
+            return self.report(code::WRONG_VALUE, tree, message, help);
         };
         let types = schema["types"].as_array().into_iter().flatten();
         self.links.push(FoundLink {
@@ -284,36 +267,40 @@ impl Walk<'_> {
             port: field.to_owned(),
             wants,
             types: types.filter_map(Json::as_str).map(str::to_owned).collect(),
-            many: false,
-            optional: false,
+            is_list: false,
+            is_optional: false,
         });
     }
 
-    /// Checks the links of a port that takes many: a list, or one link to many values.
+    /// Checks the links of a port that takes a list: either a list of links, or one link that leads to several values.
     fn links(&mut self, tree: &Tree, schema: &Json, field: &str) {
         let first = self.links.len();
         match &tree.kind {
             Kind::List(items) => items.iter().for_each(|item| self.value(item, schema, field)),
             Kind::Text(_) => self.value(tree, schema, field),
-            _ => self.wrong(tree, field, "a list of links: `[\"node\", ..]`"),
+            _ => self.report_wrong_value(tree, field, "a list of links: `[\"node\", ..]`"),
         }
-        self.links[first..].iter_mut().for_each(|link| link.many = true);
+        self.links[first..].iter_mut().for_each(|link| link.is_list = true);
     }
 
     fn variant(&mut self, tree: &Tree, variants: &[(&str, Option<&Json>)], field: &str) {
         let names: Vec<&str> = variants.iter().map(|(name, _)| *name).collect();
         let Some(name) = tree.name() else {
-            return self.wrong(tree, field, &format!("one of {}", names.join(", ")));
+            return self.report_wrong_value(tree, field, &format!("one of {}", names.join(", ")));
         };
         let Some((_, content)) = variants.iter().find(|(known, _)| *known == name.text) else {
             let message = format!("field `{field}` of {} has no choice `{}`", self.node, name.text);
-            let help = self.guess(|| nearest_or_all(&name.text, "its choices", &names));
+            let help = self.suggest(|| nearest_or_all(&name.text, "its choices", &names));
             let at_name = Tree { span: name.span, ..tree.clone() };
-            return self.find(code::WRONG_VALUE, &at_name, message, help);
+            return self.report(code::WRONG_VALUE, &at_name, message, help);
         };
         let Some(content) = content else {
             if !matches!(tree.kind, Kind::Word(_)) {
-                self.wrong(tree, field, &format!("`{}` without parentheses", name.text));
+                self.report_wrong_value(
+                    tree,
+                    field,
+                    &format!("`{}` without parentheses", name.text),
+                );
             }
             return;
         };
@@ -336,22 +323,22 @@ impl Walk<'_> {
             }
             Kind::Call { body: Body::Items(items), .. } => {
                 let message = format!("`{}(..)` holds one value, not {}", name.text, items.len());
-                self.find(code::WRONG_VALUE, tree, message, "");
+                self.report(code::WRONG_VALUE, tree, message, "");
             }
             Kind::Call { body: Body::Fields(fields), .. } if fields.len() == 1 => {
                 let (name, field_name) = (&name.text, &fields[0].name.text);
                 let message =
                     format!("`{name}(..)` holds one value without a name, not `{field_name}: ..`");
                 let help = fields[0].value.text().map(|text| format!("write `{name}(\"{text}\")`"));
-                self.find(code::WRONG_VALUE, tree, message, help.unwrap_or_default());
+                self.report(code::WRONG_VALUE, tree, message, help.unwrap_or_default());
             }
-            _ => self.wrong(tree, field, &format!("one value: `{}(..)`", name.text)),
+            _ => self.report_wrong_value(tree, field, &format!("one value: `{}(..)`", name.text)),
         }
     }
 
     fn map(&mut self, tree: &Tree, schema: &Json, field: &str) {
         let Kind::Map(entries) = &tree.kind else {
-            return self.wrong(tree, field, "a map: `{\"key\": value, ..}`");
+            return self.report_wrong_value(tree, field, "a map: `{\"key\": value, ..}`");
         };
         if let Some(content) = schema.get("additionalProperties") {
             entries.iter().for_each(|(_, value)| self.value(value, content, field));
@@ -363,8 +350,8 @@ impl Walk<'_> {
         if let Some(items) = items.filter(|_| schema.get("minItems").is_none()) {
             let is_empty = matches!(&tree.kind, Kind::List(items) if items.is_empty());
             if is_empty && schema.get("least").is_some() {
-                let message = format!("port `{field}` of {} wants at least one link", self.node);
-                return self.find(code::MISSING_FIELD, tree, message, "write `[\"node\"]`");
+                let message = format!("port `{field}` of {} needs at least one link", self.node);
+                return self.report(code::MISSING_FIELD, tree, message, "write `[\"node\"]`");
             }
             return self.links(tree, items, field);
         }
@@ -377,9 +364,13 @@ impl Walk<'_> {
             Kind::Call { name: None, body: Body::Items(items) } if is_tuple => items,
             _ if is_tuple => {
                 let count = least.unwrap_or_default();
-                return self.wrong(tree, field, &format!("{count} values in parentheses"));
+                return self.report_wrong_value(
+                    tree,
+                    field,
+                    &format!("{count} values in parentheses"),
+                );
             }
-            _ => return self.wrong(tree, field, "a list: `[.., ..]`"),
+            _ => return self.report_wrong_value(tree, field, "a list: `[.., ..]`"),
         };
         let count = items.len() as u64;
         if least.is_some_and(|least| count < least) || most.is_some_and(|most| most < count) {
@@ -388,10 +379,11 @@ impl Walk<'_> {
                 (Some(least), _) if count < least => format!("at least {least} values"),
                 (_, most) => format!("at most {} values", most.unwrap_or_default()),
             };
-            let message = format!("field `{field}` of {} wants {wanted}, not {count}", self.node);
-            return self.find(code::WRONG_VALUE, tree, message, "");
+            let message =
+                format!("field `{field}` of {}: expected {wanted}, found {count}", self.node);
+            return self.report(code::WRONG_VALUE, tree, message, "");
         }
-        self.vector(tree, items, schema, field);
+        self.check_vector(tree, items, schema, field);
         for (index, item) in items.iter().enumerate() {
             let schema = fixed.and_then(|fixed| fixed.get(index)).or_else(|| schema.get("items"));
             if let Some(schema) = schema {
@@ -404,10 +396,10 @@ impl Walk<'_> {
         let whole = schema.get("type").and_then(Json::as_str) == Some("integer");
         let Kind::Number { value, .. } = tree.kind else {
             let wanted = if whole { "a number without fraction" } else { "a number" };
-            return self.wrong(tree, field, wanted);
+            return self.report_wrong_value(tree, field, wanted);
         };
         if whole && value.fract() != 0.0 {
-            return self.wrong(tree, field, "a number without fraction");
+            return self.report_wrong_value(tree, field, "a number without fraction");
         }
         fn limit(name: &str, schema: &Json) -> Option<f64> {
             schema.get(name).and_then(Json::as_f64)
@@ -419,7 +411,7 @@ impl Walk<'_> {
             && above.is_none_or(|above| above < value)
             && below.is_none_or(|below| value < below);
         if !fits {
-            // The narrower of two limits counts: "at least 0" says nothing beside "more than 0".
+            // Only the narrower of two limits is reported: "at least 0" is redundant beside "more than 0".
             let above = above.filter(|above| min.is_none_or(|min| min <= *above));
             let below = below.filter(|below| max.is_none_or(|max| *below <= max));
             let lowest = above.map(|above| format!("more than {above}"));
@@ -435,41 +427,41 @@ impl Walk<'_> {
                 range.join(" and ")
             );
             let help = schema.get("limit").and_then(Json::as_str).unwrap_or_default();
-            self.find(code::OUT_OF_RANGE, tree, message, help);
-        } else if let Some(wanted) = Self::odd_number(value, schema) {
+            self.report(code::OUT_OF_RANGE, tree, message, help);
+        } else if let Some(wanted) = Self::violated_number_rule(value, schema) {
             let message =
                 format!("field `{field}` of {} is {value}, but must be {wanted}", self.node);
-            self.find(code::OUT_OF_RANGE, tree, message, "");
+            self.report(code::OUT_OF_RANGE, tree, message, "");
         }
     }
 
     fn text(&mut self, tree: &Tree, schema: &Json, field: &str) {
         let Some(text) = tree.text() else {
-            return self.wrong(tree, field, "a text in double quotes");
+            return self.report_wrong_value(tree, field, "a text in double quotes");
         };
         match schema.get("format").and_then(Json::as_str) {
             Some("color") => {
                 if let Err(error) = text.parse::<Color>() {
                     let message = format!("field `{field}` of {}: {error}", self.node);
-                    self.find(code::WRONG_VALUE, tree, message, "");
+                    self.report(code::WRONG_VALUE, tree, message, "");
                 }
             }
             Some("file") if text.is_empty() && schema.get("default").is_some() => {}
             Some("file") if text.is_empty() => {
                 let message = format!("field `{field}` of {} names no file", self.node);
-                self.find(code::MISSING_FILE, tree, message, "write the path of a file");
+                self.report(code::MISSING_FILE, tree, message, "write the path of a file");
             }
             Some("file") => {
                 let span = tree.span;
                 let (at, from) = match &tree.origin {
-                    Some(Origin::Given(given)) => (span, Some(given.clone())),
+                    Some(Origin::External(given)) => (span, Some(given.clone())),
                     Some(Origin::Default(at)) => (*at, None),
                     _ => (span, None),
                 };
-                let folder = self.sheet.map_or(Path::new("."), |sheet| sheet.folder_for(tree));
+                let folder = self.source_map.map_or(Path::new("."), |map| map.folder_for(tree));
                 let (given, resolved) = (text.to_owned(), folder.join(text));
-                let misfit = self.misfit(schema, text);
-                self.files.push(FoundFile { span, at, given, resolved, from, misfit });
+                let extension_error = self.extension_error(schema, text);
+                self.files.push(FoundFile { span, at, given, resolved, from, extension_error });
             }
             _ => {}
         }
@@ -477,52 +469,53 @@ impl Walk<'_> {
 }
 
 impl Walk<'_> {
-    /// Why a file of this name is none that the node reads, where its field says which these are.
-    fn misfit(&self, schema: &Json, name: &str) -> Option<(String, String)> {
+    /// Returns the message and the help, if the field lists extensions and the extension of this file is a different one.
+    fn extension_error(&self, schema: &Json, name: &str) -> Option<(String, String)> {
         let known = schema.get("endings").and_then(Json::as_array)?;
         let known: Vec<_> = known.iter().filter_map(Json::as_str).collect();
         Path::new(name).file_name()?;
-        let ending = ending(Path::new(name));
+        let ending = extension(Path::new(name));
         if known.contains(&&ending[..]) {
             return None;
         }
         let message = match &ending[..] {
-            "" => format!("`{name}` has no ending that says how {} reads it", self.node),
-            _ => format!("{} reads no `.{ending}` files", self.node),
+            "" => format!("`{name}` has no extension that tells {} how to read it", self.node),
+            _ => format!("{} cannot read `.{ending}` files", self.node),
         };
-        Some((message, format!("it reads: {}", known.join(", "))))
+        Some((message, format!("supported extensions: {}", known.join(", "))))
     }
 }
 
-/// What a port takes, in words: the types of a union, whose own name is nobody's.
-fn taken(port: &Json, wants: &str) -> String {
+/// Describes the types that a port takes. A union is described by its member types, because users do not know the name of the union.
+fn accepted_types(port: &Json, wants: &str) -> String {
     let types = port["types"].as_array().into_iter().flatten();
     let types: Vec<_> = types.filter_map(Json::as_str).map(with_article).collect();
     if types.is_empty() { with_article(wants) } else { any_of(types.iter().map(String::as_str)) }
 }
 
-/// What is wrong with a default, by the field's own schema.
+/// Checks a default against the schema of its field. Returns the messages of the errors.
 pub fn check_default(default: &Json, field: &Json, root: &Json) -> Vec<String> {
     let mut walk = Walk {
         node: "the node",
         root,
-        sheet: None,
-        findings: Vec::new(),
+        source_map: None,
+        diagnostics: Vec::new(),
         links: Vec::new(),
         files: Vec::new(),
     };
     if !default.is_null() {
         walk.value(&as_tree(default), field, "default");
-        // As the reference prints it.
-        let (printed, mistakes) = parse(&ron(default, field, root));
+        // The form that the manual prints is checked too.
+        let (printed, errors) = parse(&to_ron(default, field, root));
         walk.value(&printed, field, "default");
-        let mistakes = mistakes.into_iter().map(|mistake| mistake.message);
-        return mistakes.chain(walk.findings.into_iter().map(|found| found.message)).collect();
+        let errors = errors.into_iter().map(|error| error.message);
+        return errors.chain(walk.diagnostics.into_iter().map(|found| found.message)).collect();
     }
     Vec::new()
 }
 
-/// A JSON value as the file would have it: an object of one capitalized key is a choice with its content.
+/// Converts a JSON value to a tree. An object with a single key that is capitalized becomes an enum variant, whose content is the value of
+/// the key.
 pub fn as_tree(value: &Json) -> Tree {
     fn fields(fields: &Map<String, Json>) -> Body {
         Body::Fields(

@@ -1,7 +1,7 @@
-//! Words of commands.
+//! Quoting for shells.
 
-/// A word as a shell takes it.
-pub fn shell(word: &str) -> String {
+/// Quotes a word for a POSIX shell if needed.
+pub fn quote_for_shell(word: &str) -> String {
     match !word.is_empty()
         && word.chars().all(|c: char| c.is_ascii_alphanumeric() || "-_./=,+:@%".contains(c))
     {

@@ -1,17 +1,17 @@
-//! Names that differ in their characters, but look the same or are one file.
+//! Compares names that consist of different characters, but look the same or name the same file.
 
 use unicode_normalization::UnicodeNormalization;
 
-/// The form of a file's name in which names are equal that are one file on macOS or Windows: there `A.png` is `a.png`, and on macOS
-/// a composed `é` is a decomposed one.
+/// Normalizes a file name, so that two names of the same file on macOS or Windows become equal. These systems ignore case, and macOS does
+/// not distinguish composed and decomposed characters.
 pub fn file_key(name: &str) -> String {
     let parts = name.split('/').filter(|part| !matches!(*part, "" | "."));
-    let path = Vec::from_iter(parts).join("/");
+    let path = parts.collect::<Vec<_>>().join("/");
     path.nfd().flat_map(char::to_lowercase).nfd().collect()
 }
 
-/// What is wrong with two different names that are one file.
-pub fn one_file(what: &str, first: &str, second: &str) -> String {
+/// Returns the message for two different names that stand for the same file.
+pub fn same_file_message(what: &str, first: &str, second: &str) -> String {
     let spelled = match look_alike(first, second) {
         true => format!(", the second {}", difference(first, second)),
         false => String::new(),
@@ -19,7 +19,7 @@ pub fn one_file(what: &str, first: &str, second: &str) -> String {
     format!("{what} `{first}` and `{second}` are one file on macOS and Windows{spelled}")
 }
 
-/// Returns true if two different names look the same.
+/// Returns true if two names differ, but look the same.
 pub(crate) fn look_alike(a: &str, b: &str) -> bool {
     fn is_plain(name: &str) -> bool {
         name.bytes().all(|byte| byte.is_ascii_graphic())
@@ -27,7 +27,7 @@ pub(crate) fn look_alike(a: &str, b: &str) -> bool {
     a != b && !(is_plain(a) && is_plain(b)) && visible(a) == visible(b)
 }
 
-/// How the spelling of `known` differs from that of `given`, by the codes of the characters.
+/// Describes by character codes how the spelling of `known` differs from that of `given`.
 pub(crate) fn difference(given: &str, known: &str) -> String {
     let (given, known) = (given.chars().collect::<Vec<_>>(), known.chars().collect::<Vec<_>>());
     let begin = given.iter().zip(&known).take_while(|(a, b)| a == b).count();
@@ -46,14 +46,14 @@ pub(crate) fn difference(given: &str, known: &str) -> String {
     }
 }
 
-/// A name as people see it.
+/// Normalizes a name, so that names that look the same become equal.
 fn visible(name: &str) -> String {
-    let seen = name.nfkc().filter(|c| !is_invisible(*c)).map(latin);
+    let seen = name.nfkc().filter(|c| !is_invisible(*c)).map(ascii_look_alike);
     let text = String::from_iter(seen.map(|c| if c.is_whitespace() { ' ' } else { c }));
     text.trim().to_owned()
 }
 
-/// Returns true for characters that take no room: joiners, marks of direction and the like.
+/// Returns true for invisible characters, such as joiners and direction marks.
 fn is_invisible(c: char) -> bool {
     c.is_control()
         || matches!(c,
@@ -62,14 +62,14 @@ fn is_invisible(c: char) -> bool {
             | '\u{e0000}'..='\u{e0fff}')
 }
 
-/// Cyrillic and Greek letters and hyphens, and what they look like.
+/// Cyrillic and Greek letters and hyphens, each with the ASCII character that it looks like.
 const LOOK_ALIKES: (&str, &str) = (
     "аеорсухіјѕһԁԛԝкАВЕКМНОРСТХІЈЅҮΑΒΕΖΗΙΚΜΝΟΡΤΥΧονικ‐‑‒–−",
     "aeopcyxijshdqwkABEKMHOPCTXIJSYABEZHIKMNOPTYXovik-----",
 );
 
-/// The Latin letter or sign that a character looks like; itself if there is none.
-fn latin(c: char) -> char {
+/// Returns the ASCII character that a character looks like. If there is none, returns the character itself.
+fn ascii_look_alike(c: char) -> char {
     let place = LOOK_ALIKES.0.chars().position(|known| known == c);
     place.and_then(|place| LOOK_ALIKES.1.chars().nth(place)).unwrap_or(c)
 }
@@ -79,7 +79,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_of_one_file_have_one_key() {
+    fn names_of_the_same_file_have_the_same_key() {
         assert_eq!(file_key("Mask.PNG"), file_key("mask.png"));
         assert_eq!(file_key("caf\u{e9}.ply"), file_key("Cafe\u{301}.ply"));
         assert_eq!(file_key("\u{c9}"), file_key("e\u{301}"));

@@ -1,31 +1,31 @@
-//! Guesses what was meant by a name that is not known.
+//! Suggests corrections of unknown names.
 
 use std::cell::Cell;
 
 use super::Help;
 use super::spelling::{difference, look_alike};
 
-/// A list of names in a message goes no further.
-const MOST_LISTED: usize = 30;
+/// The maximum number of names that one message lists.
+const MAX_LISTED: usize = 30;
 
 thread_local! {
-    /// How many known names have been compared with one that is not: what tests ask for, since seconds say little.
-    pub static LOOKS: Cell<usize> = const { Cell::new(0) };
+    /// Counts the comparisons of names. Tests of the running time use the count.
+    pub static COMPARISONS: Cell<usize> = const { Cell::new(0) };
 }
 
-/// "did you mean `x`?" with the nearest of the known names; empty if none is near.
+/// Suggests the known name that is nearest to `given`: "did you mean `x`?". Empty if no name is near.
 ///
-/// Near is: no more than a third of the letters differ (swaps count once), and at least one may; if there is no such name, one
-/// that goes on where the given one, of four letters at least, ends. It is an answer, not only a guess, if no other name is as near, and if
-/// more than a single letter has been meant. A known name that is the given one is never an answer, and of one that only looks like it,
-/// the words say how it is spelled.
+/// A name is near if at most a third of the letters differ, where a swap counts once; one difference is always allowed. If no name is near,
+/// a name is suggested that begins with the given one, if that has at least four letters. The help contains a fix if no other name is as
+/// near and at most a third of the letters differ. A name that is equal to the given one is never suggested. If a name only looks the same,
+/// the help states the difference.
 pub fn nearest<'a>(given: &str, known: impl IntoIterator<Item = &'a str>) -> Help {
     let name = given.to_lowercase();
     let length = name.chars().count();
     let limit = (length / 3).max(1);
     let (mut near, mut longer, mut is_only) = (None, None, false);
     for known in known {
-        LOOKS.set(LOOKS.get() + 1);
+        COMPARISONS.set(COMPARISONS.get() + 1);
         if known == given {
             continue;
         }
@@ -44,11 +44,11 @@ pub fn nearest<'a>(given: &str, known: impl IntoIterator<Item = &'a str>) -> Hel
             }
         } else if 4 <= length && length < known_length && longer.is_none_or(|(least, _)| 0 < least)
         {
-            // What is left out at the end is no mistake, but a letter before it may be missing.
+            // The missing end of the given name does not count as a difference, but one letter before the end may be missing.
             let beginnings = [length, length + 1].into_iter().filter(|n| *n <= known_length);
-            let distance =
-                |n| strsim::osa_distance(&name, &String::from_iter(lower.chars().take(n)));
-            let distance = beginnings.map(distance).min().unwrap_or(length);
+            let distances = beginnings
+                .map(|n| strsim::osa_distance(&name, &lower.chars().take(n).collect::<String>()));
+            let distance = distances.min().unwrap_or(length);
             if distance <= 1 && longer.is_none_or(|(least, _)| distance < least) {
                 longer = Some((distance, known));
             }
@@ -66,22 +66,22 @@ pub fn nearest<'a>(given: &str, known: impl IntoIterator<Item = &'a str>) -> Hel
     }
 }
 
-/// The same; if nothing is near, a list of what there is.
+/// As [`nearest`], except that all known names are listed if no name is near.
 pub fn nearest_or_all(name: &str, what: &str, known: &[&str]) -> Help {
     let known: Vec<_> = known.iter().copied().filter(|known| *known != name).collect();
     match nearest(name, known.iter().copied()) {
         help if !help.is_empty() => help,
         _ if known.is_empty() => Help::default(),
-        _ if known.len() > MOST_LISTED => {
-            let rest = known.len() - MOST_LISTED;
-            format!("{what}: {} and {rest} more", known[..MOST_LISTED].join(", ")).into()
+        _ if known.len() > MAX_LISTED => {
+            let rest = known.len() - MAX_LISTED;
+            format!("{what}: {} and {rest} more", known[..MAX_LISTED].join(", ")).into()
         }
         _ => format!("{what}: {}", known.join(", ")).into(),
     }
 }
 
-/// A message of one line about a name that is not known: what is wrong, and what may have been meant.
-pub fn unknown(message: String, name: &str, what: &str, known: &[&str]) -> String {
+/// Appends a suggestion for an unknown name to a message of one line.
+pub fn unknown_name_message(message: String, name: &str, what: &str, known: &[&str]) -> String {
     match nearest_or_all(name, what, known) {
         help if help.is_empty() => message,
         help => format!("{message}; {help}"),
@@ -93,7 +93,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_slip_is_recognized_and_a_stranger_is_not() {
+    fn only_similar_names_are_suggested() {
         assert_eq!(nearest("levls", ["scheme", "levels"]).to_string(), "did you mean `levels`?");
         assert_eq!(nearest("Lop", ["Loop"]).to_string(), "did you mean `Loop`?");
         assert_eq!(nearest("lveel", ["scheme", "level"]).to_string(), "did you mean `level`?");
@@ -105,26 +105,26 @@ mod tests {
     }
 
     #[test]
-    fn only_the_one_name_that_is_near_is_an_answer() {
-        fn meant(name: &str, known: &[&'static str]) -> Option<String> {
-            nearest(name, known.iter().copied()).meant().map(str::to_owned)
+    fn a_fix_requires_a_single_nearest_name() {
+        fn suggested_name(name: &str, known: &[&'static str]) -> Option<String> {
+            nearest(name, known.iter().copied()).suggested_name().map(str::to_owned)
         }
-        assert_eq!(meant("dol", &["doll", "mask"]).as_deref(), Some("doll"));
-        assert_eq!(meant("dol", &["doll", "dog"]), None, "either may be meant");
-        assert_eq!(meant("dool", &["dog", "doll"]), Some("doll".into()));
-        assert_eq!(meant("b", &["a"]), None, "nothing of it is the same");
-        assert_eq!(meant("trian", &["Triangulate"]), None, "others may begin like that");
+        assert_eq!(suggested_name("dol", &["doll", "mask"]).as_deref(), Some("doll"));
+        assert_eq!(suggested_name("dol", &["doll", "dog"]), None, "either may be meant");
+        assert_eq!(suggested_name("dool", &["dog", "doll"]), Some("doll".into()));
+        assert_eq!(suggested_name("b", &["a"]), None, "nothing of it is the same");
+        assert_eq!(suggested_name("trian", &["Triangulate"]), None, "others may begin like that");
     }
 
     #[test]
-    fn a_suggestion_is_another_name_and_looks_like_one() {
+    fn a_suggestion_differs_visibly_from_the_given_name() {
         assert_eq!(nearest("levels", ["levels", "level"]).to_string(), "did you mean `level`?");
         assert_eq!(nearest("levels", ["levels"]).to_string(), "");
         assert_eq!(nearest_or_all("levels", "fields", &["levels"]).to_string(), "");
         assert_eq!(nearest_or_all("levels", "fields", &["levels", "x"]).to_string(), "fields: x");
         let help = nearest("lev\u{200b}els", ["scheme", "levels"]);
         assert_eq!(help.to_string(), "write `levels` without U+200B");
-        assert_eq!(help.meant(), Some("levels"));
+        assert_eq!(help.suggested_name(), Some("levels"));
     }
 
     #[test]
@@ -149,14 +149,14 @@ mod tests {
     }
 
     #[test]
-    fn a_message_without_a_guess_has_no_loose_end() {
-        assert_eq!(unknown("no `foo`".into(), "foo", "nodes", &[]), "no `foo`");
+    fn a_message_without_suggestion_is_unchanged() {
+        assert_eq!(unknown_name_message("no `foo`".into(), "foo", "nodes", &[]), "no `foo`");
         assert_eq!(
-            unknown("no `foo`".into(), "foo", "nodes", &["fooo"]),
+            unknown_name_message("no `foo`".into(), "foo", "nodes", &["fooo"]),
             "no `foo`; did you mean `fooo`?"
         );
         assert_eq!(
-            unknown("no `foo`".into(), "foo", "nodes", &["a", "b"]),
+            unknown_name_message("no `foo`".into(), "foo", "nodes", &["a", "b"]),
             "no `foo`; nodes: a, b"
         );
     }

@@ -1,73 +1,73 @@
-//! The values of a graph file with their places: what a text says, without how it is written.
+//! The tree of the values in a graph file, with their positions, but without formatting and comments.
 
 use std::borrow::Cow;
 use std::sync::Arc;
 
-use super::sheet::Sheet;
+use super::source_map::SourceMap;
 use crate::error::Span;
 
-/// One value of the file, and where it stands.
+/// A value of a file with its position.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tree {
     pub span: Span,
     pub kind: Kind,
-    /// Where a value that stands in for a `Param` comes from.
+    /// The origin of a value that has replaced a `Param`.
     pub origin: Option<Origin>,
 }
 
-/// Where a parameter's value comes from.
+/// The origin of the value of a parameter.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Origin {
-    /// The default in the file.
+    /// The default of the parameter. The span of the default is in the same file.
     Default(Span),
-    /// `--set` with this text.
+    /// The option `--set` with this text.
     Set(String),
-    /// Another file than the one that it is used in.
-    Given(Given),
+    /// Another file than the one in which the value is used.
+    External(ExternalOrigin),
 }
 
-/// A value that comes from another file: through a use of a graph, or by a patch.
+/// The origin of a value that comes from another file. That file uses or patches the graph.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Given {
-    pub sheet: Arc<Sheet>,
-    /// Where it stands there.
+pub struct ExternalOrigin {
+    pub source_map: Arc<SourceMap>,
+    /// The span of the value in `source_map`.
     pub span: Span,
-    /// With which `--set` it was given there, if it was.
+    /// The text of the `--set` option, if such an option gave the value.
     pub set: Option<String>,
 }
 
-impl Given {
-    /// In words: `graphs/face.ron:9:30`.
-    pub fn place(&self) -> String {
+impl ExternalOrigin {
+    /// Formats the location: `graphs/face.ron:9:30`.
+    pub fn location(&self) -> String {
         match &self.set {
             Some(set) => format!("`--set {set}`"),
-            None => self.sheet.place_in_words(self.span),
+            None => self.source_map.describe_location(self.span),
         }
     }
 }
 
-/// What kind of value it is.
+/// The kind and content of a value.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Kind {
-    /// A finite number, and whether it was written as a whole one.
+    /// A finite number. `whole` is true if the number was written without a fraction and an exponent.
     Number { value: f64, whole: bool },
-    /// `true` or `false`.
+    /// A truth value, `true` or `false`.
     Bool(bool),
-    /// A string without its quotes and escapes.
+    /// A string, without its quotes and with its escapes resolved.
     Text(String),
-    /// A bare word.
+    /// A word without quotes and parentheses.
     Word(String),
-    /// `Name(..)` or `(..)`.
+    /// A call, `Name(..)`, or parentheses without a name, `(..)`.
     Call { name: Option<Name>, body: Body },
-    /// `[..]`.
+    /// A list, `[..]`.
     List(Vec<Tree>),
-    /// `{..}`: keys and values.
+    /// A map, `{..}`, as keys and values.
     Map(Vec<(Tree, Tree)>),
-    /// Something that has been reported already.
+    /// A value with a syntax error. The error has already been reported.
     Broken,
 }
 
-/// What stands between parentheses.
+/// The content of parentheses.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Body {
     Empty,
@@ -75,14 +75,14 @@ pub enum Body {
     Items(Vec<Tree>),
 }
 
-/// A word with its place.
+/// A word with its position.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Name {
     pub text: String,
     pub span: Span,
 }
 
-/// `name: value`.
+/// A field, `name: value`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Field {
     pub name: Name,
@@ -98,17 +98,17 @@ impl Tree {
         self.kind == Kind::Broken
     }
 
-    /// Whether nothing in it is broken.
-    pub fn is_whole(&self) -> bool {
+    /// Returns true if no part of the value is broken.
+    pub fn is_complete(&self) -> bool {
         match &self.kind {
             Kind::Broken => false,
             Kind::Call { body: Body::Fields(fields), .. } => {
-                fields.iter().all(|field| field.value.is_whole())
+                fields.iter().all(|field| field.value.is_complete())
             }
             Kind::Call { body: Body::Items(items), .. } | Kind::List(items) => {
-                items.iter().all(Self::is_whole)
+                items.iter().all(Self::is_complete)
             }
-            Kind::Map(entries) => entries.iter().all(|(_, value)| value.is_whole()),
+            Kind::Map(entries) => entries.iter().all(|(_, value)| value.is_complete()),
             _ => true,
         }
     }
@@ -120,7 +120,7 @@ impl Tree {
         }
     }
 
-    /// The name before the parentheses, or the bare word.
+    /// Returns the name before the parentheses of a call, or the bare word.
     pub fn name(&self) -> Option<Name> {
         match &self.kind {
             Kind::Call { name, .. } => name.clone(),
@@ -129,7 +129,7 @@ impl Tree {
         }
     }
 
-    /// The fields between the parentheses; none if there are no parentheses, or items in them.
+    /// Returns the fields between the parentheses. `None` if the value has no parentheses, or if the items in them have no names.
     pub fn fields(&self) -> Option<&[Field]> {
         match &self.kind {
             Kind::Call { body: Body::Fields(fields), .. } => Some(fields),
@@ -138,7 +138,7 @@ impl Tree {
         }
     }
 
-    /// The only item between the parentheses of `name(..)`.
+    /// Returns the only item of a call whose name is `wanted`: `item` in `wanted(item)`.
     pub fn call_of(&self, wanted: &str) -> Option<&Self> {
         match &self.kind {
             Kind::Call { name: Some(name), body: Body::Items(items) } if name.text == wanted => {
@@ -151,65 +151,63 @@ impl Tree {
         }
     }
 
-    /// What stands at the end of this way through fields, items and entries, or as far along it as the file goes. The name of a
-    /// choice, `Near` of `Near(..)`, is a step of the way.
-    pub fn at(&self, path: &[String]) -> &Self {
+    /// Follows a path of fields, items and entries, as far as the file contains it. The name of an enum variant, such as `Near` in
+    /// `Near(..)`, is a step of the path.
+    pub fn descend(&self, path: &[String]) -> &Self {
         let Some((step, rest)) = path.split_first() else { return self };
-        let item =
-            |items: &'_ [Self]| step.parse().ok().filter(|&index: &usize| index < items.len());
         let inside = match &self.kind {
             Kind::Call { name: Some(name), .. } if name.text == *step => {
-                return self.at_inside(rest);
+                return self.descend_body(rest);
             }
-            Kind::List(items) => item(items).map(|index| &items[index]),
+            Kind::List(items) => step.parse().ok().and_then(|index: usize| items.get(index)),
             Kind::Map(entries) => {
                 let entry = entries.iter().find(|(key, _)| key.text() == Some(step));
                 entry.map(|(_, value)| value)
             }
-            _ => return self.at_inside(path),
+            _ => return self.descend_body(path),
         };
-        inside.map_or(self, |inside| inside.at(rest))
+        inside.map_or(self, |inside| inside.descend(rest))
     }
 
-    /// The same, without the name before the parentheses.
-    fn at_inside(&self, path: &[String]) -> &Self {
+    /// As [`descend`](Self::descend), except that the path starts inside of the parentheses of a call.
+    fn descend_body(&self, path: &[String]) -> &Self {
         let Some((step, rest)) = path.split_first() else { return self };
         let inside = match &self.kind {
             Kind::Call { body: Body::Fields(fields), .. } => {
                 let field = fields.iter().find(|field| field.name.text == *step);
                 field.map(|field| (&field.value, rest))
             }
-            // `Near(..)` with one item has the path of the item itself.
+            // If `Near(..)` has one item, the item has the path of `Near` itself.
             Kind::Call { body: Body::Items(items), .. } => match step.parse::<usize>() {
                 Ok(index) => items.get(index).map(|item| (item, rest)),
                 Err(_) => items.first().map(|item| (item, path)),
             },
             _ => None,
         };
-        inside.map_or(self, |(inside, rest)| inside.at(rest))
+        inside.map_or(self, |(inside, rest)| inside.descend(rest))
     }
 
-    /// What kind of value it is, in words, with its text where that is short.
-    pub fn in_words(&self) -> String {
+    /// Describes the value for messages. If the text of the value is short, the description contains it.
+    pub fn describe(&self) -> String {
         match &self.kind {
             Kind::Number { value, .. } => format!("the number {value}"),
             Kind::Bool(value) => value.to_string(),
-            Kind::Text(text) => format!("the text \"{}\"", cut(text)),
-            Kind::Word(word) => format!("`{}`", cut(word)),
-            Kind::Call { name: Some(name), .. } => format!("`{}(..)`", cut(&name.text)),
+            Kind::Text(text) => format!("the text \"{}\"", truncate(text)),
+            Kind::Word(word) => format!("`{}`", truncate(word)),
+            Kind::Call { name: Some(name), .. } => format!("`{}(..)`", truncate(&name.text)),
             Kind::Call { body: Body::Fields(_), .. } => "a group of fields".into(),
             Kind::Call { .. } => "a tuple".into(),
             Kind::List(_) => "a list".into(),
             Kind::Map(_) => "a map".into(),
-            Kind::Broken => "something unreadable".into(),
+            Kind::Broken => "an invalid value".into(),
         }
     }
 }
 
-/// The beginning of a text that is too long for a message.
-pub fn cut(text: &str) -> Cow<'_, str> {
-    const MOST: usize = 60;
-    match text.char_indices().nth(MOST) {
+/// Truncates a text that is too long for a message.
+pub fn truncate(text: &str) -> Cow<'_, str> {
+    const MAX_CHARS: usize = 60;
+    match text.char_indices().nth(MAX_CHARS) {
         Some((end, _)) => format!("{}..", &text[..end]).into(),
         None => text.into(),
     }

@@ -1,24 +1,24 @@
-//! Reads the values of a graph file from the parser's syntax tree: calls, lists and maps, and the literals in them.
+//! Converts the parser's syntax tree to a [`Tree`]: calls, lists, maps and literals.
 
 use ronin_core::{SyntaxElement, SyntaxKind, SyntaxNode, SyntaxToken};
 
-use super::file::{Mistake, NO_END, span};
+use super::parser::{SyntaxError, UNTERMINATED_STRING, span};
 use super::tree::{Body, Field, Kind, Name, Tree};
 use crate::error::Span;
 
-/// Whether a syntax node is a value, or what stands where one should.
+/// Returns true if a syntax node is a value, or an error in the place of a value.
 pub(crate) fn is_value(kind: SyntaxKind) -> bool {
     use SyntaxKind::{EnumVariant, Error, List, Literal, Map, Struct, Tuple, Unit};
     matches!(kind, Struct | Tuple | List | Map | EnumVariant | Unit | Literal | Error)
 }
 
-/// Makes values of syntax nodes, and notes what is wrong with them.
+/// Converts syntax nodes to values, and collects the errors in them.
 #[derive(Default)]
 pub(crate) struct TreeReader {
-    pub(crate) mistakes: Vec<Mistake>,
-    /// What stands where nothing like it can stand. Behind a forgotten comma or parenthesis that is much, and says nothing more.
-    pub(crate) misplaced: Vec<Mistake>,
-    /// Whether what is read stands in a `Sweep(..)`.
+    pub(crate) errors: Vec<SyntaxError>,
+    /// Errors about misplaced values. A missing comma or parenthesis causes many of these, so they are ignored if there are other errors.
+    pub(crate) misplaced: Vec<SyntaxError>,
+    /// True while the inside of a `Sweep(..)` is read.
     in_sweep: bool,
 }
 
@@ -28,18 +28,18 @@ impl TreeReader {
         let kind = match node.kind() {
             SyntaxKind::Struct => {
                 for value in node.children().filter(|child| is_value(child.kind())) {
-                    self.mixed(&value);
+                    self.report_mixed_names(&value);
                 }
                 let fields =
                     node.children().filter(|child| child.kind() == SyntaxKind::StructField);
                 let name = word(node);
                 self.in_sweep |= name.as_ref().is_some_and(|name| name.text == "Sweep");
-                let unnamed = self.unnamed(name.as_ref());
+                let implicit_field = self.implicit_field(name.as_ref());
                 let fields = fields
                     .enumerate()
-                    .filter_map(|(nth, field): (usize, SyntaxNode)| match unnamed {
+                    .filter_map(|(nth, field): (usize, SyntaxNode)| match implicit_field {
                         Some(name) if nth == 0 => {
-                            self.text_first(name, &field).or_else(|| self.field(&field))
+                            self.read_implicit_text(name, &field).or_else(|| self.field(&field))
                         }
                         _ => self.field(&field),
                     })
@@ -50,7 +50,7 @@ impl TreeReader {
                 if let Some(field) =
                     node.children().find(|child| child.kind() == SyntaxKind::StructField)
                 {
-                    self.mixed(&field);
+                    self.report_mixed_names(&field);
                 }
                 Kind::Call { name: word(node), body: Body::Items(self.values(node)) }
             }
@@ -62,7 +62,7 @@ impl TreeReader {
             }
             SyntaxKind::EnumVariant => match word(node) {
                 Some(name) if name.span == at => Kind::Word(name.text),
-                _ => self.mistake(at, "names are followed by `(`, not by `{`", "write `Name(..)`"),
+                _ => self.report(at, "expected `(` after a name, found `{`", "write `Name(..)`"),
             },
             SyntaxKind::Literal => match first_token(node) {
                 Some(token) => self.literal(&token),
@@ -70,18 +70,18 @@ impl TreeReader {
             },
             _ => Kind::Broken,
         };
-        let kind = match own_word(&kind) {
-            Some((message, help)) => self.mistake(at, message, help),
+        let kind = match keyword_misuse(&kind) {
+            Some((message, help)) => self.report(at, message, help),
             None => kind,
         };
         Tree::new(at, kind)
     }
 
-    /// A value without a name among fields with names, or the other way round.
-    fn mixed(&mut self, node: &SyntaxNode) {
-        let message = "values with a name and values without one cannot stand together";
-        let help = "give each a name, `name: value`, or none of them";
-        self.misplaced.push(mistake(span(node.text_range()), message, help));
+    /// Reports parentheses in which some values have names and others do not.
+    fn report_mixed_names(&mut self, node: &SyntaxNode) {
+        let message = "named and unnamed values cannot be mixed";
+        let help = "name all of them, `name: value`, or none";
+        self.misplaced.push(syntax_error(span(node.text_range()), message, help));
     }
 
     fn values(&mut self, node: &SyntaxNode) -> Vec<Tree> {
@@ -92,31 +92,31 @@ impl TreeReader {
     }
 
     fn field(&mut self, node: &SyntaxNode) -> Option<Field> {
-        fn own(wanted: SyntaxKind, node: &SyntaxNode) -> bool {
+        fn has_token(wanted: SyntaxKind, node: &SyntaxNode) -> bool {
             let mut tokens = node.children_with_tokens();
             tokens.any(|part| matches!(part, SyntaxElement::Token(token) if token.kind() == wanted))
         }
         let value = node.children().find(|child| is_value(child.kind()));
-        let is_named =
-            own(SyntaxKind::Ident, node) && (own(SyntaxKind::Colon, node) || value.is_none());
+        let is_named = has_token(SyntaxKind::Ident, node)
+            && (has_token(SyntaxKind::Colon, node) || value.is_none());
         let Some(name) = word(node).filter(|_| is_named) else {
-            self.mixed(node);
+            self.report_mixed_names(node);
             return None;
         };
         let value = match value {
             Some(value) => self.value(&value),
             None => {
                 let message = format!("field `{}` has no value", name.text);
-                let kind = self.mistake(name.span, &message, "write a value behind the colon");
+                let kind = self.report(name.span, &message, "add a value after the colon");
                 Tree::new(name.span, kind)
             }
         };
         Some(Field { name, value })
     }
 
-    /// The field that needs no name if it comes first: the path of `Graph("lib/skirt.ron", version: "2.1")`, and in a sweep what
-    /// `Files("scans/*", set: "scan.range")` and `picture: ("model.glb", camera: (30, 15))` begin with.
-    fn unnamed(&self, call: Option<&Name>) -> Option<&'static str> {
+    /// Returns the name of the field that needs no name if it comes first: the path in `Graph("lib/skirt.ron", version: "2.1")`, and in a
+    /// sweep the first items in `Files("scans/*", set: "scan.range")` and `picture: ("model.glb", camera: (30, 15))`.
+    fn implicit_field(&self, call: Option<&Name>) -> Option<&'static str> {
         match call.map(|name| &name.text[..]) {
             Some("Graph") => Some("path"),
             Some("Files") if self.in_sweep => Some("pattern"),
@@ -125,8 +125,8 @@ impl TreeReader {
         }
     }
 
-    /// A text without a name, as this field.
-    fn text_first(&mut self, name: &str, node: &SyntaxNode) -> Option<Field> {
+    /// Reads a string without a name as the field `name`.
+    fn read_implicit_text(&mut self, name: &str, node: &SyntaxNode) -> Option<Field> {
         let value = node.children().find(|child| child.kind() == SyntaxKind::Literal)?;
         let text = first_token(&value)?;
         let is_text = matches!(text.kind(), SyntaxKind::String | SyntaxKind::RawString);
@@ -143,7 +143,7 @@ impl TreeReader {
         let (key, value) = (values.next()?, values.next());
         if value.is_none() {
             let message = "this key of a map has no value";
-            self.misplaced.push(mistake(key.span, message, "write `key: value`"));
+            self.misplaced.push(syntax_error(key.span, message, "write `key: value`"));
         }
         Some((key, value?))
     }
@@ -157,37 +157,41 @@ impl TreeReader {
                 Some(value) if value.is_finite() => {
                     Kind::Number { value, whole: token.kind() == SyntaxKind::Integer }
                 }
-                Some(_) => self.mistake(at, &format!("`{text}` is too large for a number"), ""),
-                None => self.mistake(at, &format!("`{text}` is not a number"), ""),
+                Some(_) => self.report(at, &format!("`{text}` is too large for a number"), ""),
+                None => self.report(at, &format!("`{text}` is not a number"), ""),
             },
             SyntaxKind::String => match unescape(text) {
                 Some(text) => Kind::Text(text),
-                None => self.mistake(at, NO_END, r#"known escapes: \" \\ \n \r \t \0 \u{..}"#),
+                None => self.report(
+                    at,
+                    UNTERMINATED_STRING,
+                    r#"known escapes: \" \\ \n \r \t \0 \u{..}"#,
+                ),
             },
-            SyntaxKind::RawString => match raw(text) {
+            SyntaxKind::RawString => match raw_string_content(text) {
                 Some(text) => Kind::Text(text.to_owned()),
-                None => self.mistake(at, "this text has no end", "it ends as it begins: `\"#`"),
+                None => self.report(at, "unterminated raw text", "add the missing `\"#`"),
             },
-            _ => self.mistake(at, &format!("`{text}` is no value of a graph"), ""),
+            _ => self.report(at, &format!("`{text}` is not a valid value"), ""),
         }
     }
 
-    pub(crate) fn mistake(&mut self, span: Span, message: &str, help: &str) -> Kind {
-        self.mistakes.push(mistake(span, message, help));
+    pub(crate) fn report(&mut self, span: Span, message: &str, help: &str) -> Kind {
+        self.errors.push(syntax_error(span, message, help));
         Kind::Broken
     }
 }
 
-fn mistake(span: Span, message: &str, help: &str) -> Mistake {
-    Mistake { span, message: message.into(), help: help.into() }
+fn syntax_error(span: Span, message: &str, help: &str) -> SyntaxError {
+    SyntaxError { span, message: message.into(), help: help.into() }
 }
 
-/// What is wrong with one of RON's own words: `Some` holds one value, the others none.
-fn own_word(kind: &Kind) -> Option<(&'static str, &'static str)> {
+/// Returns the message and the help for a misused keyword of RON. `Some` must hold one value, and the other keywords hold none.
+fn keyword_misuse(kind: &Kind) -> Option<(&'static str, &'static str)> {
     const ALONE: [&str; 7] = ["None", "NaN", "NaNf32", "NaNf64", "inf", "inff32", "inff64"];
     match kind {
         Kind::Call { name: Some(name), .. } if ALONE.contains(&&name.text[..]) => {
-            Some(("nothing can stand behind this word", "leave the parentheses out"))
+            Some(("unexpected parentheses after this word", "remove the parentheses"))
         }
         Kind::Call { name: Some(name), body } if name.text == "Some" => match body {
             Body::Items(items) if items.len() == 1 => None,
@@ -200,7 +204,7 @@ fn own_word(kind: &Kind) -> Option<(&'static str, &'static str)> {
     }
 }
 
-/// The identifier that stands directly in a node: a struct's, field's or variant's name.
+/// Returns the identifier that is a direct child of a syntax node: the name of a struct, field or variant.
 fn word(node: &SyntaxNode) -> Option<Name> {
     let token = node.first_token_of(SyntaxKind::Ident)?;
     Some(Name { text: token.text().to_string(), span: span(token.text_range()) })
@@ -236,8 +240,8 @@ fn number(text: &str) -> Option<f64> {
     Some(if negative { -value } else { value })
 }
 
-/// What stands in `r"..."` or `r#"..."#`, with as many signs as it begins with.
-fn raw(text: &str) -> Option<&str> {
+/// Returns the content of a raw string `r"..."` or `r#"..."#`. The number of `#` signs must be equal on both sides.
+fn raw_string_content(text: &str) -> Option<&str> {
     let marked = text.strip_prefix('r')?;
     let marks = marked.len() - marked.trim_start_matches('#').len();
     let (begin, end) = (&marked[..marks], marked.len().checked_sub(marks)?);
@@ -262,7 +266,7 @@ fn unescape(quoted: &str) -> Option<String> {
             'u' => {
                 let code = rest.as_str().strip_prefix('{')?.split_once('}')?;
                 rest = code.1.chars();
-                // A number may have a sign, a code not.
+                // `from_str_radix` would accept a sign, which is not allowed at this position.
                 code.0.starts_with(|digit: char| digit.is_ascii_hexdigit()).then_some(())?;
                 char::from_u32(u32::from_str_radix(code.0, 16).ok()?)?
             }
@@ -275,12 +279,12 @@ fn unescape(quoted: &str) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::file::parse;
+    use super::super::parser::parse;
     use super::*;
 
     fn kind(text: &str) -> Kind {
-        let (tree, mistakes) = parse(text);
-        assert!(mistakes.is_empty(), "{mistakes:?}");
+        let (tree, errors) = parse(text);
+        assert!(errors.is_empty(), "{errors:?}");
         tree.kind
     }
 
@@ -296,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn the_path_of_a_use_needs_no_name() {
+    fn the_path_of_a_use_may_be_unnamed() {
         fn fields(text: &str) -> Vec<(String, Kind)> {
             match kind(text) {
                 Kind::Call { body: Body::Fields(fields), .. } => fields
@@ -314,9 +318,9 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_are_not_finite_are_mistakes() {
+    fn numbers_that_are_not_finite_are_errors() {
         assert_eq!(parse("1e999").1[0].message, "`1e999` is too large for a number");
-        // RON's own words for them are bare words here, and no port or parameter takes them.
+        // RON has its own words for infinity and NaN. In graph files they are bare words, which no port or parameter accepts.
         assert_eq!(kind("NaN"), Kind::Word("NaN".into()));
     }
 }

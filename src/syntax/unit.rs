@@ -1,13 +1,13 @@
-//! Units of numbers: what `cm(1.2)` says, what the unit of a field or parameter is, and how one becomes another.
+//! Units of numbers: parses `cm(1.2)` and the units of fields and parameters, and converts between units.
 //!
-//! The text of a unit may be anything. One that is not made of the [`KNOWN`] units, as `cells` and `%` are not, is a word for people:
-//! nothing is converted or refused by it.
+//! The unit of a field may be any text. If it is not composed of [`KNOWN_UNITS`], as `cells` and `%` are not, it is only shown: numbers are
+//! neither converted to it nor checked.
 
 use std::fmt;
 
 use super::tree::{Kind, Tree};
 
-/// What a unit measures. Numbers of two measures cannot be added.
+/// The physical quantity that a unit measures. Numbers of different quantities cannot be added.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Measure {
     Length,
@@ -17,8 +17,8 @@ enum Measure {
 
 const MEASURES: [Measure; 3] = [Measure::Length, Measure::Angle, Measure::Pixels];
 
-/// The units that numbers may be written in.
-const KNOWN: [(&str, Measure); 7] = [
+/// The units in which numbers may be written.
+const KNOWN_UNITS: [(&str, Measure); 7] = [
     ("mm", Measure::Length),
     ("cm", Measure::Length),
     ("m", Measure::Length),
@@ -28,20 +28,20 @@ const KNOWN: [(&str, Measure); 7] = [
     ("px", Measure::Pixels),
 ];
 
-/// The names of the units that numbers may be written in.
+/// The names of the units in which numbers may be written.
 pub fn unit_names() -> impl Iterator<Item = &'static str> {
-    KNOWN.iter().map(|(name, _)| *name)
+    KNOWN_UNITS.iter().map(|(name, _)| *name)
 }
 
-/// A product of powers of known units: `mm`, `1/mm`, `px/mm`. A pure number has none.
+/// A product of powers of known units, such as `mm`, `1/mm` or `px/mm`. The empty product is the unit of a pure number.
 ///
-/// Each known unit has its exponent, and only one of each measure has another one than 0.
+/// The exponent of each known unit. At most one unit of each measure has an exponent other than 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Unit([i32; KNOWN.len()]);
+pub struct Unit([i32; KNOWN_UNITS.len()]);
 
 impl Unit {
-    /// The known unit of this name.
-    pub fn named(name: &str) -> Option<Self> {
+    /// Returns the known unit of this name.
+    pub fn from_name(name: &str) -> Option<Self> {
         Self::power(name, 1)
     }
 
@@ -52,7 +52,7 @@ impl Unit {
         Some(unit)
     }
 
-    /// The unit that a text means: `mm`, `mm^2`, `px/mm`, `1/mm`. None if it is not made of known units.
+    /// Parses a unit, such as `mm`, `mm^2`, `px/mm` or `1/mm`. Returns `None` if it is not composed of known units.
     pub fn read(text: &str) -> Option<Self> {
         let (above, below) = match text.split_once('/') {
             Some((above, below)) => (above, Some(below)),
@@ -65,7 +65,10 @@ impl Unit {
             let (name, times) = factor.split_once('^').unwrap_or((factor, "1"));
             let times = times.parse().ok().filter(|times: &i32| (1..10).contains(times))?;
             let factor = Self::power(name, sign * times)?;
-            if MEASURES.iter().any(|&measure| unit.of(measure).and(factor.of(measure)).is_some()) {
+            if MEASURES
+                .iter()
+                .any(|&measure| unit.factor(measure).and(factor.factor(measure)).is_some())
+            {
                 return None;
             }
             unit = unit.times(factor);
@@ -77,23 +80,25 @@ impl Unit {
         self == Self::default()
     }
 
-    /// Whether both measure the same, so that one can be converted to the other.
-    pub fn is_like(self, other: Self) -> bool {
-        let exponent = |unit: Self, measure| unit.of(measure).map(|(_, exponent)| exponent);
-        MEASURES.iter().all(|&measure| exponent(self, measure) == exponent(other, measure))
+    /// Returns true if numbers in one unit can be converted to the other.
+    pub fn is_compatible(self, other: Self) -> bool {
+        MEASURES.iter().all(|&measure| {
+            let [a, b] = [self, other].map(|unit| unit.factor(measure));
+            a.map(|(_, exponent)| exponent) == b.map(|(_, exponent)| exponent)
+        })
     }
 
-    /// Which unit of a measure is in it, and its exponent.
-    fn of(self, measure: Measure) -> Option<(usize, i32)> {
-        let mut places = (0..KNOWN.len()).filter(|&place| KNOWN[place].1 == measure);
+    /// Returns the index and the exponent of the unit of a measure. `None` if the unit does not contain that measure.
+    fn factor(self, measure: Measure) -> Option<(usize, i32)> {
+        let mut places = (0..KNOWN_UNITS.len()).filter(|&place| KNOWN_UNITS[place].1 == measure);
         places.find(|&place| self.0[place] != 0).map(|place| (place, self.0[place]))
     }
 
-    /// The same measures, in the other's units where it has such.
+    /// Replaces each known unit by the unit of the same measure that `other` contains, if it contains one.
     fn in_units_of(mut self, other: Self) -> Self {
         for measure in MEASURES {
             if let (Some((own, exponent)), Some((wanted, _))) =
-                (self.of(measure), other.of(measure))
+                (self.factor(measure), other.factor(measure))
             {
                 self.0[own] = 0;
                 self.0[wanted] = exponent;
@@ -136,7 +141,7 @@ impl fmt::Display for Unit {
     }
 }
 
-/// A number and its unit.
+/// A number with its unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quantity {
     pub value: f64,
@@ -148,29 +153,30 @@ impl Quantity {
         Self { value, unit: Unit::default() }
     }
 
-    /// What `cm(1.2)` says.
+    /// Reads a number with a unit: `cm(1.2)`.
     pub fn read(tree: &Tree) -> Option<Self> {
         let name = tree.name()?.text;
-        let unit = Unit::named(&name)?;
+        let unit = Unit::from_name(&name)?;
         match tree.call_of(&name)?.kind {
             Kind::Number { value, .. } => Some(Self { value, unit }),
             _ => None,
         }
     }
 
-    /// The number in another unit, which measures the same.
-    pub fn in_unit(self, unit: Unit) -> f64 {
+    /// Converts the number to a compatible unit.
+    pub fn to_unit(self, unit: Unit) -> f64 {
         let mut value = self.value;
         for measure in MEASURES {
-            let (Some((from, exponent)), Some((to, _))) = (self.unit.of(measure), unit.of(measure))
+            let (Some((from, exponent)), Some((to, _))) =
+                (self.unit.factor(measure), unit.factor(measure))
             else {
                 continue;
             };
             let (from, to) = if exponent < 0 { (to, from) } else { (from, to) };
             let mut times = if from == to { 0 } else { exponent.unsigned_abs() };
-            // Further steps would not change these.
+            // Zero and infinity are equal in all units.
             while 0 < times && value != 0.0 && value.is_finite() {
-                value = converted(value, KNOWN[from].0, KNOWN[to].0);
+                value = convert(value, KNOWN_UNITS[from].0, KNOWN_UNITS[to].0);
                 times -= 1;
             }
         }
@@ -179,15 +185,15 @@ impl Quantity {
 
     pub fn times(self, other: Self) -> Self {
         let unit = other.unit.in_units_of(self.unit);
-        Self { value: self.value * other.in_unit(unit), unit: self.unit.times(unit) }
+        Self { value: self.value * other.to_unit(unit), unit: self.unit.times(unit) }
     }
 
-    pub fn over(self, other: Self) -> Self {
+    pub fn divided_by(self, other: Self) -> Self {
         let unit = other.unit.in_units_of(self.unit);
-        Self { value: self.value / other.in_unit(unit), unit: self.unit.times(unit.inverse()) }
+        Self { value: self.value / other.to_unit(unit), unit: self.unit.times(unit.inverse()) }
     }
 
-    /// Its square root; none if its unit is no square.
+    /// Returns the square root of the unit. `None` if the unit is not a square.
     pub fn root(self) -> Option<Self> {
         let is_square = self.unit.0.iter().all(|exponent| exponent % 2 == 0);
         let unit = Unit(self.unit.0.map(|exponent| exponent / 2));
@@ -195,8 +201,8 @@ impl Quantity {
     }
 }
 
-/// So many units of this name, in units of another one of the same measure.
-fn converted(value: f64, from: &str, to: &str) -> f64 {
+/// Converts a value between two units of the same measure.
+fn convert(value: f64, from: &str, to: &str) -> f64 {
     match (from, to) {
         ("deg", "rad") => value.to_radians(),
         ("rad", "deg") => value.to_degrees(),
@@ -204,7 +210,7 @@ fn converted(value: f64, from: &str, to: &str) -> f64 {
     }
 }
 
-/// How many tenths of a millimeter a unit of length has.
+/// Returns the size of a unit of length as a multiple of 0.1 mm.
 fn tenths(name: &str) -> i128 {
     match name {
         "cm" => 100,
@@ -214,17 +220,17 @@ fn tenths(name: &str) -> i128 {
     }
 }
 
-/// `value * numerator / denominator`, of the shortest decimal number that says the value: so 1.13 cm are exactly what 11.3 mm are, while
-/// `1.13 * 10.0` is another number.
+/// Computes `value * numerator / denominator` in decimal arithmetic on the shortest decimal representation of `value`. In decimals 1.13 cm
+/// is exactly 11.3 mm, whereas the floating-point product `1.13 * 10.0` is a different number.
 fn fraction(value: f64, numerator: i128, denominator: i128) -> f64 {
     let text = format!("{value:e}");
     let (digits, exponent) = text.split_once('e').unwrap_or((&text, "0"));
     let decimals = digits.split_once('.').map_or(0, |(_, behind)| behind.len());
-    // At most 17 digits: what follows is far from the largest integers.
+    // The value has at most 17 digits, so the product does not overflow.
     let digits: i128 = digits.replace('.', "").parse().unwrap_or_default();
     let mut exponent = exponent.parse::<i32>().unwrap_or_default() - decimals as i32;
     let mut product = digits * numerator;
-    // A quotient that ends does so after four more digits, for no denominator has more tens.
+    // If the decimal quotient is finite, it ends after at most four more digits, because all denominators divide 127 * 10^4.
     for _ in 0..4 {
         if product % denominator != 0 {
             (product, exponent) = (product * 10, exponent - 1);
@@ -246,7 +252,7 @@ mod tests {
     }
 
     fn check(value: f64, from: &str, to: &str, expected: f64) {
-        let found = Quantity { value, unit: unit(from) }.in_unit(unit(to));
+        let found = Quantity { value, unit: unit(from) }.to_unit(unit(to));
         assert_eq!(found, expected, "{value} {from} in {to}");
     }
 
@@ -270,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn every_decimal_of_a_few_digits_is_what_is_written_in_the_other_unit() {
+    fn conversion_of_short_decimals_is_exact() {
         for n in 1..20_000 {
             let cm: f64 = format!("{n}e-3").parse().unwrap();
             let mm: f64 = format!("{n}e-2").parse().unwrap();
@@ -280,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn a_unit_is_read_as_it_is_written_and_other_words_are_none() {
+    fn units_are_parsed_and_formatted() {
         for text in ["mm", "px", "inch", "1/mm", "mm^2", "px/mm", "mm*px", "1/mm^2", "m/deg*px"] {
             assert_eq!(unit(text).to_string(), text);
         }
@@ -298,11 +304,11 @@ mod tests {
         }
         let area = quantity(2.0, "cm").times(quantity(30.0, "mm"));
         assert_eq!(area, quantity(6.0, "cm^2"));
-        assert_eq!(area.over(quantity(30.0, "mm")), quantity(2.0, "cm"));
-        assert_eq!(quantity(12.0, "mm").over(quantity(1.2, "cm")), Quantity::pure(1.0));
+        assert_eq!(area.divided_by(quantity(30.0, "mm")), quantity(2.0, "cm"));
+        assert_eq!(quantity(12.0, "mm").divided_by(quantity(1.2, "cm")), Quantity::pure(1.0));
         assert_eq!(quantity(9.0, "cm^2").root(), Some(quantity(3.0, "cm")));
         assert_eq!(quantity(9.0, "cm").root(), None);
-        assert!(unit("cm").is_like(unit("inch")) && !unit("mm").is_like(unit("px")));
-        assert!(!unit("mm^2").is_like(unit("mm")));
+        assert!(unit("cm").is_compatible(unit("inch")) && !unit("mm").is_compatible(unit("px")));
+        assert!(!unit("mm^2").is_compatible(unit("mm")));
     }
 }

@@ -1,33 +1,35 @@
-//! Named data on the elements of a mesh.
+//! Attributes: named data on the elements of a mesh.
 
 use std::collections::BTreeMap;
 
 use thiserror::Error;
 
-use super::{Column, DecodeError, Decoder, Encoder, Items, Meaning, On, Part, PartsError, Rgb};
+use super::{
+    Column, DecodeError, Decoder, ElementKind, Encoder, Items, Meaning, Part, PartsError, Rgb,
+};
 use crate::parallel::*;
 
-/// Why an attribute does not fit.
+/// Error of adding an attribute.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum AttributeError {
-    /// Too many or too few entries.
+    /// There are too many or too few entries.
     #[error("attribute `{name}` has {count} entries for {elements} elements")]
     Length {
-        /// The attribute's name.
+        /// The name of the attribute.
         name: String,
-        /// Its entries.
+        /// The number of entries.
         count: usize,
-        /// Elements that it is for.
+        /// The number of elements.
         elements: usize,
     },
-    /// A texture coordinate or a normal that is NaN or infinite.
+    /// A texture coordinate or a normal is NaN or infinite.
     #[error("attribute `{name}` of {element} {index} is not finite")]
     NotFinite {
-        /// The attribute's name.
+        /// The name of the attribute.
         name: String,
-        /// `vertex`, `corner` and so on.
+        /// The kind of element, such as `vertex` or `corner`.
         element: &'static str,
-        /// Which of them, from 0.
+        /// The index of the element, from 0.
         index: usize,
     },
 }
@@ -39,7 +41,7 @@ pub enum Attribute {
     Number(Column<f64>),
     /// Whole numbers.
     Index(Column<u32>),
-    /// 0 or 1.
+    /// Flags, each 0 or 1.
     Flag(Column<u8>),
     /// Pairs, such as texture coordinates.
     Pair(Column<[f64; 2]>),
@@ -62,34 +64,34 @@ impl Attribute {
         }
     }
 
-    /// Whether there is no entry.
+    /// Returns true if there are no entries.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// The entries at these places, in this order.
+    /// The entries at these indices, in this order.
     ///
     /// # Panics
-    /// If a place is behind the last entry.
+    /// If an index is out of bounds.
     #[must_use]
-    pub fn select(&self, places: &[u32]) -> Self {
-        fn select<T: Copy>(column: &[T], places: &[u32]) -> Column<T> {
-            places.iter().map(|&place| column[place as usize]).collect()
+    pub fn select(&self, indices: &[u32]) -> Self {
+        fn select<T: Copy>(column: &[T], indices: &[u32]) -> Column<T> {
+            indices.iter().map(|&index| column[index as usize]).collect()
         }
         match self {
-            Self::Number(column) => Self::Number(select(column, places)),
-            Self::Index(column) => Self::Index(select(column, places)),
-            Self::Flag(column) => Self::Flag(select(column, places)),
-            Self::Pair(column) => Self::Pair(select(column, places)),
-            Self::Vector(column) => Self::Vector(select(column, places)),
-            Self::Color(column) => Self::Color(select(column, places)),
+            Self::Number(column) => Self::Number(select(column, indices)),
+            Self::Index(column) => Self::Index(select(column, indices)),
+            Self::Flag(column) => Self::Flag(select(column, indices)),
+            Self::Pair(column) => Self::Pair(select(column, indices)),
+            Self::Vector(column) => Self::Vector(select(column, indices)),
+            Self::Color(column) => Self::Color(select(column, indices)),
         }
     }
 
-    /// Whether two entries are the same.
+    /// Returns true if the entries at the indices `a` and `b` are equal.
     ///
     /// # Panics
-    /// If one of them is not there.
+    /// If an index is out of bounds.
     pub fn is_same(&self, a: usize, b: usize) -> bool {
         match self {
             Self::Number(column) => column[a] == column[b],
@@ -101,14 +103,14 @@ impl Attribute {
         }
     }
 
-    /// The first pair or vector that is no place and no direction.
+    /// The index of the first pair or vector with a component that is NaN or infinite.
     fn first_not_finite(&self) -> Option<usize> {
-        fn first<const N: usize>(column: &Column<[f64; N]>) -> Option<usize> {
+        fn position_not_finite<const N: usize>(column: &Column<[f64; N]>) -> Option<usize> {
             column.par_iter().position_first(|entry| !entry.iter().all(|x| x.is_finite()))
         }
         match self {
-            Self::Pair(column) => first(column),
-            Self::Vector(column) => first(column),
+            Self::Pair(column) => position_not_finite(column),
+            Self::Vector(column) => position_not_finite(column),
             _ => None,
         }
     }
@@ -124,8 +126,8 @@ impl Attribute {
         }
     }
 
-    /// It as a column of this name.
-    fn part<'a>(&'a self, name: String, on: On, is_normal: bool) -> Part<'a> {
+    /// The attribute as a column with this name.
+    fn part<'a>(&'a self, name: String, on: ElementKind, is_normal: bool) -> Part<'a> {
         let vector = if is_normal { Meaning::Direction } else { Meaning::Number };
         let (meaning, width, items): (_, _, Items<'a>) = match self {
             Self::Number(column) => (Meaning::Number, 1, column[..].into()),
@@ -135,22 +137,22 @@ impl Attribute {
             Self::Vector(column) => (vector, 3, column[..].into()),
             Self::Color(column) => (Meaning::Level, 3, column[..].into()),
         };
-        Part { name: name.into(), on, meaning, width, items, aside: false }
+        Part { name: name.into(), element_kind: on, meaning, width, items, is_hidden: false }
     }
 
-    /// The attribute that a column is: by what its numbers mean, how many an element has, and, where they are equal or not, whether
-    /// they are small.
+    /// Builds an attribute from a column. The column's meaning and width determine the type of the attribute. For whole numbers the type of
+    /// the column's items decides too: bytes become flags, larger integers become indices.
     ///
     /// # Errors
-    /// If it is none.
-    pub(super) fn of(part: &Part<'_>) -> Result<Self, PartsError> {
+    /// If no type of attribute can store the column.
+    pub(super) fn from_part(part: &Part<'_>) -> Result<Self, PartsError> {
         let is_exact = matches!(part.meaning, Meaning::Exact | Meaning::Index);
         Ok(match (part.meaning, part.width) {
             (Meaning::Level, _) => Self::Color(part.colors()?.into()),
             (_, 1) if is_exact && matches!(part.items, Items::U8(_)) => {
-                Self::Flag(part.small(1)?.into())
+                Self::Flag(part.to_u8(1)?.into())
             }
-            (_, 1) if is_exact => Self::Index(part.whole()?.into()),
+            (_, 1) if is_exact => Self::Index(part.to_u32()?.into()),
             (_, 1) => Self::Number(part.items.numbers().into_owned().into()),
             (_, 2) => Self::Pair(part.elements()?.into()),
             _ => Self::Vector(part.elements()?.into()),
@@ -183,18 +185,18 @@ impl Attribute {
 
 /// Attributes by name, in the order of their names.
 ///
-/// The names that nodes agree on: `uv` (pairs, (0, 0) the picture's lower left corner), `normal` (unit vectors), `color`,
-/// `filled` (flags: computed, not measured). `uv` and `normal` are finite.
+/// Well-known names: `uv` (pairs; (0, 0) is the picture's lower left corner), `normal` (unit vectors), `color`, and `filled` (flags: 1
+/// marks an element that was computed, not measured). All numbers in `uv` and `normal` are finite.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Attributes(BTreeMap<String, Attribute>);
 
 impl Attributes {
-    /// The attribute of that name.
+    /// The attribute with this name.
     pub fn get(&self, name: &str) -> Option<&Attribute> {
         self.0.get(name)
     }
 
-    /// Pairs under that name, if it holds pairs.
+    /// The attribute with this name, if it holds pairs.
     pub fn pairs(&self, name: &str) -> Option<&Column<[f64; 2]>> {
         match self.0.get(name) {
             Some(Attribute::Pair(column)) => Some(column),
@@ -202,7 +204,7 @@ impl Attributes {
         }
     }
 
-    /// Vectors under that name, if it holds vectors.
+    /// The attribute with this name, if it holds vectors.
     pub fn vectors(&self, name: &str) -> Option<&Column<[f64; 3]>> {
         match self.0.get(name) {
             Some(Attribute::Vector(column)) => Some(column),
@@ -210,7 +212,7 @@ impl Attributes {
         }
     }
 
-    /// Colors under that name, if it holds colors.
+    /// The attribute with this name, if it holds colors.
     pub fn colors(&self, name: &str) -> Option<&Column<Rgb>> {
         match self.0.get(name) {
             Some(Attribute::Color(column)) => Some(column),
@@ -218,19 +220,19 @@ impl Attributes {
         }
     }
 
-    /// All of them, by name.
+    /// Iterates over all attributes, by name.
     pub fn iter(&self) -> impl Iterator<Item = (&str, &Attribute)> {
         self.0.iter().map(|(name, attribute)| (name.as_str(), attribute))
     }
 
-    /// Their entries at these places, which are there.
-    pub(super) fn select(&self, places: &[u32]) -> Self {
+    /// The attributes of the elements at these indices, which must exist.
+    pub(super) fn select(&self, indices: &[u32]) -> Self {
         let entries = self.0.iter();
-        Self(entries.map(|(name, all)| (name.clone(), all.select(places))).collect())
+        Self(entries.map(|(name, all)| (name.clone(), all.select(indices))).collect())
     }
 
-    /// All of them as columns, whose names begin with `of`.
-    pub fn parts<'a>(&'a self, of: &'a str, on: On) -> impl Iterator<Item = Part<'a>> {
+    /// All attributes as columns. The name of each column is the prefix `of` followed by the attribute's name.
+    pub fn parts<'a>(&'a self, of: &'a str, on: ElementKind) -> impl Iterator<Item = Part<'a>> {
         self.0.iter().map(move |(name, attribute): (&'a String, &'a Attribute)| {
             attribute.part(format!("{of}{name}"), on, name == "normal")
         })

@@ -1,43 +1,43 @@
-//! A tree of boxes, which finds those that overlap another one.
+//! A tree of boxes, for overlap queries.
 
 use nalgebra::Point3;
 
-/// A box along the axes, with its border.
+/// An axis-aligned box, including its border.
 #[derive(Clone, Copy, Debug)]
 pub struct Bounds {
-    /// Its lowest coordinates.
+    /// The minimum coordinates.
     pub low: Point3<f64>,
-    /// Its highest.
+    /// The maximum coordinates.
     pub high: Point3<f64>,
 }
 
 impl Bounds {
-    /// Around some points, one at least.
-    pub fn around(points: &[Point3<f64>]) -> Self {
+    /// The bounding box of at least one point.
+    pub fn from_points(points: &[Point3<f64>]) -> Self {
         let start = Self { low: points[0], high: points[0] };
         points
             .iter()
             .fold(start, |it, point| Self { low: it.low.inf(point), high: it.high.sup(point) })
     }
 
-    /// Around both.
+    /// The bounding box of two boxes.
     pub fn join(&self, other: &Self) -> Self {
         Self { low: self.low.inf(&other.low), high: self.high.sup(&other.high) }
     }
 
-    /// Whether they have a point in common.
+    /// Returns true if the boxes have a point in common.
     pub fn overlaps(&self, other: &Self) -> bool {
         (0..3).all(|k| self.low[k] <= other.high[k] && other.low[k] <= self.high[k])
     }
 }
 
-/// Boxes of a leaf.
+/// The number of boxes per leaf.
 const LEAF: usize = 4;
 
-/// From so many boxes on, both halves of a tree grow at once.
+/// A tree of at least this many boxes builds its two halves in parallel.
 const FOR_TWO: usize = 1 << 14;
 
-/// Some boxes, in a tree: each node is followed by those below it.
+/// A tree of boxes in preorder: each node is followed by its descendants.
 pub struct BoxTree {
     order: Vec<(Bounds, u32)>,
     nodes: Vec<Node>,
@@ -45,14 +45,14 @@ pub struct BoxTree {
 
 struct Node {
     bounds: Bounds,
-    /// How many nodes are below this one.
-    below: u32,
-    /// The boxes of a leaf, from the first to before the last; none for other nodes.
-    own: std::ops::Range<usize>,
+    /// The number of descendants of this node.
+    descendants: u32,
+    /// The range of a leaf's boxes; empty for inner nodes.
+    leaf: std::ops::Range<usize>,
 }
 
 impl BoxTree {
-    /// The tree of some boxes. Cost grows with n log n.
+    /// Builds the tree of some boxes. Cost grows with n log n.
     pub fn new(boxes: impl Iterator<Item = Bounds>) -> Self {
         let mut order: Vec<_> = boxes.zip(0..).collect();
         let mut nodes = Vec::new();
@@ -62,47 +62,47 @@ impl BoxTree {
         Self { order, nodes }
     }
 
-    /// Calls `found` with the number of each box that overlaps this one.
-    pub fn near(&self, bounds: &Bounds, mut found: impl FnMut(u32)) {
+    /// Calls `found` with the index of each box of the tree that overlaps `bounds`.
+    pub fn visit_overlapping(&self, bounds: &Bounds, mut found: impl FnMut(u32)) {
         let mut at = 0;
         while let Some(node) = self.nodes.get(at) {
             if !node.bounds.overlaps(bounds) {
-                at += node.below as usize + 1;
+                at += node.descendants as usize + 1;
                 continue;
             }
-            let own = self.order[node.own.clone()].iter();
-            own.filter(|(other, _)| other.overlaps(bounds)).for_each(|(_, number)| found(*number));
+            let leaf = self.order[node.leaf.clone()].iter();
+            leaf.filter(|(other, _)| other.overlaps(bounds)).for_each(|(_, number)| found(*number));
             at += 1;
         }
     }
 }
 
-fn grow(nodes: &mut Vec<Node>, own: &mut [(Bounds, u32)], first: usize) {
-    let bounds = own[1..].iter().fold(own[0].0, |bounds, (other, _)| bounds.join(other));
-    let (node, count) = (nodes.len(), own.len());
+fn grow(nodes: &mut Vec<Node>, boxes: &mut [(Bounds, u32)], first: usize) {
+    let bounds = boxes[1..].iter().fold(boxes[0].0, |bounds, (other, _)| bounds.join(other));
+    let (node, count) = (nodes.len(), boxes.len());
     let last = if count <= LEAF { first + count } else { first };
-    nodes.push(Node { bounds, below: 0, own: first..last });
+    nodes.push(Node { bounds, descendants: 0, leaf: first..last });
     if count > LEAF {
         let axis = (bounds.high - bounds.low).imax();
         fn middle(it: &Bounds, axis: usize) -> f64 {
             it.low[axis] + it.high[axis]
         }
-        own.select_nth_unstable_by(count / 2, |(a, i), (b, j)| {
+        boxes.select_nth_unstable_by(count / 2, |(a, i), (b, j)| {
             middle(a, axis).total_cmp(&middle(b, axis)).then(i.cmp(j))
         });
-        let (low, high) = own.split_at_mut(count / 2);
-        let behind = first + count / 2;
+        let (low, high) = boxes.split_at_mut(count / 2);
+        let middle_index = first + count / 2;
         if count < FOR_TWO {
             grow(nodes, low, first);
-            grow(nodes, high, behind);
+            grow(nodes, high, middle_index);
         } else {
             let (mut lower, mut higher) = (Vec::new(), Vec::new());
-            rayon::join(|| grow(&mut lower, low, first), || grow(&mut higher, high, behind));
+            rayon::join(|| grow(&mut lower, low, first), || grow(&mut higher, high, middle_index));
             nodes.append(&mut lower);
             nodes.append(&mut higher);
         }
     }
-    nodes[node].below = (nodes.len() - node) as u32 - 1;
+    nodes[node].descendants = (nodes.len() - node) as u32 - 1;
 }
 
 #[cfg(test)]
@@ -118,12 +118,12 @@ mod tests {
         }
         for count in [0, 1, 4, 5, 200, 2 * FOR_TWO as u32 + 1] {
             let boxes = BoxTree::new((0..count).map(cube));
-            for of in (0..30).map(|k| cube(3 * k)) {
+            for query in (0..30).map(|k| cube(3 * k)) {
                 let mut found = Vec::new();
-                boxes.near(&of, |number| found.push(number));
+                boxes.visit_overlapping(&query, |number| found.push(number));
                 found.sort_unstable();
-                let wanted = (0..count).filter(|&k| cube(k).overlaps(&of));
-                assert_eq!(found, Vec::from_iter(wanted));
+                let expected = (0..count).filter(|&k| cube(k).overlaps(&query));
+                assert_eq!(found, Vec::from_iter(expected));
             }
         }
     }

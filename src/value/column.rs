@@ -1,4 +1,4 @@
-//! A list of plain items, shared between values and hashed once.
+//! Columns: immutable lists of plain items, shared between values and hashed once.
 
 use std::fmt;
 use std::ops::{Deref, Range};
@@ -11,37 +11,37 @@ use crate::memory::huge_vec;
 use crate::parallel::*;
 
 mod blocks;
-mod changed;
-mod line;
+mod buffer_pool;
+mod diff;
 
 use blocks::{Blocks, of_one_block};
-use line::{Line, Spare, copy};
+use buffer_pool::{BufferPool, SpareBuffer, copy};
 
-/// A list of plain items: cloning it copies nothing, and its hash is computed when first asked for.
+/// An immutable list of plain items. Cloning it copies no items; its hash is computed on first use.
 #[derive(Clone)]
-pub struct Column<T>(Arc<Shared<T>>);
+pub struct Column<T>(Arc<SharedItems<T>>);
 
-struct Shared<T> {
+struct SharedItems<T> {
     items: Vec<T>,
     hash: OnceLock<Hash>,
-    /// Of a column that has several.
+    /// The hashes of the column's blocks, if there are several.
     blocks: OnceLock<Blocks>,
-    /// Of a large column of which others were made, or that was made of another one.
-    line: OnceLock<Arc<Line<T>>>,
+    /// The buffer pool that a large column shares with the column from which it was made and with the columns that are made from it.
+    pool: OnceLock<Arc<BufferPool<T>>>,
 }
 
-impl<T> Shared<T> {
+impl<T> SharedItems<T> {
     fn new(items: Vec<T>) -> Self {
-        Self { items, hash: OnceLock::new(), blocks: OnceLock::new(), line: OnceLock::new() }
+        Self { items, hash: OnceLock::new(), blocks: OnceLock::new(), pool: OnceLock::new() }
     }
 }
 
-impl<T> Drop for Shared<T> {
-    /// What nobody has any more becomes a spare of the next one of its line, if there will be any.
+impl<T> Drop for SharedItems<T> {
+    /// Gives the buffer of the items to the pool, if another column still shares the pool.
     fn drop(&mut self) {
-        let (Some(line), Some(blocks)) = (self.line.take(), self.blocks.take()) else { return };
-        if Arc::strong_count(&line) > 1 {
-            line.put(Spare { items: std::mem::take(&mut self.items), blocks });
+        let (Some(pool), Some(blocks)) = (self.pool.take(), self.blocks.take()) else { return };
+        if Arc::strong_count(&pool) > 1 {
+            pool.put(SpareBuffer { items: std::mem::take(&mut self.items), blocks });
         }
     }
 }
@@ -51,20 +51,20 @@ impl<T: NoUninit + Send + Sync> Column<T> {
     pub fn hash(&self) -> Hash {
         *self.0.hash.get_or_init(|| {
             let one = of_one_block(self.len(), self.bytes());
-            one.unwrap_or_else(|| self.blocks().whole())
+            one.unwrap_or_else(|| self.blocks().root())
         })
     }
 
-    /// Returns false if something has written into the items since their hash was computed.
+    /// Returns false if the items were overwritten after their hash was computed.
     pub(super) fn is_intact(&self) -> bool {
-        let hash = || {
-            of_one_block(self.len(), self.bytes())
-                .unwrap_or_else(|| Blocks::new(self.len(), self.bytes()).whole())
-        };
-        self.0.hash.get().is_none_or(|known| *known == hash())
+        let Some(known) = self.0.hash.get() else { return true };
+        let hash = of_one_block(self.len(), self.bytes())
+            .unwrap_or_else(|| Blocks::new(self.len(), self.bytes()).root());
+        *known == hash
     }
 
-    /// Hashes what tells the items in these rows, and where they are, from others. It looks at no item if the hash of the column is known.
+    /// Feeds the hasher with bytes that identify the items in these rows and their positions: other items or positions give other bytes. If
+    /// the hash of the column is known, no item is read.
     pub fn hash_rows(&self, rows: Range<usize>, to: &mut blake3::Hasher) {
         if rows.is_empty() {
             return;
@@ -84,19 +84,19 @@ impl<T: NoUninit + Send + Sync> Column<T> {
         bytemuck::cast_slice(&self.0.items)
     }
 
-    /// How much memory the items hold, in bytes: what follows from their number, because nothing is set aside for more of them.
+    /// The memory that the items hold, in bytes. No capacity is reserved for more items.
     pub fn size(&self) -> usize {
         size_of_val(&self.0.items[..])
     }
 }
 
 impl<T: Pod + Send + Sync> Column<T> {
-    /// The same column with other items in some rows: those of all rows, one row after the other. Only what is around those that are others
-    /// is hashed again. All are copied, but where a large column that was made of this one, or of which this one was made, is gone: of
-    /// its copy only what has changed since.
+    /// A copy of the column with other items in some rows. `others` holds the new items of all rows, one row after the other. Only the
+    /// blocks around the changed items are hashed again. All items are copied, unless the pool has the buffer of a dropped column: then
+    /// only the items that have changed since that column was made are copied.
     ///
     /// # Panics
-    /// If there are no such rows, they are not in order and apart from each other, or take more or fewer items.
+    /// If a row is out of bounds, rows overlap or are not in ascending order, or `others` has the wrong length.
     #[must_use]
     pub fn with_rows(&self, rows: &[Range<u32>], others: &[T]) -> Self {
         let mut count = 0;
@@ -107,7 +107,7 @@ impl<T: Pod + Send + Sync> Column<T> {
                 count - row.len()
             })
             .collect();
-        assert!(count == others.len(), "{} items for {count} places", others.len());
+        assert!(count == others.len(), "{} items for rows of {count} items", others.len());
         self.with_rows_by(rows, |piece, to| {
             let row = rows.partition_point(|row| row.end <= piece.start);
             let first = firsts[row] + (piece.start - rows[row].start) as usize;
@@ -115,42 +115,43 @@ impl<T: Pod + Send + Sync> Column<T> {
         })
     }
 
-    /// [`Self::with_rows`], by what writes the items of a piece of a row to their places; it is called on all threads.
+    /// As [`Self::with_rows`], but the new items are written by a function, which gets one piece of a row at a time and is called on all
+    /// threads.
     ///
     /// # Panics
-    /// If there are no such rows, or they are not in order and apart from each other.
+    /// If a row is out of bounds, or rows overlap or are not in ascending order.
     #[must_use]
     pub fn with_rows_by(
         &self,
         rows: &[Range<u32>],
         write: impl Fn(Range<u32>, &mut [T]) + Sync,
     ) -> Self {
-        let is_large = line::LEAST <= self.size();
-        let line = is_large.then(|| self.0.line.get_or_init(|| Arc::new(Line::new())));
-        let mut items = match line.and_then(|line| line.take()) {
-            Some(spare) => spare.turned_into(self, self.blocks()),
+        let is_large = buffer_pool::MIN_POOLED_BYTES <= self.size();
+        let pool = is_large.then(|| self.0.pool.get_or_init(|| Arc::new(BufferPool::new())));
+        let mut items = match pool.and_then(|pool| pool.take()) {
+            Some(spare) => spare.update_to(self, self.blocks()),
             None => {
                 let mut items = huge_vec(self.len());
                 copy(self, &mut items);
                 items
             }
         };
-        items.par_rows_mut(rows, line::PIECE).for_each(|(row, to)| write(row, to));
-        let column = Self(Arc::new(Shared::new(items)));
-        if let Some(line) = line {
-            // Nobody else knows the column yet: neither this nor what follows is there.
-            let _ = column.0.line.set(line.clone());
+        items.par_rows_mut(rows, buffer_pool::PIECE_LEN).for_each(|(row, to)| write(row, to));
+        let column = Self(Arc::new(SharedItems::new(items)));
+        if let Some(pool) = pool {
+            // No other thread has access to the new column yet, so its pool and its block hashes are still unset.
+            let _ = column.0.pool.set(pool.clone());
         }
         if of_one_block(0, self.bytes()).is_none() {
-            let blocks = self.blocks().after(rows, size_of::<T>(), column.bytes());
+            let blocks = self.blocks().with_changed_rows(rows, size_of::<T>(), column.bytes());
             let _ = column.0.blocks.set(blocks);
         }
         column
     }
 }
 
-/// A column that may be gone.
-pub(super) struct WeakColumn<T>(Weak<Shared<T>>);
+/// A weak reference to a column.
+pub(super) struct WeakColumn<T>(Weak<SharedItems<T>>);
 
 impl<T> Clone for WeakColumn<T> {
     fn clone(&self) -> Self {
@@ -159,21 +160,21 @@ impl<T> Clone for WeakColumn<T> {
 }
 
 impl<T> WeakColumn<T> {
-    /// The column, if somebody still has it.
+    /// Returns the column if it still exists.
     pub(super) fn upgrade(&self) -> Option<Column<T>> {
         self.0.upgrade().map(Column)
     }
 }
 
 impl<T> Column<T> {
-    /// What does not keep it.
+    /// Returns a weak reference.
     pub(super) fn downgrade(&self) -> WeakColumn<T> {
         WeakColumn(Arc::downgrade(&self.0))
     }
 
-    /// A column of which the hash is known.
-    pub fn of_hash(items: Vec<T>, hash: Hash) -> Self {
-        let column = Self(Arc::new(Shared::new(items)));
+    /// A column whose hash is known.
+    pub fn with_known_hash(items: Vec<T>, hash: Hash) -> Self {
+        let column = Self(Arc::new(SharedItems::new(items)));
         let _ = column.0.hash.set(hash);
         column
     }
@@ -181,9 +182,9 @@ impl<T> Column<T> {
 
 impl<T> From<Vec<T>> for Column<T> {
     fn from(mut items: Vec<T>) -> Self {
-        // There will be no more of them; what was set aside would be held as long as the value.
+        // The list is kept as long as the value, and so would be its unused capacity.
         items.shrink_to_fit();
-        Self(Arc::new(Shared::new(items)))
+        Self(Arc::new(SharedItems::new(items)))
     }
 }
 
@@ -232,42 +233,43 @@ mod tests {
     }
 
     #[test]
-    fn a_column_with_other_rows_is_as_one_made_of_them() {
+    fn a_column_with_replaced_rows_equals_one_made_of_its_items() {
         for len in [3_u32, 1000, 50_000] {
             let mut items: Vec<_> = (0..len).map(f64::from).collect();
             let column = Column::from(items.clone());
             let rows = [0..1, len / 2..len / 2, len / 2..len - 1, len - 1..len];
-            let places: Vec<_> = rows.iter().cloned().flatten().collect();
-            let others: Vec<_> = places.iter().map(|&place| -2.0 * f64::from(place)).collect();
+            let indices: Vec<_> = rows.iter().cloned().flatten().collect();
+            let others: Vec<_> = indices.iter().map(|&index| -2.0 * f64::from(index)).collect();
             let other = column.with_rows(&rows, &others);
-            places.iter().zip(&others).for_each(|(&place, &item)| items[place as usize] = item);
+            indices.iter().zip(&others).for_each(|(&index, &item)| items[index as usize] = item);
             assert_eq!(other[..], items);
             assert_eq!(other.hash(), Column::from(items).hash());
             assert_eq!(column.with_rows(&[], &[]).hash(), column.hash());
         }
     }
 
-    /// Columns are made of any others of a line, and dropped in any order: each has the items and the hash that it should have.
+    /// Makes columns from each other and drops them in random order. Each must have the right items and the right hash.
     #[test]
-    fn a_column_made_of_what_is_left_of_others_is_as_one_made_anew() {
+    fn columns_in_reused_buffers_have_the_right_items_and_hashes() {
         let mut random = 20_070_115_u64;
-        fn below(most: usize, random: &mut u64) -> usize {
+        fn random_below(limit: usize, random: &mut u64) -> usize {
             *random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            (*random >> 33) as usize % most
+            (*random >> 33) as usize % limit
         }
-        let len = line::LEAST / size_of::<[f64; 3]>() + 1;
+        let len = buffer_pool::MIN_POOLED_BYTES / size_of::<[f64; 3]>() + 1;
         let first: Vec<_> = (0..len).map(|k| [k as f64, 0.0, -1.0]).collect();
         let mut known = vec![(Column::from(first.clone()), first)];
         let mut from_spares = 0;
         for step in 0..300 {
-            let (column, mut items) = known[below(known.len(), &mut random)].clone();
-            // Few rows, and now and then most of them.
-            let most = if below(10, &mut random) == 0 { len } else { 1 + len / 50 };
-            let starts = [below(len / 2, &mut random), len / 2 + below(len / 2, &mut random)];
+            let (column, mut items) = known[random_below(known.len(), &mut random)].clone();
+            // Most moves change few rows, and some change most of them.
+            let limit = if random_below(10, &mut random) == 0 { len } else { 1 + len / 50 };
+            let starts =
+                [random_below(len / 2, &mut random), len / 2 + random_below(len / 2, &mut random)];
             let rows = starts.map(|start| {
                 (
                     start,
-                    (start + below(most, &mut random)).min(if start < len / 2 {
+                    (start + random_below(limit, &mut random)).min(if start < len / 2 {
                         len / 2
                     } else {
                         len
@@ -281,13 +283,13 @@ mod tests {
             rows.iter().for_each(|&(start, end)| {
                 (start..end).for_each(|k| items[k] = [k as f64, f64::from(step), 0.5]);
             });
-            from_spares += usize::from(column.0.line.get().is_some_and(|line| line.has_spare()));
+            from_spares += usize::from(column.0.pool.get().is_some_and(|pool| pool.has_spare()));
             let made =
                 column.with_rows(&rows.map(|(start, end)| start as u32..end as u32), &others);
             assert!(made[..] == items[..] && made.hash() == Column::from(items.clone()).hash());
             known.push((made, items));
-            if 1 + below(4, &mut random) < known.len() {
-                known.swap_remove(below(known.len(), &mut random));
+            if 1 + random_below(4, &mut random) < known.len() {
+                known.swap_remove(random_below(known.len(), &mut random));
             }
         }
         assert!(from_spares > 100, "{from_spares}");
@@ -297,14 +299,14 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_left_of_the_last_column_of_a_line() {
-        let column = Column::from(vec![0_u8; line::LEAST]);
+    fn the_last_column_of_a_pool_drops_its_buffer() {
+        let column = Column::from(vec![0_u8; buffer_pool::MIN_POOLED_BYTES]);
         let other = column.with_rows(&[7..8, 8..8], &[1]);
-        let line = Arc::downgrade(column.0.line.get().unwrap());
+        let pool = Arc::downgrade(column.0.pool.get().unwrap());
         drop(column);
-        assert!(line.upgrade().unwrap().has_spare());
+        assert!(pool.upgrade().unwrap().has_spare());
         drop(other);
-        assert!(line.upgrade().is_none());
+        assert!(pool.upgrade().is_none());
     }
 
     #[test]

@@ -9,27 +9,27 @@ use super::{
 
 mod parts;
 
-/// Why points do not make a control net.
+/// Error of building a control net.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum ControlNetError {
-    /// Lists that do not fill the net.
+    /// A list has the wrong length.
     #[error("{count} entries do not fill a net of {rows} rows and {columns} columns")]
     Size {
-        /// Rows of the net.
+        /// The number of rows of the net.
         rows: usize,
-        /// Columns of the net.
+        /// The number of columns of the net.
         columns: usize,
-        /// Entries given.
+        /// The number of entries in the list.
         count: usize,
     },
-    /// A point or weight is NaN, infinite, or beyond all that single precision can tell, in which it is written.
+    /// A point or weight is NaN, infinite, or too large for single precision, in which nets are written.
     #[error(
         "control point ({row}, {column}) is not finite: a net's coordinates and weights stay below 3.4e38 in size, which files can hold"
     )]
     NotFinite {
-        /// Row of the point.
+        /// The row of the point.
         row: usize,
-        /// Column of the point.
+        /// The column of the point.
         column: usize,
     },
     /// A weight is negative.
@@ -37,36 +37,37 @@ pub enum ControlNetError {
         "the weight of control point ({row}, {column}) is {weight}; weights must not be negative"
     )]
     NegativeWeight {
-        /// Row of the point.
+        /// The row of the point.
         row: usize,
-        /// Column of the point.
+        /// The column of the point.
         column: usize,
-        /// Its weight.
+        /// The weight of the point.
         weight: f64,
     },
-    /// Rows of a net that are not equally long.
+    /// The rows of a net have different lengths.
     #[error("row {row} has {length} points, the first row has {expected}")]
     Ragged {
-        /// The offending row.
+        /// The index of the row.
         row: usize,
-        /// Its length.
+        /// The length of the row.
         length: usize,
-        /// The first row's length.
+        /// The length of the first row.
         expected: usize,
     },
 }
 
-/// Where the cells of a range grid lie on a control net.
+/// A chart of a control net: the position on the net of each cell of a range grid.
 ///
-/// A *net coordinate* is a pair of real numbers (a, b): control point (row, column) is at (row, column), and between the
-/// points it is interpolated. It becomes a surface's (u, v) by [`Surface::parameters`](super::Surface::parameters).
+/// A position is a *net coordinate*, a pair of real numbers (a, b). Control point (row, column) has the net coordinate (row, column);
+/// between control points the coordinate is interpolated. [`Surface::parameters`](super::Surface::parameters) maps a net coordinate to a
+/// surface's (u, v).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chart {
-    /// The range grid's size: width, height.
+    /// The width and height of the range grid.
     pub grid: [usize; 2],
-    /// The cells on the net, by index, row by row from the top.
+    /// The indices of those cells of the range grid that are on the net, row by row from the top.
     pub cells: Column<u32>,
-    /// Each cell's net coordinate.
+    /// The net coordinate of each entry of `cells`.
     pub coordinates: Column<[f64; 2]>,
 }
 
@@ -80,8 +81,8 @@ pub struct Chart {
 ///   v
 /// ```
 ///
-/// Invariant, checked by [`ControlNet::new`] and the `with_` methods: as many points, weights, flags and base points as
-/// rows x columns; all finite, also in single precision; no weight negative.
+/// Invariant, checked by [`ControlNet::new`] and the `with_` methods: points, weights, flags and base points have rows x columns entries.
+/// All numbers are finite, also in single precision, and no weight is negative.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ControlNet {
     rows: usize,
@@ -95,10 +96,10 @@ pub struct ControlNet {
 }
 
 impl ControlNet {
-    /// A net of points, row by row; all weights 1, none fixed, the base points the points themselves.
+    /// A net of points, row by row. All weights are 1, no point is fixed, and the base points are the points themselves.
     ///
     /// # Errors
-    /// If the points do not fill the net or one is not finite.
+    /// If the number of points does not match the net, or one is not finite.
     pub fn new(
         rows: usize,
         columns: usize,
@@ -119,10 +120,10 @@ impl ControlNet {
         Ok(net)
     }
 
-    /// The same net with its points moved; the base points stay.
+    /// Replaces the points. The base points do not change.
     ///
     /// # Errors
-    /// If the points do not fill the net or one is not finite.
+    /// If the number of points does not match the net, or one is not finite.
     pub fn with_points(
         mut self,
         points: impl Into<Column<Point3<f64>>>,
@@ -133,10 +134,10 @@ impl ControlNet {
         Ok(self)
     }
 
-    /// The same net with other weights, row by row.
+    /// Replaces the weights, row by row.
     ///
     /// # Errors
-    /// If the weights do not fill the net, or one is negative or not finite.
+    /// If the number of weights does not match the net, or one is negative or not finite.
     pub fn with_weights(mut self, weights: Vec<f64>) -> Result<Self, ControlNetError> {
         self.check_size(weights.len())?;
         for (index, &weight) in weights.iter().enumerate() {
@@ -152,24 +153,24 @@ impl ControlNet {
         Ok(self)
     }
 
-    /// The same net with these points fixed (1): an offset does not move them.
+    /// Sets the flag of each point: 1 fixes the point, so that an offset does not move it.
     ///
     /// # Errors
-    /// If the flags do not fill the net.
+    /// If the number of flags does not match the net.
     pub fn with_fixed(mut self, fixed: Vec<u8>) -> Result<Self, ControlNetError> {
         self.check_size(fixed.len())?;
         self.fixed = fixed.into();
         Ok(self)
     }
 
-    /// The same net with the place of a range grid's cells on it.
+    /// Sets the chart: the positions of a range grid's cells on the net.
     #[must_use]
     pub fn with_chart(mut self, chart: Chart) -> Self {
         self.chart = Some(chart);
         self
     }
 
-    /// The same net in a capture's frame, or none.
+    /// Sets or removes the capture frame.
     #[must_use]
     pub fn with_frame(mut self, frame: Option<CaptureFrame>) -> Self {
         self.frame = frame;
@@ -195,12 +196,12 @@ impl ControlNet {
         }
     }
 
-    /// Number of rows: control points along u.
+    /// The number of rows: control points along u.
     pub fn rows(&self) -> usize {
         self.rows
     }
 
-    /// Number of columns: control points along v.
+    /// The number of columns: control points along v.
     pub fn columns(&self) -> usize {
         self.columns
     }
@@ -210,7 +211,7 @@ impl ControlNet {
         &self.points
     }
 
-    /// The points before any offset, row by row.
+    /// The base points: the points before any offset, row by row.
     pub fn base(&self) -> &[Point3<f64>] {
         &self.base
     }
@@ -220,17 +221,18 @@ impl ControlNet {
         &self.weights
     }
 
-    /// 1 for each point that an offset does not move, row by row.
-    pub fn fixed(&self) -> &[u8] {
+    /// A flag per point, row by row: 1 if an offset does not move the point.
+    pub fn fixed_points(&self) -> &[u8] {
         &self.fixed
     }
 
-    /// Where a range grid's cells lie on the net, if it came from a region.
+    /// The chart: the positions of a range grid's cells on the net. `None` if the net did not come from a region.
     pub fn chart(&self) -> Option<&Chart> {
         self.chart.as_ref()
     }
 
-    /// The frame of the capture that it came from, if any: it has the sensor's axes then, and y up otherwise.
+    /// The frame of the capture that the net came from, if any. With a frame the net has the axes of the sensor; without a frame y points
+    /// up.
     pub fn frame(&self) -> Option<&CaptureFrame> {
         self.frame.as_ref()
     }
@@ -281,10 +283,10 @@ impl Value for ControlNet {
         let moved = self.points.iter().zip(&*self.base).filter(|(point, base)| point != base);
         let farthest = moved.clone().map(|(point, base)| (point - base).norm()).fold(0.0, f64::max);
         let summary = Summary::default()
-            .with("net", format!("{} rows x {} columns", self.rows, self.columns))
-            .with("fixed", self.fixed.iter().filter(|&&fixed| fixed == 1).count())
-            .with("moved", moved.count())
-            .with("farthest move", farthest);
+            .with_fact("net", format!("{} rows x {} columns", self.rows, self.columns))
+            .with_fact("fixed", self.fixed.iter().filter(|&&fixed| fixed == 1).count())
+            .with_fact("moved", moved.count())
+            .with_fact("farthest move", farthest);
         super::mesh::describe_bounds(summary, self.points.iter())
     }
 
@@ -300,12 +302,13 @@ impl Value for ControlNet {
         parts::show(self)
     }
 
-    fn hostile() -> Vec<Self> {
-        parts::hostile()
+    fn edge_cases() -> Vec<Self> {
+        parts::edge_cases()
     }
 }
 
-/// Whether a number is finite in single precision, too: what is beyond would be infinite in a file, and its square everywhere.
+/// Returns true if a number is finite in single precision. A number beyond that range would be infinite in a file, and its square would
+/// overflow.
 fn is_finite(number: f64) -> bool {
     (number as f32).is_finite()
 }
@@ -323,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn a_net_with_bad_numbers_is_refused() {
+    fn nets_with_invalid_numbers_are_refused() {
         let net = ControlNet::new(1, 1, vec![Point3::origin()]).unwrap();
         assert!(ControlNet::new(2, 1, vec![Point3::origin()]).is_err());
         assert!(ControlNet::new(0, 0, vec![]).is_err());

@@ -1,23 +1,24 @@
-//! What is counted of a value.
+//! Counts of a value's elements.
 
 use std::borrow::Cow;
 
 use super::topology::{Topology, border_loops};
-use super::{AnyValue, FactValue, Items, Meaning, On, Part, Parts};
+use super::{AnyValue, ElementKind, FactValue, Items, Meaning, Part, Parts};
 
-/// What is counted of a value, and how many there are.
-pub fn counted(value: &AnyValue) -> Vec<(Cow<'static, str>, i64)> {
+/// Returns all counts of a value with their names. For a mesh these are its topology; for any other value, its facts that are counts.
+pub fn value_counts(value: &AnyValue) -> Vec<(Cow<'static, str>, i64)> {
     match value.as_mesh() {
         Some(mesh) => {
             let loops = [("border loops", border_loops(&mesh) as i64)];
-            let facts = Topology::of(&mesh).facts().into_iter().chain(loops);
+            let facts = Topology::from_mesh(&mesh).facts().into_iter().chain(loops);
             facts.map(|(name, count)| (name.into(), count)).collect()
         }
         None => counts(&value.parts()),
     }
 }
 
-/// What can be counted of a value that shows no faces: its facts that are counts, without `valid` before them, and the pixels of a mask.
+/// Returns the counts of a value that is not shown as faces: its facts that are counts, without the prefix `valid `, and for a mask the
+/// number of pixels inside.
 fn counts(parts: &Parts<'_>) -> Vec<(Cow<'static, str>, i64)> {
     let mut counts: Vec<_> = parts
         .facts
@@ -32,8 +33,14 @@ fn counts(parts: &Parts<'_>) -> Vec<(Cow<'static, str>, i64)> {
             _ => None,
         })
         .collect();
-    if let [Part { on: On::Pixel, meaning: Meaning::Exact, items: Items::U8(flags), .. }] =
-        &parts.columns[..]
+    if let [
+        Part {
+            element_kind: ElementKind::Pixel,
+            meaning: Meaning::Exact,
+            items: Items::U8(flags),
+            ..
+        },
+    ] = &parts.columns[..]
     {
         let inside = flags.iter().filter(|&&flag| flag == 1).count();
         counts.push(("pixels".into(), inside as i64));

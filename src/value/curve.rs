@@ -3,10 +3,10 @@
 use nalgebra::Point3;
 use thiserror::Error;
 
-use super::hostile::clouds;
+use super::edge_cases::point_sets;
 use super::{
-    Axes, Column, DecodeError, Decoder, Encoder, FactValue, KnotVector, Layer, Lines, Meaning, On,
-    Parts, PartsError, Summary, Value,
+    Axes, Column, DecodeError, Decoder, ElementKind, Encoder, FactValue, KnotVector, Layer, Lines,
+    Meaning, Parts, PartsError, Summary, Value,
 };
 
 mod closest;
@@ -14,55 +14,55 @@ mod evaluate;
 
 pub use closest::CurveFoot;
 
-/// Why points do not make a curve.
+/// Error of building a curve.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum CurveError {
     /// A point or weight is NaN or infinite.
     #[error("point {point} of the curve is not finite")]
     NotFinite {
-        /// The offending point.
+        /// The index of the point with the number.
         point: usize,
     },
-    /// Too few points.
-    #[error("{count} points are too few for a curve: at least {least} are needed")]
+    /// There are too few points.
+    #[error("{count} points are too few for a curve: at least {min} are needed")]
     TooFew {
-        /// Points given.
+        /// The number of points.
         count: usize,
-        /// 2 for an open polyline, 3 for a closed one.
-        least: usize,
+        /// The minimum: 2 for an open polyline, 3 for a closed one.
+        min: usize,
     },
-    /// Knots or weights for another number of points.
+    /// The number of knots or weights does not match the number of points.
     #[error("the {what} are for {found} control points, the curve has {points}")]
     Count {
-        /// `knots` or `weights`.
+        /// The list with the wrong length: `knots` or `weights`.
         what: &'static str,
-        /// Control points that they are for.
+        /// The number of control points that the list is for.
         found: usize,
-        /// Control points of the curve.
+        /// The number of control points of the curve.
         points: usize,
     },
-    /// A weight that is not positive.
+    /// A weight is not positive.
     #[error("the weight of control point {point} is {weight}; weights of curves are positive")]
     Weight {
-        /// The offending control point.
+        /// The index of the control point.
         point: usize,
-        /// Its weight.
+        /// The weight.
         weight: f64,
     },
 }
 
-/// A curve in space, lengths in mm: a polyline through its points, or a rational B-spline that its points control.
+/// A curve in space, lengths in mm: a polyline through points, or a rational B-spline with control points.
 ///
 /// ```text
 /// C(t) = sum_i w_i P_i N_i(t) / sum_i w_i N_i(t)
 /// ```
 ///
-/// The parameter of a polyline is its point's number, from 0, with straight pieces between; a closed one returns from its last
-/// point to its first, which is not repeated. The parameter of a B-spline is that of its knots; it is closed if it ends where it
-/// begins, which is a property of its points and not said apart.
+/// The parameter of a polyline is the index of its point, from 0; between points it runs along straight segments. A closed polyline returns
+/// from its last point to its first, which is not repeated. The parameter of a B-spline is that of its knots. A B-spline is closed if it
+/// ends where it begins. Its points show that, so closedness is not stored separately.
 ///
-/// Invariant, checked by [`Curve::polyline`] and [`Curve::rational`]: points finite, at least 2, or 3 in a closed polyline; as
-/// many control points as the knots are for, each with a finite weight greater than 0.
+/// Invariant, checked by [`Curve::polyline`] and [`Curve::rational`]: all points are finite. A polyline has at least 2 points, a closed one
+/// at least 3. A B-spline has as many control points as its knots need, each with a finite weight greater than 0.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Curve {
     points: Column<Point3<f64>>,
@@ -70,38 +70,39 @@ pub struct Curve {
     spline: Option<Spline>,
 }
 
-/// What makes a B-spline of control points.
+/// The knots and weights of a B-spline.
 #[derive(Clone, Debug, PartialEq)]
 struct Spline {
     knots: KnotVector,
     weights: Column<f64>,
 }
 
-/// How near the ends of a B-spline are that count as one, as a share of the size of its control points: rounding.
+/// The maximum gap between the two ends of a closed B-spline, as a fraction of the diagonal of the control points' bounding box. It allows
+/// for rounding.
 const CLOSED: f64 = 1e-9;
 
 impl Curve {
-    /// A polyline; a closed one does not repeat its first point.
+    /// Builds a polyline. A closed polyline does not repeat its first point.
     ///
     /// # Errors
-    /// If there are too few points or one is not finite.
+    /// If there are too few points, or one is not finite.
     pub fn polyline(
         points: impl Into<Column<Point3<f64>>>,
         closed: bool,
     ) -> Result<Self, CurveError> {
         let points = points.into();
-        let (count, least) = (points.len(), if closed { 3 } else { 2 });
-        if count < least {
-            return Err(CurveError::TooFew { count, least });
+        let (count, min) = (points.len(), if closed { 3 } else { 2 });
+        if count < min {
+            return Err(CurveError::TooFew { count, min });
         }
         check_finite(&points)?;
         Ok(Self { points, closed, spline: None })
     }
 
-    /// A rational B-spline; with all weights equal it is a plain one.
+    /// Builds a rational B-spline. If all weights are equal, it is non-rational.
     ///
     /// # Errors
-    /// If the knots or weights are for another number of points, a weight is not greater than 0, or a number is not finite.
+    /// If the number of knots or weights does not match the points, a weight is not greater than 0, or a number is not finite.
     pub fn rational(
         points: impl Into<Column<Point3<f64>>>,
         weights: Vec<f64>,
@@ -130,10 +131,10 @@ impl Curve {
         Ok(curve)
     }
 
-    /// The same curve with its points moved.
+    /// Replaces the points.
     ///
     /// # Errors
-    /// If there are more or fewer points than before, or one is not finite.
+    /// If the number of points differs, or one is not finite.
     pub fn with_points(&self, points: Vec<Point3<f64>>) -> Result<Self, CurveError> {
         match &self.spline {
             None if points.len() == self.points.len() => Self::polyline(points, self.closed),
@@ -145,27 +146,27 @@ impl Curve {
         }
     }
 
-    /// The points of a polyline, the control points of a B-spline.
+    /// The points of a polyline, or the control points of a B-spline.
     pub fn points(&self) -> &Column<Point3<f64>> {
         &self.points
     }
 
-    /// Whether it ends where it begins.
+    /// Returns true if the curve ends where it begins.
     pub fn is_closed(&self) -> bool {
         self.closed
     }
 
-    /// The knots of a B-spline; none for a polyline.
+    /// The knots of a B-spline; `None` for a polyline.
     pub fn knots(&self) -> Option<&KnotVector> {
         self.spline.as_ref().map(|spline| &spline.knots)
     }
 
-    /// The weights of a B-spline; none for a polyline.
+    /// The weights of a B-spline; `None` for a polyline.
     pub fn weights(&self) -> Option<&[f64]> {
         self.spline.as_ref().map(|spline| &*spline.weights)
     }
 
-    /// First and last parameter.
+    /// The first and the last parameter.
     pub fn domain(&self) -> (f64, f64) {
         match &self.spline {
             Some(spline) => spline.knots.domain(),
@@ -174,7 +175,7 @@ impl Curve {
         }
     }
 
-    /// The diagonal of the box around all points.
+    /// The length of the diagonal of the bounding box of all points.
     fn diagonal(&self) -> f64 {
         super::mesh::bounds(self.points.iter()).map_or(0.0, |(low, high)| (high - low).norm())
     }
@@ -215,12 +216,12 @@ impl Value for Curve {
     fn describe(&self) -> Summary {
         let kind = if self.spline.is_some() { "rational B-spline" } else { "polyline" };
         let mut summary = Summary::default()
-            .with("kind", kind)
-            .with("points", self.points.len())
-            .with("closed", self.closed)
-            .with("domain", format!("{:?}", self.domain()));
+            .with_fact("kind", kind)
+            .with_fact("points", self.points.len())
+            .with_fact("closed", self.closed)
+            .with_fact("domain", format!("{:?}", self.domain()));
         if let Some(spline) = &self.spline {
-            summary = summary.with("order", spline.knots.degree() + 1);
+            summary = summary.with_fact("order", spline.knots.degree() + 1);
         }
         super::mesh::describe_bounds(summary, self.points.iter())
     }
@@ -229,34 +230,35 @@ impl Value for Curve {
         let mut parts = Parts::default();
         parts.fact("points", self.points.len());
         parts.fact("closed", self.closed);
-        parts.push("point", On::Point, Meaning::Position, 3, &self.points[..]);
+        parts.push("point", ElementKind::Point, Meaning::Position, 3, &self.points[..]);
         if let Some(spline) = &self.spline {
             spline.knots.push("knots", &mut parts);
-            parts.push("weight", On::Point, Meaning::Number, 1, &spline.weights[..]);
+            parts.push("weight", ElementKind::Point, Meaning::Number, 1, &spline.weights[..]);
         }
         parts
     }
 
-    /// A B-spline if there are knots, with all weights 1 if there are none; else a polyline, open if the fact `closed` is not there.
+    /// Builds a curve from parts. With knots it is a B-spline, whose weights are 1 if there are none. Without knots it is a polyline, which
+    /// is open if the fact `closed` is missing.
     fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
-        let points = parts.need("point", 3)?.places()?;
+        let points = parts.require("point", 3)?.to_points()?;
         let weight = parts.column_of("weight", 1)?;
         if parts.column("knots").is_none() {
             if weight.is_some() {
-                return Err(PartsError::Missing { part: "knots".into() });
+                return Err(PartsError::missing("knots"));
             }
             let closed = parts.fact_of("closed") == Some(&FactValue::Flag(true));
-            return Self::polyline(points, closed).map_err(PartsError::refused);
+            return Self::polyline(points, closed).map_err(PartsError::from_error);
         }
-        let knots = KnotVector::of(parts, "knots")?;
+        let knots = KnotVector::from_named_parts(parts, "knots")?;
         let weights = weight
             .map_or_else(|| vec![1.0; points.len()], |part| part.items.numbers().into_owned());
-        Self::rational(points, weights, knots).map_err(PartsError::refused)
+        Self::rational(points, weights, knots).map_err(PartsError::from_error)
     }
 
-    /// As a chain of straight lines; a B-spline with that of its control points.
+    /// Draws the curve as straight lines. For a B-spline, also draws its control polygon.
     fn show(&self) -> Vec<Layer> {
-        /// Straight pieces for each control point of a B-spline.
+        /// The number of segments per control point of a B-spline.
         const PIECES: usize = 16;
         let count = self.points.len() as u32;
         let ends = (self.spline.is_none() && self.closed).then_some(0);
@@ -281,14 +283,14 @@ impl Value for Curve {
         vec![curve, control]
     }
 
-    fn hostile() -> Vec<Self> {
-        let polylines = [2, 3, 7].into_iter().flat_map(clouds).flat_map(|points| {
+    fn edge_cases() -> Vec<Self> {
+        let polylines = [2, 3, 7].into_iter().flat_map(point_sets).flat_map(|points| {
             [Self::polyline(points.clone(), false), Self::polyline(points, true)]
         });
         fn knots() -> Result<KnotVector, crate::KnotVectorError> {
             KnotVector::new(2, vec![0.0, 0.0, 0.0, 1e-300, 1.0, 1.0, 1.0])
         }
-        let splines = clouds(4).into_iter().flat_map(|points| {
+        let splines = point_sets(4).into_iter().flat_map(|points| {
             [vec![1.0; 4], vec![1e-300, 1.0, 1e300, 1.0]]
                 .map(|weights| Self::rational(points.clone(), weights, knots().ok()?).ok())
         });
@@ -301,18 +303,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn points_that_make_no_curve_are_refused() {
+    fn invalid_curves_are_refused() {
         fn points(count: usize) -> Vec<Point3<f64>> {
             vec![Point3::origin(); count]
         }
-        assert_eq!(
-            Curve::polyline(points(1), false),
-            Err(CurveError::TooFew { count: 1, least: 2 })
-        );
-        assert_eq!(
-            Curve::polyline(points(2), true),
-            Err(CurveError::TooFew { count: 2, least: 3 })
-        );
+        assert_eq!(Curve::polyline(points(1), false), Err(CurveError::TooFew { count: 1, min: 2 }));
+        assert_eq!(Curve::polyline(points(2), true), Err(CurveError::TooFew { count: 2, min: 3 }));
         let nowhere = vec![Point3::origin(), Point3::new(f64::INFINITY, 0.0, 0.0)];
         assert_eq!(Curve::polyline(nowhere, false), Err(CurveError::NotFinite { point: 1 }));
         let knots = KnotVector::uniform(3, 3).unwrap();
@@ -334,11 +330,11 @@ mod tests {
     #[test]
     fn a_spline_is_closed_if_it_ends_where_it_begins() {
         let knots = KnotVector::uniform(4, 3).unwrap();
-        fn at(x: f64, y: f64) -> Point3<f64> {
+        fn point_xy(x: f64, y: f64) -> Point3<f64> {
             Point3::new(x, y, 0.0)
         }
-        let ring = vec![at(0., 0.), at(1., 0.), at(1., 1.), at(0., 0.)];
-        let arc = vec![at(0., 0.), at(1., 0.), at(1., 1.), at(0., 1.)];
+        let ring = vec![point_xy(0., 0.), point_xy(1., 0.), point_xy(1., 1.), point_xy(0., 0.)];
+        let arc = vec![point_xy(0., 0.), point_xy(1., 0.), point_xy(1., 1.), point_xy(0., 1.)];
         assert!(Curve::rational(ring, vec![1.0; 4], knots.clone()).unwrap().is_closed());
         assert!(!Curve::rational(arc, vec![1.0; 4], knots).unwrap().is_closed());
     }

@@ -4,50 +4,52 @@ use nalgebra::{Point3, Unit, Vector3};
 use thiserror::Error;
 
 use super::{
-    Arrows, Axes, DecodeError, Decoder, Encoder, Layer, Meaning, On, Part, Parts, PartsError,
-    Summary, Value,
+    Arrows, Axes, DecodeError, Decoder, ElementKind, Encoder, Layer, Meaning, Part, Parts,
+    PartsError, Summary, Value,
 };
 
-/// Why there is no direction.
+/// Error of building a direction.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum DirectionError {
     /// The vectors cancel out.
     #[error("the directions cancel out: their mean is {length:e} long")]
     Vanishes {
-        /// Length of the mean.
+        /// The length of the mean.
         length: f64,
     },
     /// A component is NaN or infinite.
     #[error("a direction must be finite")]
     NotFinite,
-    /// A vector that should be of the length 1.
+    /// A vector does not have length 1.
     #[error("a direction is {length} long, not 1")]
     NotUnit {
-        /// Its length.
+        /// The length of the vector.
         length: f64,
     },
-    /// A resultant that no mean of unit vectors has.
+    /// The resultant is out of range.
     #[error("the resultant {resultant} is not from 1e-6 to 1")]
     Resultant {
-        /// What was given.
+        /// The resultant.
         resultant: f64,
     },
 }
 
-/// A unit vector, and how well the vectors that it is the mean of agree.
+/// A unit vector that is the mean of other unit vectors, and the *resultant*: the length of that mean before normalization, which measures
+/// how well the vectors agree.
 ///
-/// Invariant, checked by [`Direction::mean`] and [`Direction::new`]: finite; length 1; resultant from 0 to 1.
+/// Invariant, checked by [`Direction::mean`] and [`Direction::new`]: the vector is finite and of length 1; the resultant is from 1e-6 to 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Direction {
     vector: Unit<Vector3<f64>>,
     resultant: f64,
 }
 
-/// Below this length of a mean of unit vectors its direction is noise: about the rounding of a million summands, times 1000.
-const LEAST_RESULTANT: f64 = 1e-6;
+/// The minimum length of a mean of unit vectors. The direction of a shorter mean is noise: the limit is about 1000 times the rounding error
+/// of a million summands.
+const MIN_RESULTANT: f64 = 1e-6;
 
 impl Direction {
-    /// The direction of `mean`, the mean of unit vectors; its length becomes the resultant.
+    /// Builds the direction of `mean`, which is the mean of unit vectors. The length of `mean` becomes the resultant.
     ///
     /// # Errors
     /// If the mean is shorter than 1e-6 or not finite.
@@ -56,16 +58,16 @@ impl Direction {
         if !length.is_finite() {
             return Err(DirectionError::NotFinite);
         }
-        if length < LEAST_RESULTANT {
+        if length < MIN_RESULTANT {
             return Err(DirectionError::Vanishes { length });
         }
         Ok(Self { vector: Unit::new_unchecked(mean / length), resultant: length.min(1.0) })
     }
 
-    /// The direction of a unit vector.
+    /// Builds a direction from a unit vector and a resultant.
     ///
     /// # Errors
-    /// If its length is not 1 up to rounding (1e-9), or the resultant not from 1e-6 to 1.
+    /// If the length of the vector is not 1 up to rounding (1e-9), or the resultant is not from 1e-6 to 1.
     pub fn new(vector: Vector3<f64>, resultant: f64) -> Result<Self, DirectionError> {
         let length = vector.norm();
         if !length.is_finite() {
@@ -74,7 +76,7 @@ impl Direction {
         if (length - 1.0).abs() > 1e-9 {
             return Err(DirectionError::NotUnit { length });
         }
-        if !(LEAST_RESULTANT..=1.0).contains(&resultant) {
+        if !(MIN_RESULTANT..=1.0).contains(&resultant) {
             return Err(DirectionError::Resultant { resultant });
         }
         Ok(Self { vector: Unit::new_unchecked(vector), resultant })
@@ -85,7 +87,7 @@ impl Direction {
         self.vector
     }
 
-    /// Length of the mean of the unit vectors behind it: 1 if all agree, near 0 if they point everywhere.
+    /// The resultant: the length of the mean of the unit vectors. It is 1 if all of them agree, and near 0 if they point everywhere.
     pub fn resultant(&self) -> f64 {
         self.resultant
     }
@@ -110,31 +112,33 @@ impl Value for Direction {
 
     fn describe(&self) -> Summary {
         let vector: [f64; 3] = self.vector.into_inner().into();
-        Summary::default().with("direction", vector.to_vec()).with("resultant", self.resultant)
+        Summary::default()
+            .with_fact("direction", vector.to_vec())
+            .with_fact("resultant", self.resultant)
     }
 
     fn parts(&self) -> Parts<'_> {
         let mut parts = Parts::default();
-        parts.push("direction", On::Whole, Meaning::Direction, 3, self.vector.as_slice());
-        parts.push("resultant", On::Whole, Meaning::Number, 1, vec![self.resultant]);
+        parts.push("direction", ElementKind::Whole, Meaning::Direction, 3, self.vector.as_slice());
+        parts.push("resultant", ElementKind::Whole, Meaning::Number, 1, vec![self.resultant]);
         parts
     }
 
     fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
-        let vector = parts.need("direction", 3)?.only::<3>()?;
-        let resultant = parts.column_of("resultant", 1)?.map(Part::only::<1>).transpose()?;
+        let vector = parts.require("direction", 3)?.single::<3>()?;
+        let resultant = parts.column_of("resultant", 1)?.map(Part::single::<1>).transpose()?;
         let [resultant] = resultant.unwrap_or([1.0]);
-        Self::new(vector.into(), resultant).map_err(PartsError::refused)
+        Self::new(vector.into(), resultant).map_err(PartsError::from_error)
     }
 
-    /// An arrow as long as the resultant, in mm.
+    /// Draws an arrow whose length is the resultant, in mm.
     fn show(&self) -> Vec<Layer> {
         let to = Point3::from(self.vector.into_inner() * self.resultant);
         let (from, to) = (vec![Point3::origin()].into(), vec![to].into());
         vec![Layer::Arrows(Arrows { from, to, axes: Axes::Sensor })]
     }
 
-    fn hostile() -> Vec<Self> {
+    fn edge_cases() -> Vec<Self> {
         Self::mean(Vector3::new(0.0, 1e-5, 0.0)).into_iter().collect()
     }
 }

@@ -1,46 +1,46 @@
-//! What a `ForEach` goes over in a value: its elements, each a value by itself.
+//! The elements of a value that a `ForEach` iterates over: each is a value by itself.
 
 use thiserror::Error;
 
 use super::{AnyValue, Value, ValueType};
 
-/// One way to take the values of a type apart, for a `ForEach`.
+/// One way to split values of a type into elements, for a `ForEach`.
 ///
-/// An element hangs on its own part of the value alone: if another part changes, or comes or goes, it must come out the same, so that
-/// what was made of it is still true.
+/// An element depends only on its own part of the value: if another part changes, appears or disappears, the element stays equal, so that
+/// results computed from it stay valid.
 pub struct Elements<T> {
-    /// What graph files say: `Parts` for `over: Parts("mesh")`; empty for `over: "spots"`.
+    /// The word that selects these elements in graph files: `Parts` for `over: Parts("mesh")`. Empty for the default, `over: "spots"`.
     pub word: &'static str,
-    /// What they are, in messages: `components`.
+    /// The plural noun for the elements in messages, such as `components`.
     pub name: &'static str,
-    /// The type of each.
+    /// The type of each element.
     pub kind: &'static ValueType,
-    /// All of them in order, in one pass over the value, if there are no more than `most`. What comes last are elements of some other
-    /// value, perhaps of none: one that is equal may be taken over instead of being made again.
-    pub cut: fn(value: &T, most: usize, before: &[AnyValue]) -> Found,
+    /// Splits a value into all its elements, in order, if there are at most `max_count`. `before` holds the elements of another value, or
+    /// nothing. An element of `before` that is equal to a new one may be reused instead of being built again.
+    pub cut: fn(value: &T, max_count: usize, before: &[AnyValue]) -> ElementsResult,
 }
 
-/// What a value was taken apart to.
-type Found = Result<Vec<AnyValue>, NoElements>;
+/// The elements of a value, or the reason why the value has none.
+type ElementsResult = Result<Vec<AnyValue>, NoElements>;
 
-/// Why a value was not taken apart.
+/// Error of splitting a value into elements.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum NoElements {
-    /// There are more elements than were asked for.
+    /// The value has more elements than the limit.
     #[error("there are {count} elements")]
     TooMany {
-        /// How many there are.
+        /// The number of elements.
         count: usize,
     },
-    /// The value has no such elements, because of this.
+    /// The value cannot be split; contains the reason.
     #[error("{0}")]
     Impossible(String),
 }
 
-/// Elements, if a value has such.
-pub(crate) type Cut = Option<Found>;
+/// The result of splitting a value. `None` if the value's type has no elements of the requested kind.
+pub(crate) type Cut = Option<ElementsResult>;
 
-/// What the engine knows of one way to take values of a type apart.
+/// One way to split values of a type, as the engine sees it.
 #[derive(Clone, Copy)]
 pub struct ElementType {
     pub word: &'static str,
@@ -49,7 +49,7 @@ pub struct ElementType {
 }
 
 impl ElementType {
-    /// The ways of a type.
+    /// All ways to split values of `T`.
     pub(super) fn all_of<T: Value>() -> Vec<Self> {
         T::elements()
             .iter()
@@ -58,8 +58,8 @@ impl ElementType {
     }
 }
 
-/// The elements of a value that a word means; none if its type has no such.
-pub(super) fn cut<T: Value>(value: &T, word: &str, most: usize, before: &[AnyValue]) -> Cut {
+/// Splits a value into the elements that `word` names. `None` if the value's type has no such elements.
+pub(super) fn cut<T: Value>(value: &T, word: &str, max_count: usize, before: &[AnyValue]) -> Cut {
     let way = T::elements().into_iter().find(|way| way.word == word)?;
-    Some((way.cut)(value, most, before))
+    Some((way.cut)(value, max_count, before))
 }

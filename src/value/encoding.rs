@@ -1,7 +1,7 @@
-//! The content of a value as bytes: to be hashed, and to be kept on disk and read back.
+//! The content of a value as bytes, for hashing and for storage on disk.
 //!
-//! Both see the same parts in the same order; they differ in columns and in values inside of values, of which the hash takes
-//! the hash. Large columns are kept apart from their values, so that two values that share one keep it once.
+//! Hashing and storage encode the same parts in the same order. They differ in columns and nested values: a hash includes only the hash of
+//! each. For storage, large columns are written separately from their values, so that a column shared by two values is stored once.
 
 use std::sync::Arc;
 
@@ -10,47 +10,53 @@ use bytemuck::{AnyBitPattern, NoUninit};
 use super::memo::{Memo, hash_of_memo};
 use super::{Column, Hash, Value};
 
-/// Takes the content of a value, part by part.
+/// Collects the content of a value, part by part.
 ///
-/// Each part is written with its length, so that no two different contents look alike.
+/// Each part is preceded by its length, so that different contents never have equal bytes.
 pub struct Encoder {
     bytes: Vec<u8>,
-    /// From how many bytes on a column is kept apart.
-    apart: usize,
-    /// Large columns; none if the content is only hashed.
+    /// The minimum size in bytes of a column that is stored separately.
+    separate_size: usize,
+    /// The columns that are stored separately. `None` if the content is only hashed.
     columns: Option<Vec<Arc<dyn Bytes>>>,
-    /// False if a column that is to be kept no longer has its hash.
+    /// False if a stored column no longer has its hash, because its memory was overwritten.
     is_intact: bool,
 }
 
-/// A column below this many bytes is kept inside of its value: a file of its own would cost more.
-const APART: usize = 32 << 10;
+/// The minimum size in bytes of a column that is stored separately. Smaller columns are stored inside their value, because a separate file
+/// would cost more.
+const SEPARATE_SIZE: usize = 32 << 10;
 
 impl Encoder {
     fn new(columns: Option<Vec<Arc<dyn Bytes>>>) -> Self {
-        Self { bytes: Vec::with_capacity(128), apart: APART, columns, is_intact: true }
+        Self {
+            bytes: Vec::with_capacity(128),
+            separate_size: SEPARATE_SIZE,
+            columns,
+            is_intact: true,
+        }
     }
 
-    /// The hash of what `encode` writes behind a name.
+    /// The hash of a name and the content that `encode` writes.
     pub(super) fn hash(name: &str, encode: impl FnOnce(&mut Self)) -> Hash {
         let mut encoder = Self::new(None);
         encode(encoder.text(name));
-        Hash::of(&encoder.bytes)
+        Hash::compute(&encoder.bytes)
     }
 
-    /// All that `encode` writes, large columns too.
+    /// Returns all bytes that `encode` writes, including large columns.
     pub(super) fn bytes(encode: impl FnOnce(&mut Self)) -> Vec<u8> {
-        let mut encoder = Self { apart: usize::MAX, ..Self::new(Some(Vec::new())) };
+        let mut encoder = Self { separate_size: usize::MAX, ..Self::new(Some(Vec::new())) };
         encode(&mut encoder);
         encoder.bytes
     }
 
-    /// Writes a few bytes of plain data: numbers, points, small arrays of them.
+    /// Writes small plain data: numbers, points, small arrays of them.
     pub fn plain<T: NoUninit>(&mut self, part: &T) -> &mut Self {
         self.part(bytemuck::bytes_of(part))
     }
 
-    /// Writes sizes and counts, the same on machines of every word length.
+    /// Writes sizes and counts as 64-bit numbers, independent of the machine's word length.
     pub fn counts(&mut self, part: &[usize]) -> &mut Self {
         part.iter().for_each(|&count| {
             self.plain(&(count as u64));
@@ -63,21 +69,21 @@ impl Encoder {
         self.part(part.as_bytes())
     }
 
-    /// Writes a column; in the hash by its own hash, which is computed once and shared with every value that holds the column.
+    /// Writes a column. A hash includes only the column's own hash, which is computed once and shared by all values that hold the column.
     pub fn column<T: NoUninit + Send + Sync>(&mut self, part: &Column<T>) -> &mut Self {
         self.part(&part.hash().0);
         let Some(columns) = &mut self.columns else { return self };
         self.is_intact &= part.is_intact();
         let bytes: &[u8] = bytemuck::cast_slice(part);
-        let apart = self.apart <= bytes.len();
-        if apart {
+        let is_separate = self.separate_size <= bytes.len();
+        if is_separate {
             columns.push(Arc::new(part.clone()));
         }
-        self.plain(&u8::from(apart)).counts(&[part.len()]);
-        if apart { self } else { self.part(bytes) }
+        self.plain(&u8::from(is_separate)).counts(&[part.len()]);
+        if is_separate { self } else { self.part(bytes) }
     }
 
-    /// Writes a column of which the hash is known, and which is made only to be kept.
+    /// Writes a column whose hash is known. The function `column` is called only if the column is to be stored.
     pub(super) fn column_of_hash<T: NoUninit + Send + Sync>(
         &mut self,
         hash: Hash,
@@ -89,7 +95,7 @@ impl Encoder {
         }
     }
 
-    /// Writes another value that is part of this one.
+    /// Writes a nested value.
     pub fn value<T: Value>(&mut self, part: &T) -> &mut Self {
         if self.columns.is_none() {
             return self.part(&hash_of(part).0);
@@ -98,7 +104,7 @@ impl Encoder {
         self
     }
 
-    /// Writes a memo that is part of another one.
+    /// Writes a nested memo.
     pub fn memo<T: Memo>(&mut self, part: &T) -> &mut Self {
         self.part(&hash_of_memo(part).0)
     }
@@ -124,13 +130,13 @@ pub fn hash_of<T: Value>(value: &T) -> Hash {
     Encoder::hash(T::NAME, |to| value.encode(to))
 }
 
-/// A column, of whatever items.
+/// A column with items of any type.
 pub trait Bytes: Send + Sync {
-    /// The hash of its bytes.
+    /// The hash of the column's bytes.
     fn hash(&self) -> Hash;
-    /// Its bytes, of the machine's byte order.
+    /// The column's bytes, in the machine's byte order.
     fn bytes(&self) -> &[u8];
-    /// How many items it has.
+    /// The number of items.
     fn items(&self) -> usize;
 }
 
@@ -148,73 +154,73 @@ impl<T: NoUninit + Send + Sync> Bytes for Column<T> {
     }
 }
 
-/// A value's content as it is kept: its bytes, and the large columns that they name by hash.
-pub struct Kept {
-    /// Everything but the large columns.
+/// A value's content for storage: bytes, and the large columns to which these bytes refer by hash.
+pub struct EncodedValue {
+    /// The content except the large columns.
     pub bytes: Vec<u8>,
     /// The large columns.
     pub columns: Vec<Arc<dyn Bytes>>,
-    /// False if something has written into the value's memory, so that the bytes no longer have the value's hash.
+    /// False if the value's memory was overwritten, so that the bytes no longer have the value's hash.
     pub is_intact: bool,
 }
 
-/// In memory, the columns are those that were taken.
-impl Columns for Kept {
+/// Reads columns from memory.
+impl Columns for EncodedValue {
     fn read(&self, hash: Hash, into: &mut [u8]) -> bool {
         let column = self.columns.iter().find(|column| column.hash() == hash);
         let bytes = column.map(|column| column.bytes()).filter(|bytes| bytes.len() == into.len());
         bytes.map(|bytes| into.copy_from_slice(bytes)).is_some()
     }
 
-    fn damaged(&self, _: Hash) {}
+    fn report_damage(&self, _: Hash) {}
 }
 
-pub(super) fn keep<T: Value>(value: &T) -> Kept {
+pub(super) fn encode<T: Value>(value: &T) -> EncodedValue {
     let mut encoder = Encoder::new(Some(Vec::new()));
     value.encode(&mut encoder);
     let Encoder { bytes, columns, is_intact, .. } = encoder;
-    Kept { bytes, columns: columns.unwrap_or_default(), is_intact }
+    EncodedValue { bytes, columns: columns.unwrap_or_default(), is_intact }
 }
 
-/// Where large columns come from.
+/// A source of separately stored columns.
 pub trait Columns {
-    /// Fills `into` with the column of this hash; false if there is none of this length.
+    /// Reads the column with this hash into `into`. Returns false if there is no such column of this length.
     fn read(&self, hash: Hash, into: &mut [u8]) -> bool;
 
-    /// Takes notice that what was read does not have this hash.
-    fn damaged(&self, hash: Hash);
+    /// Reports that the column that was read does not have this hash.
+    fn report_damage(&self, hash: Hash);
 }
 
-/// The parts of a kept value, in the order in which [`Encoder`] took them.
+/// Reads the parts of a stored value, in the order in which [`Encoder`] wrote them.
 pub struct Decoder<'a> {
     bytes: &'a [u8],
     columns: &'a dyn Columns,
 }
 
-/// The content of a kept value is not what its type writes.
+/// The content of a stored value does not have the form that its type writes.
 #[derive(Clone, Debug, thiserror::Error)]
-#[error("the kept value is damaged, or its type cannot be read back")]
+#[error("the stored value is damaged, or its type cannot be decoded")]
 pub struct DecodeError;
 
 impl Decoder<'_> {
-    /// What `read` finds in what [`Encoder::bytes`] gave.
+    /// Calls `read` with a decoder for bytes from [`Encoder::bytes`].
     pub(super) fn of_bytes<T>(
         bytes: &[u8],
         read: impl FnOnce(&mut Decoder<'_>) -> Result<T, DecodeError>,
     ) -> Result<T, DecodeError> {
-        let columns = &Kept { bytes: Vec::new(), columns: Vec::new(), is_intact: true };
+        let columns = &EncodedValue { bytes: Vec::new(), columns: Vec::new(), is_intact: true };
         read(&mut Decoder { bytes, columns })
     }
 
-    /// What [`Encoder::plain`] took.
+    /// Reads what [`Encoder::plain`] wrote.
     ///
     /// # Errors
-    /// If the content has no such part here; so with every method.
+    /// If the next part of the content has another form. All other methods of the decoder fail in this case too.
     pub fn plain<T: AnyBitPattern>(&mut self) -> Result<T, DecodeError> {
         bytemuck::try_pod_read_unaligned(self.part()?).map_err(|_| DecodeError)
     }
 
-    /// What [`Encoder::counts`] took, `N` of them.
+    /// Reads `N` counts that [`Encoder::counts`] wrote.
     ///
     /// # Errors
     /// As [`Decoder::plain`].
@@ -226,7 +232,7 @@ impl Decoder<'_> {
         Ok(counts)
     }
 
-    /// What [`Encoder::text`] took.
+    /// Reads what [`Encoder::text`] wrote.
     ///
     /// # Errors
     /// As [`Decoder::plain`].
@@ -234,18 +240,18 @@ impl Decoder<'_> {
         String::from_utf8(self.part()?.to_vec()).map_err(|_| DecodeError)
     }
 
-    /// What [`Encoder::column`] took.
+    /// Reads what [`Encoder::column`] wrote.
     ///
     /// # Errors
-    /// As [`Decoder::plain`], and if a column that is kept apart is gone or damaged.
+    /// As [`Decoder::plain`]; also if a separately stored column is missing or damaged.
     pub fn column<T>(&mut self) -> Result<Column<T>, DecodeError>
     where
         T: AnyBitPattern + NoUninit + Send + Sync,
     {
         let hash = Hash(self.plain()?);
-        let apart = self.plain::<u8>()? == 1;
+        let is_separate = self.plain::<u8>()? == 1;
         let [len] = self.counts()?;
-        let items: Vec<T> = if apart {
+        let items: Vec<T> = if is_separate {
             let mut items = crate::memory::huge_vec(len);
             if !self.columns.read(hash, bytemuck::cast_slice_mut(&mut items)) {
                 return Err(DecodeError);
@@ -260,13 +266,13 @@ impl Decoder<'_> {
         };
         let column = Column::from(items);
         if column.hash() != hash {
-            self.columns.damaged(hash);
+            self.columns.report_damage(hash);
             return Err(DecodeError);
         }
         Ok(column)
     }
 
-    /// What [`Encoder::value`] took.
+    /// Reads what [`Encoder::value`] wrote.
     ///
     /// # Errors
     /// As [`Decoder::plain`].
@@ -274,10 +280,10 @@ impl Decoder<'_> {
         T::decode(self)
     }
 
-    /// What [`Encoder::option`] took.
+    /// Reads what [`Encoder::option`] wrote.
     ///
     /// # Errors
-    /// Those of `read`.
+    /// The errors of `read`.
     pub fn option<T>(
         &mut self,
         read: impl FnOnce(&mut Self) -> Result<T, DecodeError>,
@@ -294,7 +300,7 @@ impl Decoder<'_> {
     }
 }
 
-/// The value of a kept content that has this hash.
+/// Decodes a stored value, and checks that its hash is the given one.
 pub(super) fn decode<T: Value>(
     bytes: &[u8],
     columns: &dyn Columns,

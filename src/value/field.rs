@@ -1,15 +1,15 @@
 //! A number per pixel.
 
-use super::hostile::SIZES;
+use super::edge_cases::SIZES;
 use super::image::{SizeError, check_size};
 use super::{
-    Column, DecodeError, Decoder, Encoder, Image, Items, Layer, Meaning, Mesh, On, Parts,
+    Column, DecodeError, Decoder, ElementKind, Encoder, Image, Items, Layer, Meaning, Mesh, Parts,
     PartsError, Picture, Rgb, Summary, Value,
 };
 
-/// A number per pixel, such as a gradient's length; row 0 on top. Numbers may be NaN, which means: not known there.
+/// A number per pixel, such as the length of a gradient. Row 0 is the top. NaN marks an unknown number.
 ///
-/// Invariant, checked by [`Field::new`]: as many numbers as width x height.
+/// Invariant, checked by [`Field::new`]: there are width x height numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Field {
     width: usize,
@@ -21,7 +21,7 @@ impl Field {
     /// A field of `width` x `height` numbers, row by row from the top.
     ///
     /// # Errors
-    /// If there are more or fewer numbers than that.
+    /// If the number of entries is not `width` x `height`.
     pub fn new(
         width: usize,
         height: usize,
@@ -32,12 +32,12 @@ impl Field {
         Ok(Self { width, height, pixels })
     }
 
-    /// Numbers in a row.
+    /// The number of columns.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Rows.
+    /// The number of rows.
     pub fn height(&self) -> usize {
         self.height
     }
@@ -47,7 +47,7 @@ impl Field {
         &self.pixels
     }
 
-    /// The least and the greatest number; none if no number is finite.
+    /// The minimum and maximum of the finite numbers; `None` if there are none.
     pub fn range(&self) -> Option<(f32, f32)> {
         self.pixels.iter().filter(|x| x.is_finite()).fold(None, |range, &x| match range {
             None => Some((x, x)),
@@ -73,10 +73,11 @@ impl Value for Field {
     }
 
     fn describe(&self) -> Summary {
-        let summary = Summary::default().with("size", format!("{} x {}", self.width, self.height));
+        let summary =
+            Summary::default().with_fact("size", format!("{} x {}", self.width, self.height));
         match self.range() {
-            Some((lo, hi)) => summary.with("least", lo).with("greatest", hi),
-            None => summary.with("finite numbers", 0),
+            Some((lo, hi)) => summary.with_fact("least", lo).with_fact("greatest", hi),
+            None => summary.with_fact("finite numbers", 0),
         }
     }
 
@@ -84,48 +85,47 @@ impl Value for Field {
         if self.width <= column || self.height <= row {
             return Summary::default();
         }
-        Summary::default().with("value", self.pixels[row * self.width + column])
+        Summary::default().with_fact("value", self.pixels[row * self.width + column])
     }
 
     fn parts(&self) -> Parts<'_> {
         let mut parts = Parts::default();
         parts.grid(self.width, self.height);
-        parts.push("number", On::Pixel, Meaning::Number, 1, &self.pixels[..]);
+        parts.push("number", ElementKind::Pixel, Meaning::Number, 1, &self.pixels[..]);
         parts
     }
 
     fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
         let [width, height] = parts.size()?;
-        let pixels: Vec<f32> = match &parts.need("number", 1)?.items {
+        let pixels: Vec<f32> = match &parts.require("number", 1)?.items {
             Items::F32(items) => items.to_vec(),
             items => items.numbers().iter().map(|&x| x as f32).collect(),
         };
-        Self::new(width, height, pixels).map_err(PartsError::refused)
+        Self::new(width, height, pixels).map_err(PartsError::from_error)
     }
 
-    /// From black, the least number, to white, the greatest; black where there is no number.
+    /// Draws the minimum in black and the maximum in white. Unknown numbers are black.
     fn show(&self) -> Vec<Layer> {
-        let (least, greatest) = self.range().unwrap_or_default();
-        let (least, greatest) = (f64::from(least), f64::from(greatest));
-        let scale = if least < greatest { 255.0 / (greatest - least) } else { 0.0 };
+        let (min, max) = self.range().unwrap_or_default();
+        let (min, max) = (f64::from(min), f64::from(max));
+        let scale = if min < max { 255.0 / (max - min) } else { 0.0 };
         let pixels: Vec<Rgb> = self
             .pixels
             .iter()
-            .map(|&x| [((f64::from(x) - least) * scale).round() as u8; 3])
+            .map(|&x| [((f64::from(x) - min) * scale).round() as u8; 3])
             .collect();
-        Picture::own(Image::new(self.width, self.height, pixels))
+        Picture::from_true_colors(Image::new(self.width, self.height, pixels))
     }
 
     fn as_mesh(&self) -> Option<Mesh> {
         None
     }
 
-    fn hostile() -> Vec<Self> {
-        let field =
-            |[width, height]: [usize; 2], x| Self::new(width, height, vec![x; width * height]);
-        let fields = SIZES
-            .into_iter()
-            .flat_map(|size| [f32::NAN, f32::INFINITY, 0.0, 1e38].map(|x| field(size, x)));
+    fn edge_cases() -> Vec<Self> {
+        let fields = SIZES.into_iter().flat_map(|[width, height]| {
+            [f32::NAN, f32::INFINITY, 0.0, 1e38]
+                .map(|x| Self::new(width, height, vec![x; width * height]))
+        });
         fields.flatten().collect()
     }
 }

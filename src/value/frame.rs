@@ -1,11 +1,11 @@
-//! Where a capture's picture and range grid lie, and how they belong together.
+//! Camera models of captures: the pinhole, the registration of picture and range grid, and the frame of meshes.
 
 use nalgebra::{Matrix4, Point3};
 
-use super::{DecodeError, Decoder, Encoder, Meaning, On, Part, Parts, PartsError};
+use super::{DecodeError, Decoder, ElementKind, Encoder, Meaning, Part, Parts, PartsError};
 
-/// A pinhole camera: column = `focal[0] * x / z + center[0]`, row = `focal[1] * y / z + center[1]`, in pixels, with pixel
-/// centers at integers. Camera axes: x right, y down, z away from the camera.
+/// A pinhole camera: column = `focal[0] * x / z + center[0]`, row = `focal[1] * y / z + center[1]`, in pixels, with pixel centers at
+/// integers. Camera axes: x right, y down, z away from the camera.
 ///
 /// ```text
 ///        z (away)
@@ -16,14 +16,14 @@ use super::{DecodeError, Decoder, Encoder, Meaning, On, Part, Parts, PartsError}
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pinhole {
-    /// Focal lengths in pixels: columns, rows.
+    /// The focal lengths in pixels: columns, rows.
     pub focal: [f64; 2],
-    /// Principal point in pixels: column, row.
+    /// The principal point in pixels: column, row.
     pub center: [f64; 2],
 }
 
 impl Pinhole {
-    /// The pixel (column, row) at which the camera sees `point`; not finite for a point in the camera's own plane.
+    /// The pixel (column, row) at which the camera sees `point`. The result is not finite for a point in the plane z = 0.
     pub fn project(&self, point: Point3<f64>) -> [f64; 2] {
         [
             self.focal[0] * point.x / point.z + self.center[0],
@@ -31,7 +31,7 @@ impl Pinhole {
         ]
     }
 
-    /// The point seen at a pixel (column, row) at the depth `z`.
+    /// The point at depth `z` that is seen at a pixel (column, row).
     pub fn unproject(&self, [column, row]: [f64; 2], z: f64) -> Point3<f64> {
         Point3::new(
             (column - self.center[0]) / self.focal[0] * z,
@@ -40,17 +40,17 @@ impl Pinhole {
         )
     }
 
-    /// Its four numbers: focal lengths, then the principal point.
+    /// The four numbers: focal lengths, then the principal point.
     pub(super) fn numbers(&self) -> Vec<f64> {
         [self.focal, self.center].concat()
     }
 
-    /// The pinhole whose numbers a part has; none if there is no such part.
+    /// Reads a pinhole from the part with this name; `None` if there is no such part.
     ///
     /// # Errors
-    /// If there are not four numbers.
-    pub(super) fn of(parts: &Parts<'_>, name: &str) -> Result<Option<Self>, PartsError> {
-        let numbers = parts.on(On::Whole, name).map(Part::only::<4>).transpose()?;
+    /// If the part does not have four numbers.
+    pub(super) fn from_parts(parts: &Parts<'_>, name: &str) -> Result<Option<Self>, PartsError> {
+        let numbers = parts.find(ElementKind::Whole, name).map(Part::single::<4>).transpose()?;
         Ok(numbers.map(|[fx, fy, cx, cy]| Self { focal: [fx, fy], center: [cx, cy] }))
     }
 
@@ -63,43 +63,44 @@ impl Pinhole {
     }
 }
 
-/// From a range grid to the picture taken with it: picture = `scale * cell + offset`, columns and rows apart, both with
-/// centers at integers.
+/// The map from a range grid to the picture taken with it. Columns and rows are mapped separately by pixel = `scale * cell + offset`; the
+/// centers of cells and pixels have integer coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Registration {
-    /// Picture pixels per range cell: columns, rows. Greater than 0.
+    /// The number of pixels per range cell: columns, rows. Greater than 0.
     pub scale: [f64; 2],
-    /// The picture's pixel at cell (0, 0): column, row.
+    /// The pixel at the center of cell (0, 0): column, row.
     pub offset: [f64; 2],
-    /// The picture's size: width, height.
+    /// The size of the picture: width, height.
     pub picture: [usize; 2],
 }
 
 impl Registration {
-    /// Aligns the corners of both grids (not the centers of their corner pixels): what is right without a camera file.
+    /// The registration that aligns the outer corners of both grids, not the centers of their corner pixels. It is the right choice if no
+    /// camera file exists.
     pub fn corners(range: [usize; 2], picture: [usize; 2]) -> Self {
         let scale = [0, 1].map(|axis| picture[axis] as f64 / range[axis].max(1) as f64);
         Self { scale, offset: scale.map(|scale| (scale - 1.0) / 2.0), picture }
     }
 
-    /// K_picture K_range^-1: two pinholes at the same place.
+    /// The registration for two pinhole cameras at the same position. The map is K_picture K_range^-1, where K is a camera's matrix.
     pub fn pinholes(range: &Pinhole, color: &Pinhole, picture: [usize; 2]) -> Self {
         let scale = [0, 1].map(|axis| color.focal[axis] / range.focal[axis]);
         let offset = [0, 1].map(|axis| color.center[axis] - range.center[axis] * scale[axis]);
         Self { scale, offset, picture }
     }
 
-    /// The picture's pixel (column, row) that a range cell (column, row) sees.
+    /// The pixel (column, row) of the picture that a range cell (column, row) sees.
     pub fn picture_from_range(&self, cell: [f64; 2]) -> [f64; 2] {
         [0, 1].map(|axis| self.scale[axis] * cell[axis] + self.offset[axis])
     }
 
-    /// The range cell (column, row) that sees a pixel of the picture (column, row).
+    /// The range cell (column, row) that sees the pixel (column, row) of the picture.
     pub fn range_from_picture(&self, pixel: [f64; 2]) -> [f64; 2] {
         [0, 1].map(|axis| (pixel[axis] - self.offset[axis]) / self.scale[axis])
     }
 
-    /// The pinhole of the picture, if the range grid has this one: K_picture.
+    /// The pinhole K_picture of the picture, if `range` is the pinhole of the range grid.
     pub fn pinhole_of_picture(&self, range: &Pinhole) -> Pinhole {
         Pinhole {
             focal: [0, 1].map(|axis| range.focal[axis] * self.scale[axis]),
@@ -107,7 +108,7 @@ impl Registration {
         }
     }
 
-    /// The texture coordinate of a range cell (column, row): (0, 0) is the picture's lower left corner, (1, 1) its upper right one.
+    /// The texture coordinate of a range cell (column, row): (0, 0) is the picture's lower left corner, (1, 1) its upper right corner.
     pub fn uv_from_range(&self, cell: [f64; 2]) -> [f64; 2] {
         let [column, row] = self.picture_from_range(cell);
         let [width, height] = self.picture.map(|size| size as f64);
@@ -123,41 +124,41 @@ impl Registration {
     }
 }
 
-/// The frame of a mesh that came out of a capture: axes as in [`Pinhole`] (x right, y down, z away from the sensor).
+/// The frame of a mesh that was made from a capture. Its axes are those of [`Pinhole`]: x right, y down, z away from the sensor.
 ///
-/// A mesh without one has y up, as meshes from files do.
+/// A mesh without a frame has y up, like meshes that are read from files.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CaptureFrame {
-    /// The camera of the picture, where it is known.
+    /// The camera of the picture, if known.
     pub camera: Option<Pinhole>,
-    /// The picture's size: width, height.
+    /// The size of the picture: width, height.
     pub picture: [usize; 2],
-    /// Median depth of the capture's valid cells, in mm.
+    /// The median depth of the capture's valid cells, in mm.
     pub depth: f64,
-    /// From the sensor's frame to the world's, where it is known: a rigid motion, in mm.
+    /// The rigid motion from the sensor's frame to the world's frame, in mm, if known.
     pub world_from_camera: Option<Matrix4<f64>>,
 }
 
 impl CaptureFrame {
-    /// Adds it to the parts of what is in this frame: the camera (unknown numbers if there is none), the picture's size, the depth; the
-    /// pose aside.
+    /// Adds the frame to the parts of a value whose coordinates are in this frame: the camera (NaN if unknown), the picture's size, the
+    /// depth, and the pose. The pose is a column that tests ignore.
     pub(super) fn push(&self, to: &mut Parts<'_>) {
         let camera = self.camera.map_or(vec![f64::NAN; 4], |camera| camera.numbers());
         let picture = self.picture.map(|size| size as f64);
         let numbers = [&camera[..], &picture, &[self.depth]].concat();
-        to.push("frame", On::Whole, Meaning::Number, 7, numbers);
+        to.push("frame", ElementKind::Whole, Meaning::Number, 7, numbers);
         if let Some(pose) = self.world_from_camera {
-            to.push_aside(POSE, On::Whole, Meaning::Number, 16, pose.as_slice().to_vec());
+            to.push_hidden(POSE, ElementKind::Whole, Meaning::Number, 16, pose.as_slice().to_vec());
         }
     }
 
-    /// The frame among the parts of a value, if it has one.
+    /// Reads the frame from the parts of a value, if it has one.
     ///
     /// # Errors
-    /// If its numbers are too many or too few, or the picture's size is none.
-    pub(super) fn of(parts: &Parts<'_>) -> Result<Option<Self>, PartsError> {
-        let Some(part) = parts.on(On::Whole, "frame") else { return Ok(None) };
-        let [fx, fy, cx, cy, width, height, depth] = part.only()?;
+    /// If the part has the wrong number of numbers, or the picture's size is not a pair of whole numbers.
+    pub(super) fn from_parts(parts: &Parts<'_>) -> Result<Option<Self>, PartsError> {
+        let Some(part) = parts.find(ElementKind::Whole, "frame") else { return Ok(None) };
+        let [fx, fy, cx, cy, width, height, depth] = part.single()?;
         let camera = Pinhole { focal: [fx, fy], center: [cx, cy] };
         let is_known = ![fx, fy, cx, cy].iter().all(|x| x.is_nan());
         Ok(Some(Self {
@@ -185,13 +186,13 @@ impl CaptureFrame {
     }
 }
 
-/// The part that says where a frame lies in the world.
+/// The name of the part that holds the pose of the frame in the world.
 const POSE: &str = "frame pose";
 
-/// Some numbers of a part, from number `first` on, as counts.
+/// Converts the numbers of a part to counts, beginning with the number at the index `first`.
 ///
 /// # Errors
-/// If one is no whole number from 0 to 4294967295.
+/// If a number is not a whole number from 0 to 4294967295.
 pub(super) fn counts<const N: usize>(
     part: &Part<'_>,
     first: usize,
@@ -200,19 +201,19 @@ pub(super) fn counts<const N: usize>(
     let mut counts = [0; N];
     for (k, (count, x)) in counts.iter_mut().zip(numbers).enumerate() {
         if !(0.0..=f64::from(u32::MAX)).contains(&x) || x.fract() != 0.0 {
-            return Err(part.wrong(first + k, x, "a count"));
+            return Err(part.number_error(first + k, x, "a count"));
         }
         *count = x as usize;
     }
     Ok(counts)
 }
 
-/// The motion whose numbers a part has, column by column; none if there is no such part.
+/// Reads a motion, a matrix stored column by column, from the part with this name. `None` if there is no such part.
 ///
 /// # Errors
-/// If there are not sixteen numbers.
+/// If the part does not have sixteen numbers.
 pub(super) fn pose_of(parts: &Parts<'_>, name: &str) -> Result<Option<Matrix4<f64>>, PartsError> {
-    let numbers = parts.on(On::Whole, name).map(Part::only::<16>).transpose()?;
+    let numbers = parts.find(ElementKind::Whole, name).map(Part::single::<16>).transpose()?;
     Ok(numbers.map(|numbers| Matrix4::from_column_slice(&numbers)))
 }
 
@@ -239,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn pinholes_at_one_place_give_the_published_doubling() {
+    fn pinholes_at_the_same_position_give_the_published_doubling() {
         let range = Pinhole { focal: [1400.0; 2], center: [99.5; 2] };
         let color = Pinhole { focal: [2800.0; 2], center: [199.0; 2] };
         let map = Registration::pinholes(&range, &color, [400, 400]);

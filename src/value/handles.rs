@@ -1,79 +1,81 @@
-//! Handles: places that pull what is around them.
+//! Handles: points that deform their surroundings when they are moved.
 
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::hostile::clouds;
+use super::edge_cases::point_sets;
 use super::{
-    Arrows, Axes, Column, DecodeError, Decoder, Encoder, FactValue, Layer, Meaning, On, Part,
-    Parts, PartsError, Summary, Value,
+    Arrows, Axes, Column, DecodeError, Decoder, ElementKind, Encoder, FactValue, Layer, Meaning,
+    Part, Parts, PartsError, Summary, Value,
 };
 
-/// One handle of a deformation: a place, where it goes, and how far around it reaches.
+/// A handle of a deformation: its position, its target, and the extent of its influence.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Handle {
-    /// Where it is.
+    /// The position of the handle.
     pub at: [f64; 3],
-    /// Where it goes; it stays if left out.
+    /// The target position; if omitted, the handle stays.
     #[serde(default)]
     pub to: Option<[f64; 3]>,
-    /// Standard deviations along x, y and z: how far it reaches. Chosen from the distances to other handles if left out.
+    /// The extent of the handle's influence, as standard deviations along x, y and z. If omitted, it is chosen from the distances to other
+    /// handles.
     #[schemars(extend("items" = serde_json::json!({ "type": "number", "format": "double", "exclusiveMinimum": 0.0 })))]
     #[serde(default)]
     pub sigma: Option<[f64; 3]>,
-    /// How much it counts beside the others, greater than 0; all equal weights are the same as 1.
+    /// The weight of the handle relative to the other handles, greater than 0. If all weights are equal, their value does not matter.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
-    #[serde(default = "one")]
+    #[serde(default = "default_weight")]
     pub weight: f64,
 }
 
-fn one() -> f64 {
+fn default_weight() -> f64 {
     1.0
 }
 
-/// The space that handles are given in.
+/// The coordinate space in which the handles are given.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum HandleSpace {
-    /// The box around the object, each side of which goes from 0 to 1.
+    /// The object's bounding box, scaled to 0 to 1 along each axis.
     #[default]
     Box,
-    /// The cube on the box's lowest corner whose side is the box's longest: 0 to 1, the same scale along all axes.
+    /// The cube whose lowest corner is that of the object's bounding box and whose side is the box's longest side, scaled to 0 to 1. The
+    /// scale is the same along all axes.
     Cube,
     /// The object's own coordinates, in mm.
     World,
 }
 
-/// Why numbers do not make handles.
+/// Error of building handles.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum HandlesError {
-    /// A place, a deviation or a weight is NaN or infinite.
+    /// A position, a target, a deviation or a weight is NaN or infinite.
     #[error("the {what} of handle {handle} is not finite")]
     NotFinite {
-        /// The offending handle, counted from 0.
+        /// The index of the handle, from 0.
         handle: usize,
-        /// `place`, `target`, `deviation` or `weight`.
+        /// The wrong number: `position`, `target`, `deviation` or `weight`.
         what: &'static str,
     },
-    /// A deviation or a weight that is not greater than 0.
-    #[error("the {what} of handle {handle} is {number}, but it must be greater than 0")]
+    /// A deviation or a weight is not greater than 0.
+    #[error("the {what} of handle {handle} is {number}, expected a number greater than 0")]
     NotPositive {
-        /// The offending handle, counted from 0.
+        /// The index of the handle, from 0.
         handle: usize,
-        /// `deviation` or `weight`.
+        /// The wrong number: `deviation` or `weight`.
         what: &'static str,
-        /// The number.
+        /// The value of the wrong number.
         number: f64,
     },
 }
 
-/// Handles in order. Where they are, their deviations and weights are their *layout*; where they go is apart from it, since
-/// what takes long depends on the layout alone.
+/// A list of handles. The positions, deviations and weights are the *layout* of the handles. The targets are separate from the layout,
+/// because expensive computations depend only on the layout.
 ///
-/// Invariant, checked by [`Handles::new`]: places and targets finite; deviations finite and greater than 0, or all three 0,
-/// which leaves them to whoever uses the handles; weights finite and greater than 0.
+/// Invariant, checked by [`Handles::new`]: positions and targets are finite. The deviations of a handle are finite and greater than 0, or
+/// all three are 0, which means that the code that uses the handles chooses them. Weights are finite and greater than 0.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Handles {
     space: HandleSpace,
@@ -84,7 +86,7 @@ pub struct Handles {
 }
 
 impl Handles {
-    /// These handles, in this order.
+    /// Builds a list of handles.
     ///
     /// # Errors
     /// If a number is not finite, or a deviation or weight is not greater than 0.
@@ -101,42 +103,42 @@ impl Handles {
         })
     }
 
-    /// The space of all numbers.
+    /// The space of the handles' coordinates.
     pub fn space(&self) -> HandleSpace {
         self.space
     }
 
-    /// How many there are.
+    /// The number of handles.
     pub fn len(&self) -> usize {
         self.at.len()
     }
 
-    /// Whether there is none.
+    /// Returns true if there are no handles.
     pub fn is_empty(&self) -> bool {
         self.at.is_empty()
     }
 
-    /// Where they are.
-    pub fn at(&self) -> &[Point3<f64>] {
+    /// The positions of the handles.
+    pub fn positions(&self) -> &[Point3<f64>] {
         &self.at
     }
 
-    /// Where they go.
-    pub fn to(&self) -> &[Point3<f64>] {
+    /// The target positions of the handles.
+    pub fn targets(&self) -> &[Point3<f64>] {
         &self.to
     }
 
-    /// Their deviations; three zeros where they are to be chosen.
+    /// The standard deviations of each handle. Three zeros mean that they are to be chosen.
     pub fn sigma(&self) -> &[[f64; 3]] {
         &self.sigma
     }
 
-    /// Their weights.
+    /// The weights of the handles.
     pub fn weight(&self) -> &[f64] {
         &self.weight
     }
 
-    /// One after the other.
+    /// Iterates over the handles.
     pub fn iter(&self) -> impl ExactSizeIterator<Item = Handle> {
         (0..self.len()).map(|index| Handle {
             at: self.at[index].into(),
@@ -146,11 +148,11 @@ impl Handles {
         })
     }
 
-    /// The same handles in mm, in the box between these corners. A box without extent along an axis has there its longest side,
-    /// and one without any a side of 1 mm.
+    /// Converts the handles to mm, for an object whose bounding box has these corners. Where the box has no extent along an axis, its
+    /// longest side is used instead; if it has no extent at all, 1 mm is used.
     ///
     /// # Errors
-    /// If a number becomes infinite, or a deviation 0.
+    /// If a number becomes infinite, or a deviation becomes 0.
     pub fn in_world(&self, (low, high): (Point3<f64>, Point3<f64>)) -> Result<Self, HandlesError> {
         let sides = sides(high - low);
         let scale = match self.space {
@@ -158,11 +160,11 @@ impl Handles {
             HandleSpace::Box => sides,
             HandleSpace::Cube => Vector3::repeat(sides.max()),
         };
-        let place =
+        let to_world =
             |point: [f64; 3]| (low + Vector3::from(point).component_mul(&scale)).coords.into();
         let moved = self.iter().map(|handle| Handle {
-            at: place(handle.at),
-            to: handle.to.map(place),
+            at: to_world(handle.at),
+            to: handle.to.map(to_world),
             sigma: handle.sigma.map(|sigma| Vector3::from(sigma).component_mul(&scale).into()),
             ..handle
         });
@@ -170,7 +172,17 @@ impl Handles {
     }
 }
 
-/// The sides of a box; see [`Handles::in_world`].
+/// The column with this name, which must have `count` elements of three numbers; `None` if it is missing.
+fn vectors(
+    parts: &Parts<'_>,
+    name: &str,
+    count: usize,
+) -> Result<Option<Vec<[f64; 3]>>, PartsError> {
+    let part = parts.column_of(name, 3)?;
+    part.map(|part| part.with_count(count)?.elements::<3>()).transpose()
+}
+
+/// The sides of a box. Sides of 0 are replaced as in [`Handles::in_world`].
 fn sides(extent: Vector3<f64>) -> Vector3<f64> {
     let longest = extent.max();
     let instead = if longest > 0.0 { longest } else { 1.0 };
@@ -183,7 +195,7 @@ fn check(handle: usize, given: &Handle) -> Result<(), HandlesError> {
     }
     let (target, sigma) = (given.to.unwrap_or(given.at), given.sigma.unwrap_or([1.0; 3]));
     let lists: [(&'static str, &[f64]); 4] = [
-        ("place", &given.at),
+        ("position", &given.at),
         ("target", &target),
         ("deviation", &sigma),
         ("weight", &[given.weight]),
@@ -234,10 +246,10 @@ impl Value for Handles {
         let moved = self.at.iter().zip(self.to.iter()).filter(|(at, to)| at != to);
         let farthest = moved.clone().map(|(at, to)| (to - at).norm()).fold(0.0, f64::max);
         let summary = Summary::default()
-            .with("handles", self.len())
-            .with("space", format!("{:?}", self.space))
-            .with("moved", moved.count())
-            .with("farthest move", farthest);
+            .with_fact("handles", self.len())
+            .with_fact("space", format!("{:?}", self.space))
+            .with_fact("moved", moved.count())
+            .with_fact("farthest move", farthest);
         super::mesh::describe_bounds(summary, self.at.iter())
     }
 
@@ -245,14 +257,15 @@ impl Value for Handles {
         let mut parts = Parts::default();
         parts.fact("handles", self.len());
         parts.fact("space", format!("{:?}", self.space));
-        parts.push("at", On::Point, Meaning::Position, 3, &self.at[..]);
-        parts.push("to", On::Point, Meaning::Position, 3, &self.to[..]);
-        parts.push("sigma", On::Point, Meaning::Number, 3, &self.sigma[..]);
-        parts.push("weight", On::Point, Meaning::Number, 1, &self.weight[..]);
+        parts.push("at", ElementKind::Point, Meaning::Position, 3, &self.at[..]);
+        parts.push("to", ElementKind::Point, Meaning::Position, 3, &self.to[..]);
+        parts.push("sigma", ElementKind::Point, Meaning::Number, 3, &self.sigma[..]);
+        parts.push("weight", ElementKind::Point, Meaning::Number, 1, &self.weight[..]);
         parts
     }
 
-    /// Without `to` the handles stay, without `sigma` it is to be chosen, without `weight` all are 1.
+    /// Builds handles from parts. Without the part `to`, the handles stay where they are. Without `sigma`, the deviations are to be chosen.
+    /// Without `weight`, all weights are 1.
     fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
         let space = match parts.fact_of("space") {
             None => HandleSpace::default(),
@@ -264,15 +277,11 @@ impl Value for Handles {
                 return Err(PartsError::Fact { fact: "space".into(), expected });
             }
         };
-        let at = parts.need("at", 3)?.elements::<3>()?;
-        let vectors = |name: &str| {
-            let part = parts.column_of(name, 3)?;
-            part.map(|part| part.with_count(at.len())?.elements::<3>()).transpose()
-        };
+        let at = parts.require("at", 3)?.elements::<3>()?;
         let weight = parts.column_of("weight", 1)?;
         let weight = weight.map(|part| part.with_count(at.len())).transpose()?;
         let weight = weight.map(|part: &Part<'_>| part.items.numbers());
-        let (to, sigma) = (vectors("to")?, vectors("sigma")?);
+        let (to, sigma) = (vectors(parts, "to", at.len())?, vectors(parts, "sigma", at.len())?);
         let handles: Vec<_> = at
             .iter()
             .enumerate()
@@ -283,7 +292,7 @@ impl Value for Handles {
                 weight: weight.as_ref().map_or(1.0, |weight| weight[k]),
             })
             .collect();
-        Self::new(space, &handles).map_err(PartsError::refused)
+        Self::new(space, &handles).map_err(PartsError::from_error)
     }
 
     fn show(&self) -> Vec<Layer> {
@@ -291,9 +300,9 @@ impl Value for Handles {
         vec![Layer::Arrows(Arrows { from, to, axes: Axes::Upright })]
     }
 
-    /// None, at one place, far away, of enormous and of vanishing reach and weight, and many at almost one place.
-    fn hostile() -> Vec<Self> {
-        let lists = [0, 1, 2, 9].into_iter().flat_map(clouds).flat_map(|points| {
+    /// No handles; handles at one position, far away, of enormous and of tiny extent and weight; and many handles at almost one position.
+    fn edge_cases() -> Vec<Self> {
+        let lists = [0, 1, 2, 9].into_iter().flat_map(point_sets).flat_map(|points| {
             [(1.0, 1.0), (1e-300, 1e300), (1e300, 1e-300), (1e-5, 1.0)].map(|(sigma, weight)| {
                 points
                     .iter()
@@ -322,7 +331,7 @@ mod tests {
     const HANDLE: Handle = Handle { at: [0.0; 3], to: None, sigma: None, weight: 1.0 };
 
     #[test]
-    fn numbers_that_are_no_handle_are_refused_with_its_number() {
+    fn invalid_handles_are_refused_with_their_index() {
         fn error(wrong: Handle) -> String {
             Handles::new(HandleSpace::Box, &[HANDLE, wrong]).unwrap_err().to_string()
         }
@@ -332,11 +341,11 @@ mod tests {
         );
         assert_eq!(
             error(Handle { sigma: Some([1.0, 0.0, 1.0]), ..HANDLE }),
-            "the deviation of handle 1 is 0, but it must be greater than 0"
+            "the deviation of handle 1 is 0, expected a number greater than 0"
         );
         assert_eq!(
             error(Handle { weight: -2.0, ..HANDLE }),
-            "the weight of handle 1 is -2, but it must be greater than 0"
+            "the weight of handle 1 is -2, expected a number greater than 0"
         );
     }
 
@@ -344,7 +353,7 @@ mod tests {
     fn a_box_stretches_and_a_cube_does_not() {
         let handle = Handle { at: [1.0, 0.5, 0.0], to: None, sigma: Some([1.0; 3]), weight: 2.0 };
         let bounds = (Point3::new(10.0, 0.0, 5.0), Point3::new(12.0, 8.0, 5.0));
-        fn there(
+        fn position_and_sigma_in_world(
             space: HandleSpace,
             handle: &Handle,
             bounds: &(Point3<f64>, Point3<f64>),
@@ -353,14 +362,23 @@ mod tests {
             let handle = world.iter().next().unwrap();
             (handle.at, handle.sigma.unwrap())
         }
-        // Without extent along z, the box has there its longest side.
-        assert_eq!(there(HandleSpace::Box, &handle, &bounds), ([12.0, 4.0, 5.0], [2.0, 8.0, 8.0]));
-        assert_eq!(there(HandleSpace::Cube, &handle, &bounds), ([18.0, 4.0, 5.0], [8.0; 3]));
-        assert_eq!(there(HandleSpace::World, &handle, &bounds), ([1.0, 0.5, 0.0], [1.0; 3]));
+        // The box has no extent along z, so its longest side is used.
+        assert_eq!(
+            position_and_sigma_in_world(HandleSpace::Box, &handle, &bounds),
+            ([12.0, 4.0, 5.0], [2.0, 8.0, 8.0])
+        );
+        assert_eq!(
+            position_and_sigma_in_world(HandleSpace::Cube, &handle, &bounds),
+            ([18.0, 4.0, 5.0], [8.0; 3])
+        );
+        assert_eq!(
+            position_and_sigma_in_world(HandleSpace::World, &handle, &bounds),
+            ([1.0, 0.5, 0.0], [1.0; 3])
+        );
     }
 
     #[test]
-    fn what_is_left_out_comes_back_as_left_out() {
+    fn omitted_fields_stay_omitted() {
         let handles = Handles::new(HandleSpace::Cube, &[HANDLE]).unwrap();
         let handle = handles.iter().next().unwrap();
         assert_eq!((handle.to, handle.sigma), (Some([0.0; 3]), None));

@@ -1,8 +1,9 @@
-//! The hash of a content.
+//! The hash of a value's content.
 
 use std::fmt;
 
-/// Below this many bytes one thread hashes faster than several: the cost of waking the others is some 10 us.
+/// The minimum number of bytes that are hashed by several threads. For fewer bytes one thread is faster, because waking the other threads
+/// costs about 10 us.
 pub(crate) const SEVERAL_THREADS: usize = 256 * 1024;
 
 /// The blake3 hash of a value's content.
@@ -10,15 +11,15 @@ pub(crate) const SEVERAL_THREADS: usize = 256 * 1024;
 pub struct Hash(#[doc(hidden)] pub [u8; 32]);
 
 impl Hash {
-    /// The hash of some bytes.
-    pub fn of(bytes: &[u8]) -> Self {
+    /// Computes the hash of some bytes.
+    pub fn compute(bytes: &[u8]) -> Self {
         if bytes.len() < SEVERAL_THREADS {
             return Self(*blake3::hash(bytes).as_bytes());
         }
         Self(*blake3::Hasher::new().update_rayon(bytes).finalize().as_bytes())
     }
 
-    /// The hash that [`Display`](fmt::Display) writes; none if the text is not one.
+    /// Parses a text that [`Display`](fmt::Display) has written. `None` if the text is not a hash.
     pub fn parse(text: &str) -> Option<Self> {
         let mut bytes = [0; 32];
         let digits = Some(text.as_bytes()).filter(|digits| digits.len() == 64)?;
@@ -31,7 +32,7 @@ impl Hash {
         Some(Self(bytes))
     }
 
-    /// The first 12 hexadecimal digits: enough to tell values apart by eye.
+    /// The first 12 hexadecimal digits, which are enough to distinguish values by eye.
     pub fn short(&self) -> String {
         self.to_string()[..12].to_owned()
     }
@@ -46,7 +47,8 @@ impl serde::Serialize for Hash {
 impl<'de> serde::Deserialize<'de> for Hash {
     fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let text = String::deserialize(deserializer)?;
-        Self::parse(&text).ok_or_else(|| serde::de::Error::custom("no hash"))
+        Self::parse(&text)
+            .ok_or_else(|| serde::de::Error::custom("expected a hash of 64 hexadecimal digits"))
     }
 }
 

@@ -9,13 +9,13 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use thiserror::Error;
 
 use super::{
-    Column, DecodeError, Decoder, Encoder, Layer, Mesh, Offence, Parts, PartsError, Pinhole,
-    Property, Summary, Value, Wrap,
+    Column, DecodeError, Decoder, Encoder, Layer, Mesh, Parts, PartsError, Pinhole, Property,
+    Summary, Value, Violation, Wrap,
 };
 
 mod parts;
 
-/// Why numbers do not make a picture.
+/// Error of a list whose length does not match the size of a picture or grid.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error("{count} pixels do not fill {width} x {height}")]
 pub struct SizeError {
@@ -31,12 +31,12 @@ pub(super) fn check_size(width: usize, height: usize, count: usize) -> Result<()
     }
 }
 
-/// A color as files and screens have it: 8-bit sRGB, not linear in light.
+/// A color as in files and on screens: 8-bit sRGB, which is not linear in light.
 pub type Rgb = [u8; 3];
 
-/// A picture: 8-bit sRGB pixels, row 0 on top.
+/// A picture: 8-bit sRGB pixels; row 0 is the top.
 ///
-/// Invariant, checked by [`Image::new`]: as many pixels as width x height.
+/// Invariant, checked by [`Image::new`]: there are width x height pixels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image {
     width: usize,
@@ -49,7 +49,7 @@ impl Image {
     /// A picture of `width` x `height` pixels, row by row from the top.
     ///
     /// # Errors
-    /// If there are more or fewer pixels than that.
+    /// If the number of pixels is not `width` x `height`.
     pub fn new(
         width: usize,
         height: usize,
@@ -60,19 +60,19 @@ impl Image {
         Ok(Self { width, height, pixels, camera: None })
     }
 
-    /// The same picture, taken with this camera.
+    /// Sets or removes the camera.
     #[must_use]
     pub fn with_camera(mut self, camera: Option<Pinhole>) -> Self {
         self.camera = camera;
         self
     }
 
-    /// Pixels in a row.
+    /// The width in pixels.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Rows.
+    /// The height in pixels.
     pub fn height(&self) -> usize {
         self.height
     }
@@ -82,7 +82,7 @@ impl Image {
         &self.pixels
     }
 
-    /// The camera that took it, if known.
+    /// The camera that took the picture, if known.
     pub fn camera(&self) -> Option<&Pinhole> {
         self.camera.as_ref()
     }
@@ -90,8 +90,8 @@ impl Image {
     /// The pixel at `[column, row]`.
     ///
     /// # Panics
-    /// If it is outside.
-    pub fn at(&self, [column, row]: [usize; 2]) -> Rgb {
+    /// If the position is outside of the picture.
+    pub fn pixel(&self, [column, row]: [usize; 2]) -> Rgb {
         assert!(column < self.width, "column {column} is outside of {}", self.width);
         self.pixels[row * self.width + column]
     }
@@ -115,9 +115,9 @@ impl Image {
         Self { pixels: pixels.into(), ..self.clone() }
     }
 
-    /// The color at the texture coordinate `uv`, blended from the four nearest texels in sRGB; outside, the border's color.
-    /// (0, 0) is the lower left corner of the lower left texel, so the center of the texel at column c and row r
-    /// of a W x H picture is at ((c + 0.5) / W, 1 - (r + 0.5) / H), and there the color is exactly the texel's.
+    /// The color at the texture coordinate `uv`, interpolated in sRGB between the four nearest texels. Outside of the picture it is the
+    /// color of the nearest border point. (0, 0) is the lower left corner of the lower left texel, so the center of the texel at column c
+    /// and row r of a W x H picture is at ((c + 0.5) / W, 1 - (r + 0.5) / H). At that point the color is exactly the texel's color.
     ///
     /// # Panics
     /// If the picture is empty.
@@ -125,7 +125,7 @@ impl Image {
         self.sample_beyond(uv, [Wrap::Clamp; 2])
     }
 
-    /// The color as [`sample`](Self::sample) blends it, where the picture goes on beyond its border in u and v.
+    /// The color as in [`sample`](Self::sample), except that the picture continues beyond its border in u and v as `wrap` says.
     ///
     /// # Panics
     /// If the picture is empty.
@@ -133,7 +133,7 @@ impl Image {
         let (left, right, x) = wrap[0].texels(uv[0] * self.width as f64 - 0.5, self.width);
         let (top, below, y) = wrap[1].texels((1.0 - uv[1]) * self.height as f64 - 0.5, self.height);
         let [a, b, c, d] = [[left, top], [right, top], [left, below], [right, below]]
-            .map(|at| self.at(at).map(f64::from));
+            .map(|at| self.pixel(at).map(f64::from));
         [0, 1, 2]
             .map(|k| (a[k] * (1.0 - x) + b[k] * x) * (1.0 - y) + (c[k] * (1.0 - x) + d[k] * x) * y)
     }
@@ -157,7 +157,7 @@ impl Value for Image {
     fn properties() -> &'static [Property<Self>] {
         const PROPERTIES: &[Property<Image>] =
             &[Property::new("NonEmpty", "It has pixels.", |value| {
-                value.pixels().is_empty().then(|| Offence::nothing("pixels"))
+                value.pixels().is_empty().then(|| Violation::lack_of("pixels"))
             })];
         PROPERTIES
     }
@@ -172,8 +172,8 @@ impl Value for Image {
             (self.pixels.iter().map(|pixel| f64::from(pixel[k])).sum::<f64>() / count).round()
         });
         Summary::default()
-            .with("size", format!("{} x {}", self.width, self.height))
-            .with("mean color", Color(mean.map(|channel| channel as u8)).to_string())
+            .with_fact("size", format!("{} x {}", self.width, self.height))
+            .with_fact("mean color", Color(mean.map(|channel| channel as u8)).to_string())
             .with_histogram(
                 "lightness",
                 self.pixels.iter().map(|&p| f64::from(Lab::from_srgb(p).l)),
@@ -184,10 +184,10 @@ impl Value for Image {
         if self.width <= column || self.height <= row {
             return Summary::default();
         }
-        let color = Color(self.at([column, row]));
+        let color = Color(self.pixel([column, row]));
         let lab = color.lab();
         let rounded = [lab.l, lab.a, lab.b].map(|x| (f64::from(x) * 10.0).round() / 10.0);
-        Summary::default().with("sRGB", color.to_string()).with("Lab", rounded.to_vec())
+        Summary::default().with_fact("sRGB", color.to_string()).with_fact("Lab", rounded.to_vec())
     }
 
     fn parts(&self) -> Parts<'_> {
@@ -206,38 +206,39 @@ impl Value for Image {
         None
     }
 
-    fn hostile() -> Vec<Self> {
-        parts::hostile()
+    fn edge_cases() -> Vec<Self> {
+        parts::edge_cases()
     }
 }
 
-/// A color in CIE L*a*b* with white D65: L from 0 to 100; distances are about those that people see (CIE76).
+/// A color in CIE L*a*b* with the white point D65. L is from 0 to 100. The distance of two colors approximates their perceived difference
+/// (CIE76).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lab {
-    /// Lightness, 0 to 100.
+    /// The lightness, 0 to 100.
     pub l: f32,
-    /// From green (negative) to red.
+    /// The color axis from green (negative) to red (positive).
     pub a: f32,
-    /// From blue (negative) to yellow.
+    /// The color axis from blue (negative) to yellow (positive).
     pub b: f32,
 }
 
 impl Lab {
-    /// Converts from 8-bit sRGB: IEC 61966-2-1 for the curve, CIE 15 for L*a*b*, white (0.95047, 1, 1.08883).
-    /// Exact to some 1e-5 (single precision).
+    /// Converts from 8-bit sRGB. The formulas are those of IEC 61966-2-1 for the transfer curve and of CIE 15 for L*a*b*, with the white
+    /// point (0.95047, 1, 1.08883). The result is exact to about 1e-5 (single precision).
     pub fn from_srgb(color: Rgb) -> Self {
         let [r, g, b] = color.map(linear_from_srgb);
         let x = (0.4124564 * r + 0.3575761 * g + 0.1804375 * b) / 0.95047;
         let y = 0.2126729 * r + 0.7151522 * g + 0.0721750 * b;
         let z = (0.0193339 * r + 0.119_192 * g + 0.9503041 * b) / 1.08883;
         let [fx, fy, fz] = [x, y, z].map(|t| {
-            // (6/29)^3 and 3 (6/29)^2: where the cube root goes over into a line.
+            // The numbers are (6/29)^3 and 3 (6/29)^2. Below the first number a line replaces the cube root.
             if t > 0.008_856_452 { libm::cbrtf(t) } else { t / 0.128_418_55 + 4.0 / 29.0 }
         });
         Self { l: 116.0 * fy - 16.0, a: 500.0 * (fx - fy), b: 200.0 * (fy - fz) }
     }
 
-    /// The squared distance to another color, with differences of lightness weighed by `lightness` (1 is CIE76).
+    /// The squared distance to another color. The weight of the difference in lightness is `lightness`; a weight of 1 gives CIE76.
     pub fn distance_sq(self, other: Self, lightness: f32) -> f32 {
         let l = (self.l - other.l) * lightness;
         let (a, b) = (self.a - other.a, self.b - other.b);
@@ -245,7 +246,7 @@ impl Lab {
     }
 }
 
-/// The light of an 8-bit sRGB channel, 0 to 1 (IEC 61966-2-1).
+/// The linear light of an 8-bit sRGB channel, from 0 to 1 (IEC 61966-2-1).
 pub fn linear_from_srgb(channel: u8) -> f32 {
     static TABLE: LazyLock<[f32; 256]> = LazyLock::new(|| {
         std::array::from_fn(|i| {
@@ -257,7 +258,7 @@ pub fn linear_from_srgb(channel: u8) -> f32 {
     TABLE[usize::from(channel)]
 }
 
-/// The 8-bit sRGB channel of a light from 0 to 1, clamped: the inverse of [`linear_from_srgb`].
+/// The 8-bit sRGB channel for linear light, which is clamped to 0 to 1. This is the inverse of [`linear_from_srgb`].
 pub fn srgb_from_linear(light: f64) -> u8 {
     let light = light.clamp(0.0, 1.0);
     let c = if light <= 0.0031308 {
@@ -268,18 +269,18 @@ pub fn srgb_from_linear(light: f64) -> u8 {
     (c * 255.0).round() as u8
 }
 
-/// A color parameter: `"#rrggbb"` in graph files.
+/// A color as a parameter of a node, written `"#rrggbb"` in graph files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Color(pub Rgb);
 
 impl Color {
-    /// The same color in CIE L*a*b*.
+    /// Converts the color to CIE L*a*b*.
     pub fn lab(self) -> Lab {
         Lab::from_srgb(self.0)
     }
 }
 
-/// Why a text is not a color.
+/// Error of parsing a color.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error("`{0}` is not a color; write six hexadecimal digits, as in \"#c33923\"")]
 pub struct ColorError(String);
@@ -352,7 +353,7 @@ mod tests {
     }
 
     #[test]
-    fn a_color_reads_and_prints_the_same() {
+    fn colors_round_trip_as_text() {
         assert_eq!("#c33923".parse::<Color>().unwrap().to_string(), "#c33923");
         for wrong in ["c33923", "#c3392", "#c3392g", "#c339231", "red", "#+12345"] {
             assert!(wrong.parse::<Color>().is_err(), "{wrong}");
@@ -366,7 +367,7 @@ mod tests {
         for row in 0..3 {
             for column in 0..4 {
                 let uv = [(column as f64 + 0.5) / 4.0, 1.0 - (row as f64 + 0.5) / 3.0];
-                let expected = image.at([column, row]).map(f64::from);
+                let expected = image.pixel([column, row]).map(f64::from);
                 let difference = (0..3).map(|k| (image.sample(uv)[k] - expected[k]).abs());
                 assert!(difference.fold(0.0, f64::max) < 1e-9, "{column} {row}");
             }

@@ -1,10 +1,10 @@
-//! Where the polynomial pieces of a B-spline meet.
+//! Knot vectors of B-splines.
 
 use thiserror::Error;
 
 use super::{
-    Column, DecodeError, Decoder, Encoder, Layer, Meaning, On, Parts, PartsError, Series, Summary,
-    Value,
+    Column, DecodeError, Decoder, ElementKind, Encoder, Layer, Meaning, Parts, PartsError, Series,
+    Summary, Value,
 };
 
 mod basis;
@@ -14,69 +14,69 @@ mod generate;
 pub(super) use basis::Basis;
 pub use change::KnotChange;
 
-/// Why a list of numbers is not a knot vector.
+/// Error of building or changing a knot vector.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum KnotVectorError {
-    /// A knot below its predecessor, or NaN, or infinite.
+    /// A knot is less than its predecessor, NaN, or infinite.
     #[error("knot {index} is {knot}: knots are finite and never decrease")]
     Decreasing {
-        /// The offending knot.
+        /// The index of the knot.
         index: usize,
-        /// Its value.
+        /// The value of the knot.
         knot: f64,
     },
-    /// A degree out of range.
+    /// The degree is out of range.
     #[error("degree {degree} is not from 1 to 9")]
     Degree {
         /// The degree.
         degree: usize,
     },
-    /// Too few knots for one piece.
-    #[error("{count} knots are too few for degree {degree}: at least {least} are needed")]
+    /// There are too few knots for one piece.
+    #[error("{count} knots are too few for degree {degree}: at least {min} are needed")]
     TooFew {
-        /// Knots given.
+        /// The number of knots.
         count: usize,
-        /// The degree.
+        /// The degree of the B-spline.
         degree: usize,
-        /// 2 (degree + 1).
-        least: usize,
+        /// The minimum: 2 (degree + 1).
+        min: usize,
     },
-    /// A knot repeated too often.
-    #[error("knot {knot} is repeated {count} times; at most {most} are allowed there")]
+    /// A knot is repeated too often.
+    #[error("knot {knot} is repeated {count} times; at most {max} are allowed there")]
     Multiplicity {
-        /// The repeated knot.
+        /// The value of the repeated knot.
         knot: f64,
-        /// How often.
+        /// The number of repetitions.
         count: usize,
-        /// How often it may be: degree + 1 at an end, degree inside.
-        most: usize,
+        /// The maximum number of repetitions: degree + 1 at an end of the domain, degree inside the domain.
+        max: usize,
     },
-    /// A parameter that is not inside the domain.
+    /// A parameter is not inside the domain.
     #[error("{u} is not inside the domain from {start} to {end}")]
     Outside {
         /// The parameter.
         u: f64,
-        /// First parameter of the domain.
+        /// The first parameter of the domain.
         start: f64,
-        /// Last parameter of the domain.
+        /// The last parameter of the domain.
         end: f64,
     },
-    /// All pieces are empty.
+    /// The domain is empty.
     #[error("the domain from {start} to {end} is empty")]
     EmptyDomain {
-        /// First knot of the domain.
+        /// The first knot of the domain.
         start: f64,
-        /// Last knot of the domain.
+        /// The last knot of the domain.
         end: f64,
     },
 }
 
-/// Where the polynomial pieces of a B-spline meet. Order = degree + 1; a B-spline of n + 1 control points has n + degree + 2
-/// knots.
+/// The knot vector of a B-spline: the parameters at which its polynomial pieces meet. Order = degree + 1; a B-spline of n + 1 control
+/// points has n + degree + 2 knots.
 ///
-/// Invariant, checked by [`KnotVector::new`]: degree from 1 to 9; at least 2 (degree + 1) knots, finite, never decreasing; a
-/// knot repeated at most degree times inside the domain and degree + 1 times at its ends; the domain
-/// `knots[degree]..=knots[len - degree - 1]` not empty.
+/// Invariant, checked by [`KnotVector::new`]: the degree is from 1 to 9. There are at least 2 (degree + 1) knots, which are finite and
+/// never decrease. A knot is repeated at most degree times inside the domain, and at most degree + 1 times at an end of the domain. The
+/// domain `knots[degree]..=knots[len - degree - 1]` is not empty.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KnotVector {
     degree: usize,
@@ -84,17 +84,17 @@ pub struct KnotVector {
 }
 
 impl KnotVector {
-    /// A knot vector of this degree.
+    /// Builds a knot vector of this degree with these knots.
     ///
     /// # Errors
-    /// See the invariant above.
+    /// If the invariant is violated.
     pub fn new(degree: usize, knots: Vec<f64>) -> Result<Self, KnotVectorError> {
         if !(1..=9).contains(&degree) {
             return Err(KnotVectorError::Degree { degree });
         }
-        let least = 2 * (degree + 1);
-        if knots.len() < least {
-            return Err(KnotVectorError::TooFew { count: knots.len(), degree, least });
+        let min = 2 * (degree + 1);
+        if knots.len() < min {
+            return Err(KnotVectorError::TooFew { count: knots.len(), degree, min });
         }
         let mut before = f64::NEG_INFINITY;
         for (index, &knot) in knots.iter().enumerate() {
@@ -109,15 +109,15 @@ impl KnotVector {
         }
         for run in knots.chunk_by(|a, b| a == b) {
             let inside = start < run[0] && run[0] < end;
-            let most = if inside { degree } else { degree + 1 };
-            if run.len() > most {
-                return Err(KnotVectorError::Multiplicity { knot: run[0], count: run.len(), most });
+            let max = if inside { degree } else { degree + 1 };
+            if run.len() > max {
+                return Err(KnotVectorError::Multiplicity { knot: run[0], count: run.len(), max });
             }
         }
         Ok(Self { degree, knots: knots.into() })
     }
 
-    /// Degree of the pieces: order - 1.
+    /// The degree of the polynomial pieces, which is the order - 1.
     pub fn degree(&self) -> usize {
         self.degree
     }
@@ -127,32 +127,32 @@ impl KnotVector {
         &self.knots
     }
 
-    /// How many control points go with it.
+    /// The number of control points of a B-spline with these knots.
     pub fn n_control(&self) -> usize {
         self.knots.len() - self.degree - 1
     }
 
-    /// First and last parameter of the B-spline.
+    /// The first and last parameter of the B-spline.
     pub fn domain(&self) -> (f64, f64) {
         (self.knots[self.degree], self.knots[self.knots.len() - self.degree - 1])
     }
 }
 
 impl KnotVector {
-    /// Adds it to the parts of what has it, under this name.
+    /// Adds the knot vector to the parts of a value, under this name.
     pub(super) fn push<'a>(&'a self, name: &'static str, to: &mut Parts<'a>) {
         to.fact(format!("degree of {name}"), self.degree);
-        to.push(name, On::Entry, Meaning::Number, 1, &self.knots[..]);
+        to.push(name, ElementKind::Entry, Meaning::Number, 1, &self.knots[..]);
     }
 
-    /// The knots that stand among some parts under this name.
+    /// Reads a knot vector from the part with this name.
     ///
     /// # Errors
-    /// If there are none, or they make no knot vector.
-    pub(super) fn of(parts: &Parts<'_>, name: &str) -> Result<Self, PartsError> {
-        let knots = parts.need(name, 1)?.items.numbers().into_owned();
+    /// If there is no such part, or its numbers are not a knot vector.
+    pub(super) fn from_named_parts(parts: &Parts<'_>, name: &str) -> Result<Self, PartsError> {
+        let knots = parts.require(name, 1)?.items.numbers().into_owned();
         let degree = parts.count_of(&format!("degree of {name}"))?;
-        Self::new(degree, knots).map_err(PartsError::refused)
+        Self::new(degree, knots).map_err(PartsError::from_error)
     }
 }
 
@@ -174,9 +174,9 @@ impl Value for KnotVector {
 
     fn describe(&self) -> Summary {
         Summary::default()
-            .with("order", self.degree + 1)
-            .with("control points", self.n_control())
-            .with("knots", self.knots.to_vec())
+            .with_fact("order", self.degree + 1)
+            .with_fact("control points", self.n_control())
+            .with_fact("knots", self.knots.to_vec())
     }
 
     fn parts(&self) -> Parts<'_> {
@@ -186,7 +186,7 @@ impl Value for KnotVector {
     }
 
     fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
-        Self::of(parts, "knots")
+        Self::from_named_parts(parts, "knots")
     }
 
     fn show(&self) -> Vec<Layer> {
@@ -195,7 +195,7 @@ impl Value for KnotVector {
         vec![Layer::Plot(vec![Series { name: "knots".into(), at, numbers }])]
     }
 
-    fn hostile() -> Vec<Self> {
+    fn edge_cases() -> Vec<Self> {
         let knots = [
             Self::new(1, vec![0.0, 0.0, 1.0, 1.0]),
             Self::new(2, vec![-1e300, -1e300, 0.0, 1e300, 1e300, 1e300]),
@@ -211,29 +211,29 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_that_are_no_knot_vector_are_refused() {
-        fn refused(degree: usize, knots: &[f64]) -> KnotVectorError {
+    fn invalid_knot_vectors_are_refused() {
+        fn error_of(degree: usize, knots: &[f64]) -> KnotVectorError {
             KnotVector::new(degree, knots.to_vec()).unwrap_err()
         }
-        assert!(matches!(refused(0, &[0., 1.]), KnotVectorError::Degree { .. }));
-        assert!(matches!(refused(2, &[0., 0., 0., 1., 1.]), KnotVectorError::TooFew { .. }));
+        assert!(matches!(error_of(0, &[0., 1.]), KnotVectorError::Degree { .. }));
+        assert!(matches!(error_of(2, &[0., 0., 0., 1., 1.]), KnotVectorError::TooFew { .. }));
         assert!(matches!(
-            refused(1, &[0., 0., 2., 1.]),
+            error_of(1, &[0., 0., 2., 1.]),
             KnotVectorError::Decreasing { index: 3, .. }
         ));
         assert!(matches!(
-            refused(1, &[0., 0., f64::NAN, 1.]),
+            error_of(1, &[0., 0., f64::NAN, 1.]),
             KnotVectorError::Decreasing { index: 2, .. }
         ));
-        assert!(matches!(refused(1, &[1., 1., 1., 1.]), KnotVectorError::EmptyDomain { .. }));
-        // An end knot repeated four times at degree 2 divided by zero in other libraries.
+        assert!(matches!(error_of(1, &[1., 1., 1., 1.]), KnotVectorError::EmptyDomain { .. }));
+        // An end knot that is repeated four times at degree 2 caused a division by zero in other libraries.
         assert!(matches!(
-            refused(2, &[0., 0., 0., 0., 1., 1., 1.]),
-            KnotVectorError::Multiplicity { count: 4, most: 3, .. }
+            error_of(2, &[0., 0., 0., 0., 1., 1., 1.]),
+            KnotVectorError::Multiplicity { count: 4, max: 3, .. }
         ));
         assert!(matches!(
-            refused(2, &[0., 0., 0., 1., 1., 1., 2., 2., 2.]),
-            KnotVectorError::Multiplicity { count: 3, most: 2, .. }
+            error_of(2, &[0., 0., 0., 1., 1., 1., 2., 2., 2.]),
+            KnotVectorError::Multiplicity { count: 3, max: 2, .. }
         ));
     }
 

@@ -1,4 +1,4 @@
-//! A number per pixel that says to which component it belongs.
+//! Labels: for each pixel, the component that contains it.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -7,8 +7,8 @@ use thiserror::Error;
 
 use super::image::{SizeError, check_size};
 use super::{
-    Column, DecodeError, Decoder, Elements, Encoder, Layer, Mask, Mesh, Offence, Parts, PartsError,
-    Property, Summary, Value, value_type,
+    Column, DecodeError, Decoder, Elements, Encoder, Layer, Mask, Mesh, Parts, PartsError,
+    Property, Summary, Value, Violation, value_type,
 };
 use crate::memory::huge_vec;
 use crate::parallel::*;
@@ -16,13 +16,13 @@ use crate::parallel::*;
 mod elements;
 mod parts;
 
-use elements::One;
+use elements::Component;
 
-/// Which component each pixel of a picture belongs to: 0 is background, components count from 1 in the order in which
-/// their first pixels are met, row by row from the top.
+/// For each pixel of a picture, the component that contains it. 0 is background; components are numbered from 1 in the order of their first
+/// pixels, row by row from the top.
 ///
-/// Invariant, checked by [`Labels::new`] and [`Labels::from_runs`]: as many entries as width x height; no entry above the
-/// number of components, and each component has a pixel.
+/// Invariant, checked by [`Labels::new`] and [`Labels::from_runs`]: there are width x height entries, no entry exceeds the number of
+/// components, and each component has at least one pixel.
 #[derive(Clone, Debug)]
 pub struct Labels {
     width: usize,
@@ -34,8 +34,8 @@ pub struct Labels {
 #[derive(Clone, Debug)]
 enum Pixels {
     All(Column<u32>),
-    /// One component of a picture that may have thousands: its pixels are made when somebody asks for them.
-    One(Arc<One>),
+    /// One component of a picture. A picture may have thousands of them, so the pixels of a component are expanded only on first use.
+    Component(Arc<Component>),
 }
 
 impl PartialEq for Labels {
@@ -44,65 +44,66 @@ impl PartialEq for Labels {
     }
 }
 
-/// What is known of one component.
+/// Statistics of one component.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LabelStatistics {
-    /// Number of pixels.
+    /// The number of pixels.
     pub area: usize,
-    /// The first pixel met row by row from the top: column, row.
+    /// The first pixel, row by row from the top: column, row.
     pub first: [usize; 2],
-    /// Upper left pixel of the bounding box: column, row.
+    /// The upper left pixel of the bounding box: column, row.
     pub low: [usize; 2],
-    /// Lower right pixel of the bounding box, itself inside: column, row.
+    /// The lower right pixel of the bounding box (inclusive): column, row.
     pub high: [usize; 2],
-    /// Mean of the pixels' centers: column, row.
+    /// The mean of the pixels' centers: column, row.
     pub centroid: [f64; 2],
-    /// Whether a pixel lies in the outermost rows or columns of the picture.
+    /// True if a pixel of the component is in the outermost rows or columns of the picture.
     pub touches_border: bool,
 }
 
-/// Pixels side by side in one row that have the same label.
+/// Consecutive pixels of one row with the same label.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct LabelRun {
     /// The row.
     pub row: u32,
     /// The first column.
     pub start: u32,
-    /// The column behind the last one.
+    /// The column after the last one of the run.
     pub end: u32,
     /// The component, from 1.
     pub label: u32,
 }
 
-/// Why runs do not make labels.
+/// Error of building labels from runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum LabelsError {
-    /// A run in the wrong place.
-    #[error("run {run} is empty, outside of the picture, or not behind the run before it")]
+    /// A run is empty, outside of the picture, or not after the previous run.
+    #[error("run {run} is empty, outside of the picture, or not after the previous run")]
     Place {
-        /// The offending run.
+        /// The index of the run.
         run: usize,
     },
-    /// A run that leaves out a number.
-    #[error("run {run} has label {label}, but only {components} components were met before it")]
+    /// The label of a run skips a number.
+    #[error("run {run} has label {label}, but only {components} components come before it")]
     Label {
-        /// The offending run.
+        /// The index of the run.
         run: usize,
-        /// Its label.
+        /// The label of the run.
         label: u32,
-        /// How many components the runs before it have.
+        /// The number of components in the runs before it.
         components: usize,
     },
 }
 
-/// Rows that one thread writes at a time: enough work to be worth waking it.
+/// The number of rows per parallel task, which is enough work to outweigh the cost of a task.
 const STRIP_ROWS: usize = 64;
 
 impl Labels {
-    /// Labels of `width` x `height` pixels, row by row from the top; renumbered into the order described above.
+    /// Builds labels of `width` x `height` pixels, row by row from the top. The components are renumbered in the order of their first
+    /// pixels.
     ///
     /// # Errors
-    /// If there are more or fewer entries than that.
+    /// If the number of entries is not `width` x `height`.
     pub fn new(width: usize, height: usize, pixels: Vec<u32>) -> Result<Self, SizeError> {
         check_size(width, height, pixels.len())?;
         let mut runs = runs_of(width, &pixels);
@@ -110,11 +111,11 @@ impl Labels {
         Ok(Self::assemble(width, height, pixels, &runs))
     }
 
-    /// Labels of `width` x `height` pixels: background, and these runs, row by row from the top, already numbered in the
-    /// order described above.
+    /// Builds labels of `width` x `height` pixels from runs, row by row from the top. The components must already be numbered in the order
+    /// of their first pixels. All pixels outside of the runs are background.
     ///
     /// # Errors
-    /// If a run is empty or outside, starts before the end of the one before it, or its label is 0 or leaves out a number.
+    /// If a run is empty or outside of the picture, or starts before the end of the previous run, or if its label is 0 or skips a number.
     pub fn from_runs(width: usize, height: usize, runs: &[LabelRun]) -> Result<Self, LabelsError> {
         let (mut behind, mut components) = ((0, 0), 0);
         for (index, run) in runs.iter().enumerate() {
@@ -132,7 +133,7 @@ impl Labels {
         Ok(Self::assemble(width, height, huge_vec(width * height), runs))
     }
 
-    /// Writes the runs over `pixels`, which has nothing but background outside of them.
+    /// Writes the labels of the runs into `pixels`. All other entries of `pixels` are background.
     fn assemble(width: usize, height: usize, mut pixels: Vec<u32>, runs: &[LabelRun]) -> Self {
         let strips = pixels.par_chunks_mut(STRIP_ROWS.saturating_mul(width.max(1))).enumerate();
         strips.for_each(|(strip, pixels)| {
@@ -147,12 +148,12 @@ impl Labels {
         Self { width, height, pixels, statistics: statistics(width, height, runs) }
     }
 
-    /// Pixels in a row.
+    /// The width in pixels.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Rows.
+    /// The height in pixels.
     pub fn height(&self) -> usize {
         self.height
     }
@@ -165,38 +166,38 @@ impl Labels {
     fn column(&self) -> &Column<u32> {
         match &self.pixels {
             Pixels::All(pixels) => pixels,
-            Pixels::One(one) => one.pixels(),
+            Pixels::Component(component) => component.pixels(),
         }
     }
 
-    /// The label at `[column, row]`; 0 outside the picture.
-    pub fn at(&self, [column, row]: [usize; 2]) -> u32 {
+    /// The label at `[column, row]`; 0 outside of the picture.
+    pub fn label(&self, [column, row]: [usize; 2]) -> u32 {
         match &self.pixels {
             _ if column >= self.width || row >= self.height => 0,
             Pixels::All(pixels) => pixels[row * self.width + column],
-            Pixels::One(one) => u32::from(one.contains([column, row])),
+            Pixels::Component(component) => u32::from(component.contains([column, row])),
         }
     }
 
-    /// The pixels of one component within its bounding box, whose upper left pixel is the component's
-    /// [`low`](LabelStatistics::low).
+    /// The pixels of one component, restricted to its bounding box. The first entry is the pixel at the component's
+    /// [`low`](LabelStatistics::low), the upper left corner of the box.
     ///
     /// # Panics
-    /// If there is no component of this number, from 1.
+    /// If there is no component with this label.
     pub fn component(&self, label: u32) -> Mask {
         let LabelStatistics { low, high, .. } = self.statistics[label as usize - 1];
         let [columns, rows] = [0, 1].map(|axis| high[axis] + 1 - low[axis]);
         let inside = (low[1]..=high[1]).flat_map(|row| (low[0]..=high[0]).map(move |at| [at, row]));
-        let inside = inside.map(|at| self.at(at) == label).collect();
+        let inside = inside.map(|at| self.label(at) == label).collect();
         Mask::from_bools(columns, rows, inside).expect("one entry per pixel of the box")
     }
 
-    /// What is known of each component; the one labelled `n` stands at `n - 1`.
+    /// The statistics of each component. The component with the label `n` has the index `n - 1`.
     pub fn statistics(&self) -> &[LabelStatistics] {
         &self.statistics
     }
 
-    /// The labels from the largest component to the smallest; of two equal ones, the lower label first.
+    /// The labels sorted by area, from the largest component to the smallest; components of equal area by label.
     pub fn by_area(&self) -> Vec<u32> {
         let mut labels: Vec<u32> = (1..=self.statistics.len() as u32).collect();
         labels.sort_by_key(|&label| std::cmp::Reverse(self.statistics[label as usize - 1].area));
@@ -204,7 +205,7 @@ impl Labels {
     }
 }
 
-/// Numbers the labels, whatever they are, in the order in which the runs meet them.
+/// Renumbers the labels in the order in which the runs first use them.
 fn renumber(runs: &mut [LabelRun]) {
     let mut count = 0;
     fn number(seen: &mut u32, count: &mut u32) -> u32 {
@@ -214,9 +215,9 @@ fn renumber(runs: &mut [LabelRun]) {
         }
         *seen
     }
-    let most = runs.iter().map(|run| run.label as usize).max().unwrap_or(0);
-    if most <= 4 * runs.len() {
-        let mut seen = vec![0; most + 1];
+    let max_label = runs.iter().map(|run| run.label as usize).max().unwrap_or(0);
+    if max_label <= 4 * runs.len() {
+        let mut seen = vec![0; max_label + 1];
         runs.iter_mut()
             .for_each(|run| run.label = number(&mut seen[run.label as usize], &mut count));
     } else {
@@ -226,7 +227,7 @@ fn renumber(runs: &mut [LabelRun]) {
     }
 }
 
-/// The runs of some pixels, row by row from the top.
+/// Splits pixels into runs, row by row from the top.
 fn runs_of(width: usize, pixels: &[u32]) -> Vec<LabelRun> {
     let mut runs = Vec::new();
     for (row, pixels) in (0..).zip(pixels.chunks(width.max(1))) {
@@ -242,7 +243,7 @@ fn runs_of(width: usize, pixels: &[u32]) -> Vec<LabelRun> {
     runs
 }
 
-/// What is known of each component of runs that are numbered in the order in which they meet them.
+/// Computes the statistics of each component from runs whose labels are numbered in the order of first use.
 fn statistics(width: usize, height: usize, runs: &[LabelRun]) -> Vec<LabelStatistics> {
     let mut statistics: Vec<LabelStatistics> = Vec::new();
     let mut sums: Vec<[u64; 2]> = Vec::new();
@@ -284,7 +285,9 @@ impl Value for Labels {
         to.counts(&[self.width, self.height]);
         match &self.pixels {
             Pixels::All(pixels) => to.column(pixels),
-            Pixels::One(one) => to.column_of_hash(one.hash(), || one.pixels().clone()),
+            Pixels::Component(component) => {
+                to.column_of_hash(component.hash(), || component.pixels().clone())
+            }
         };
     }
 
@@ -297,8 +300,8 @@ impl Value for Labels {
 
     fn properties() -> &'static [Property<Self>] {
         const PROPERTIES: &[Property<Labels>] =
-            &[Property::new("NonEmpty", "Something is labelled.", |value| {
-                value.statistics().is_empty().then(|| Offence::nothing("label"))
+            &[Property::new("NonEmpty", "There is a labelled component.", |value| {
+                value.statistics().is_empty().then(|| Violation::lack_of("label"))
             })];
         PROPERTIES
     }
@@ -306,15 +309,15 @@ impl Value for Labels {
     fn size(&self) -> usize {
         let pixels = match &self.pixels {
             Pixels::All(pixels) => pixels.size(),
-            Pixels::One(one) => one.size(),
+            Pixels::Component(component) => component.size(),
         };
         pixels + size_of_val(&self.statistics[..])
     }
 
     fn describe(&self) -> Summary {
         let summary = Summary::default()
-            .with("size", format!("{} x {}", self.width, self.height))
-            .with("components", self.statistics.len());
+            .with_fact("size", format!("{} x {}", self.width, self.height))
+            .with_fact("components", self.statistics.len());
         self.by_area().into_iter().take(8).fold(summary, |summary, label| {
             let component = &self.statistics[label as usize - 1];
             let ([left, top], [right, bottom]) = (component.low, component.high);
@@ -323,12 +326,12 @@ impl Value for Labels {
                 "{} pixels in ({left}, {top})-({right}, {bottom}), center ({x:.1}, {y:.1})",
                 component.area
             );
-            summary.with(&format!("label {label}"), fact)
+            summary.with_fact(&format!("label {label}"), fact)
         })
     }
 
     fn probe(&self, at: [usize; 2]) -> Summary {
-        Summary::default().with("label", self.at(at))
+        Summary::default().with_fact("label", self.label(at))
     }
 
     fn parts(&self) -> Parts<'_> {
@@ -339,7 +342,8 @@ impl Value for Labels {
         parts::made_of(parts)
     }
 
-    /// Each component as labels of the whole picture with that one alone, which has the number 1.
+    /// Splits labels into components: for each component, labels of the whole picture in which that component has the label 1 and all else
+    /// is background.
     fn elements() -> Vec<Elements<Self>> {
         let kind = value_type::<Self>();
         vec![Elements { word: "", name: "components", kind, cut: elements::cut }]
@@ -353,8 +357,8 @@ impl Value for Labels {
         None
     }
 
-    fn hostile() -> Vec<Self> {
-        parts::hostile()
+    fn edge_cases() -> Vec<Self> {
+        parts::edge_cases()
     }
 }
 

@@ -1,84 +1,86 @@
-//! Layers: what of a value can be drawn.
+//! Layers: the drawable representations of a value.
 //!
-//! Viewers draw layers, not types, so that a plugin's value is shown like one of the engine's. A layer shares memory with its value where
-//! the value holds the same data.
+//! Viewers draw layers, not types of values, so that the values of a plugin are shown like those of the engine. A layer shares memory with
+//! its value where both hold the same data.
 
 use nalgebra::Point3;
 
 use super::{Column, Image, Mesh, Points, Registration, Rgb};
 
-/// The color of the background, and so of pixels of a drawn picture that show nothing.
-pub const PLAIN: Rgb = [24, 26, 32];
+/// The background color. Drawn pictures also use it for pixels that show nothing.
+pub const BACKGROUND: Rgb = [24, 26, 32];
 
-/// One drawing of a value. A value gives several if they belong together, the most important one first.
+/// A layer: one drawing of a value. If a value has several layers that belong together, the most important one comes first.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Layer {
-    /// A picture, a pixel for each pixel or cell of the value.
+    /// A picture with one pixel for each pixel or cell of the value.
     Picture(Picture),
-    /// Faces: a mesh as it is, with its attributes as colors, normals, texture coordinates and numbers. Faces of more than three corners
-    /// are drawn as the triangles of [`Mesh::face_triangles`].
+    /// Faces: a mesh with its attributes (colors, normals, texture coordinates, numbers). A face of more than three corners is drawn as the
+    /// triangles of [`Mesh::face_triangles`].
     Triangles(Box<Mesh>),
-    /// Places that nothing connects, with data on each.
+    /// Unconnected points with attributes.
     Points(Cloud),
-    /// Chains of straight lines.
+    /// Polylines.
     Lines(Lines),
-    /// Moves from place to place.
+    /// Arrows from point to point.
     Arrows(Arrows),
-    /// What is to be noticed.
+    /// Marks that highlight elements.
     Marks(Marks),
-    /// Series of numbers, drawn over one axis.
+    /// Series of numbers, plotted over a common axis.
     Plot(Vec<Series>),
 }
 
 /// A picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
-    /// Its pixels.
+    /// The pixels.
     pub image: Image,
-    /// Where its pixels lie on the capture's picture, if that is known: those of a range grid do.
+    /// The map from the layer's pixels to the capture's picture, if known. The layer of a range image has such a map.
     pub registration: Option<Registration>,
-    /// Whether its colors were made up for the drawing, as those of labels are. Others are the value's own, and a file that keeps them
-    /// shows as much.
-    pub drawn: bool,
+    /// True if the colors were chosen for the drawing, as for labels. False if they are the value's own colors; then an image file of the
+    /// value has the same colors.
+    pub has_false_colors: bool,
 }
 
 impl Picture {
-    /// A picture whose colors are the value's own, as layers; none if there is none.
-    pub(super) fn own<E>(image: Result<Image, E>) -> Vec<Layer> {
+    /// A layer with a picture in the value's own colors; no layer if `image` is an error.
+    pub(super) fn from_true_colors<E>(image: Result<Image, E>) -> Vec<Layer> {
         image
             .into_iter()
-            .map(|image| Layer::Picture(Self { image, registration: None, drawn: false }))
+            .map(|image| {
+                Layer::Picture(Self { image, registration: None, has_false_colors: false })
+            })
             .collect()
     }
 
-    /// A picture whose colors were made up for the drawing, as layers; none if there is no picture.
-    pub(super) fn drawn<E>(image: Result<Image, E>) -> Vec<Layer> {
+    /// A layer with a picture whose colors were chosen for the drawing; no layer if `image` is an error.
+    pub(super) fn from_false_colors<E>(image: Result<Image, E>) -> Vec<Layer> {
         image
             .into_iter()
-            .map(|image| Layer::Picture(Self { image, registration: None, drawn: true }))
+            .map(|image| Layer::Picture(Self { image, registration: None, has_false_colors: true }))
             .collect()
     }
 }
 
-/// Which way the axes of a layer go. A mesh says it by its frame.
+/// The directions of a layer's axes. The axes of a mesh follow from its frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Axes {
     /// x right, y up, z towards the viewer.
     #[default]
     Upright,
-    /// The sensor's: x right, y down, z away.
+    /// The sensor's axes: x right, y down, z away.
     Sensor,
 }
 
 impl Axes {
-    /// A place with these axes in other ones: half a turn about x leads from the sensor's to upright ones, and back.
-    pub fn turned(self, place: Point3<f64>, to: Self) -> Point3<f64> {
-        if self == to { place } else { Point3::new(place.x, -place.y, -place.z) }
+    /// Converts a point from these axes to others. The sensor's axes and the upright axes differ by half a rotation about x.
+    pub fn convert(self, point: Point3<f64>, to: Self) -> Point3<f64> {
+        if self == to { point } else { Point3::new(point.x, -point.y, -point.z) }
     }
 }
 
 impl Layer {
-    /// The axes of what lies in space; none of pictures and plots.
+    /// The axes of a spatial layer. `None` for pictures and plots.
     pub fn axes(&self) -> Option<Axes> {
         match self {
             Self::Triangles(mesh) if mesh.frame().is_some() => Some(Axes::Sensor),
@@ -92,53 +94,53 @@ impl Layer {
     }
 }
 
-/// Places that nothing connects.
+/// Unconnected points with attributes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cloud {
-    /// The places, in mm, with data on each.
+    /// The points, in mm, with their attributes.
     pub points: Points,
-    /// The axes.
+    /// The axes of the coordinates.
     pub axes: Axes,
 }
 
-/// Chains of straight lines.
+/// Polylines.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lines {
-    /// The places, in mm.
+    /// The points, in mm.
     pub points: Column<Point3<f64>>,
-    /// The points of each chain, by index; a closed one names its first point again.
+    /// For each polyline, the indices of its points. A closed polyline repeats its first index.
     pub chains: Vec<Vec<u32>>,
-    /// The axes.
+    /// The axes of the coordinates.
     pub axes: Axes,
 }
 
-/// Moves from place to place: as many ends as starts.
+/// Arrows from point to point. The lists of starts and ends have the same length.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Arrows {
-    /// Where they begin, in mm.
+    /// The start of each arrow, in mm.
     pub from: Column<Point3<f64>>,
-    /// Where they end.
+    /// The end of each arrow, in mm.
     pub to: Column<Point3<f64>>,
-    /// The axes.
+    /// The axes of the coordinates.
     pub axes: Axes,
 }
 
-/// What is to be noticed, drawn in red, larger than all else.
+/// Marks that highlight elements, drawn in red and larger than everything else.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Marks {
-    /// Each a place, both ends of a line, or the corners of a face, in mm.
+    /// The outline of each mark, in mm: a point, the two ends of a line, or the corners of a face.
     pub outlines: Vec<Vec<Point3<f64>>>,
-    /// The axes.
+    /// The axes of the coordinates.
     pub axes: Axes,
 }
 
 /// One series of numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
-    /// Its name.
+    /// The name of the series.
     pub name: String,
-    /// Where on the axis each number stands: as many as there are numbers, growing.
+    /// The position on the axis of each number, in ascending order.
     pub at: Vec<f64>,
-    /// The numbers; what is not finite is left out of the drawing.
+    /// The numbers; those that are not finite are not drawn.
     pub numbers: Vec<f64>,
 }

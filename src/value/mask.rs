@@ -1,16 +1,16 @@
-//! Which pixels belong to something.
+//! Masks: sets of pixels.
 
-use super::hostile::SIZES;
+use super::edge_cases::SIZES;
 use super::image::{SizeError, check_size};
 use super::{
-    Column, DecodeError, Decoder, Encoder, Image, Layer, Meaning, Mesh, Offence, On, Parts,
-    PartsError, Picture, Property, Rgb, Summary, Value,
+    Column, DecodeError, Decoder, ElementKind, Encoder, Image, Layer, Meaning, Mesh, Parts,
+    PartsError, Picture, Property, Rgb, Summary, Value, Violation,
 };
 use crate::parallel::*;
 
-/// Which pixels of a picture belong to something; row 0 on top.
+/// A set of pixels of a picture; row 0 is the top.
 ///
-/// Invariant, checked by [`Mask::new`]: as many entries as width x height, each 0 (outside) or 1 (inside).
+/// Invariant, checked by [`Mask::new`]: there are width x height entries, each 0 (outside) or 1 (inside).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mask {
     width: usize,
@@ -19,38 +19,38 @@ pub struct Mask {
 }
 
 impl Mask {
-    /// A mask of `width` x `height` pixels, row by row from the top; every entry that is not 0 counts as inside.
+    /// Builds a mask of `width` x `height` pixels, row by row from the top. Every entry other than 0 counts as inside.
     ///
     /// # Errors
-    /// If there are more or fewer entries than that.
+    /// If the number of entries is not `width` x `height`.
     pub fn new(width: usize, height: usize, mut pixels: Vec<u8>) -> Result<Self, SizeError> {
         check_size(width, height, pixels.len())?;
         pixels.iter_mut().for_each(|pixel| *pixel = u8::from(*pixel != 0));
         Ok(Self { width, height, pixels: pixels.into() })
     }
 
-    /// A mask of `width` x `height` pixels, row by row from the top. As [`Mask::new`], without its pass over the entries.
+    /// Builds a mask of `width` x `height` pixels, row by row from the top. Unlike [`Mask::new`], it does not make a pass over the entries.
     ///
     /// # Errors
-    /// If there are more or fewer entries than that.
+    /// If the number of entries is not `width` x `height`.
     pub fn from_bools(width: usize, height: usize, pixels: Vec<bool>) -> Result<Self, SizeError> {
         check_size(width, height, pixels.len())?;
         let pixels: Vec<u8> = bytemuck::cast_vec(pixels);
         Ok(Self { width, height, pixels: pixels.into() })
     }
 
-    /// A mask drawn as text, one line a row: `#` is inside, everything else outside. For tests and examples.
+    /// Builds a mask from lines of text, one line per row: `#` is inside, everything else is outside. For tests and examples.
     ///
     /// # Panics
-    /// If the lines are not equally long.
-    pub fn drawn(rows: &[&str]) -> Self {
+    /// If the lines have different lengths.
+    pub fn from_rows(rows: &[&str]) -> Self {
         let width = rows.first().map_or(0, |row| row.len());
         let pixels = rows.iter().flat_map(|row| row.bytes().map(|c| u8::from(c == b'#')));
         Self::new(width, rows.len(), pixels.collect())
             .expect("rows of a drawn mask are equally long")
     }
 
-    /// The mask as text, the inverse of [`Mask::drawn`] with `.` outside.
+    /// Converts the mask to text, with `#` for inside and `.` for outside. This is the inverse of [`Mask::from_rows`].
     pub fn draw(&self) -> String {
         let mut text = String::new();
         for row in 0..self.height {
@@ -61,12 +61,12 @@ impl Mask {
         text
     }
 
-    /// Pixels in a row.
+    /// The width in pixels.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Rows.
+    /// The height in pixels.
     pub fn height(&self) -> usize {
         self.height
     }
@@ -76,12 +76,12 @@ impl Mask {
         &self.pixels
     }
 
-    /// Whether the pixel at `[column, row]` is inside; a pixel outside the picture is not.
+    /// Returns true if the pixel at `[column, row]` is inside the mask; false outside of the picture.
     pub fn contains(&self, [column, row]: [usize; 2]) -> bool {
         column < self.width && row < self.height && self.pixels[row * self.width + column] == 1
     }
 
-    /// How many pixels are inside.
+    /// The number of pixels inside the mask.
     pub fn count(&self) -> usize {
         fn count(pixels: &[u8]) -> u32 {
             pixels.iter().map(|&pixel| u32::from(pixel)).sum::<u32>()
@@ -89,7 +89,7 @@ impl Mask {
         self.pixels.par_chunks(1 << 18).map(|pixels| count(pixels) as usize).sum()
     }
 
-    /// Whether no pixel is inside.
+    /// Returns true if no pixel is inside the mask.
     pub fn is_empty(&self) -> bool {
         !self.pixels.contains(&1)
     }
@@ -110,7 +110,7 @@ impl Value for Mask {
     fn properties() -> &'static [Property<Self>] {
         const PROPERTIES: &[Property<Mask>] =
             &[Property::new("NonEmpty", "A pixel is inside.", |value| {
-                value.is_empty().then(|| Offence::nothing("pixel inside"))
+                value.is_empty().then(|| Violation::lack_of("pixel inside"))
             })];
         PROPERTIES
     }
@@ -121,40 +121,40 @@ impl Value for Mask {
 
     fn describe(&self) -> Summary {
         let inside = self.count();
-        let share = 100.0 * inside as f64 / self.pixels.len().max(1) as f64;
+        let fraction = 100.0 * inside as f64 / self.pixels.len().max(1) as f64;
         Summary::default()
-            .with("size", format!("{} x {}", self.width, self.height))
-            .with("inside", format!("{inside} pixels ({share:.2} %)"))
+            .with_fact("size", format!("{} x {}", self.width, self.height))
+            .with_fact("inside", format!("{inside} pixels ({fraction:.2} %)"))
     }
 
     fn probe(&self, at: [usize; 2]) -> Summary {
-        Summary::default().with("inside", self.contains(at))
+        Summary::default().with_fact("inside", self.contains(at))
     }
 
     fn parts(&self) -> Parts<'_> {
         let mut parts = Parts::default();
         parts.grid(self.width, self.height);
-        parts.push("inside", On::Pixel, Meaning::Exact, 1, &self.pixels[..]);
+        parts.push("inside", ElementKind::Pixel, Meaning::Exact, 1, &self.pixels[..]);
         parts
     }
 
     fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
         let [width, height] = parts.size()?;
-        let inside = parts.need("inside", 1)?.small(1)?;
-        Self::new(width, height, inside).map_err(PartsError::refused)
+        let inside = parts.require("inside", 1)?.to_u8(1)?;
+        Self::new(width, height, inside).map_err(PartsError::from_error)
     }
 
-    /// White inside, black outside.
+    /// Draws pixels inside in white and pixels outside in black.
     fn show(&self) -> Vec<Layer> {
         let pixels: Vec<Rgb> = self.pixels.iter().map(|&inside| [255 * inside; 3]).collect();
-        Picture::own(Image::new(self.width, self.height, pixels))
+        Picture::from_true_colors(Image::new(self.width, self.height, pixels))
     }
 
     fn as_mesh(&self) -> Option<Mesh> {
         None
     }
 
-    fn hostile() -> Vec<Self> {
+    fn edge_cases() -> Vec<Self> {
         fn mask([width, height]: [usize; 2], inside: u8) -> Result<Mask, SizeError> {
             Mask::new(width, height, vec![inside; width * height])
         }
@@ -168,14 +168,14 @@ mod tests {
 
     #[test]
     fn a_drawn_mask_draws_the_same() {
-        let mask = Mask::drawn(&["#.#", "..."]);
+        let mask = Mask::from_rows(&["#.#", "..."]);
         assert_eq!(mask.draw(), "#.#\n...\n");
         assert_eq!(mask.count(), 2);
         assert!(mask.contains([2, 0]) && !mask.contains([3, 0]));
     }
 
     #[test]
-    fn a_mask_of_bools_is_the_one_of_their_numbers() {
+    fn masks_from_bools_and_from_numbers_are_equal() {
         let mask = Mask::from_bools(2, 1, vec![false, true]).unwrap();
         assert_eq!(mask, Mask::new(2, 1, vec![0, 7]).unwrap());
         assert!(Mask::from_bools(2, 1, vec![true]).is_err());
@@ -183,7 +183,7 @@ mod tests {
 
     #[test]
     fn only_a_mask_without_pixels_inside_is_empty() {
-        assert!(Mask::drawn(&["..."]).is_empty() && Mask::drawn(&[]).is_empty());
-        assert!(!Mask::drawn(&["..#"]).is_empty());
+        assert!(Mask::from_rows(&["..."]).is_empty() && Mask::from_rows(&[]).is_empty());
+        assert!(!Mask::from_rows(&["..#"]).is_empty());
     }
 }

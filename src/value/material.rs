@@ -1,4 +1,4 @@
-//! How faces look: colors, pictures, and how they reflect light.
+//! Materials: colors, textures and reflection of faces.
 
 use std::collections::BTreeMap;
 
@@ -6,110 +6,111 @@ use serde::{Deserialize, Serialize};
 
 use super::{Column, DecodeError, Decoder, Encoder, Image, Rgb, Value, srgb_from_linear};
 
-/// How faces look: the metallic-roughness model of the Khronos Group, "glTF 2.0 Specification" (2021), sections 3.9 and 5.19, with
-/// what MTL files say beyond it.
+/// The material of faces. Its fields are those of the metallic-roughness model of the Khronos Group, "glTF 2.0 Specification" (2021),
+/// sections 3.9 and 5.19, plus the additional statements of MTL files.
 ///
-/// Numbers are finite; colors are linear in light, 0 to 1.
+/// All numbers are finite. Colors are linear in light, from 0 to 1.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
-    /// Its name, empty if it has none.
+    /// The name of the material; empty if it has none.
     pub name: String,
-    /// What is seen of it: the picture of the map [`MapKind::BaseColor`], times [`base_color`](Self::base_color), in 8-bit sRGB.
+    /// The texture that viewers show, in 8-bit sRGB: the picture of the map [`MapKind::BaseColor`], multiplied by
+    /// [`base_color`](Self::base_color).
     pub picture: Option<Image>,
-    /// Red, green, blue and opacity; multiplied with the picture.
+    /// The base color: red, green, blue and opacity. It is multiplied with the picture.
     pub base_color: [f64; 4],
-    /// 0 (like plastic) to 1 (like metal); multiplied with the map.
+    /// The metalness, from 0 (like plastic) to 1 (like metal). It is multiplied with the metalness map.
     pub metallic: f64,
-    /// 0 (smooth) to 1 (rough); multiplied with the map.
+    /// The roughness, from 0 (smooth) to 1 (rough). It is multiplied with the roughness map.
     pub roughness: f64,
-    /// Light that it sends out; multiplied with the map.
+    /// The emitted light: red, green, blue. It is multiplied with the map of emitted light.
     pub emissive: [f64; 3],
-    /// What opacity means.
+    /// The effect of opacity on visibility.
     pub transparency: Transparency,
-    /// Whether faces are seen from both sides.
+    /// True if faces are visible from both sides.
     pub is_double_sided: bool,
-    /// Whether the colors of vertices are multiplied with the picture; where there is no picture they are seen alone.
+    /// True if the colors of vertices are multiplied with the picture. Without a picture the colors of vertices are used alone.
     pub has_vertex_colors: bool,
-    /// Its pictures, as they are in files.
+    /// The textures as they are stored in files.
     pub maps: BTreeMap<MapKind, Map>,
-    /// What one format alone knows, by name: extensions of glTF as JSON, statements of MTL as their words.
+    /// Data that only one file format has, by name: extensions of glTF as JSON, and statements of MTL as their text.
     pub others: BTreeMap<String, String>,
 }
 
-/// What opacity means.
+/// The effect of opacity on visibility.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Transparency {
-    /// Nothing.
+    /// Opacity is ignored.
     Opaque,
-    /// Below this opacity there is nothing to see, above it all.
+    /// A surface is invisible where its opacity is less than this threshold, and fully visible elsewhere.
     Cutoff(f64),
-    /// What lies behind shows through.
+    /// The background shows through in proportion to the opacity.
     Blend,
 }
 
-/// What a picture says of a surface.
+/// The surface property that a texture describes.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum MapKind {
-    /// Its color, in sRGB, and its opacity.
+    /// The color, in sRGB, and the opacity.
     BaseColor,
-    /// Light that it sends out, in sRGB.
+    /// The emitted light, in sRGB.
     Emissive,
-    /// How metallic it is, in one channel.
+    /// The metalness, in one channel of the texture.
     Metallic,
-    /// Its normals, in tangent space.
+    /// The normals, in tangent space.
     Normal,
-    /// How much light from around reaches it, in one channel.
+    /// The ambient occlusion, in one channel of the texture.
     Occlusion,
-    /// How rough it is, in one channel.
+    /// The roughness, in one channel of the texture.
     Roughness,
-    /// What a statement of MTL says, such as `map_Ks`.
+    /// The surface property of an MTL statement such as `map_Ks`.
     Other(String),
 }
 
-/// A picture of a material, as it is in a file.
+/// A texture of a material, as it is stored in a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Map {
-    /// The name of its file, without folders; empty if it has none.
+    /// The name of the texture's file, without folders; empty if it has none.
     pub file: String,
-    /// The content of its file.
+    /// The content of the texture's file.
     pub bytes: Column<u8>,
-    /// How strong normals and occlusion are, usually 1.
+    /// The strength of a normal map or occlusion map, usually 1.
     pub strength: f64,
-    /// The channel that counts, 0 (red) to 2 (blue), if only one does.
+    /// The only channel that is used, from 0 (red) to 2 (blue). `None` if all channels are used.
     pub channel: Option<u8>,
-    /// The attribute of vertices or corners that has its texture coordinates.
+    /// The name of the vertex or corner attribute that holds the texture coordinates.
     pub uv: String,
-    /// What was done to the coordinates in the file to get those of the mesh.
+    /// The transform from the texture coordinates in the file to those of the mesh.
     pub transform: UvTransform,
-    /// How it goes on beyond its border, in u and v.
+    /// The continuation of the texture beyond its border, in u and v.
     pub wrap: [Wrap; 2],
-    /// How texels are blended when the picture is seen larger and smaller than it is: the numbers of glTF, 0 for no wish.
+    /// The filters for magnification and minification, as the numbers of glTF. 0 if the file does not give them.
     pub filters: [u32; 2],
 }
 
-/// How a picture goes on beyond its border.
+/// The continuation of a texture beyond its border.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Wrap {
-    /// From the start.
+    /// The texture is repeated beyond its border.
     #[default]
     Repeat,
-    /// Backwards.
+    /// The texture is mirrored at its border.
     Mirror,
-    /// With the color of its border.
+    /// The color at the border is used.
     Clamp,
 }
 
-/// How texture coordinates, (0, 0) at the upper left corner, are moved: scaled, turned (radians, counterclockwise), and shifted, in
-/// this order (Khronos Group, "KHR_texture_transform").
+/// A transform of texture coordinates, in which (0, 0) is the upper left corner. It scales, then rotates (radians, counterclockwise), then
+/// translates (Khronos Group, "KHR_texture_transform").
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UvTransform {
-    /// Added at last.
+    /// The translation, applied last.
     pub offset: [f64; 2],
-    /// In radians.
+    /// The rotation in radians.
     pub rotation: f64,
-    /// Multiplied first.
+    /// The scale, applied first.
     pub scale: [f64; 2],
 }
 
@@ -120,7 +121,7 @@ impl Default for UvTransform {
 }
 
 impl UvTransform {
-    /// The moved coordinates.
+    /// Transforms a pair of texture coordinates.
     #[must_use]
     pub fn apply(&self, [u, v]: [f64; 2]) -> [f64; 2] {
         let (sin, cos) = (libm::sin(self.rotation), libm::cos(self.rotation));
@@ -128,23 +129,23 @@ impl UvTransform {
         [cos * u + sin * v + self.offset[0], cos * v - sin * u + self.offset[1]]
     }
 
-    /// The coordinates that are moved to these.
+    /// Applies the inverse transform to a pair of texture coordinates.
     #[must_use]
-    pub fn undo(&self, [u, v]: [f64; 2]) -> [f64; 2] {
+    pub fn apply_inverse(&self, [u, v]: [f64; 2]) -> [f64; 2] {
         let (sin, cos) = (libm::sin(self.rotation), libm::cos(self.rotation));
         let [u, v] = [u - self.offset[0], v - self.offset[1]];
         [(cos * u - sin * v) / self.scale[0], (sin * u + cos * v) / self.scale[1]]
     }
 
-    /// Whether [`undo`](Self::undo) finds the coordinates.
+    /// Returns true if the inverse transform exists.
     #[must_use]
-    pub fn can_be_undone(&self) -> bool {
+    pub fn is_invertible(&self) -> bool {
         self.scale.iter().all(|scale| scale.abs() > 1e-12)
     }
 }
 
 impl Default for Material {
-    /// What a mesh looks like of which nothing is known: rough, not metallic, seen from both sides.
+    /// The material of meshes that have none: rough, not metallic, visible from both sides.
     fn default() -> Self {
         Self {
             name: String::new(),
@@ -163,42 +164,44 @@ impl Default for Material {
 }
 
 impl Material {
-    /// A material of which only a picture of its color is known.
+    /// A default material that shows this picture.
     #[must_use]
-    pub fn of_picture(picture: Image) -> Self {
+    pub fn from_picture(picture: Image) -> Self {
         Self { picture: Some(picture), ..Self::default() }
     }
 
-    /// Whether nothing is known of it but perhaps a picture.
+    /// Returns true if the material equals the default, except for the picture.
     #[must_use]
     pub fn is_plain(&self) -> bool {
         Self { picture: None, ..self.clone() } == Self::default()
     }
 
-    /// The picture of its color, if it has pixels.
+    /// The picture, unless it has no pixels.
     #[must_use]
-    pub fn shown(&self) -> Option<&Image> {
+    pub fn non_empty_picture(&self) -> Option<&Image> {
         self.picture.as_ref().filter(|picture| !picture.pixels().is_empty())
     }
 
-    /// Its color where it has no picture.
+    /// The base color in 8-bit sRGB, which is used where the material has no picture.
     #[must_use]
     pub fn color(&self) -> Rgb {
         let [red, green, blue, _] = self.base_color;
         [red, green, blue].map(srgb_from_linear)
     }
 
-    /// How its picture goes on beyond its border.
+    /// The continuation of the material's picture beyond the border, in u and v.
     #[must_use]
     pub fn wrap(&self) -> [Wrap; 2] {
         self.maps.get(&MapKind::BaseColor).map_or([Wrap::Clamp; 2], |map| map.wrap)
     }
 
-    /// The color of its picture at a texture coordinate, (0, 0) at the lower left corner, as [`Image::sample`] gives it; white without a
-    /// picture. Beyond its border the picture goes on as its map says, and at the border nothing of the other side is mixed in.
+    /// The color of the material's picture at a texture coordinate, whose (0, 0) is the lower left corner, as in [`Image::sample`]. White
+    /// without a picture. Beyond its border the picture continues as its map says; at the border no texels of the opposite side are mixed
+    /// in.
     #[must_use]
     pub fn sample(&self, uv: [f64; 2]) -> [f64; 3] {
-        self.shown().map_or([255.0; 3], |picture| picture.sample(Wrap::uv(self.wrap(), uv)))
+        self.non_empty_picture()
+            .map_or([255.0; 3], |picture| picture.sample(Wrap::wrap_uv(self.wrap(), uv)))
     }
 
     fn encode(&self, to: &mut Encoder) {
@@ -243,7 +246,7 @@ impl Material {
         };
         let [maps, others] = from.counts()?;
         let maps = (0..maps)
-            .map(|_| Ok((MapKind::of(from.text()?), Map::decode(from)?)))
+            .map(|_| Ok((MapKind::from_name(from.text()?), Map::decode(from)?)))
             .collect::<Result<_, _>>()?;
         let others =
             (0..others).map(|_| Ok((from.text()?, from.text()?))).collect::<Result<_, _>>()?;
@@ -271,7 +274,8 @@ impl Material {
 }
 
 impl MapKind {
-    /// Its name: `base color`, `emissive`, `metallic`, `normal`, `occlusion`, `roughness`, or what MTL calls it.
+    /// The name of the property: `base color`, `emissive`, `metallic`, `normal`, `occlusion`, `roughness`, or the name of the MTL
+    /// statement.
     #[must_use]
     pub fn name(&self) -> &str {
         match self {
@@ -285,9 +289,9 @@ impl MapKind {
         }
     }
 
-    /// The kind of this name.
+    /// The property with this name.
     #[must_use]
-    pub fn of(name: String) -> Self {
+    pub fn from_name(name: String) -> Self {
         use MapKind::*;
         let known = [BaseColor, Emissive, Metallic, Normal, Occlusion, Roughness];
         known.into_iter().find(|kind| kind.name() == name).unwrap_or(Other(name))
@@ -295,7 +299,7 @@ impl MapKind {
 }
 
 impl Map {
-    /// A picture in a file of this name with this content, on the attribute `uv`.
+    /// A texture from a file with this name and content, with the texture coordinates in the attribute `uv`.
     pub fn new(file: impl Into<String>, bytes: impl Into<Column<u8>>) -> Self {
         Self {
             file: file.into(),
@@ -338,35 +342,37 @@ impl Map {
 }
 
 impl Wrap {
-    /// The texture coordinate inside of a picture where it has what it shows at this one.
+    /// Maps a texture coordinate beyond the border to the equivalent one inside of the picture.
     #[must_use]
-    pub fn uv(wrap: [Self; 2], uv: [f64; 2]) -> [f64; 2] {
-        [0, 1].map(|k| wrap[k].inside(uv[k]))
+    pub fn wrap_uv(wrap: [Self; 2], uv: [f64; 2]) -> [f64; 2] {
+        [0, 1].map(|k| wrap[k].wrap(uv[k]))
     }
 
-    /// The two texels beside a place, of which texel k is at k, and how far from the first to the second one it is.
-    pub(super) fn texels(self, place: f64, count: usize) -> (usize, usize, f64) {
+    /// The two texels around a position (texel k is at k), and the fraction of the way from the first to the second.
+    pub(super) fn texels(self, position: f64, count: usize) -> (usize, usize, f64) {
         if self == Self::Clamp {
-            let place = place.clamp(0.0, (count - 1) as f64);
-            let first = place as usize;
-            return (first, (first + 1).min(count - 1), place - first as f64);
+            let position = position.clamp(0.0, (count - 1) as f64);
+            let first = position as usize;
+            return (first, (first + 1).min(count - 1), position - first as f64);
         }
-        let texel = |place: i64| {
-            let (count, wide) = (count as i64, 2 * count as i64);
-            match self {
-                Self::Mirror if place.rem_euclid(wide) >= count => {
-                    wide - 1 - place.rem_euclid(wide)
-                }
-                _ => place.rem_euclid(count),
-            }
-        };
-        let first = place.floor();
-        let [a, b] = [first as i64, (first as i64).saturating_add(1)].map(|it| texel(it) as usize);
-        (a, b, place - first)
+        let first = position.floor();
+        let [a, b] = [first as i64, (first as i64).saturating_add(1)]
+            .map(|index| self.wrap_index(index, count));
+        (a, b, position - first)
     }
 
-    /// The coordinate from 0 to 1 where the picture has what it shows at this one.
-    fn inside(self, x: f64) -> f64 {
+    /// Maps a texel index to the equivalent one below `count`, for a repeated or mirrored texture.
+    fn wrap_index(self, index: i64, count: usize) -> usize {
+        let (count, wide) = (count as i64, 2 * count as i64);
+        let index = match self {
+            Self::Mirror if index.rem_euclid(wide) >= count => wide - 1 - index.rem_euclid(wide),
+            _ => index.rem_euclid(count),
+        };
+        index as usize
+    }
+
+    /// Maps a coordinate to the equivalent one from 0 to 1. The coordinate of a clamped texture is not changed.
+    fn wrap(self, x: f64) -> f64 {
         if (0.0..=1.0).contains(&x) {
             return x;
         }
@@ -381,7 +387,7 @@ impl Wrap {
     }
 }
 
-/// Writes the materials of a mesh. One that is plain is written as its picture alone.
+/// Writes the materials of a mesh. If the only material is a plain picture, only the picture is written.
 pub(super) fn encode(materials: &[Material], to: &mut Encoder) {
     let picture = match materials {
         [] => None,
@@ -396,7 +402,7 @@ pub(super) fn encode(materials: &[Material], to: &mut Encoder) {
     });
 }
 
-/// Where 0 would be no picture, and 1 a picture.
+/// The tag of a list of materials. The other tags are 0 for no picture, and 1 for a single picture.
 const SEVERAL: u8 = 2;
 
 pub(super) fn decode(from: &mut Decoder<'_>) -> Result<Vec<Material>, DecodeError> {
@@ -405,12 +411,12 @@ pub(super) fn decode(from: &mut Decoder<'_>) -> Result<Vec<Material>, DecodeErro
             let [count] = from.counts()?;
             (0..count).map(|_| Material::decode(from)).collect()
         }
-        1 => Ok(vec![Material::of_picture(from.value()?)]),
+        1 => Ok(vec![Material::from_picture(from.value()?)]),
         _ => Ok(Vec::new()),
     }
 }
 
-/// How many bytes they take.
+/// The size of the materials in bytes.
 pub(super) fn size(materials: &[Material]) -> usize {
     materials.iter().map(Material::size).sum()
 }
@@ -420,26 +426,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn coordinates_are_moved_and_moved_back() {
+    fn transforms_of_coordinates_can_be_inverted() {
         let quarter = std::f64::consts::FRAC_PI_2;
         let transform = UvTransform { offset: [0.5, 0.25], rotation: quarter, scale: [2.0, 3.0] };
         let moved = transform.apply([0.25, 0.5]);
         assert!((moved[0] - 2.0).abs() < 1e-15 && (moved[1] + 0.25).abs() < 1e-15, "{moved:?}");
-        let back = transform.undo(moved);
+        let back = transform.apply_inverse(moved);
         assert!((back[0] - 0.25).abs() < 1e-15 && (back[1] - 0.5).abs() < 1e-15, "{back:?}");
-        assert!(!UvTransform { scale: [0.0, 1.0], ..transform }.can_be_undone());
+        assert!(!UvTransform { scale: [0.0, 1.0], ..transform }.is_invertible());
     }
 
     #[test]
-    fn beyond_its_border_a_picture_goes_on() {
-        fn of(wrap: Wrap) -> [f64; 5] {
-            [-0.25, 0.0, 1.0, 1.25, 2.5].map(|x| wrap.inside(x))
+    fn pictures_continue_beyond_their_border() {
+        fn wrap_samples(wrap: Wrap) -> [f64; 5] {
+            [-0.25, 0.0, 1.0, 1.25, 2.5].map(|x| wrap.wrap(x))
         }
-        assert_eq!(of(Wrap::Repeat), [0.75, 0.0, 1.0, 0.25, 0.5]);
-        assert_eq!(of(Wrap::Mirror), [0.25, 0.0, 1.0, 0.75, 0.5]);
-        assert_eq!(of(Wrap::Clamp), [-0.25, 0.0, 1.0, 1.25, 2.5]);
+        assert_eq!(wrap_samples(Wrap::Repeat), [0.75, 0.0, 1.0, 0.25, 0.5]);
+        assert_eq!(wrap_samples(Wrap::Mirror), [0.25, 0.0, 1.0, 0.75, 0.5]);
+        assert_eq!(wrap_samples(Wrap::Clamp), [-0.25, 0.0, 1.0, 1.25, 2.5]);
         fn texels(wrap: Wrap) -> [(usize, usize, f64); 4] {
-            [-0.5, 1.25, 3.5, 8.0].map(|place| wrap.texels(place, 4))
+            [-0.5, 1.25, 3.5, 8.0].map(|position| wrap.texels(position, 4))
         }
         assert_eq!(texels(Wrap::Clamp), [(0, 1, 0.0), (1, 2, 0.25), (3, 3, 0.0), (3, 3, 0.0)]);
         assert_eq!(texels(Wrap::Repeat), [(3, 0, 0.5), (1, 2, 0.25), (3, 0, 0.5), (0, 1, 0.0)]);

@@ -1,21 +1,22 @@
-//! What nodes remember between evaluations; it never travels on links.
+//! Memos: intermediate results that nodes cache between evaluations. A memo is never the value of a link.
 
 use std::any::Any;
 use std::sync::Arc;
 
 use super::{AnyValue, DecodeError, Encoder, Hash, Parts, PartsError, Summary, ValueType};
 
-/// What `Context::memo` asks by, and what it remembers: plans, trees, factors. It is no
-/// value of a graph: it stays in memory, and cannot be shown.
-/// Reading a plan back from disk would take as long as making it.
+/// An intermediate result that `Context::memo` caches, such as a plan, a tree or the factors of a matrix, with the key to look it up. A
+/// memo is not a value of a graph: it is kept only in memory, and cannot be shown. Reading it back from disk would take as long as
+/// computing it.
 pub trait Memo: Clone + Send + Sync + 'static {
-    /// A name that no other type of a program's memos has.
+    /// A name that is unique among the program's memo types.
     const NAME: &'static str;
 
-    /// Writes all that tells it from others: equal content, equal hash. What is a function of something may write that instead.
+    /// Writes everything that distinguishes this memo from others, so that equal memos have equal hashes and different ones do not. If the
+    /// memo is a function of some input, the input may be written instead.
     fn encode(&self, to: &mut Encoder);
 
-    /// How much memory it holds, in bytes.
+    /// The memory that the memo holds, in bytes.
     fn size(&self) -> usize;
 }
 
@@ -26,14 +27,14 @@ pub fn hash_of_memo<T: Memo>(memo: &T) -> Hash {
 
 struct TypeOf<T>(std::marker::PhantomData<T>);
 
-/// In the cache of results a memo is a value of which only the size is asked.
+/// The cache of results stores a memo like a value. Of the functions of a value type, only `size` is implemented for a memo.
 impl<T: Memo> TypeOf<T> {
     const TYPE: ValueType = ValueType {
         name: T::NAME,
         describe: |_| Summary::default(),
         probe: |_, _| Summary::default(),
         size: |memo| memo.downcast_ref::<T>().map_or(0, Memo::size),
-        keep: |_| super::Kept { bytes: Vec::new(), columns: Vec::new(), is_intact: true },
+        encode: |_| super::EncodedValue { bytes: Vec::new(), columns: Vec::new(), is_intact: true },
         decode: |_, _, _| Err(DecodeError),
         parts: |_| Parts::default(),
         from_parts: |_| Err(PartsError::Never { kind: T::NAME }),
@@ -41,20 +42,20 @@ impl<T: Memo> TypeOf<T> {
         as_mesh: |_| None,
         elements: Vec::new,
         cut: |_, _, _, _| None,
-        hostile: Vec::new,
+        edge_cases: Vec::new,
         properties: Vec::new,
-        offence: |_, _| None,
+        violation: |_, _| None,
     };
 }
 
 impl AnyValue {
-    /// A memo as the cache keeps it.
-    pub fn of_memo<T: Memo>(memo: T) -> Self {
+    /// Wraps a memo for the cache.
+    pub fn from_memo<T: Memo>(memo: T) -> Self {
         let hash = hash_of_memo(&memo);
         Self { kind: &TypeOf::<T>::TYPE, hash, value: Arc::new(memo) }
     }
 
-    /// The memo that the cache kept, if it is a `T`.
+    /// Returns the memo if it is a `T`.
     pub fn memo<T: Any>(&self) -> Option<&T> {
         self.value.downcast_ref()
     }

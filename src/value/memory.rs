@@ -1,86 +1,88 @@
-//! Memory for large results.
+//! Allocation of large results.
 //!
-//! The first write to a page of fresh memory costs more than the computation of most results: with pages of 4 KiB one thread
-//! fills some 3 GB/s, with pages of 2 MiB several times as much. Linux gives large pages where it is asked for them.
+//! The first write to a page of newly allocated memory costs more than the computation of most results. With pages of 4 KiB one thread
+//! fills about 3 GB/s, with pages of 2 MiB several times as much. Linux provides large pages on request.
 
 #![allow(
     unsafe_code,
     reason = "advice to the system goes through a pointer; each use has its proof"
 )]
 
-mod left;
+mod available;
 
-pub use left::left;
+pub use available::available_memory;
 
-/// Below this many bytes the advice costs more than it saves: there is hardly a whole large page inside.
-const LEAST: usize = 4 << 20;
+/// The minimum size in bytes of a list for which large pages are requested. A smaller list hardly contains a whole large page, so the
+/// request would cost more than it saves.
+const MIN_ADVISED_BYTES: usize = 4 << 20;
 
-/// A list of zeros (of whatever all bits 0 mean), on large pages where the system has them.
+/// Allocates a list of zeros (all bits 0), on large pages where the system has them.
 ///
-/// Nothing is written here: write every item once, from the threads that compute them, so that the pages are filled in parallel.
+/// This function does not write to the list's memory. The caller should write every item once, from the threads that compute the items, so
+/// that the pages are filled in parallel.
 pub fn huge_vec<T: bytemuck::Zeroable>(len: usize) -> Vec<T> {
     let mut items = bytemuck::zeroed_vec(len);
     advise(&mut items);
     items
 }
 
-/// Room for so many more items at the end of a list, on large pages where the system has them.
+/// Reserves room for `count` more items at the end of a list, on large pages where the system has them.
 pub(crate) fn reserve_huge<T>(list: &mut Vec<T>, count: usize) {
     list.reserve_exact(count);
     advise(list.spare_capacity_mut());
 }
 
-/// A list of zeros of which few will be written: where nothing is, a large one takes no memory.
+/// Allocates a list of zeros of which few will be overwritten. Pages that are never written take no memory.
 pub fn sparse_vec<T: bytemuck::Zeroable>(len: usize) -> Vec<T> {
     bytemuck::zeroed_vec(len)
 }
 
-/// Has the allocator keep what is freed for what is made next, but get each large list from the system and give it back there.
+/// Configures the allocator to keep freed memory for later lists, and to request each large list from the system and return it there.
 ///
-/// By itself it returns memory as soon as 128 KiB at its end are free, and has the system clear new pages for the next list: half of the
-/// time of an interpolation of 20 000 vertices. Of large lists it begins, once some have been freed, to keep the memory, which it must
-/// fill with zeros first, in one thread and on small pages.
+/// By default glibc returns memory to the system as soon as 128 KiB at the end of its heap are free, and the system then clears new pages
+/// for the next list: half of the time of an interpolation of 20 000 vertices. After some large lists have been freed, glibc also begins to
+/// keep their memory. It then fills that memory with zeros in one thread, on small pages.
 ///
-/// It is the matter of the whole process: only a program of its own does it, as `cli::main` does; a library in a host
-/// leaves the host's allocator alone.
+/// The setting applies to the whole process, so only a program calls this function, as `cli::main` does. A library in a host process must
+/// not change the host's allocator.
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 pub fn keep_freed() {
     static ONCE: std::sync::Once = std::sync::Once::new();
     ONCE.call_once(|| {
-        let large = LEAST as libc::c_int;
+        let large = MIN_ADVISED_BYTES as libc::c_int;
         for (setting, bytes) in [
             (libc::M_MMAP_THRESHOLD, large),
             (libc::M_TOP_PAD, 4 * large),
             (libc::M_TRIM_THRESHOLD, 16 * large),
         ] {
-            // SAFETY: a number is set, under the allocator's own lock; lists that exist are freed as they were made.
+            // SAFETY: `mallopt` sets a number under the allocator's own lock; existing lists are freed as they were allocated.
             let set = unsafe { libc::mallopt(setting, bytes) };
-            // Nothing depends on it but time.
+            // If the call fails, the program is only slower.
             let _ = set;
         }
     });
 }
 
-/// Here the allocator is left as it is.
+/// Does nothing on this system.
 #[cfg(not(all(target_os = "linux", target_env = "gnu")))]
 pub fn keep_freed() {}
 
-/// Asks for large pages under the items, if they are large: from the page in which they start to the one in which they end. With the
-/// allocator's own bytes before them included, neighboring lists are one stretch for the system, and large pages may lie across their
-/// borders.
+/// Requests large pages for the items if they are large: from the page in which the items start to the page in which they end. The range
+/// includes the allocator's own bytes before the items. So neighboring lists are one range for the system, and a large page may cross the
+/// border between them.
 #[cfg(target_os = "linux")]
 fn advise<T>(items: &mut [T]) {
     use std::ffi::c_void;
 
-    if size_of_val(items) < LEAST {
+    if size_of_val(items) < MIN_ADVISED_BYTES {
         return;
     }
     let page = rustix::param::page_size();
     let start: *mut c_void = items.as_mut_ptr().cast();
     let before = start.addr() % page;
     let bytes = (before + size_of_val(items)).next_multiple_of(page);
-    // SAFETY: all of these pages hold items, or room for them, so that they are mapped. The advice changes how the system backs them,
-    // never what is read from them, and an error changes nothing.
+    // SAFETY: all of these pages hold items, or reserved room for items, so they are mapped. The advice changes which kind of page the
+    // system uses, but never the content of a page. An error changes nothing.
     let advised = unsafe {
         rustix::mm::madvise(
             start.wrapping_byte_sub(before),
@@ -88,7 +90,7 @@ fn advise<T>(items: &mut [T]) {
             rustix::mm::Advice::LinuxHugepage,
         )
     };
-    // A system without large pages says so; ordinary ones do, too.
+    // A system without large pages reports an error. Ordinary pages are used then.
     let _ = advised;
 }
 
@@ -101,7 +103,7 @@ mod tests {
 
     #[test]
     fn a_large_list_is_zero_and_can_be_written_grown_and_dropped() {
-        for len in [0, 1, 1000, LEAST / 8 - 1, LEAST / 8, 3_000_001] {
+        for len in [0, 1, 1000, MIN_ADVISED_BYTES / 8 - 1, MIN_ADVISED_BYTES / 8, 3_000_001] {
             let mut items: Vec<f64> = huge_vec(len);
             assert_eq!(items.len(), len);
             assert!(items.iter().all(|&item| item == 0.0));

@@ -11,11 +11,11 @@ use super::{
 };
 
 mod crossings;
+mod derived;
 mod describe;
+mod diff;
 mod elements;
 mod faces;
-mod known;
-mod moved;
 mod nearest;
 mod normals;
 mod parts;
@@ -23,80 +23,80 @@ mod properties;
 mod triangles;
 mod walls;
 
+use derived::DerivedData;
+pub use diff::MovedRows;
 pub use faces::{Edges, Faces};
-use known::Known;
-pub use moved::Moved;
-pub use nearest::{NearestPlace, RayHit, TriangleTree, to_triangle};
-pub use walls::Behind;
+pub use nearest::{NearestPoint, RayHit, TriangleTree, closest_on_triangle};
+pub use walls::Backing;
 
-/// Why vertices and faces do not make a mesh.
+/// Error of building a mesh.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum MeshError {
-    /// A face with fewer than three corners.
+    /// A face has fewer than three corners.
     #[error("face {face} has {corners} corners; a face has at least 3")]
     FewCorners {
-        /// The offending face.
+        /// The index of the face.
         face: usize,
-        /// Its corners.
+        /// The number of corners of the face.
         corners: usize,
     },
-    /// Faces whose list of corners is cut off.
+    /// The number of corners does not match the faces.
     #[error("{corners} corners do not make faces of {sides} corners each")]
     CutOff {
-        /// Corners given.
+        /// The number of corners.
         corners: usize,
-        /// Corners per face.
+        /// The number of corners per face.
         sides: usize,
     },
-    /// A corner that names no vertex.
-    #[error("face {face} names vertex {vertex}, but there are only {vertices}")]
+    /// A corner refers to a vertex that does not exist.
+    #[error("face {face} refers to vertex {vertex}, but there are only {vertices}")]
     NoVertex {
-        /// The offending face.
+        /// The index of the face.
         face: usize,
-        /// The vertex it names.
+        /// The index of the vertex.
         vertex: u32,
-        /// Number of vertices.
+        /// The number of vertices.
         vertices: usize,
     },
-    /// A face that meets a vertex twice.
-    #[error("face {face} meets vertex {vertex} twice")]
+    /// A face contains a vertex twice.
+    #[error("face {face} contains vertex {vertex} twice")]
     RepeatedVertex {
-        /// The offending face.
+        /// The index of the face.
         face: usize,
-        /// The vertex it repeats.
+        /// The index of the repeated vertex.
         vertex: u32,
     },
-    /// A position that is NaN or infinite.
-    #[error("vertex {vertex} is not at a finite place")]
+    /// A position is NaN or infinite.
+    #[error("the position of vertex {vertex} is not finite")]
     NotFinite {
-        /// The offending vertex.
+        /// The index of the vertex.
         vertex: usize,
     },
-    /// A crease that names no vertex.
-    #[error("a crease names vertex {vertex}, but there are only {vertices}")]
+    /// A crease refers to a vertex that does not exist.
+    #[error("a crease refers to vertex {vertex}, but there are only {vertices}")]
     NoCreasedVertex {
-        /// The vertex it names.
+        /// The index of the vertex.
         vertex: u32,
-        /// Number of vertices.
+        /// The number of vertices.
         vertices: usize,
     },
-    /// A crease whose sharpness is no number from 0 on.
-    #[error("the crease between vertices {} and {} has the sharpness {sharpness}", ends[0], ends[1])]
+    /// The sharpness of a crease is negative or NaN.
+    #[error("the crease between vertices {} and {} has the sharpness {sharpness}, expected a number of at least 0", ends[0], ends[1])]
     Sharpness {
-        /// Its ends.
+        /// The vertices at the two ends of the crease.
         ends: [u32; 2],
-        /// What was given.
+        /// The sharpness of the crease.
         sharpness: f64,
     },
-    /// An attribute of the wrong length, or with what is no number.
+    /// An attribute has the wrong length, or a number that is not finite.
     #[error(transparent)]
     Attribute(#[from] AttributeError),
-    /// More vertices or corners than a 32-bit index can tell apart.
+    /// There are more vertices or corners than a 32-bit index can address.
     #[error("{count} {what} are more than a mesh can hold")]
     TooLarge {
-        /// What there is too much of.
+        /// The kind of elements: `vertices`, `corners`, `faces` or `spans`.
         what: &'static str,
-        /// How many.
+        /// The number of elements of that kind.
         count: usize,
     },
 }
@@ -105,12 +105,12 @@ fn check_count(what: &'static str, count: usize) -> Result<(), MeshError> {
     if count < u32::MAX as usize { Ok(()) } else { Err(MeshError::TooLarge { what, count }) }
 }
 
-/// A polygon mesh: faces counter-clockwise seen from outside; right-handed axes, lengths in mm.
+/// A polygon mesh. The corners of a face are counter-clockwise seen from outside. Axes are right-handed, lengths in mm.
 ///
-/// A mesh with a [`CaptureFrame`] has the sensor's axes (x right, y down, z away); one without has y up.
+/// A mesh with a [`CaptureFrame`] has the axes of the sensor (x right, y down, z away). A mesh without a frame has y up.
 ///
-/// Invariant, checked by [`Mesh::new`] and the `with_` methods: positions finite; each corner and each end of a crease names a
-/// vertex; no face meets a vertex twice; each attribute has an entry per element, and `uv` and `normal` are finite.
+/// Invariant, checked by [`Mesh::new`] and the `with_` methods: positions are finite. Each corner of a face and each end of a crease refers
+/// to an existing vertex. No face contains a vertex twice. Each attribute has one entry per element, and `uv` and `normal` are finite.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mesh {
     positions: Column<Point3<f64>>,
@@ -118,11 +118,11 @@ pub struct Mesh {
     vertex: Attributes,
     corner: Attributes,
     face: Attributes,
-    /// Sharpness of the creased edges, by vertices (a < b), sorted.
+    /// The creased edges as pairs of vertices (a < b), each with its sharpness, sorted.
     creases: Column<Crease>,
     materials: Arc<[Material]>,
     frame: Option<CaptureFrame>,
-    known: Known,
+    derived: DerivedData,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Zeroable, bytemuck::Pod)]
@@ -133,10 +133,10 @@ struct Crease {
 }
 
 impl Mesh {
-    /// A mesh without attributes, in a frame with y up.
+    /// Builds a mesh without attributes and without a capture frame (y is up).
     ///
     /// # Errors
-    /// If a position is not finite, a corner names no vertex, or a face meets a vertex twice.
+    /// If a position is not finite, a corner refers to a missing vertex, or a face contains a vertex twice.
     pub fn new(positions: impl Into<Column<Point3<f64>>>, faces: Faces) -> Result<Self, MeshError> {
         let positions = positions.into();
         check_count("vertices", positions.len())?;
@@ -151,14 +151,14 @@ impl Mesh {
             creases: Column::default(),
             materials: Arc::default(),
             frame: None,
-            known: Known::default(),
+            derived: DerivedData::default(),
         })
     }
 
-    /// The same mesh with its vertices moved; faces and attributes are shared, and the attribute `normal` is dropped.
+    /// The mesh with new positions of its vertices. Faces and attributes are shared with this mesh, but the attribute `normal` is dropped.
     ///
     /// # Errors
-    /// If there are more or fewer positions than vertices, or one is not finite.
+    /// If the number of positions differs from the number of vertices, or a position is not finite.
     pub fn with_positions(&self, positions: Vec<Point3<f64>>) -> Result<Self, MeshError> {
         if positions.len() != self.positions.len() {
             let (count, elements) = (positions.len(), self.positions.len());
@@ -166,40 +166,41 @@ impl Mesh {
             return Err(error.into());
         }
         check_positions(&positions)?;
-        let known = self.known.elsewhere();
-        let mut moved = Self { positions: positions.into(), known, ..self.clone() };
+        let derived = self.derived.after_moving_all();
+        let mut moved = Self { positions: positions.into(), derived, ..self.clone() };
         moved.vertex.remove("normal");
         moved.corner.remove("normal");
         Ok(moved)
     }
 
-    /// The same mesh with some rows of its vertices moved, to the places of all rows, one row after the other; all else is as with
-    /// [`with_positions`](Self::with_positions). Only what moves is looked at and hashed.
+    /// The mesh with new positions in some rows of vertices. `positions` holds the positions of all these rows, one row after the other.
+    /// Only the moved vertices are checked and hashed; otherwise the method equals [`with_positions`](Self::with_positions).
     ///
     /// # Errors
-    /// If one of the places is not finite.
+    /// If a position is not finite.
     ///
     /// # Panics
-    /// If there are no such rows, they are not in order and apart from each other, or have more or fewer vertices.
+    /// If a row is out of bounds, rows overlap or are not in ascending order, or `positions` has the wrong length.
     pub fn with_moved(
         &self,
         rows: &[Range<u32>],
-        places: &[Point3<f64>],
+        positions: &[Point3<f64>],
     ) -> Result<Self, MeshError> {
-        if let Some(bad) = super::first_not_finite(places) {
+        if let Some(bad) = super::first_not_finite(positions) {
             let vertex = rows.iter().cloned().flatten().nth(bad).unwrap_or_default() as usize;
             return Err(MeshError::NotFinite { vertex });
         }
-        Ok(self.with_other(self.positions.with_rows(rows, places), rows))
+        Ok(self.with_other(self.positions.with_rows(rows, positions), rows))
     }
 
-    /// [`Self::with_moved`], by what writes the places of a piece of a row; it is called on all threads.
+    /// As [`Self::with_moved`], but the new positions are written by a function, which gets one piece of a row at a time and is called on
+    /// all threads.
     ///
     /// # Errors
-    /// If one of the places is not finite.
+    /// If a position is not finite.
     ///
     /// # Panics
-    /// If there are no such rows, or they are not in order and apart from each other.
+    /// If a row is out of bounds, or rows overlap or are not in ascending order.
     pub fn with_moved_by(
         &self,
         rows: &[Range<u32>],
@@ -215,61 +216,61 @@ impl Mesh {
         Ok(self.with_other(positions, rows))
     }
 
-    /// The same mesh with other places in these rows.
+    /// The mesh with these positions, which differ from the present ones only in these rows.
     fn with_other(&self, positions: Column<Point3<f64>>, rows: &[Range<u32>]) -> Self {
-        let known = self.known.moved(rows, &positions);
-        let mut mesh = Self { positions, known, ..self.clone() };
+        let derived = self.derived.after_moving_rows(rows, &positions);
+        let mut mesh = Self { positions, derived, ..self.clone() };
         mesh.vertex.remove("normal");
         mesh.corner.remove("normal");
         mesh
     }
 
-    /// The same mesh with an attribute per vertex.
+    /// Adds or replaces a vertex attribute.
     ///
     /// # Errors
-    /// If there are more or fewer entries than vertices, or texture coordinates or normals are not finite.
+    /// If the number of entries differs from the number of vertices, or texture coordinates or normals are not finite.
     pub fn with_vertex(mut self, name: &str, attribute: Attribute) -> Result<Self, MeshError> {
         self.vertex.insert(name, attribute, self.positions.len(), "vertex")?;
         Ok(self)
     }
 
-    /// The same mesh with an attribute per corner, in the order of [`Faces::corners`].
+    /// Adds or replaces a corner attribute, in the order of [`Faces::corners`].
     ///
     /// # Errors
-    /// If there are more or fewer entries than corners, or texture coordinates or normals are not finite.
+    /// If the number of entries differs from the number of corners, or texture coordinates or normals are not finite.
     pub fn with_corner(mut self, name: &str, attribute: Attribute) -> Result<Self, MeshError> {
         self.corner.insert(name, attribute, self.faces.corners().len(), "corner")?;
         Ok(self)
     }
 
-    /// The same mesh with an attribute per face.
+    /// Adds or replaces a face attribute.
     ///
     /// # Errors
-    /// If there are more or fewer entries than faces.
+    /// If the number of entries differs from the number of faces.
     pub fn with_face(mut self, name: &str, attribute: Attribute) -> Result<Self, MeshError> {
         self.face.insert(name, attribute, self.faces.len(), "face")?;
         Ok(self)
     }
 
-    /// The same mesh without the vertex and corner attributes of that name.
+    /// Removes the vertex and corner attributes with this name.
     #[must_use]
-    pub fn without(mut self, name: &str) -> Self {
+    pub fn without_attribute(mut self, name: &str) -> Self {
         self.vertex.remove(name);
         self.corner.remove(name);
         self
     }
 
-    /// The same mesh without the face attribute of that name.
+    /// Removes the face attribute with this name.
     #[must_use]
     pub fn without_face(mut self, name: &str) -> Self {
         self.face.remove(name);
         self
     }
 
-    /// The same mesh with these creases: vertex pairs and sharpness, 0 to 10 (10 and more never softens).
+    /// Replaces the creases: pairs of vertices with a sharpness from 0 to 10. A crease of sharpness 10 or more never softens.
     ///
     /// # Errors
-    /// If a crease names a vertex that is not there, or its sharpness is negative or NaN.
+    /// If a crease refers to a missing vertex, or its sharpness is negative or NaN.
     pub fn with_creases(
         mut self,
         creases: impl IntoIterator<Item = ([u32; 2], f64)>,
@@ -292,32 +293,32 @@ impl Mesh {
         Ok(self)
     }
 
-    /// The same mesh with one picture on all of it, in place of its materials.
+    /// Replaces the materials by one picture on the whole mesh.
     #[must_use]
     pub fn with_texture(self, texture: Option<Image>) -> Self {
-        self.with_materials(Vec::from_iter(texture.map(Material::of_picture)))
+        self.with_materials(Vec::from_iter(texture.map(Material::from_picture)))
     }
 
-    /// The same mesh with these materials. If there are several, the attribute [`MATERIAL`] of faces says which face has which; one
-    /// that is there is dropped if there are no longer several.
+    /// Replaces the materials. If there are several, the face attribute [`MATERIAL_ATTRIBUTE`] holds the material index of each face. If
+    /// there are not, that attribute is dropped.
     #[must_use]
     pub fn with_materials(mut self, materials: impl Into<Arc<[Material]>>) -> Self {
         let materials = materials.into();
         if self.materials.len() > 1 && materials.len() < 2 {
-            self.face.remove(MATERIAL);
+            self.face.remove(MATERIAL_ATTRIBUTE);
         }
         self.materials = materials;
         self
     }
 
-    /// The same mesh in a capture's frame, or none.
+    /// Sets or removes the capture frame.
     #[must_use]
     pub fn with_frame(mut self, frame: Option<CaptureFrame>) -> Self {
         self.frame = frame;
         self
     }
 
-    /// The vertices' places.
+    /// The positions of the vertices.
     pub fn positions(&self) -> &Column<Point3<f64>> {
         &self.positions
     }
@@ -327,17 +328,17 @@ impl Mesh {
         &self.faces
     }
 
-    /// Attributes per vertex.
+    /// The vertex attributes.
     pub fn vertex(&self) -> &Attributes {
         &self.vertex
     }
 
-    /// Attributes per corner.
+    /// The corner attributes.
     pub fn corner(&self) -> &Attributes {
         &self.corner
     }
 
-    /// Attributes per face.
+    /// The face attributes.
     pub fn face(&self) -> &Attributes {
         &self.face
     }
@@ -347,55 +348,55 @@ impl Mesh {
         self.creases.iter().map(|crease| (crease.vertices, crease.sharpness))
     }
 
-    /// The picture on it, if any: that of the first material that has one.
+    /// The texture, if any: the picture of the first material that has one.
     pub fn texture(&self) -> Option<&Image> {
         self.materials.iter().find_map(|material| material.picture.as_ref())
     }
 
-    /// How its faces look; nothing if nothing is known.
+    /// The materials; empty if none are known.
     pub fn materials(&self) -> &Arc<[Material]> {
         &self.materials
     }
 
-    /// Which of its several materials each face has; none if all faces have the same. Other numbers mean the first one.
+    /// The material index of each face. `None` if all faces have the same material. An index out of range means the first material.
     pub fn face_materials(&self) -> Option<&Column<u32>> {
-        match self.face.get(MATERIAL) {
+        match self.face.get(MATERIAL_ATTRIBUTE) {
             Some(Attribute::Index(numbers)) if self.materials.len() > 1 => Some(numbers),
             _ => None,
         }
     }
 
-    /// The material that a number in [`face_materials`](Self::face_materials) means: itself, or the first one.
-    pub fn known_material(&self, number: u32) -> u32 {
+    /// Resolves an index from [`face_materials`](Self::face_materials): the index itself, or 0 if it is out of range.
+    pub fn resolve_material(&self, number: u32) -> u32 {
         if (number as usize) < self.materials.len() { number } else { 0 }
     }
 
-    /// The material of a face, if it has one.
+    /// The material of a face, if there is one.
     pub fn material_of(&self, face: usize) -> Option<&Material> {
-        let number = self.face_materials().map_or(0, |all| self.known_material(all[face]));
+        let number = self.face_materials().map_or(0, |all| self.resolve_material(all[face]));
         self.materials.get(number as usize)
     }
 
-    /// The frame of the capture that it came from, if any.
+    /// The frame of the capture that the mesh came from, if any.
     pub fn frame(&self) -> Option<&CaptureFrame> {
         self.frame.as_ref()
     }
 
-    /// Its edges.
+    /// The edges of the faces.
     pub fn edges(&self) -> Edges {
         self.faces.edges()
     }
 
-    /// Lowest and highest coordinates; none without vertices.
+    /// The minimum and maximum coordinates; `None` without vertices.
     pub fn bounds(&self) -> Option<(Point3<f64>, Point3<f64>)> {
         bounds(self.positions.iter())
     }
 }
 
-/// The attribute of faces that has the numbers of their materials.
-pub const MATERIAL: &str = "material";
+/// The name of the face attribute that holds the material index of each face.
+pub const MATERIAL_ATTRIBUTE: &str = "material";
 
-/// Elements that one task looks at.
+/// The number of elements per parallel task.
 const BLOCK: usize = 8192;
 
 fn check_positions(positions: &[Point3<f64>]) -> Result<(), MeshError> {
@@ -403,7 +404,7 @@ fn check_positions(positions: &[Point3<f64>]) -> Result<(), MeshError> {
     bad.map_or(Ok(()), |vertex| Err(MeshError::NotFinite { vertex }))
 }
 
-/// Lowest and highest coordinates; none without points.
+/// The minimum and maximum coordinates; `None` without points.
 pub fn bounds<'a>(
     mut points: impl Iterator<Item = &'a Point3<f64>>,
 ) -> Option<(Point3<f64>, Point3<f64>)> {
@@ -413,7 +414,7 @@ pub fn bounds<'a>(
     }))
 }
 
-/// Adds the box around some points to a summary.
+/// Adds the bounding box of some points to a summary.
 pub(super) fn describe_bounds<'a>(
     summary: Summary,
     points: impl Iterator<Item = &'a Point3<f64>>,
@@ -421,8 +422,8 @@ pub(super) fn describe_bounds<'a>(
     match bounds(points) {
         None => summary,
         Some((low, high)) => summary
-            .with("lowest", low.coords.as_slice().to_vec())
-            .with("highest", high.coords.as_slice().to_vec()),
+            .with_fact("lowest", low.coords.as_slice().to_vec())
+            .with_fact("highest", high.coords.as_slice().to_vec()),
     }
 }
 
@@ -433,10 +434,16 @@ mod tests {
     use super::*;
 
     fn quad_and_triangle() -> Mesh {
-        fn at(x: f64, y: f64) -> Point3<f64> {
+        fn point_xy(x: f64, y: f64) -> Point3<f64> {
             Point3::new(x, y, 0.0)
         }
-        let positions = vec![at(0., 0.), at(1., 0.), at(1., 1.), at(0., 1.), at(2., 0.)];
+        let positions = vec![
+            point_xy(0., 0.),
+            point_xy(1., 0.),
+            point_xy(1., 1.),
+            point_xy(0., 1.),
+            point_xy(2., 0.),
+        ];
         let faces = Faces::polygons(&[4, 3], vec![0, 1, 2, 3, 1, 4, 2]).unwrap();
         Mesh::new(positions, faces).unwrap()
     }
@@ -453,7 +460,7 @@ mod tests {
     }
 
     #[test]
-    fn counter_clockwise_faces_look_towards_the_viewer() {
+    fn counter_clockwise_faces_point_towards_the_viewer() {
         let mesh = quad_and_triangle();
         assert_eq!(mesh.area_vector(mesh.faces().face(0)), Vector3::new(0.0, 0.0, 1.0));
         assert!(mesh.vertex_normals().iter().all(|normal| *normal == Vector3::z()));
@@ -462,8 +469,8 @@ mod tests {
     #[test]
     fn normals_are_the_same_for_any_number_of_threads() {
         let (width, height) = (150u32, 140u32);
-        let bumpy =
-            |k: u32| Point3::new(f64::from(k % width), f64::from(k / width), f64::from(k * k % 7));
+        let positions = (0..width * height)
+            .map(|k| Point3::new(f64::from(k % width), f64::from(k / width), f64::from(k * k % 7)));
         let quads =
             (0..height - 1).flat_map(|row| (0..width - 1).map(move |column| row * width + column));
         let triangles = Faces::triangles(
@@ -471,8 +478,7 @@ mod tests {
                 .flat_map(|a: u32| [[a, a + 1, a + width], [a + 1, a + width + 1, a + width]])
                 .collect(),
         );
-        let mesh =
-            Mesh::new((0..width * height).map(bumpy).collect::<Vec<_>>(), triangles).unwrap();
+        let mesh = Mesh::new(positions.collect::<Vec<_>>(), triangles).unwrap();
         fn normals(threads: usize, mesh: &Mesh) -> Vec<Vector3<f64>> {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| mesh.vertex_normals())
@@ -488,7 +494,7 @@ mod tests {
     }
 
     #[test]
-    fn a_face_of_many_corners_is_checked_fast_and_its_repeated_vertex_named() {
+    fn large_faces_are_checked_fast_for_repeated_vertices() {
         let count = 300_000;
         let points = vec![Point3::origin(); count as usize];
         fn face(corners: Vec<u32>) -> Faces {
@@ -502,7 +508,7 @@ mod tests {
     }
 
     #[test]
-    fn two_faces_through_one_edge_in_the_same_direction_are_noticed() {
+    fn misoriented_edges_are_counted() {
         let positions = vec![Point3::origin(), Point3::new(1., 0., 0.), Point3::new(0., 1., 0.)];
         let faces = Faces::triangles(vec![[0, 1, 2], [0, 1, 2]]);
         assert_eq!(Mesh::new(positions, faces).unwrap().edges().misoriented, 3);
@@ -520,7 +526,7 @@ mod tests {
     }
 
     #[test]
-    fn vertices_and_faces_that_make_no_mesh_are_refused() {
+    fn invalid_meshes_are_refused() {
         fn points(n: usize) -> Vec<Point3<f64>> {
             vec![Point3::origin(); n]
         }
@@ -544,17 +550,20 @@ mod tests {
     }
 
     #[test]
-    fn a_crease_ends_at_vertices_that_are_there() {
+    fn creases_must_end_at_existing_vertices() {
         fn error(ends: [u32; 2], sharpness: f64) -> String {
             quad_and_triangle().with_creases([(ends, sharpness)]).unwrap_err().to_string()
         }
-        assert_eq!(error([5, 1], 2.0), "a crease names vertex 5, but there are only 5");
-        assert_eq!(error([2, 1], -1.0), "the crease between vertices 1 and 2 has the sharpness -1");
+        assert_eq!(error([5, 1], 2.0), "a crease refers to vertex 5, but there are only 5");
+        assert_eq!(
+            error([2, 1], -1.0),
+            "the crease between vertices 1 and 2 has the sharpness -1, expected a number of at least 0"
+        );
         assert!(quad_and_triangle().with_creases([([2, 1], 2.0)]).is_ok());
     }
 
     #[test]
-    fn texture_coordinates_and_normals_are_numbers() {
+    fn texture_coordinates_and_normals_must_be_finite() {
         let mesh = quad_and_triangle();
         let uv =
             Attribute::Pair((0..5).map(|k| [0.5, if k == 3 { f64::NAN } else { 0.0 }]).collect());
@@ -564,7 +573,7 @@ mod tests {
             (0..7).map(|k| [if k == 6 { f64::INFINITY } else { 0.0 }, 0.0, 1.0]).collect();
         let error = mesh.clone().with_corner("normal", Attribute::Vector(normals)).unwrap_err();
         assert_eq!(error.to_string(), "attribute `normal` of corner 6 is not finite");
-        // What else a mesh carries may be unknown somewhere.
+        // Attributes other than `uv` and `normal` may contain NaN.
         assert!(mesh.with_vertex("distance", uv).is_ok());
     }
 }

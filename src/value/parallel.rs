@@ -1,9 +1,9 @@
-//! Loops on all threads, in the words of rayon, which lends its threads.
+//! Parallel loops on rayon's threads, with methods named as in rayon.
 //!
-//! rayon compiles cutting, waiting and collecting once more for each loop; of three hundred loops that was a quarter of the program
-//! and of the time to build it. Here a loop is cut into parts that follow from its length alone, and one function hands the parts
-//! of all loops to the threads. So no result depends on the number of threads: not the last digit of a sum, not which of several
-//! errors is told.
+//! For each loop, rayon compiles its own code for splitting, waiting and collecting. With three hundred loops that code was a quarter of
+//! the program and of its build time. Here a loop is split into parts that depend only on its length, and a single function distributes the
+//! parts of all loops to the threads. Therefore no result depends on the number of threads: neither the last digit of a sum, nor the choice
+//! of the reported error among several.
 //!
 //! ```
 //! use maquette_value::parallel::*;
@@ -12,8 +12,7 @@
 //! assert_eq!(squares.par_iter().copied().sum::<u64>(), 332_833_500);
 //! ```
 //!
-//! What a loop is given to call is copied into each part: closures that borrow what they need can be, those that own a list
-//! cannot.
+//! Closures are copied into each part of a loop. They may therefore borrow data, but cannot own a list.
 
 use std::iter::Sum;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -26,65 +25,66 @@ mod collect;
 mod sources;
 
 pub use adaptors::{
-    Copied, Enumerate, Filter, FilterMap, FlatMap, Initialized, InitializedPart, Map, MinLen, Zip,
+    Copied, Enumerate, Filter, FilterMap, FlatMap, Map, MapInit, MapInitPart, MinLen, Zip,
 };
 pub use collect::FromParallel;
 pub use sources::{
-    Chunks, ChunksMut, IntoParallel, Items, ItemsMut, Numbers, Owned, ParallelSlice,
-    ParallelSliceMut, Windows,
+    Chunks, ChunksMut, IntoParallel, Items, ItemsMut, Numbers, ParallelSlice, ParallelSliceMut,
+    VecItems, Windows,
 };
 
-/// The most parts of a loop: enough that no thread waits long for the last one, few enough to be handed out in microseconds.
-const PARTS: usize = 128;
+/// The maximum number of parts of a loop: enough parts that no thread waits long for the last one, and few enough that they are distributed
+/// in microseconds.
+const MAX_PARTS: usize = 128;
 
-/// The most parts of a loop that makes something for each of its parts.
-const INITIALIZED_PARTS: usize = 32;
+/// The maximum number of parts of a loop that initializes a state for each part.
+const MAX_INIT_PARTS: usize = 32;
 
-/// Items that threads take in parts, each part in order.
+/// A parallel iterator. Its items are processed in parts; within a part they are processed in order.
 #[must_use = "nothing is done before an item is asked for"]
 pub trait Parallel: Sized + Send {
-    /// What a loop sees.
+    /// The type of the items.
     type Item: Send;
-    /// The items of a part, one after the other.
+    /// The sequential iterator over a part.
     type Part: Iterator<Item = Self::Item>;
-    /// Whether there is exactly one item for each place.
+    /// True if there is exactly one item per index.
     const EXACT: bool = true;
 
-    /// How many places there are to take items from.
-    fn places(&self) -> usize;
+    /// The number of indices: an upper bound of the number of items.
+    fn index_count(&self) -> usize;
 
-    /// The places before one, and the others.
-    fn split_at(self, place: usize) -> (Self, Self);
+    /// Splits the iterator at an index.
+    fn split_at(self, index: usize) -> (Self, Self);
 
-    /// All items, in order.
+    /// The sequential iterator over all items, in order.
     fn part(self) -> Self::Part;
 
-    /// Into how many parts a loop is cut. It must not depend on the number of threads.
+    /// The number of parts. It must not depend on the number of threads.
     fn parts(&self) -> usize {
-        self.places().clamp(1, PARTS)
+        self.index_count().clamp(1, MAX_PARTS)
     }
 
-    /// What `f` makes of each item.
+    /// Maps each item by `f`.
     fn map<T: Send, F: Fn(Self::Item) -> T + Copy + Send>(self, f: F) -> Map<Self, F> {
         Map { items: self, f }
     }
 
-    /// What `f` makes of each item with the help of what `init` made for the part: memory that is used again, for example.
-    fn map_init<S, T, I, F>(self, init: I, f: F) -> Initialized<Self, I, F>
+    /// Maps each item by `f`. `f` also gets a state that `init` created for the part that contains the item, such as a reusable buffer.
+    fn map_init<S, T, I, F>(self, init: I, f: F) -> MapInit<Self, I, F>
     where
         T: Send,
         I: Fn() -> S + Copy + Send,
         F: Fn(&mut S, Self::Item) -> T + Copy + Send,
     {
-        Initialized { items: self, init, f }
+        MapInit { items: self, init, f }
     }
 
-    /// The items for which `keep` is true.
+    /// Keeps the items for which `keep` is true.
     fn filter<F: Fn(&Self::Item) -> bool + Copy + Send>(self, keep: F) -> Filter<Self, F> {
         Filter { items: self, f: keep }
     }
 
-    /// What `f` makes of the items of which it makes something.
+    /// Maps each item by `f` and drops `None`.
     fn filter_map<T, F>(self, f: F) -> FilterMap<Self, F>
     where
         T: Send,
@@ -93,7 +93,7 @@ pub trait Parallel: Sized + Send {
         FilterMap { items: self, f }
     }
 
-    /// All of the items that `f` makes of each item, one after the other.
+    /// Maps each item to several items by `f`, and concatenates these.
     fn flat_map_iter<I, F>(self, f: F) -> FlatMap<Self, I, F>
     where
         I: IntoIterator<Item: Send>,
@@ -102,19 +102,20 @@ pub trait Parallel: Sized + Send {
         FlatMap::new(self, f)
     }
 
-    /// The items with their places. Items that were left out before have none: that does not compile.
+    /// Pairs each item with its index. This does not compile after a filter, because the indices of filtered items are not known.
     fn enumerate(self) -> Enumerate<Self> {
-        const { assert!(Self::EXACT, "the places are not known") };
+        const { assert!(Self::EXACT, "the indices are not known") };
         Enumerate { items: self, first: 0 }
     }
 
-    /// The items with those of another list at the same places, as far as the shorter one goes. Neither can have left out items.
+    /// Pairs the items of two iterators that have the same index, up to the length of the shorter iterator. This does not compile after a
+    /// filter.
     fn zip<B: IntoParallel>(self, others: B) -> Zip<Self, B::Items> {
-        const { assert!(Self::EXACT && B::Items::EXACT, "the places are not known") };
+        const { assert!(Self::EXACT && B::Items::EXACT, "the indices are not known") };
         Zip(self, others.into_par_iter())
     }
 
-    /// The items that are borrowed here, copied.
+    /// Copies borrowed items.
     fn copied<'a, T>(self) -> Copied<Self>
     where
         Self: Parallel<Item = &'a T>,
@@ -123,9 +124,9 @@ pub trait Parallel: Sized + Send {
         Copied(self)
     }
 
-    /// Parts of at least so many places, for items that take next to no time.
-    fn with_min_len(self, places: usize) -> MinLen<Self> {
-        MinLen { items: self, places }
+    /// Sets the minimum number of indices per part, for items that take little time.
+    fn with_min_len(self, min_len: usize) -> MinLen<Self> {
+        MinLen { items: self, min_len }
     }
 
     /// Calls `f` with each item.
@@ -133,7 +134,7 @@ pub trait Parallel: Sized + Send {
         each_part(self, &|_, part: Self| part.part().for_each(&f));
     }
 
-    /// Calls `f` with each item and what `init` made for its part.
+    /// Calls `f` with each item and with the state that `init` created for the part that contains the item.
     fn for_each_init<S, I, F>(self, init: I, f: F)
     where
         I: Fn() -> S + Copy + Send,
@@ -142,7 +143,7 @@ pub trait Parallel: Sized + Send {
         self.map_init(init, f).for_each(drop);
     }
 
-    /// All items, in order.
+    /// Collects all items, in order.
     fn collect<C: FromParallel<Self::Item>>(self) -> C {
         C::from_parallel(self)
     }
@@ -152,25 +153,25 @@ pub trait Parallel: Sized + Send {
         collect::append(self, list);
     }
 
-    /// The two lists of the pairs' first and second items.
+    /// Splits pairs into two lists.
     fn unzip<A: Send, B: Send>(self) -> (Vec<A>, Vec<B>)
     where
         Self: Parallel<Item = (A, B)>,
     {
-        collect::unzipped(self)
+        collect::unzip(self)
     }
 
-    /// How many items there are.
+    /// Counts the items.
     fn count(self) -> usize {
         of_parts(self, &|_, part: Self| part.part().count()).into_iter().sum()
     }
 
-    /// The sum: of the sums of the parts.
+    /// The sum of all items. The items of each part are summed first, then these sums.
     fn sum<S: Sum<Self::Item> + Sum<S> + Send>(self) -> S {
         of_parts(self, &|_, part: Self| part.part().sum::<S>()).into_iter().sum()
     }
 
-    /// The largest item, of equal ones the last.
+    /// The maximum item. If several are equal, the last of them.
     fn max(self) -> Option<Self::Item>
     where
         Self::Item: Ord,
@@ -178,7 +179,7 @@ pub trait Parallel: Sized + Send {
         of_parts(self, &|_, part: Self| part.part().max()).into_iter().flatten().max()
     }
 
-    /// The smallest item, of equal ones the first.
+    /// The minimum item. If several are equal, the first of them.
     fn min(self) -> Option<Self::Item>
     where
         Self::Item: Ord,
@@ -186,7 +187,7 @@ pub trait Parallel: Sized + Send {
         of_parts(self, &|_, part: Self| part.part().min()).into_iter().flatten().min()
     }
 
-    /// What each part comes to, which begins with an `init` and takes one item after the other; in order.
+    /// Folds the items of each part, beginning with `init()`, and returns the results of the parts in order.
     fn fold_parts<A: Send>(
         self,
         init: impl Fn() -> A + Sync,
@@ -195,7 +196,7 @@ pub trait Parallel: Sized + Send {
         of_parts(self, &|_, part: Self| part.part().fold(init(), &f))
     }
 
-    /// The items, two by two, until one is left; each part starts with an identity.
+    /// Reduces all items to one by `f`. Each part starts with an identity element.
     fn reduce<F>(self, identity: impl Fn() -> Self::Item + Sync, f: F) -> Self::Item
     where
         F: Fn(Self::Item, Self::Item) -> Self::Item + Sync,
@@ -203,10 +204,10 @@ pub trait Parallel: Sized + Send {
         self.fold_parts(&identity, &f).into_iter().fold(identity(), &f)
     }
 
-    /// The first thing that `f` makes of an item. What comes later may be looked at, too.
+    /// The first `Some` that `f` returns, in the order of the items. `f` may also be called with later items.
     fn find_map_first<T: Send>(self, f: impl Fn(Self::Item) -> Option<T> + Sync) -> Option<T> {
         let first = AtomicUsize::new(usize::MAX);
-        let of_part = |index: usize, part: Self| {
+        let found_by_part = of_parts(self, &|index: usize, part: Self| {
             if first.load(Ordering::Relaxed) < index {
                 return None;
             }
@@ -215,27 +216,27 @@ pub trait Parallel: Sized + Send {
                 first.fetch_min(index, Ordering::Relaxed);
             }
             found
-        };
-        of_parts(self, &of_part).into_iter().flatten().next()
+        });
+        found_by_part.into_iter().flatten().next()
     }
 
-    /// The place of the first item for which `f` is true.
+    /// The index of the first item for which `f` is true.
     fn position_first(self, f: impl Fn(Self::Item) -> bool + Sync) -> Option<usize> {
-        self.enumerate().find_map_first(|(place, item)| f(item).then_some(place))
+        self.enumerate().find_map_first(|(index, item)| f(item).then_some(index))
     }
 
-    /// Whether `f` is true for some item.
+    /// Returns true if `f` is true for some item.
     fn any(self, f: impl Fn(Self::Item) -> bool + Sync) -> bool {
         self.find_map_first(|item| f(item).then_some(())).is_some()
     }
 
-    /// Whether `f` is true for all items.
+    /// Returns true if `f` is true for all items.
     fn all(self, f: impl Fn(Self::Item) -> bool + Sync) -> bool {
         !self.any(|item| !f(item))
     }
 }
 
-/// What is made of each part, in order.
+/// Calls `f` with each part and its index, and returns the results in order.
 fn of_parts<P: Parallel, T: Send>(items: P, f: &(dyn Fn(usize, P) -> T + Sync)) -> Vec<T> {
     let all = Mutex::new((0..items.parts()).map(|_| None).collect::<Vec<_>>());
     each_part(items, &|index, part| {
@@ -245,17 +246,17 @@ fn of_parts<P: Parallel, T: Send>(items: P, f: &(dyn Fn(usize, P) -> T + Sync)) 
     all.into_inner().unwrap_or_else(PoisonError::into_inner).into_iter().flatten().collect()
 }
 
-/// Cuts items into parts and calls `f` with each of them and its index.
+/// Splits items into parts and calls `f` with each part and its index.
 fn each_part<P: Parallel>(items: P, f: &(dyn Fn(usize, P) + Sync)) {
-    let (places, count) = (items.places(), items.parts());
+    let (len, count) = (items.index_count(), items.parts());
     if count <= 1 {
         return f(0, items);
     }
-    // From the end: the rest of a list stays where it is.
+    // The items are split off from the end, so that the rest of a list is not moved.
     let mut parts = Vec::with_capacity(count);
     let mut rest = items;
     for index in (1..count).rev() {
-        let first = places / count * index + places % count * index / count;
+        let first = len / count * index + len % count * index / count;
         let (before, part) = rest.split_at(first);
         parts.push(Mutex::new(Some(part)));
         rest = before;

@@ -1,12 +1,12 @@
-//! What a value is made of: named columns of numbers, and facts.
+//! The parts of a value: named columns of numbers, and facts.
 //!
-//! Tests compare them, `maquette inspect --table` prints them, and programs that embed the engine take them as arrays. The other way
-//! round, arrays make values by [`Value::from_parts`](super::Value::from_parts). Nobody needs to know the value's type for it.
+//! Tests compare parts, `maquette inspect --table` prints them, and programs that embed the engine read them as arrays. Conversely,
+//! [`Value::from_parts`](super::Value::from_parts) builds values from arrays. For all of that the type of the value need not be known.
 //!
 //! ```
 //! use maquette_value::{Mask, Meaning, Value};
 //!
-//! let mask = Mask::drawn(&["#.", ".."]);
+//! let mask = Mask::from_rows(&["#.", ".."]);
 //! let parts = mask.parts();
 //! let inside = parts.column("inside").unwrap();
 //! assert_eq!((inside.meaning, inside.width, inside.count()), (Meaning::Exact, 1, 4));
@@ -21,38 +21,38 @@ use thiserror::Error;
 
 mod kinds;
 
-pub use kinds::{Meaning, On};
+pub use kinds::{ElementKind, Meaning};
 
 /// The facts and the columns of a value, in a fixed order.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Parts<'a> {
-    /// Counts, sizes and kinds: what must be equal before columns are compared.
+    /// The facts: counts, sizes and kinds. Two values must have equal facts before their columns are compared.
     pub facts: Vec<Fact>,
-    /// The numbers.
+    /// The columns of numbers.
     pub columns: Vec<Part<'a>>,
-    /// Elements in a row, where the elements are pixels or control points.
+    /// The number of elements per row, if the elements are pixels or control points.
     pub row: Option<usize>,
 }
 
-/// One fact.
+/// A fact about a value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fact {
-    /// Its name, such as `vertices`.
+    /// The fact's name, such as `vertices`.
     pub name: Cow<'static, str>,
-    /// What is so.
+    /// The fact's value.
     pub value: FactValue,
 }
 
-/// What a fact says.
+/// The value of a fact.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FactValue {
-    /// A number of things.
+    /// A number of elements.
     Count(usize),
-    /// Two numbers of things: columns and rows of pixels, or rows and columns of control points.
+    /// The size of a grid: columns and rows of pixels, or rows and columns of control points.
     Size([usize; 2]),
-    /// Whether it is so.
+    /// True or false.
     Flag(bool),
-    /// A word, or several.
+    /// A text.
     Text(String),
 }
 
@@ -91,24 +91,24 @@ impl From<String> for FactValue {
     }
 }
 
-/// One column: `width` numbers for each element.
+/// A column with `width` numbers for each element.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Part<'a> {
-    /// Its name, such as `position`.
+    /// The column's name, such as `position`.
     pub name: Cow<'a, str>,
-    /// What its elements are.
-    pub on: On,
-    /// What its numbers mean.
+    /// The kind of the column's elements.
+    pub element_kind: ElementKind,
+    /// The meaning of the column's numbers.
     pub meaning: Meaning,
-    /// Numbers of an element, at least 1.
+    /// The number of numbers per element, which is at least 1.
     pub width: usize,
-    /// The numbers, element by element: a multiple of `width`.
+    /// The numbers, element by element. Their count is a multiple of `width`.
     pub items: Items<'a>,
-    /// Whether tests leave it out: what it says is in a fact, or in the value's hash alone.
-    pub aside: bool,
+    /// True if tests ignore the column, because a fact or the value's hash covers the content of the column.
+    pub is_hidden: bool,
 }
 
-/// Numbers, not copied where a value holds them side by side.
+/// The numbers of a column. They are borrowed from the value if the value stores them contiguously.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Items<'a> {
     /// Double precision.
@@ -117,108 +117,112 @@ pub enum Items<'a> {
     F32(Cow<'a, [f32]>),
     /// Whole numbers.
     U32(Cow<'a, [u32]>),
-    /// Flags and levels.
+    /// Flags and color levels, each a byte.
     U8(Cow<'a, [u8]>),
 }
 
-/// Why parts make no value.
+/// Error of building a value from parts.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum PartsError {
-    /// A column that is needed is not there.
+    /// A required column is missing.
     #[error("the part `{part}` is missing")]
     Missing {
-        /// Its name.
+        /// The name of the part or fact.
         part: String,
     },
-    /// A column of elements with too many or too few numbers.
-    #[error("the part `{part}` has {width} numbers an element, where {expected} are expected")]
+    /// The elements of a column have another number of numbers than expected.
+    #[error("the part `{part}` has {width} numbers per element, expected {expected}")]
     Width {
-        /// Its name.
+        /// The name of the part or fact.
         part: String,
-        /// Its numbers for an element.
+        /// The number of numbers per element.
         width: usize,
-        /// How many there must be.
+        /// The expected number of numbers per element.
         expected: usize,
     },
-    /// A column of too many or too few elements, or whose last one is cut off.
-    #[error("the part `{part}` has {numbers} numbers, where {expected} are expected")]
+    /// A column has too many or too few elements, or its last element is incomplete.
+    #[error("the part `{part}` has {numbers} numbers, expected {expected}")]
     Length {
-        /// Its name.
+        /// The name of the part or fact.
         part: String,
-        /// How many numbers it has.
+        /// The number of numbers in the column.
         numbers: usize,
-        /// How many there must be; a multiple of the width if nothing else is known.
+        /// The expected number of numbers. If only the width is known, a multiple of this number is expected.
         expected: usize,
     },
-    /// A number that cannot stand where it does.
-    #[error("number {index} of the part `{part}` is {number}, where {expected} is expected")]
+    /// A number is not allowed in this column.
+    #[error("number {index} of the part `{part}` is {number}, expected {expected}")]
     Number {
         /// The name of the part.
         part: String,
-        /// Which number of it, from 0.
+        /// The index of the number in the column, from 0.
         index: usize,
-        /// The number.
+        /// The value of the number.
         number: f64,
-        /// What must stand there, in words.
+        /// A description of the expected number.
         expected: String,
     },
-    /// A fact that is needed is not there, or not what it must be.
+    /// A required fact is missing or has the wrong type.
     #[error("the fact `{fact}` must be {expected}")]
     Fact {
-        /// Its name.
+        /// The name of the part or fact.
         fact: String,
-        /// What it must be, in words.
+        /// A description of the expected value.
         expected: &'static str,
     },
-    /// The type's own constructor refuses the parts.
+    /// The type's constructor returned an error.
     #[error("{why}")]
     Refused {
-        /// What it says.
+        /// The message of the constructor's error.
         why: String,
     },
-    /// No value of the type can be made of parts.
+    /// Values of the type cannot be built from parts.
     #[error("a {kind} cannot be made of parts")]
     Never {
-        /// The type.
+        /// The name of the type.
         kind: &'static str,
     },
 }
 
 impl PartsError {
-    /// What a constructor said.
-    pub fn refused(error: impl std::error::Error) -> Self {
+    /// The error of a missing part.
+    pub(super) fn missing(part: &str) -> Self {
+        Self::Missing { part: part.to_owned() }
+    }
+
+    /// Wraps the error of a constructor.
+    pub fn from_error(error: impl std::error::Error) -> Self {
         Self::Refused { why: error.to_string() }
     }
 }
 
-/// Least, greatest and mean of some numbers.
+/// The minimum, maximum and mean of some numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Range {
-    /// The least.
-    pub least: f64,
-    /// The greatest.
-    pub greatest: f64,
-    /// Their mean.
+    /// The minimum.
+    pub min: f64,
+    /// The maximum.
+    pub max: f64,
+    /// The mean.
     pub mean: f64,
 }
 
-/// The range of each component of elements of `width` numbers; none where no number is finite. What is not finite does not count.
+/// For each component of elements with `width` numbers, the range of the finite numbers. `None` for a component without finite numbers.
 pub fn ranges(numbers: &[f64], width: usize) -> Vec<Option<Range>> {
     (0..width)
         .map(|component| {
             let column = numbers.iter().skip(component).step_by(width).filter(|x| x.is_finite());
             let start = (f64::INFINITY, f64::NEG_INFINITY, 0.0, 0usize);
-            let (least, greatest, sum, count) =
-                column.fold(start, |(least, greatest, sum, n), &x| {
-                    (f64::min(least, x), f64::max(greatest, x), sum + x, n + 1)
-                });
-            (count > 0).then(|| Range { least, greatest, mean: sum / count as f64 })
+            let (min, max, sum, count) = column.fold(start, |(min, max, sum, n), &x| {
+                (f64::min(min, x), f64::max(max, x), sum + x, n + 1)
+            });
+            (count > 0).then(|| Range { min, max, mean: sum / count as f64 })
         })
         .collect()
 }
 
 impl<'a> Parts<'a> {
-    /// Whether there is nothing: neither fact nor column.
+    /// Returns true if there is neither a fact nor a column.
     pub fn is_empty(&self) -> bool {
         self.facts.is_empty() && self.columns.is_empty()
     }
@@ -228,7 +232,7 @@ impl<'a> Parts<'a> {
         self.facts.push(Fact { name: name.into(), value: value.into() });
     }
 
-    /// Adds the fact `size`: of a picture of so many columns and rows.
+    /// Adds the fact `size` of a picture with these numbers of columns and rows.
     pub fn grid(&mut self, width: usize, height: usize) {
         self.fact("size", [width, height]);
         self.row = Some(width);
@@ -238,70 +242,70 @@ impl<'a> Parts<'a> {
     pub fn push(
         &mut self,
         name: impl Into<Cow<'a, str>>,
-        on: On,
+        on: ElementKind,
         meaning: Meaning,
         width: usize,
         items: impl Into<Items<'a>>,
     ) {
         let (name, items) = (name.into(), items.into());
-        self.columns.push(Part { name, on, meaning, width, items, aside: false });
+        self.columns.push(Part { name, element_kind: on, meaning, width, items, is_hidden: false });
     }
 
-    /// Adds a column that tests leave out; see [`Part::aside`].
-    pub fn push_aside(
+    /// Adds a column that tests ignore; see [`Part::is_hidden`].
+    pub fn push_hidden(
         &mut self,
         name: impl Into<Cow<'a, str>>,
-        on: On,
+        on: ElementKind,
         meaning: Meaning,
         width: usize,
         items: impl Into<Items<'a>>,
     ) {
         let (name, items) = (name.into(), items.into());
-        self.columns.push(Part { name, on, meaning, width, items, aside: true });
+        self.columns.push(Part { name, element_kind: on, meaning, width, items, is_hidden: true });
     }
 
-    /// Adds all of another value's.
+    /// Appends the parts of another value.
     pub fn append(&mut self, mut other: Self) {
         self.facts.append(&mut other.facts);
         self.columns.append(&mut other.columns);
         self.row = other.row.or(self.row);
     }
 
-    /// The first column of this name.
+    /// The first column with this name.
     pub fn column(&self, name: &str) -> Option<&Part<'a>> {
         self.columns.iter().find(|part| part.name == name)
     }
 
-    /// The first column of this name that lies on such elements.
-    pub fn on(&self, on: On, name: &str) -> Option<&Part<'a>> {
-        self.columns.iter().find(|part| part.on == on && part.name == name)
+    /// The first column with this name whose elements are of the kind `on`.
+    pub fn find(&self, on: ElementKind, name: &str) -> Option<&Part<'a>> {
+        self.columns.iter().find(|part| part.element_kind == on && part.name == name)
     }
 
-    /// The column of this name, of whole elements of `width` numbers; none if it is not there.
+    /// The column with this name, whose elements must be complete and have `width` numbers. `None` if there is no such column.
     ///
     /// # Errors
-    /// If its width is another one, or its last element is cut off.
+    /// If its width differs or its last element is incomplete.
     pub fn column_of(&self, name: &str, width: usize) -> Result<Option<&Part<'a>>, PartsError> {
         self.column(name).map(|part| part.with_width(width)).transpose()
     }
 
-    /// The column of this name, of whole elements of `width` numbers.
+    /// The column with this name, whose elements must be complete and have `width` numbers.
     ///
     /// # Errors
-    /// If it is not there, its width is another one, or its last element is cut off.
-    pub fn need(&self, name: &str, width: usize) -> Result<&Part<'a>, PartsError> {
-        self.column_of(name, width)?.ok_or_else(|| PartsError::Missing { part: name.to_owned() })
+    /// If it is missing, its width differs, or its last element is incomplete.
+    pub fn require(&self, name: &str, width: usize) -> Result<&Part<'a>, PartsError> {
+        self.column_of(name, width)?.ok_or_else(|| PartsError::missing(name))
     }
 
-    /// The value of the first fact of this name.
+    /// The value of the first fact with this name.
     pub fn fact_of(&self, name: &str) -> Option<&FactValue> {
         self.facts.iter().find(|fact| fact.name == name).map(|fact| &fact.value)
     }
 
-    /// The two counts that a fact says.
+    /// The two counts in the fact with this name.
     ///
     /// # Errors
-    /// If there is no such fact.
+    /// If the fact is missing or has another type.
     pub fn size_of(&self, name: &str) -> Result<[usize; 2], PartsError> {
         match self.fact_of(name) {
             Some(FactValue::Size(size)) => Ok(*size),
@@ -309,10 +313,10 @@ impl<'a> Parts<'a> {
         }
     }
 
-    /// The count that a fact says.
+    /// The count in the fact with this name.
     ///
     /// # Errors
-    /// If there is no such fact.
+    /// If the fact is missing or has another type.
     pub fn count_of(&self, name: &str) -> Result<usize, PartsError> {
         match self.fact_of(name) {
             Some(FactValue::Count(count)) => Ok(*count),
@@ -320,12 +324,17 @@ impl<'a> Parts<'a> {
         }
     }
 
-    /// Columns and rows of a picture: what the fact `size` says, or what follows from [`row`](Self::row) and the number of pixels.
+    /// The columns and rows of a picture. They come from the fact `size`, or else are computed from [`row`](Self::row) and the number of
+    /// pixels.
     ///
     /// # Errors
-    /// If neither is known.
+    /// If neither source is available.
     pub fn size(&self) -> Result<[usize; 2], PartsError> {
-        let pixels = self.columns.iter().find(|part| part.on == On::Pixel).map(Part::count);
+        let pixels = self
+            .columns
+            .iter()
+            .find(|part| part.element_kind == ElementKind::Pixel)
+            .map(Part::count);
         match (self.fact_of("size"), self.row, pixels) {
             (None, Some(row), Some(pixels)) if row > 0 => Ok([row, pixels.div_ceil(row)]),
             _ => self.size_of("size"),
@@ -334,20 +343,20 @@ impl<'a> Parts<'a> {
 }
 
 impl Part<'_> {
-    /// How many elements there are.
+    /// The number of elements of the column.
     pub fn count(&self) -> usize {
         self.items.len() / self.width.max(1)
     }
 
-    /// The range of each number of an element; none where none is finite. What is not finite does not count.
+    /// For each component, the range of the finite numbers. `None` for a component without finite numbers.
     pub fn ranges(&self) -> Vec<Option<Range>> {
         ranges(&self.items.numbers(), self.width.max(1))
     }
 
-    /// The same column if it has whole elements of so many numbers.
+    /// Returns the column, if its elements are complete and have `expected` numbers.
     ///
     /// # Errors
-    /// If its width is another one, or its last element is cut off.
+    /// If its width differs or its last element is incomplete.
     pub fn with_width(&self, expected: usize) -> Result<&Self, PartsError> {
         let (numbers, width) = (self.items.len(), self.width);
         if width != expected {
@@ -365,10 +374,10 @@ impl Part<'_> {
         PartsError::Length { part, numbers, expected }
     }
 
-    /// The same column if it has so many elements.
+    /// Returns the column if it has `count` elements.
     ///
     /// # Errors
-    /// If it has more or fewer.
+    /// If the number of elements differs.
     pub fn with_count(&self, count: usize) -> Result<&Self, PartsError> {
         match count.checked_mul(self.width) {
             Some(numbers) if numbers == self.items.len() => Ok(self),
@@ -376,89 +385,93 @@ impl Part<'_> {
         }
     }
 
-    /// What is wrong with one of its numbers.
-    pub fn wrong(&self, index: usize, number: f64, expected: impl Into<String>) -> PartsError {
+    /// Returns the error for one number of the column.
+    pub fn number_error(
+        &self,
+        index: usize,
+        number: f64,
+        expected: impl Into<String>,
+    ) -> PartsError {
         let part = self.name.clone().into_owned();
         PartsError::Number { part, index, number, expected: expected.into() }
     }
 
-    /// Its numbers as elements of `N`.
+    /// The column's elements as arrays of `N` numbers.
     ///
     /// # Errors
-    /// If its elements have another number of them, or the last one is cut off.
+    /// If the column's width is not `N` or the last element is incomplete.
     pub fn elements<const N: usize>(&self) -> Result<Vec<[f64; N]>, PartsError> {
         self.with_width(N)?;
         Ok(self.items.numbers().as_chunks().0.to_vec())
     }
 
-    /// The only element of a part of the whole.
+    /// The only element of a column.
     ///
     /// # Errors
-    /// If there is none or several, or its numbers are not `N`.
-    pub fn only<const N: usize>(&self) -> Result<[f64; N], PartsError> {
+    /// If the column does not have exactly one element of `N` numbers.
+    pub fn single<const N: usize>(&self) -> Result<[f64; N], PartsError> {
         match self.elements::<N>()?[..] {
             [element] => Ok(element),
             _ => Err(self.wrong_length(N)),
         }
     }
 
-    /// Its elements as places; the type that takes them decides whether they may be unknown (NaN).
+    /// The column's elements as points. Coordinates may be NaN; the type that takes the points decides whether to allow that.
     ///
     /// # Errors
-    /// If its elements have not three numbers.
-    pub fn places(&self) -> Result<Vec<Point3<f64>>, PartsError> {
+    /// If the column's width is not 3.
+    pub fn to_points(&self) -> Result<Vec<Point3<f64>>, PartsError> {
         Ok(self.elements::<3>()?.into_iter().map(Point3::from).collect())
     }
 
-    /// Its numbers as whole numbers.
+    /// The column's numbers as `u32`.
     ///
     /// # Errors
-    /// If one is no whole number from 0 to 4294967295.
-    pub fn whole(&self) -> Result<Vec<u32>, PartsError> {
+    /// If a number is not a whole number from 0 to 4294967295.
+    pub fn to_u32(&self) -> Result<Vec<u32>, PartsError> {
         match &self.items {
             Items::U32(items) => Ok(items.to_vec()),
             _ => self.whole_below(f64::from(u32::MAX), |x| x as u32),
         }
     }
 
-    /// Its numbers as whole numbers up to `most`.
+    /// The column's numbers as `u8`, at most `max`.
     ///
     /// # Errors
-    /// If one is no whole number from 0 to `most`.
-    pub fn small(&self, most: u8) -> Result<Vec<u8>, PartsError> {
+    /// If a number is not a whole number from 0 to `max`.
+    pub fn to_u8(&self, max: u8) -> Result<Vec<u8>, PartsError> {
         match &self.items {
-            Items::U8(items) if items.iter().all(|x| *x <= most) => Ok(items.to_vec()),
-            _ => self.whole_below(f64::from(most), |x| x as u8),
+            Items::U8(items) if items.iter().all(|x| *x <= max) => Ok(items.to_vec()),
+            _ => self.whole_below(f64::from(max), |x| x as u8),
         }
     }
 
-    /// Its numbers as colors.
+    /// The column's elements as colors.
     ///
     /// # Errors
-    /// If its elements have not three numbers, or one is no whole number from 0 to 255.
+    /// If the column's width is not 3, or a number is not a whole number from 0 to 255.
     pub fn colors(&self) -> Result<Vec<super::Rgb>, PartsError> {
         self.with_width(3)?;
-        Ok(self.small(u8::MAX)?.as_chunks().0.to_vec())
+        Ok(self.to_u8(u8::MAX)?.as_chunks().0.to_vec())
     }
 
-    fn whole_below<T>(&self, most: f64, to: impl Fn(f64) -> T) -> Result<Vec<T>, PartsError> {
+    fn whole_below<T>(&self, max: f64, to: impl Fn(f64) -> T) -> Result<Vec<T>, PartsError> {
         self.items
             .numbers()
             .iter()
             .enumerate()
             .map(|(index, &x)| {
-                let fits = (0.0..=most).contains(&x) && x.fract() == 0.0;
-                fn expected(most: f64) -> String {
-                    format!("a whole number from 0 to {most}")
-                }
-                fits.then(|| to(x)).ok_or_else(|| self.wrong(index, x, expected(most)))
+                let fits = (0.0..=max).contains(&x) && x.fract() == 0.0;
+                fits.then(|| to(x)).ok_or_else(|| {
+                    self.number_error(index, x, format!("a whole number from 0 to {max}"))
+                })
             })
             .collect()
     }
 }
 
 impl Items<'_> {
-    /// How many numbers there are.
+    /// The count of the numbers.
     pub fn len(&self) -> usize {
         match self {
             Self::F64(items) => items.len(),
@@ -468,12 +481,12 @@ impl Items<'_> {
         }
     }
 
-    /// Whether there is none.
+    /// Returns true if there are no numbers.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// All of them in double precision, which tells them exactly.
+    /// All numbers in double precision, which represents each of these numbers exactly.
     pub fn numbers(&self) -> Cow<'_, [f64]> {
         fn wide<T: Copy + Into<f64>>(items: &[T]) -> Cow<'static, [f64]> {
             items.iter().map(|&x| x.into()).collect()
@@ -487,7 +500,7 @@ impl Items<'_> {
     }
 }
 
-/// Items of a slice and of a list.
+/// Implements the conversions from slices and lists of numbers.
 macro_rules! items_from {
     ($variant:ident, $number:ty) => {
         impl<'a> From<&'a [$number]> for Items<'a> {

@@ -1,34 +1,33 @@
-//! Points in space that nothing connects.
+//! Unconnected points in space.
 
 use nalgebra::Point3;
 use thiserror::Error;
 
-use super::hostile::clouds;
+use super::edge_cases::point_sets;
 use super::{
     AnyValue, Attribute, AttributeError, Attributes, Axes, Cloud, Column, DecodeError, Decoder,
-    Elements, Encoder, Layer, Meaning, NoElements, Offence, On, Parts, PartsError, Property,
-    Summary, Value, value_type,
+    ElementKind, Elements, Encoder, Layer, Meaning, NoElements, Parts, PartsError, Property,
+    Summary, Value, Violation, value_type,
 };
 use crate::parallel::*;
 
-/// Why places do not make points.
+/// Error of building points.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum PointsError {
-    /// A position that is NaN or infinite.
-    #[error("point {point} is not at a finite place")]
+    /// A position is NaN or infinite.
+    #[error("the position of point {point} is not finite")]
     NotFinite {
-        /// The offending point.
+        /// The index of the point.
         point: usize,
     },
-    /// An attribute of the wrong length.
+    /// An attribute has the wrong length.
     #[error(transparent)]
     Attribute(#[from] AttributeError),
 }
 
-/// Points in space with data on each: right-handed axes, lengths in mm.
+/// Points in space with attributes. Axes are right-handed, lengths in mm.
 ///
-/// Invariant, checked by [`Points::new`] and [`Points::with_attribute`]: positions finite; each attribute has an entry per
-/// point.
+/// Invariant, checked by [`Points::new`] and [`Points::with_attribute`]: positions are finite; each attribute has one entry per point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Points {
     positions: Column<Point3<f64>>,
@@ -36,7 +35,7 @@ pub struct Points {
 }
 
 impl Points {
-    /// Points without attributes.
+    /// Builds points without attributes.
     ///
     /// # Errors
     /// If a position is not finite.
@@ -48,19 +47,19 @@ impl Points {
         }
     }
 
-    /// The same points with an attribute.
+    /// Adds or replaces an attribute.
     ///
     /// # Errors
-    /// If there are more or fewer entries than points.
+    /// If the number of entries differs from the number of points.
     pub fn with_attribute(mut self, name: &str, attribute: Attribute) -> Result<Self, PointsError> {
         self.attributes.insert(name, attribute, self.positions.len(), "point")?;
         Ok(self)
     }
 
-    /// The same points moved; the attribute `normal` is dropped.
+    /// Replaces the positions, and drops the attribute `normal`.
     ///
     /// # Errors
-    /// If there are more or fewer positions than points, or one is not finite.
+    /// If the number of positions differs from the number of points, or one is not finite.
     pub fn with_positions(&self, positions: Vec<Point3<f64>>) -> Result<Self, PointsError> {
         if positions.len() != self.positions.len() {
             let (count, elements) = (positions.len(), self.positions.len());
@@ -72,27 +71,27 @@ impl Points {
         Ok(moved)
     }
 
-    /// The points at these places, in this order, with what lies on them.
+    /// The points at these indices, in this order, with their attributes.
     ///
     /// # Panics
-    /// If a place is behind the last point.
+    /// If an index is out of bounds.
     #[must_use]
-    pub fn select(&self, places: &[u32]) -> Self {
-        let positions = places.iter().map(|&place| self.positions[place as usize]);
-        Self { positions: positions.collect(), attributes: self.attributes.select(places) }
+    pub fn select(&self, indices: &[u32]) -> Self {
+        let positions = indices.iter().map(|&index| self.positions[index as usize]);
+        Self { positions: positions.collect(), attributes: self.attributes.select(indices) }
     }
 
-    /// Where they are.
+    /// The positions of the points.
     pub fn positions(&self) -> &Column<Point3<f64>> {
         &self.positions
     }
 
-    /// The data on each.
+    /// The attributes of the points.
     pub fn attributes(&self) -> &Attributes {
         &self.attributes
     }
 
-    /// Lowest and highest coordinates; none without points.
+    /// The minimum and maximum coordinates; `None` without points.
     pub fn bounds(&self) -> Option<(Point3<f64>, Point3<f64>)> {
         super::mesh::bounds(self.positions.iter())
     }
@@ -113,7 +112,7 @@ impl Value for Points {
     fn properties() -> &'static [Property<Self>] {
         const PROPERTIES: &[Property<Points>] =
             &[Property::new("NonEmpty", "There are points.", |value| {
-                value.positions().is_empty().then(|| Offence::nothing("points"))
+                value.positions().is_empty().then(|| Violation::lack_of("points"))
             })];
         PROPERTIES
     }
@@ -125,69 +124,74 @@ impl Value for Points {
     fn describe(&self) -> Summary {
         let names: Vec<&str> = self.attributes.iter().map(|(name, _)| name).collect();
         let summary = Summary::default()
-            .with("points", self.positions.len())
-            .with("attributes", names.join(", "));
+            .with_fact("points", self.positions.len())
+            .with_fact("attributes", names.join(", "));
         super::mesh::describe_bounds(summary, self.positions.iter())
     }
 
     fn parts(&self) -> Parts<'_> {
         let mut parts = Parts::default();
         parts.fact("points", self.positions.len());
-        parts.push("position", On::Point, Meaning::Position, 3, &self.positions[..]);
-        parts.columns.extend(self.attributes.parts("", On::Point));
+        parts.push("position", ElementKind::Point, Meaning::Position, 3, &self.positions[..]);
+        parts.columns.extend(self.attributes.parts("", ElementKind::Point));
         parts
     }
 
-    /// Whatever lies on points beside `position` is an attribute.
+    /// Builds points from parts: all columns of points except `position` are attributes.
     fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
-        let position = parts.need("position", 3)?;
-        let mut points = Self::new(position.places()?).map_err(PartsError::refused)?;
+        let position = parts.require("position", 3)?;
+        let mut points = Self::new(position.to_points()?).map_err(PartsError::from_error)?;
         for part in &parts.columns {
-            if part.on == On::Point && !std::ptr::eq(part, position) {
-                let attribute = Attribute::of(part)?;
+            if part.element_kind == ElementKind::Point && !std::ptr::eq(part, position) {
+                let attribute = Attribute::from_part(part)?;
                 points =
-                    points.with_attribute(&part.name, attribute).map_err(PartsError::refused)?;
+                    points.with_attribute(&part.name, attribute).map_err(PartsError::from_error)?;
             }
         }
         Ok(points)
     }
 
-    /// Each point by itself, with its attributes.
+    /// Splits points into single points, each with its attributes.
     fn elements() -> Vec<Elements<Self>> {
         let kind = value_type::<Self>();
-        vec![Elements { word: "", name: "points", kind, cut: |it, most, _| one_by_one(it, most) }]
+        vec![Elements {
+            word: "",
+            name: "points",
+            kind,
+            cut: |it, max_count, _| one_by_one(it, max_count),
+        }]
     }
 
     fn show(&self) -> Vec<Layer> {
         vec![Layer::Points(Cloud { points: self.clone(), axes: Axes::Upright })]
     }
 
-    fn hostile() -> Vec<Self> {
-        [0, 1, 2, 9].into_iter().flat_map(clouds).flat_map(Self::new).collect()
+    fn edge_cases() -> Vec<Self> {
+        [0, 1, 2, 9].into_iter().flat_map(point_sets).flat_map(Self::new).collect()
     }
 }
 
-fn one_by_one(points: &Points, most: usize) -> Result<Vec<AnyValue>, NoElements> {
+fn one_by_one(points: &Points, max_count: usize) -> Result<Vec<AnyValue>, NoElements> {
     let count = points.positions.len();
-    if most < count {
+    if max_count < count {
         return Err(NoElements::TooMany { count });
     }
-    fn one(place: u32, points: &Points) -> Points {
+    fn single_point(index: u32, points: &Points) -> Points {
         Points {
-            positions: vec![points.positions[place as usize]].into(),
-            attributes: points.attributes.select(&[place]),
+            positions: vec![points.positions[index as usize]].into(),
+            attributes: points.attributes.select(&[index]),
         }
     }
-    Ok((0..count as u32).map(|place| AnyValue::new(one(place, points))).collect())
+    Ok((0..count as u32).map(|index| AnyValue::new(single_point(index, points))).collect())
 }
 
-/// Points that one task looks at.
+/// The number of points per parallel task.
 const BLOCK: usize = 8192;
 
-/// The first point with a coordinate that is no number or infinite.
+/// The index of the first point with a coordinate that is NaN or infinite.
 pub fn first_not_finite(points: &[Point3<f64>]) -> Option<usize> {
     points.par_chunks(BLOCK).enumerate().find_map_first(|(block, points)| {
-        // Without a branch for each point, so that wide vectors look at several coordinates at once.
+        // The loop has no branch per point, so that vector instructions can test several coordinates at once.
         let coordinates = bytemuck::cast_slice::<_, f64>(points);
         if coordinates.iter().fold(true, |all, x| all & x.is_finite()) {
             return None;
@@ -195,7 +199,7 @@ pub fn first_not_finite(points: &[Point3<f64>]) -> Option<usize> {
         points
             .iter()
             .position(|point| !point.coords.iter().all(|x| x.is_finite()))
-            .map(|place| block * BLOCK + place)
+            .map(|index| block * BLOCK + index)
     })
 }
 
@@ -204,9 +208,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_point_at_no_place_is_refused() {
-        let places = vec![Point3::origin(), Point3::new(0.0, f64::NAN, 0.0)];
-        assert_eq!(Points::new(places), Err(PointsError::NotFinite { point: 1 }));
+    fn points_with_nan_are_refused() {
+        let positions = vec![Point3::origin(), Point3::new(0.0, f64::NAN, 0.0)];
+        assert_eq!(Points::new(positions), Err(PointsError::NotFinite { point: 1 }));
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Polygons, cut into triangles along diagonals.
+//! Triangulation of polygons along diagonals.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -6,34 +6,34 @@ use std::collections::BinaryHeap;
 use nalgebra::{Point3, Vector3};
 use robust::{Coord, orient2d};
 
-/// A point of a plane.
-pub type Flat = [f64; 2];
+/// A point in a plane.
+pub type PlanePoint = [f64; 2];
 
-/// Projects a point along the axis that is nearest to `normal`: a polygon that is counter-clockwise around `normal` stays so. Nothing is
-/// rounded, because one coordinate is left out.
-pub fn flat(at: Point3<f64>, normal: Vector3<f64>) -> Flat {
+/// Projects a point along that coordinate axis that is closest to `normal`. A polygon that is counter-clockwise around `normal` stays
+/// counter-clockwise. Nothing is rounded, because the projection only drops one coordinate.
+pub fn project_to_plane(at: Point3<f64>, normal: Vector3<f64>) -> PlanePoint {
     let axis = normal.iamax();
     let [x, y] = [(axis + 1) % 3, (axis + 2) % 3].map(|axis| at[axis]);
     if normal[axis] < 0.0 { [y, x] } else { [x, y] }
 }
 
-/// Returns a number with the exact sign of the area of a triangle: positive if it is counter-clockwise (Shewchuk, "Adaptive precision
-/// floating-point arithmetic and fast robust geometric predicates", 1997).
-pub fn orientation([a, b, c]: [Flat; 3]) -> f64 {
-    fn coord([x, y]: Flat) -> Coord<f64> {
+/// Returns a number with the exact sign of the area of a triangle, which is positive if the triangle is counter-clockwise (Shewchuk,
+/// "Adaptive precision floating-point arithmetic and fast robust geometric predicates", 1997).
+pub fn orientation([a, b, c]: [PlanePoint; 3]) -> f64 {
+    fn coord([x, y]: PlanePoint) -> Coord<f64> {
         Coord { x, y }
     }
     orient2d(coord(a), coord(b), coord(c))
 }
 
-/// Triangles of this fraction of a polygon's area may be turned over in a fan: that much is rounding.
+/// The maximum area of a triangle that may be flipped in a fan, as a fraction of the polygon's area. Smaller areas are rounding errors.
 const ROUNDING: f64 = 1e-9;
 
-/// The cosine between the normals of a polygon and of a triangle that is turned over. A triangle that merely leans more than a right angle, as
-/// in a quad that is folded along its diagonal, is not.
+/// The maximum cosine of the angle between the normals of a polygon and of a flipped triangle. A triangle that merely leans by more than a
+/// right angle, as in a quad that is folded along its diagonal, does not count as flipped.
 const TURNED: f64 = -0.5;
 
-/// Returns true if the fan of triangles around the first corner covers the polygon: no triangle is turned over.
+/// Returns true if the fan of triangles around the first corner covers the polygon, which means that no triangle is flipped.
 pub(crate) fn is_fan(n: usize, corner: impl Fn(u32) -> Point3<f64>) -> bool {
     let crosses = || fan(n).map(|triangle| cross(triangle.map(&corner)));
     let normal: Vector3<f64> = crosses().sum();
@@ -48,15 +48,16 @@ fn cross([a, b, c]: [Point3<f64>; 3]) -> Vector3<f64> {
     (b - a).cross(&(c - a))
 }
 
-/// The triangles of a fan around the first of `n` corners.
+/// The triangles of the fan around the first corner of a polygon with `n` corners.
 pub(crate) fn fan(n: usize) -> impl Iterator<Item = [u32; 3]> + use<> {
     (2..n as u32).map(|k| [0, k - 1, k])
 }
 
-/// Cuts a polygon into triangles, each with three of its corners by index: `n - 2` for `n` corners, with the polygon's orientation.
+/// Cuts a polygon with `n` corners into `n - 2` triangles, each given by three of the polygon's corners by index. The triangles have the
+/// polygon's orientation.
 ///
-/// A polygon that is covered by the fan around its first corner becomes that fan. Any other loses its ears in its mean plane (see
-/// [`clip_ears`]), so concave corners are not covered.
+/// If the fan around its first corner covers the polygon, the result is that fan. Any other polygon is projected to its mean plane and its
+/// ears are clipped there (see [`clip_ears`]), so that no triangle extends beyond a concave corner.
 ///
 /// # Panics
 /// If there are fewer than three corners.
@@ -66,26 +67,26 @@ pub fn triangulate(corners: &[Point3<f64>]) -> Vec<[u32; 3]> {
         return fan(corners.len()).collect();
     }
     let normal = fan(corners.len()).map(|triangle| cross(triangle.map(corner))).sum();
-    clip_ears(&corners.iter().map(|at| flat(*at, normal)).collect::<Vec<_>>())
+    clip_ears(&corners.iter().map(|at| project_to_plane(*at, normal)).collect::<Vec<_>>())
 }
 
-/// Lengths below this fraction of a polygon's extent count as zero.
+/// The maximum length that counts as zero, as a fraction of the polygon's extent.
 const LINE: f64 = 1e-9;
 
-/// The qualities of ears that are no matter of shape, which is at most 1.
+/// The qualities of special ears. All other ears are rated by their shape, by at most 1.
 const SHORT: f64 = 3.0;
 const SPIKE: f64 = 2.0;
 const BLOCKED: f64 = -2.0;
 
-/// Cuts a counter-clockwise polygon into triangles, each with three of its corners by index: ears are clipped one by one, the best
-/// shaped one first (Eberly, "Triangulation by ear clipping", 2002, section 2).
+/// Cuts a counter-clockwise polygon into triangles, each given by three of its corners by index. Ears are clipped one by one, the ear with
+/// the best shape first (Eberly, "Triangulation by ear clipping", 2002, section 2).
 ///
-/// A polygon that crosses itself gets `n - 2` triangles, too; where they lie is not defined. Cost grows with n log n for the shapes of real
-/// faces, with its square at worst for the number of concave corners.
+/// A polygon that crosses itself also gives `n - 2` triangles, but their positions are not defined. Cost grows with n log n for the shapes
+/// of real faces, and at worst with the square of the number of concave corners.
 ///
 /// # Panics
 /// If there are fewer than three corners.
-pub fn clip_ears(corners: &[Flat]) -> Vec<[u32; 3]> {
+pub fn clip_ears(corners: &[PlanePoint]) -> Vec<[u32; 3]> {
     let mut polygon = Clipping::new(corners);
     let mut triangles = Vec::with_capacity(corners.len() - 2);
     while triangles.len() < corners.len() - 2 {
@@ -96,28 +97,29 @@ pub fn clip_ears(corners: &[Flat]) -> Vec<[u32; 3]> {
     triangles
 }
 
-/// What is left of a polygon while its ears are clipped.
+/// The remaining polygon while ears are clipped from it.
 struct Clipping<'a> {
-    corners: &'a [Flat],
+    corners: &'a [PlanePoint],
     next: Vec<usize>,
     before: Vec<usize>,
     is_left: Vec<bool>,
-    /// Corners that are not convex.
+    /// For each corner, true if it is not convex.
     is_reflex: Vec<bool>,
-    /// All corners in the order of their x.
+    /// All corners, sorted by x.
     by_x: Vec<usize>,
     quality: Vec<f64>,
-    /// Ears by quality, the lowest index first among equals. Entries whose quality is not that of the corner any more are passed over.
+    /// Ears by quality; among ears of equal quality the one with the lowest index comes first. Entries with an outdated quality are
+    /// skipped.
     queue: BinaryHeap<(i64, Reverse<usize>)>,
-    /// Lengths below this count as zero.
-    least: f64,
+    /// Lengths up to this one count as zero.
+    min_length: f64,
 }
 
 impl<'a> Clipping<'a> {
-    fn new(corners: &'a [Flat]) -> Self {
+    fn new(corners: &'a [PlanePoint]) -> Self {
         let n = corners.len();
-        let extent = corners.iter().fold(0.0f64, |most, at| {
-            most.max((at[0] - corners[0][0]).abs()).max((at[1] - corners[0][1]).abs())
+        let extent = corners.iter().fold(0.0f64, |extent, at| {
+            extent.max((at[0] - corners[0][0]).abs()).max((at[1] - corners[0][1]).abs())
         });
         let mut polygon = Self {
             corners,
@@ -128,7 +130,7 @@ impl<'a> Clipping<'a> {
             by_x: (0..n).collect(),
             quality: vec![0.0; n],
             queue: BinaryHeap::new(),
-            least: LINE * extent,
+            min_length: LINE * extent,
         };
         for k in 0..n {
             polygon.is_reflex[k] = polygon.turn_at(k) <= 0.0;
@@ -142,7 +144,8 @@ impl<'a> Clipping<'a> {
         orientation([self.before[k], k, self.next[k]].map(|k| self.corners[k]))
     }
 
-    /// Takes the best ear from the queue. If none can be clipped, all are judged again, since what blocked them may be gone.
+    /// Takes the best ear from the queue. If no ear can be clipped, rates all ears again, because the corners that blocked them may have
+    /// been removed.
     fn best_ear(&mut self) -> usize {
         if let Some(tip) = self.pop().filter(|&tip| self.quality[tip] >= 0.0) {
             return tip;
@@ -160,7 +163,7 @@ impl<'a> Clipping<'a> {
         }
     }
 
-    /// Takes a corner out, and judges its neighbors again.
+    /// Removes a corner and rates its two neighbors again.
     fn clip(&mut self, tip: usize) {
         let (a, c) = (self.before[tip], self.next[tip]);
         self.is_left[tip] = false;
@@ -187,21 +190,21 @@ impl<'a> Clipping<'a> {
         self.queue.push((sortable(self.quality[tip]), Reverse(tip)));
     }
 
-    /// How good the triangle of a corner is: 0 to 1 by its shape, or negative if it cannot be clipped, and then how bad that would be.
+    /// The quality of the triangle at a corner. By its shape, an ear that can be clipped has a quality from 0 to 1. The quality of any
+    /// other ear is negative: the worse the result of clipping it, the lower.
     fn ear_quality(&self, tip: usize) -> f64 {
         let triangle = [self.before[tip], tip, self.next[tip]];
         let ear = triangle.map(|k| self.corners[k]);
         let twice = orientation(ear);
-        let length =
-            |a: Flat, b: Flat| (a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]);
-        let longest = (0..3).map(|i| length(ear[i], ear[(i + 1) % 3])).fold(0.0, f64::max);
+        let longest = (0..3).map(|i| distance_sq(ear[i], ear[(i + 1) % 3])).fold(0.0, f64::max);
         let [there, back] = [ear[0], ear[2]].map(|end| [end[0] - ear[1][0], end[1] - ear[1][1]]);
         let along = there[0] * back[0] + there[1] * back[1];
-        if [there, back].iter().any(|it| it[0].abs().max(it[1].abs()) <= self.least) {
+        if [there, back].iter().any(|it| it[0].abs().max(it[1].abs()) <= self.min_length) {
             return SHORT;
         }
-        // Where the border runs there and back nothing is between, and a large triangle must not cut off what goes on from there.
-        if twice.abs() <= self.least * longest.sqrt() && 0.0 < along {
+        // If the border doubles back at the corner, the ear has no area. It must be clipped before a larger triangle cuts off the rest of
+        // the border.
+        if twice.abs() <= self.min_length * longest.sqrt() && 0.0 < along {
             return SPIKE;
         }
         let shape = if longest > 0.0 { twice / longest } else { 0.0 };
@@ -211,8 +214,8 @@ impl<'a> Clipping<'a> {
         if self.is_blocked(triangle, ear) { BLOCKED } else { shape }
     }
 
-    /// Returns true if a corner that is not convex lies in the triangle.
-    fn is_blocked(&self, triangle: [usize; 3], ear: [Flat; 3]) -> bool {
+    /// Returns true if the triangle contains a corner that is not convex.
+    fn is_blocked(&self, triangle: [usize; 3], ear: [PlanePoint; 3]) -> bool {
         let [low, high] = [f64::min, f64::max]
             .map(|pick| [0, 1].map(|axis| pick(pick(ear[0][axis], ear[1][axis]), ear[2][axis])));
         let first = self.by_x.partition_point(|&k| self.corners[k][0] < low[0]);
@@ -225,44 +228,49 @@ impl<'a> Clipping<'a> {
                 && at[1] <= high[1]
                 && !triangle.contains(&k)
                 && !ear.contains(&at)
-                && is_within(ear, at)
+                && is_in_triangle(ear, at)
         })
     }
 }
 
-/// Returns an integer with the order of [`f64::total_cmp`].
+fn distance_sq(a: PlanePoint, b: PlanePoint) -> f64 {
+    (a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1])
+}
+
+/// Maps a number to an integer with the same order as [`f64::total_cmp`].
 fn sortable(x: f64) -> i64 {
     let bits = x.to_bits().cast_signed();
     bits ^ ((bits >> 63).cast_unsigned() >> 1).cast_signed()
 }
 
-/// Returns true if a point is in a counter-clockwise triangle, or on its border.
-pub fn is_within(triangle: [Flat; 3], at: Flat) -> bool {
+/// Returns true if a point is inside a counter-clockwise triangle, or on the border of the triangle.
+pub fn is_in_triangle(triangle: [PlanePoint; 3], at: PlanePoint) -> bool {
     (0..3).all(|k| orientation([triangle[k], triangle[(k + 1) % 3], at]) >= 0.0)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::Random;
+    use crate::rng::Random;
 
     /// Twice the area of a polygon.
-    fn area(places: &[Flat]) -> f64 {
-        let next = places[1..].iter().chain(&places[..1]);
-        places.iter().zip(next).map(|(a, b)| a[0] * b[1] - a[1] * b[0]).sum()
+    fn area(points: &[PlanePoint]) -> f64 {
+        let next = points[1..].iter().chain(&points[..1]);
+        points.iter().zip(next).map(|(a, b)| a[0] * b[1] - a[1] * b[0]).sum()
     }
 
-    /// Triangulates a polygon in several planes from each of its corners, and checks that no triangle is turned over and that their areas add up to
-    /// the polygon's.
+    /// Triangulates a polygon in several planes and from each of its corners. Checks that no triangle is flipped and that the areas of the
+    /// triangles add up to the polygon's area.
     #[track_caller]
-    fn check(polygon: &[Flat]) {
+    fn check(polygon: &[PlanePoint]) {
         let wanted = area(polygon);
         for start in 0..polygon.len() {
             let turned = [&polygon[start..], &polygon[..start]].concat();
             for slant in [[0.0, 0.0], [0.3, -0.2], [4.0, 5.0]] {
-                let place =
-                    |at: &Flat| Point3::new(at[0], at[1], slant[0] * at[0] + slant[1] * at[1]);
-                let triangles = triangulate(&turned.iter().map(place).collect::<Vec<_>>());
+                let lifted = turned
+                    .iter()
+                    .map(|at| Point3::new(at[0], at[1], slant[0] * at[0] + slant[1] * at[1]));
+                let triangles = triangulate(&lifted.collect::<Vec<_>>());
                 assert_eq!(triangles.len(), polygon.len() - 2);
                 let areas = triangles.iter().map(|it| area(&it.map(|k| turned[k as usize])));
                 let areas = Vec::from_iter(areas);
@@ -272,7 +280,7 @@ mod tests {
         }
     }
 
-    const L: [Flat; 6] = [[0., 0.], [20., 0.], [20., 10.], [10., 10.], [10., 20.], [0., 20.]];
+    const L: [PlanePoint; 6] = [[0., 0.], [20., 0.], [20., 10.], [10., 10.], [10., 20.], [0., 20.]];
 
     #[test]
     fn concave_polygons_become_triangles_within_them() {
@@ -317,7 +325,7 @@ mod tests {
         }
     }
 
-    /// A spiral of 40 000 corners has most of its corners concave, and none may cost a look at all others.
+    /// A spiral of 40 000 corners. Most corners are concave, so a scan of all other corners for each of them would take too long.
     #[test]
     fn a_long_spiral_becomes_triangles_within_it() {
         fn wall(k: u32, out: f64) -> [f64; 2] {

@@ -1,4 +1,4 @@
-//! What may hold of a value beyond its type: a mesh may be closed, labels may name something.
+//! Properties of values that their type does not imply: a mesh may be closed, labels may be non-empty.
 
 use std::fmt;
 
@@ -6,88 +6,90 @@ use nalgebra::Point3;
 
 use super::{Axes, Layer, Marks};
 
-/// Something that may hold of a value of the type `T`: a port may want it, and an output promise it.
+/// A property of values of the type `T`. A port can require it, and an output can promise it.
 #[derive(Clone, Copy)]
 pub struct Property<T: 'static> {
-    /// The word in graph files, in CamelCase: `Closed`.
+    /// The property's name in graph files, in CamelCase: `Closed`.
     pub name: &'static str,
-    /// What it means, in a sentence.
+    /// A description in one sentence.
     pub doc: &'static str,
-    /// What stands against it; none if it holds.
-    pub test: fn(&T) -> Option<Offence>,
+    /// Checks a value. Returns the violation, or `None` if the value has the property.
+    pub test: fn(&T) -> Option<Violation>,
 }
 
 impl<T> Property<T> {
-    /// The property of this name.
+    /// Builds a property from its name, description and check.
     pub const fn new(
         name: &'static str,
         doc: &'static str,
-        test: fn(&T) -> Option<Offence>,
+        test: fn(&T) -> Option<Violation>,
     ) -> Self {
         Self { name, doc, test }
     }
 }
 
-/// The elements of a value for which a property does not hold.
+/// The elements of a value that violate a property.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Offence {
-    /// How many they are and which, behind the value's name: `has 3 edges with one face (edge 0-2, edge 0-3, edge 2-3)`.
+pub struct Violation {
+    /// The text of the message after the name of the value: `has 3 edges with one face (edge 0-2, edge 0-3, edge 2-3)`.
     pub what: String,
-    /// How many they are; 0 if something is missing.
+    /// The number of violating elements. 0 if the property is violated because something is missing.
     pub count: usize,
-    /// The first of them, some thousands at most. Empty where the value lies nowhere in space.
-    pub elements: Vec<Offender>,
+    /// The first violating elements, at most `MAX_LISTED`. Empty if the value has no positions in space.
+    pub elements: Vec<ViolatingElement>,
 }
 
-/// An element for which a property does not hold.
+/// An element that violates a property.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Offender {
-    /// Which it is: `edge 0-2`.
+pub struct ViolatingElement {
+    /// The element's name: `edge 0-2`.
     pub name: String,
-    /// A vertex, both ends of an edge, or the corners of a face, in mm.
+    /// The outline of the element, in mm: a vertex, the two ends of an edge, or the corners of a face.
     pub outline: Vec<Point3<f64>>,
 }
 
-impl Offender {
-    /// Its middle.
-    pub fn place(&self) -> Point3<f64> {
+impl ViolatingElement {
+    /// The mean of the points of the outline.
+    pub fn center(&self) -> Point3<f64> {
         let sum: nalgebra::Vector3<f64> = self.outline.iter().map(|point| point.coords).sum();
         Point3::from(sum / self.outline.len().max(1) as f64)
     }
 }
 
-/// How many offending elements are named.
-const NAMED: usize = 5;
+/// The maximum number of elements that a message names.
+const MAX_NAMED: usize = 5;
 
-/// How many are told as data, and so marked in pictures.
-const TOLD: usize = 5000;
+/// The maximum number of elements that are listed, and are marked in pictures.
+const MAX_LISTED: usize = 5000;
 
-impl Offence {
-    /// That of a value that has nothing in it, where something is wanted: `has no faces`.
-    pub fn nothing(what: &str) -> Self {
+impl Violation {
+    /// Returns the violation by an empty value: `has no faces` if `what` is `faces`.
+    pub fn lack_of(what: &str) -> Self {
         Self { what: format!("has no {what}"), count: 0, elements: Vec::new() }
     }
 
-    /// That of some elements, `what` they are, by their names and outlines; none if there are none.
-    pub fn of<E: Copy>(
+    /// Returns the violation by these elements, with their names and outlines. `what` describes the elements. `None` if there are no
+    /// elements.
+    pub fn from_elements<E: Copy>(
         elements: &[E],
         what: &str,
         name: impl Fn(E) -> String,
         outline: impl Fn(E) -> Vec<Point3<f64>>,
     ) -> Option<Self> {
         let count = elements.len();
-        let told = elements.iter().take(TOLD);
-        let elements =
-            told.map(|&it| Offender { name: name(it), outline: outline(it) }).collect::<Vec<_>>();
-        let [x, y, z] = elements.first()?.place().coords.map(rounded).into();
+        let listed = elements.iter().take(MAX_LISTED);
+        let elements = listed
+            .map(|&it| ViolatingElement { name: name(it), outline: outline(it) })
+            .collect::<Vec<_>>();
+        let [x, y, z] = elements.first()?.center().coords.map(round_coordinate).into();
         let names =
-            elements.iter().take(NAMED).map(|it| &it.name[..]).collect::<Vec<_>>().join(", ");
-        let more = if NAMED < count { ", .." } else { "" };
+            elements.iter().take(MAX_NAMED).map(|it| &it.name[..]).collect::<Vec<_>>().join(", ");
+        let more = if MAX_NAMED < count { ", .." } else { "" };
         let what = format!("has {count} {what} ({names}{more}; the first is at ({x}, {y}, {z}))");
         Some(Self { what, count, elements })
     }
 
-    /// Marks the elements on what is seen of the value.
+    /// Adds a layer that marks the elements to the layers of the value.
     pub fn mark(&self, layers: &mut Vec<Layer>) {
         let axes: Axes = layers.iter().find_map(Layer::axes).unwrap_or_default();
         let outlines: Vec<_> = self.elements.iter().map(|it| it.outline.clone()).collect();
@@ -97,8 +99,8 @@ impl Offence {
     }
 }
 
-/// To a thousandth of a millimeter: enough to find a place.
-fn rounded(x: f64) -> f64 {
+/// Rounds to a thousandth of a millimeter.
+fn round_coordinate(x: f64) -> f64 {
     (x * 1000.0).round() / 1000.0 + 0.0
 }
 

@@ -1,4 +1,4 @@
-//! A grid of points, as a range finder gives it.
+//! Range images: grids of points from a range finder.
 
 use nalgebra::{Matrix4, Point3};
 use thiserror::Error;
@@ -6,18 +6,18 @@ use thiserror::Error;
 use super::frame::{decode_pose, encode_pose};
 use super::image::{SizeError, check_size};
 use super::{
-    CaptureFrame, Column, DecodeError, Decoder, Encoder, Layer, Mesh, Offence, Parts, PartsError,
-    Pinhole, Property, Registration, Rgb, Summary, Value,
+    CaptureFrame, Column, DecodeError, Decoder, Encoder, Layer, Mesh, Parts, PartsError, Pinhole,
+    Property, Registration, Rgb, Summary, Value, Violation,
 };
 use crate::parallel::*;
 
-mod moved;
 mod parts;
+mod update;
 
-/// Why a range image is not what was asked for.
+/// Error of a range image.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum RangeError {
-    /// Columns of different sizes.
+    /// A list has the wrong length.
     #[error(transparent)]
     Size(#[from] SizeError),
     /// No cell has a point.
@@ -25,20 +25,20 @@ pub enum RangeError {
     NoValidRange,
 }
 
-/// A grid of points in the sensor's frame: x right, y down, z away from the sensor, in mm; row 0 on top.
+/// A grid of points in the sensor's frame: x right, y down, z away from the sensor, in mm. Row 0 is the top.
 ///
-/// Invariant, checked by [`RangeImage::new`]: as many points as width x height; each either finite, which makes its cell
-/// *valid*, or NaN in all three coordinates.
+/// Invariant, checked by [`RangeImage::new`]: there are width x height points. Either a point is finite, and its cell is *valid*, or all
+/// three coordinates are NaN.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RangeImage {
     width: usize,
     height: usize,
     points: Column<Point3<f64>>,
-    /// Empty, or one entry per cell: 1 where the point was computed, not measured.
+    /// The flags of the cells: 1 where the point was computed, not measured. Empty if all points were measured.
     filled: Column<u8>,
-    /// Empty, or one entry per cell: see [`RangeImage::joined`].
+    /// The forced triangles of the cells: see [`RangeImage::forced_triangles`]. Empty if there are none.
     joined: Column<u8>,
-    /// Empty, or one color per cell.
+    /// The colors of the cells. Empty if there are none.
     colors: Column<Rgb>,
     camera: Option<Pinhole>,
     registration: Registration,
@@ -48,11 +48,11 @@ pub struct RangeImage {
 const NO_POINT: Point3<f64> = Point3::new(f64::NAN, f64::NAN, f64::NAN);
 
 impl RangeImage {
-    /// A grid of `width` x `height` points, row by row from the top; a point that is not finite makes its cell invalid.
-    /// It is registered to a picture of its own size, cell on pixel.
+    /// Builds a grid of `width` x `height` points, row by row from the top. A point that is not finite makes its cell invalid. The grid is
+    /// registered to a picture of the same size, so that each cell is on one pixel.
     ///
     /// # Errors
-    /// If there are more or fewer points than that.
+    /// If the number of points is not `width` x `height`.
     pub fn new(
         width: usize,
         height: usize,
@@ -73,29 +73,29 @@ impl RangeImage {
         })
     }
 
-    /// The same grid with other points, and all that travels with it.
+    /// Replaces the points. All other data of the range image is kept.
     ///
     /// # Errors
-    /// If there are more or fewer points than cells.
+    /// If the number of points differs from the number of cells.
     pub fn with_points(&self, points: Vec<Point3<f64>>) -> Result<Self, SizeError> {
         let moved = Self::new(self.width, self.height, points)?;
         Ok(Self { points: moved.points, ..self.clone() })
     }
 
-    /// The same with these cells marked as filled (1) or measured (0).
+    /// Sets the flag of each cell: 1 if the cell was filled, 0 if it was measured.
     ///
     /// # Errors
-    /// If there are more or fewer entries than cells.
+    /// If the number of entries differs from the number of cells.
     pub fn with_filled(mut self, filled: Vec<u8>) -> Result<Self, SizeError> {
         check_size(self.width, self.height, filled.len())?;
         self.filled = if filled.contains(&1) { filled.into() } else { Column::default() };
         Ok(self)
     }
 
-    /// The same with these triangles marked as parts of the surface; see [`joined`](Self::joined).
+    /// Sets the triangles that belong to the surface in any case; see [`forced_triangles`](Self::forced_triangles).
     ///
     /// # Errors
-    /// If there are more or fewer entries than cells.
+    /// If the number of entries differs from the number of cells.
     pub fn with_joined(mut self, joined: Vec<u8>) -> Result<Self, SizeError> {
         check_size(self.width, self.height, joined.len())?;
         let none = joined.iter().all(|&triangles| triangles == 0);
@@ -103,43 +103,43 @@ impl RangeImage {
         Ok(self)
     }
 
-    /// The same with a color per cell.
+    /// Sets a color per cell.
     ///
     /// # Errors
-    /// If there are more or fewer colors than cells.
+    /// If the number of colors differs from the number of cells.
     pub fn with_colors(mut self, colors: Vec<Rgb>) -> Result<Self, SizeError> {
         check_size(self.width, self.height, colors.len())?;
         self.colors = colors.into();
         Ok(self)
     }
 
-    /// The same, taken with this camera.
+    /// Sets or removes the camera of the range grid.
     #[must_use]
     pub fn with_camera(mut self, camera: Option<Pinhole>) -> Self {
         self.camera = camera;
         self
     }
 
-    /// The same, registered to its picture.
+    /// Sets the registration: the map from cells to the picture.
     #[must_use]
     pub fn with_registration(mut self, registration: Registration) -> Self {
         self.registration = registration;
         self
     }
 
-    /// The same, taken from this place: a rigid motion from the sensor's frame to the world's, in mm.
+    /// Sets or removes the pose: a rigid motion from the sensor's frame to the world's, in mm.
     #[must_use]
     pub fn with_world_from_camera(mut self, pose: Option<Matrix4<f64>>) -> Self {
         self.world_from_camera = pose;
         self
     }
 
-    /// Cells in a row.
+    /// The number of columns.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Rows.
+    /// The number of rows.
     pub fn height(&self) -> usize {
         self.height
     }
@@ -149,24 +149,24 @@ impl RangeImage {
         &self.points
     }
 
-    /// The point of a cell, if it is valid; the index counts row by row from the top.
+    /// The point of a cell, if the cell is valid. The index of the cell counts row by row from the top.
     pub fn point(&self, cell: usize) -> Option<Point3<f64>> {
         self.points.get(cell).copied().filter(|point| !point.x.is_nan())
     }
 
-    /// Whether a cell's point was computed, not measured.
+    /// Returns true if a cell's point was computed, not measured.
     pub fn is_filled(&self, cell: usize) -> bool {
         self.filled.get(cell) == Some(&1)
     }
 
-    /// Which triangles between this cell and those to the right, below, and to the lower right are part of the surface however long or
-    /// steep they are, because a redesign or a filling made them so. With a the cell, b right of it, c to the lower right and d below:
-    /// bit 0 is the triangle a d c, bit 1 is a c b; or bit 2 is a d b and bit 3 is b d c.
-    pub fn joined(&self, cell: usize) -> u8 {
+    /// The forced triangles: they belong to the surface however long or steep they are, because they were redesigned or filled. The value
+    /// of a cell describes the triangles between the cell (a), its right neighbor (b), its lower right neighbor (c) and its lower neighbor
+    /// (d): bit 0 is the triangle a d c, bit 1 is a c b; or bit 2 is a d b and bit 3 is b d c.
+    pub fn forced_triangles(&self, cell: usize) -> u8 {
         self.joined.get(cell).copied().unwrap_or(0)
     }
 
-    /// The colors of all cells, row by row from the top, if they have any.
+    /// The colors of all cells, row by row from the top, if there are any.
     pub fn colors(&self) -> Option<&[Rgb]> {
         (!self.colors.is_empty()).then_some(&*self.colors)
     }
@@ -176,22 +176,22 @@ impl RangeImage {
         self.camera.as_ref()
     }
 
-    /// How cells lie on the picture.
+    /// The map from cells to the picture.
     pub fn registration(&self) -> &Registration {
         &self.registration
     }
 
-    /// From the sensor's frame to the world's, if known.
+    /// The rigid motion from the sensor's frame to the world's, if known.
     pub fn world_from_camera(&self) -> Option<&Matrix4<f64>> {
         self.world_from_camera.as_ref()
     }
 
-    /// Number of valid cells.
+    /// The number of valid cells.
     pub fn n_valid(&self) -> usize {
         self.points.iter().filter(|point| !point.x.is_nan()).count()
     }
 
-    /// Median depth z of the valid cells, in mm: of an even number of depths the upper of the middle two.
+    /// The median depth z of the valid cells, in mm. If the number of depths is even, the larger of the two middle ones.
     ///
     /// # Errors
     /// If no cell is valid.
@@ -205,7 +205,7 @@ impl RangeImage {
         Ok(*depths.select_nth_unstable_by(middle, f64::total_cmp).1)
     }
 
-    /// The frame of meshes made of this grid.
+    /// The frame of meshes that are made from this grid.
     ///
     /// # Errors
     /// If no cell is valid.
@@ -221,7 +221,7 @@ impl RangeImage {
     }
 }
 
-/// Has a point be finite in all coordinates, or in none.
+/// Sets all three coordinates of a point to NaN if one of them is not finite.
 fn without_half_points(points: &mut [Point3<f64>]) {
     points.par_iter_mut().with_min_len(16384).for_each(|point| {
         if !point.coords.iter().all(|x| x.is_finite()) {
@@ -262,7 +262,7 @@ impl Value for RangeImage {
     fn properties() -> &'static [Property<Self>] {
         const PROPERTIES: &[Property<RangeImage>] =
             &[Property::new("NonEmpty", "A cell has a point.", |value| {
-                (value.n_valid() == 0).then(|| Offence::nothing("cell with a point"))
+                (value.n_valid() == 0).then(|| Violation::lack_of("cell with a point"))
             })];
         PROPERTIES
     }
@@ -273,9 +273,9 @@ impl Value for RangeImage {
 
     fn describe(&self) -> Summary {
         let summary = Summary::default()
-            .with("size", format!("{} x {}", self.width, self.height))
-            .with("valid", self.n_valid())
-            .with("filled", self.filled.iter().filter(|&&filled| filled == 1).count())
+            .with_fact("size", format!("{} x {}", self.width, self.height))
+            .with_fact("valid", self.n_valid())
+            .with_fact("filled", self.filled.iter().filter(|&&filled| filled == 1).count())
             .with_histogram("depth z", self.points.iter().map(|point| point.z));
         super::mesh::describe_bounds(summary, self.points.iter().filter(|p| !p.x.is_nan()))
     }
@@ -286,10 +286,10 @@ impl Value for RangeImage {
         if !(0.0 <= x && x < self.width as f64 && 0.0 <= y && y < self.height as f64) {
             return Summary::default();
         }
-        let summary = Summary::default().with("range cell", vec![x, y]);
+        let summary = Summary::default().with_fact("range cell", vec![x, y]);
         match self.point(y as usize * self.width + x as usize) {
-            Some(point) => summary.with("point (mm)", point.coords.as_slice().to_vec()),
-            None => summary.with("point (mm)", "no range here"),
+            Some(point) => summary.with_fact("point (mm)", point.coords.as_slice().to_vec()),
+            None => summary.with_fact("point (mm)", "no range here"),
         }
     }
 
@@ -309,8 +309,8 @@ impl Value for RangeImage {
         None
     }
 
-    fn hostile() -> Vec<Self> {
-        parts::hostile()
+    fn edge_cases() -> Vec<Self> {
+        parts::edge_cases()
     }
 }
 

@@ -1,4 +1,4 @@
-//! A connected part of a range grid.
+//! Regions: connected parts of range grids.
 
 use nalgebra::Point3;
 use thiserror::Error;
@@ -9,49 +9,50 @@ use super::{
 
 mod parts;
 
-/// Why cells do not make a region.
+/// Error of building a region.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum RegionError {
-    /// Nothing is left.
-    #[error("the region is empty: no cell of the range grid lies in it")]
+    /// The region has no cells.
+    #[error("the region is empty: it contains no cell of the range grid")]
     Empty,
-    /// Lists of different lengths.
+    /// The lists of cells, points and flags have different lengths.
     #[error("{points} points and {flags} flags for {cells} cells")]
     Length {
-        /// Cells inside.
+        /// The number of cells.
         cells: usize,
-        /// Points given.
+        /// The number of points.
         points: usize,
-        /// Flags given.
+        /// The number of flags.
         flags: usize,
     },
-    /// A cell outside of the grid, or cells out of order.
-    #[error("cell {cell} is outside of the grid or not after the one before it")]
+    /// A cell is outside of the grid, or the cells are not in ascending order.
+    #[error("cell {cell} is outside of the grid or not after the previous cell")]
     Cell {
-        /// The offending cell.
+        /// The index of the cell in the list of cells.
         cell: u32,
     },
-    /// A cell without a point.
+    /// A cell has no finite point.
     #[error("cell {cell} of the region has no point")]
     NoPoint {
-        /// The offending cell.
+        /// The index of the cell in the list of cells.
         cell: u32,
     },
 }
 
-/// A closed chain of cells along the border of a region, each a neighbor (also diagonally) of the next.
+/// A closed chain of cells along the border of a region. Consecutive cells are neighbors, possibly diagonal ones.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Contour {
-    /// Whether it surrounds a hole of the region, instead of the region.
+    /// True if the contour surrounds a hole of the region. False if it surrounds the region.
     pub hole: bool,
-    /// Cells of the region, by index. The outer contour runs counter-clockwise and holes run clockwise, seen with x to the
-    /// right and y *up*.
+    /// The indices of the contour's cells, which belong to the region. With x to the right and y *up*, the outer contour runs
+    /// counter-clockwise and the contours of holes run clockwise.
     pub cells: Vec<u32>,
 }
 
-/// A part of a range grid that is to be redesigned, with its cells' points.
+/// A part of a range grid, with the points of its cells.
 ///
-/// Invariant, checked by [`Region::new`]: not empty; cells in raster order, inside the grid, each with a finite point.
+/// Invariant, checked by [`Region::new`]: there is at least one cell. The cells are inside the grid, in raster order, and each has a finite
+/// point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Region {
     width: usize,
@@ -63,11 +64,11 @@ pub struct Region {
 }
 
 impl Region {
-    /// A region of a `width` x `height` grid: its cells' indices (row by row from the top), one point for each, and 1 for
-    /// each cell whose point was computed, not measured.
+    /// Builds a region of a `width` x `height` grid from three lists: the indices of the region's cells (row by row from the top), the
+    /// point of each cell, and a flag per cell, which is 1 if the point was computed, not measured.
     ///
     /// # Errors
-    /// If there is no cell, the lists differ in length, a cell is outside or out of order, or a point is not finite.
+    /// If there is no cell, the lists differ in length, a cell is outside of the grid or out of order, or a point is not finite.
     pub fn new(
         width: usize,
         height: usize,
@@ -106,49 +107,49 @@ impl Region {
         })
     }
 
-    /// Cells in a row of the grid.
+    /// The number of columns of the grid.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Rows of the grid.
+    /// The number of rows of the grid.
     pub fn height(&self) -> usize {
         self.height
     }
 
-    /// Its cells' indices in the grid, row by row from the top.
+    /// The indices of the region's cells in the grid, row by row from the top.
     pub fn cells(&self) -> &[u32] {
         &self.cells
     }
 
-    /// The point of each cell, in the order of [`cells`](Self::cells), in the range's frame.
+    /// The point of each cell, in the order of [`cells`](Self::cells), in the frame of the range grid.
     pub fn points(&self) -> &[Point3<f64>] {
         &self.points
     }
 
-    /// 1 for each cell whose point was computed, not measured, in the order of [`cells`](Self::cells).
-    pub fn filled(&self) -> &[u8] {
+    /// The flag of each cell, in the order of [`cells`](Self::cells): 1 if the cell's point was computed, not measured.
+    pub fn filled_cells(&self) -> &[u8] {
         &self.filled
     }
 
-    /// The outer contour first, then the holes.
+    /// The contours of the region: the outer one first, then those of the holes.
     pub fn contours(&self) -> &[Contour] {
         &self.contours
     }
 
-    /// Where a cell of the grid stands in [`cells`](Self::cells), if it is inside.
+    /// Converts the index of a cell in the grid to its index in [`cells`](Self::cells). `None` if the cell is not in the region.
     pub fn find(&self, cell: usize) -> Option<usize> {
         u32::try_from(cell).ok().and_then(|cell| self.cells.binary_search(&cell).ok())
     }
 
-    /// The whole grid, 1 inside and 0 outside, row by row from the top.
+    /// The region as a mask of the whole grid, row by row from the top: 1 inside the region and 0 outside.
     pub fn grid(&self) -> Vec<u8> {
         let mut grid = vec![0; self.width * self.height];
         self.cells.iter().for_each(|&cell| grid[cell as usize] = 1);
         grid
     }
 
-    /// The smallest rectangle of cells that holds it: upper left and lower right cell, both inside, as (column, row).
+    /// The bounding rectangle: its upper left and lower right cells (both inclusive) as (column, row).
     pub fn bounds(&self) -> ([usize; 2], [usize; 2]) {
         let start = ([usize::MAX; 2], [0; 2]);
         self.cells.iter().fold(start, |(low, high), &cell| {
@@ -193,11 +194,11 @@ impl Value for Region {
         let filled = self.filled.iter().filter(|&&filled| filled == 1).count();
         let holes = self.contours.iter().filter(|contour| contour.hole).count();
         let summary = Summary::default()
-            .with("grid", format!("{} x {}", self.width, self.height))
-            .with("cells", self.cells.len())
-            .with("filled", filled)
-            .with("box", format!("({left}, {top})-({right}, {bottom})"))
-            .with("holes", holes);
+            .with_fact("grid", format!("{} x {}", self.width, self.height))
+            .with_fact("cells", self.cells.len())
+            .with_fact("filled", filled)
+            .with_fact("box", format!("({left}, {top})-({right}, {bottom})"))
+            .with_fact("holes", holes);
         super::mesh::describe_bounds(summary, self.points.iter())
     }
 
@@ -217,8 +218,8 @@ impl Value for Region {
         None
     }
 
-    fn hostile() -> Vec<Self> {
-        parts::hostile()
+    fn edge_cases() -> Vec<Self> {
+        parts::edge_cases()
     }
 }
 
@@ -240,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn cells_that_make_no_region_are_refused() {
+    fn invalid_regions_are_refused() {
         assert_eq!(region(vec![]), Err(RegionError::Empty));
         assert_eq!(region(vec![2, 1]), Err(RegionError::Cell { cell: 1 }));
         assert_eq!(region(vec![6]), Err(RegionError::Cell { cell: 6 }));

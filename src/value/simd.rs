@@ -1,13 +1,14 @@
-//! Wide vectors where the machine has them, and what loops on them need.
+//! Vector instructions: numerical kernels that are compiled for several vector widths, and functions for their loops.
 //!
-//! The program is built for every x86-64, whose vectors hold two `f64`. A [`Kernel`] is compiled again for four and for eight;
-//! which of them runs is decided when it is called. None fuses multiplications and additions unless all do, as a
-//! [`FusedKernel`] says, so that the bits are the same.
+//! The program runs on every x86-64 machine, and the vectors that all of them have hold two `f64`. A [`Kernel`] is also compiled for
+//! vectors of four and of eight `f64`; the version is chosen at run time. The bits of a result must not depend on the version. Therefore
+//! multiplications and additions are fused in all versions of a [`FusedKernel`], and in no version of any other kernel.
 //!
-//! A product and a sum that are rounded once are equal on every machine. Bytes change only if a compiler or library fuses where it can.
-//! Free-form deformation consists mainly of such pairs, and fused it takes two thirds of the time. Processors without the instruction
-//! (x86-64 before 2013, some cheap ones later) compute it with whole numbers, which is slow, so the lint forbids `mul_add` elsewhere. The
-//! function of the C library would be ten times as slow there.
+//! A fused multiplication and addition is rounded only once, and has the same bits on every machine. Results would differ only if a
+//! compiler or library fused operations on some machines but not on others. Free-form deformation consists mainly of multiplications and
+//! additions; fusing reduces its time to two thirds. Processors without an instruction for fusing (x86-64 before 2013, some cheap later
+//! ones) compute it with integers, which is slow, so a lint forbids `mul_add` in all other code. The function of the C library would be ten
+//! times as slow as the integer version.
 
 #![allow(
     unsafe_code,
@@ -16,29 +17,29 @@
 
 use std::marker::PhantomData;
 
-/// A loop over plain numbers. `run`, and whatever it calls in the loop, must be marked `#[inline(always)]`, or it stays as it
-/// is.
+/// A loop over plain numbers. `run` and all functions that the loop calls must be marked `#[inline(always)]`; otherwise they are not
+/// compiled for wide vectors.
 pub trait Kernel {
-    /// Does the work.
+    /// Runs the loop.
     fn run(self);
 }
 
-/// Runs a kernel with the widest vectors that this machine has.
+/// Runs a kernel with the widest vectors of the present machine.
 pub fn widest(kernel: impl Kernel) {
     if let Some(kernel) = wide(kernel) {
         kernel.run();
     }
 }
 
-/// A kernel that rounds sums of products once.
+/// A kernel whose multiplications and additions are fused.
 pub trait FusedKernel {
-    /// Does the work; as for [`Kernel::run`].
-    fn run<F: Fused>(self);
+    /// Runs the loop. The rules of [`Kernel`] apply.
+    fn run<F: MulAdd>(self);
 }
 
-/// Runs a kernel as [`widest`] does.
+/// Runs a fused kernel as [`widest`] does.
 pub fn widest_fused(kernel: impl FusedKernel) {
-    if let Some(By(kernel, _)) = wide(By(kernel, PhantomData::<Instruction>)) {
+    if let Some(WithMulAdd(kernel, _)) = wide(WithMulAdd(kernel, PhantomData::<Instruction>)) {
         if cfg!(target_arch = "aarch64") {
             kernel.run::<Instruction>();
         } else {
@@ -47,55 +48,56 @@ pub fn widest_fused(kernel: impl FusedKernel) {
     }
 }
 
-/// A kernel with its way to fuse.
-struct By<K, F>(K, PhantomData<F>);
+/// A fused kernel, together with the implementation of [`MulAdd`] that it uses.
+struct WithMulAdd<K, F>(K, PhantomData<F>);
 
-impl<K: FusedKernel, F: Fused> Kernel for By<K, F> {
+impl<K: FusedKernel, F: MulAdd> Kernel for WithMulAdd<K, F> {
     #[inline(always)]
     fn run(self) {
         self.0.run::<F>();
     }
 }
 
-/// A way to compute `a * b + c`, rounded once. No number is nearer than that, so all ways give the same bits.
-pub trait Fused {
-    /// `a * b + c`.
-    fn fused(a: f64, b: f64, c: f64) -> f64;
+/// An implementation of `a * b + c` with a single rounding. The correctly rounded result is unique, so all implementations give the same
+/// bits.
+pub trait MulAdd {
+    /// Returns `a * b + c`, rounded once.
+    fn mul_add(a: f64, b: f64, c: f64) -> f64;
 }
 
-/// One instruction, which each aarch64 has and each x86-64 since 2013, with few exceptions.
+/// The processor's instruction. Every aarch64 has it, and with few exceptions every x86-64 since 2013.
 #[derive(Clone, Copy, Debug)]
 pub struct Instruction;
 
-impl Fused for Instruction {
+impl MulAdd for Instruction {
     #[expect(clippy::disallowed_methods, reason = "only run where there is the instruction")]
     #[inline(always)]
-    fn fused(a: f64, b: f64, c: f64) -> f64 {
+    fn mul_add(a: f64, b: f64, c: f64) -> f64 {
         a.mul_add(b, c)
     }
 }
 
-/// A function of whole numbers, some 10 ns.
+/// A software implementation with integers, which takes about 10 ns per call.
 #[derive(Clone, Copy, Debug)]
 pub struct Software;
 
-impl Fused for Software {
-    fn fused(a: f64, b: f64, c: f64) -> f64 {
+impl MulAdd for Software {
+    fn mul_add(a: f64, b: f64, c: f64) -> f64 {
         libm::fma(a, b, c)
     }
 }
 
-/// Runs a kernel with wide vectors, or gives it back where there are none.
+/// Runs a kernel with wide vectors, or returns the kernel if the machine has no wide vectors.
 fn wide<K: Kernel>(kernel: K) -> Option<K> {
     #[cfg(target_arch = "x86_64")]
     {
         if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512vl") {
-            // SAFETY: the features were found just now.
+            // SAFETY: the features were detected above.
             unsafe { with_avx512(kernel) };
             return None;
         }
         if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
-            // SAFETY: the features were found just now.
+            // SAFETY: the features were detected above.
             unsafe { with_avx2(kernel) };
             return None;
         }
@@ -115,21 +117,21 @@ fn with_avx512(kernel: impl Kernel) {
     kernel.run();
 }
 
-/// Numbers for a loop of a kernel, where they cross no line of the processor's cache.
+/// An array of numbers for the loop of a kernel, aligned to the processor's cache lines.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
 pub struct Lanes<const N: usize>(pub [f64; N]);
 
 impl<const N: usize> Lanes<N> {
-    /// Zeros.
+    /// An array of zeros.
     pub const ZERO: Self = Self([0.0; N]);
 }
 
-/// Added to a number of small size it leaves the nearest integer, plus 1023, in the sum's lowest bits.
+/// If this constant is added to a small number, the lowest bits of the sum are the nearest integer plus 1023.
 const ROUND: f64 = (3_u64 << 51) as f64 + 1023.0;
 
-/// The polynomial that meets `2^x` at the 12 Chebyshev points of -1/2 to 1/2: off by 2e-17 at most, rounding of these numbers
-/// included. Computed with 60 digits for this file.
+/// The coefficients of the polynomial that interpolates `2^x` at the 12 Chebyshev points of -1/2 to 1/2. The error is at most 2e-17,
+/// including the rounding of the coefficients, which were computed with 60 digits.
 const POWERS: [f64; 12] = [
     1.0,
     std::f64::consts::LN_2,
@@ -145,44 +147,45 @@ const POWERS: [f64; 12] = [
     4.4558179083360645e-10,
 ];
 
-/// `2^x` for `x` below 1023.5, for loops of a [`Kernel`]: no branch, no table, and the same bits on every machine.
+/// `2^x` for `x` below 1023.5, for the loop of a [`Kernel`]. There is no branch and no table, and the bits are the same on every machine.
 ///
-/// Off by 2 units in the last place at most, and exact for integers. Below -1022, where the numbers lose digits, it stays at
-/// `2^-1022`, some 2e-308; from 1023.5 on it is wrong. NaN stays NaN.
+/// The error is at most 2 units in the last place, and 0 for integers. Below -1022, where subnormal numbers lose digits, the result stays
+/// at `2^-1022`, about 2e-308. From 1023.5 on the result is wrong. NaN stays NaN.
 #[inline(always)]
-pub fn exp2<F: Fused>(x: f64) -> f64 {
-    exp2_of_normal::<F>(if x < LEAST { LEAST } else { x })
+pub fn exp2<F: MulAdd>(x: f64) -> f64 {
+    exp2_of_normal::<F>(if x < MIN_EXPONENT { MIN_EXPONENT } else { x })
 }
 
-/// The least exponent of 2 whose power has all its digits.
-pub const LEAST: f64 = -1022.0;
+/// The minimum exponent for which the power of 2 is a normal number.
+pub const MIN_EXPONENT: f64 = -1022.0;
 
-/// [`exp2`] for `x` of [`LEAST`] at least, and wrong below: one operation less, where it is known that none is.
+/// [`exp2`] for `x` of at least [`MIN_EXPONENT`]; for smaller `x` the result is wrong. The function saves one operation where `x` is known
+/// to be in range.
 ///
-/// The integer next to `x` becomes the exponent's bits, a polynomial does the rest. Its powers are taken together by twos and
-/// fours (G. Estrin, "Organization of computer systems", 1960): the chain of operations that wait for each other has half the
-/// length of Horner's, and chains are what a processor has too few places for.
+/// The integer closest to `x` becomes the bits of the exponent, and a polynomial gives the remaining factor. The terms of the polynomial
+/// are combined by twos and fours (G. Estrin, "Organization of computer systems", 1960). The chain of dependent operations is then half as
+/// long as in Horner's scheme, and processors can only keep a limited number of chains in flight.
 #[inline(always)]
-pub fn exp2_of_normal<F: Fused>(x: f64) -> f64 {
+pub fn exp2_of_normal<F: MulAdd>(x: f64) -> f64 {
     let (rest, power_of_integer) = split(x);
     let sq = rest * rest;
     let fourth = sq * sq;
     #[inline(always)]
-    fn two<F: Fused>(first: usize, rest: f64) -> f64 {
-        F::fused(POWERS[first + 1], rest, POWERS[first])
+    fn linear<F: MulAdd>(first: usize, rest: f64) -> f64 {
+        F::mul_add(POWERS[first + 1], rest, POWERS[first])
     }
     #[inline(always)]
-    fn four<F: Fused>(first: usize, rest: f64, sq: f64) -> f64 {
-        F::fused(two::<F>(first + 2, rest), sq, two::<F>(first, rest))
+    fn cubic<F: MulAdd>(first: usize, rest: f64, sq: f64) -> f64 {
+        F::mul_add(linear::<F>(first + 2, rest), sq, linear::<F>(first, rest))
     }
-    F::fused(
-        F::fused(four::<F>(8, rest, sq), fourth, four::<F>(4, rest, sq)),
+    F::mul_add(
+        F::mul_add(cubic::<F>(8, rest, sq), fourth, cubic::<F>(4, rest, sq)),
         fourth,
-        four::<F>(0, rest, sq),
+        cubic::<F>(0, rest, sq),
     ) * power_of_integer
 }
 
-/// The polynomial that meets `2^x` at the 7 Chebyshev points of -1/2 to 1/2: off by 2.54e-9 at most.
+/// The coefficients of the polynomial that interpolates `2^x` at the 7 Chebyshev points of -1/2 to 1/2. The error is at most 2.54e-9.
 const ROUGH_POWERS: [f64; 7] = [
     1.0,
     0.6931472067028326,
@@ -193,23 +196,24 @@ const ROUGH_POWERS: [f64; 7] = [
     0.0001546144469856913,
 ];
 
-/// How much of itself a power of [`exp2_roughly`] is off by at most.
-pub const ROUGHLY: f64 = 2.6e-9;
+/// The maximum relative error of [`exp2_roughly`].
+pub const MAX_ROUGH_ERROR: f64 = 2.6e-9;
 
-/// [`exp2`], off by [`ROUGHLY`] of itself, in three quarters of the time: for sums that are not exact anyhow.
+/// [`exp2`] with a relative error of at most [`MAX_ROUGH_ERROR`], in three quarters of the time. Meant for sums that are not exact anyway.
 #[inline(always)]
-pub fn exp2_roughly<F: Fused>(x: f64) -> f64 {
-    let (rest, power_of_integer) = split(if x < LEAST { LEAST } else { x });
+pub fn exp2_roughly<F: MulAdd>(x: f64) -> f64 {
+    let (rest, power_of_integer) = split(if x < MIN_EXPONENT { MIN_EXPONENT } else { x });
     let sq = rest * rest;
     #[inline(always)]
-    fn two<F: Fused>(first: usize, rest: f64) -> f64 {
-        F::fused(ROUGH_POWERS[first + 1], rest, ROUGH_POWERS[first])
+    fn linear<F: MulAdd>(first: usize, rest: f64) -> f64 {
+        F::mul_add(ROUGH_POWERS[first + 1], rest, ROUGH_POWERS[first])
     }
-    let four = F::fused(two::<F>(2, rest), sq, two::<F>(0, rest));
-    F::fused(F::fused(ROUGH_POWERS[6], sq, two::<F>(4, rest)), sq * sq, four) * power_of_integer
+    let four = F::mul_add(linear::<F>(2, rest), sq, linear::<F>(0, rest));
+    F::mul_add(F::mul_add(ROUGH_POWERS[6], sq, linear::<F>(4, rest)), sq * sq, four)
+        * power_of_integer
 }
 
-/// The difference of `x` from the nearest integer, and 2 to the power of that integer.
+/// Splits `x` into the nearest integer and the difference from it. Returns the difference, and 2 to the power of that integer.
 #[inline(always)]
 fn split(x: f64) -> (f64, f64) {
     let rounded = x + ROUND;
@@ -233,7 +237,7 @@ mod tests {
 
     impl FusedKernel for Powers<'_> {
         #[inline(always)]
-        fn run<F: Fused>(self) {
+        fn run<F: MulAdd>(self) {
             self.0.iter_mut().for_each(|x| *x = exp2::<F>(*x));
         }
     }
@@ -252,16 +256,17 @@ mod tests {
         same_bits(numbers.clone(), |x| Powers(x).run::<Software>(), |x| widest_fused(Powers(x)));
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
-            // SAFETY: the features were found just now.
-            let by_instruction =
-                |x: &mut [f64]| unsafe { with_avx2(By(Powers(x), PhantomData::<Instruction>)) };
+            // SAFETY: the features were detected above.
+            let by_instruction = |x: &mut [f64]| unsafe {
+                with_avx2(WithMulAdd(Powers(x), PhantomData::<Instruction>));
+            };
             same_bits(numbers, |x| Powers(x).run::<Software>(), by_instruction);
         }
     }
 
     #[test]
     fn powers_of_two_are_off_by_two_units_at_most() {
-        // Steps of an irrational size, from the least to the greatest number, and finer ones around 0.
+        // The tested numbers are multiples of an irrational step from the minimum to the maximum exponent, and of a finer step around 0.
         let far =
             (0..1_000_000).map(|k| -1022.0 + 2045.0 * (f64::from(k) * 0.618_033_988_75).fract());
         let near = (0..200_000).map(|k| f64::from(k) * 1e-5 - 1.0);
@@ -275,13 +280,13 @@ mod tests {
     }
 
     #[test]
-    fn rough_powers_are_off_by_what_they_say() {
+    fn rough_powers_have_the_documented_error() {
         let worst = (0..1_000_000)
             .map(|k| f64::from(k) * 2e-3 - 1000.0)
             .map(|x: f64| (exp2_roughly::<Software>(x) / libm::exp2(x) - 1.0).abs());
         let worst = worst.fold(0.0, f64::max);
-        assert!(worst <= ROUGHLY, "{worst}");
-        assert!(worst > ROUGHLY / 2.0, "{worst} is much less than {ROUGHLY}");
+        assert!(worst <= MAX_ROUGH_ERROR, "{worst}");
+        assert!(worst > MAX_ROUGH_ERROR / 2.0, "{worst} is much less than {MAX_ROUGH_ERROR}");
         assert_eq!(exp2_roughly::<Software>(-1e300), f64::MIN_POSITIVE);
         assert!(exp2_roughly::<Software>(f64::NAN).is_nan());
     }

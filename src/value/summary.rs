@@ -1,4 +1,4 @@
-//! What people are told of a value.
+//! Summaries of values for people.
 
 /// Labelled facts in reading order.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -7,13 +7,13 @@ pub struct Summary(pub Vec<(String, serde_json::Value)>);
 impl Summary {
     /// Adds one fact.
     #[must_use]
-    pub fn with(mut self, label: &str, fact: impl Into<serde_json::Value>) -> Self {
+    pub fn with_fact(mut self, label: &str, fact: impl Into<serde_json::Value>) -> Self {
         self.0.push((label.to_owned(), fact.into()));
         self
     }
 
-    /// Adds how often numbers fall into each of 32 equal parts of their range: `{"from", "to", "counts"}`. Numbers that are not
-    /// finite do not count; without any other there is no such fact.
+    /// Adds a histogram as `{"from", "to", "counts"}`: the range of the numbers is divided into 32 equal parts, and the numbers in each
+    /// part are counted. Numbers that are not finite are ignored. If no number is finite, no fact is added.
     #[must_use]
     pub fn with_histogram(self, label: &str, numbers: impl Iterator<Item = f64> + Clone) -> Self {
         const PARTS: usize = 32;
@@ -26,9 +26,9 @@ impl Summary {
         let mut counts = vec![0u64; PARTS];
         for x in finite {
             let part = (x - from) / (to - from) * PARTS as f64;
-            // All numbers equal: NaN, which becomes part 0.
+            // If all numbers are equal, `part` is NaN, and the cast of NaN gives 0.
             counts[(part as usize).min(PARTS - 1)] += 1;
         }
-        self.with(label, serde_json::json!({ "from": from, "to": to, "counts": counts }))
+        self.with_fact(label, serde_json::json!({ "from": from, "to": to, "counts": counts }))
     }
 }

@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::hostile::clouds;
+use super::edge_cases::point_sets;
 use super::{
     ControlNet, DecodeError, Decoder, Encoder, KnotVector, Layer, Parts, PartsError, Summary, Value,
 };
@@ -21,48 +21,49 @@ pub use change::IsoCurve;
 pub use closest::Foot;
 pub use differentiate::Derivatives;
 
-/// A direction of a net or surface.
+/// A parameter direction, u or v, of a control net or surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub enum Along {
-    /// From row to row.
+#[serde(rename = "Along")]
+pub enum ParameterDirection {
+    /// The direction from row to row of the net.
     U,
-    /// From column to column.
+    /// The direction from column to column of the net.
     V,
 }
 
-/// Why a net and two knot vectors do not make a surface, or a surface has no answer.
+/// Error of building or evaluating a surface.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum SurfaceError {
-    /// A knot vector for another number of control points.
+    /// The number of knots does not match the number of control points.
     #[error("the knot vector along {along} is for {knots} control points, the net has {points}")]
     Count {
-        /// `u` or `v`.
+        /// The direction: `u` or `v`.
         along: char,
-        /// Control points that the knots are for.
+        /// The number of control points that the knots are for.
         knots: usize,
-        /// Control points of the net.
+        /// The number of control points of the net.
         points: usize,
     },
-    /// Weights that vanish together.
+    /// All weights that affect one polynomial piece are 0.
     #[error(
         "all weights around control point ({row}, {column}) are 0: the surface has no point there"
     )]
     Weights {
-        /// First row of the window of weights.
+        /// The first row of the weights that affect the piece.
         row: usize,
-        /// First column of the window of weights.
+        /// The first column of the weights that affect the piece.
         column: usize,
     },
 }
 
-/// A rational B-spline surface: a control net and a knot vector per direction; rows of the net run along u.
+/// A rational B-spline surface: a control net, and a knot vector for each direction. The rows of the net run along u.
 ///
 /// ```text
 /// S(u,v) = sum_ab w_ab P_ab N_a(u) N_b(v) / sum_ab w_ab N_a(u) N_b(v)
 /// ```
 ///
-/// Invariant, checked by [`Surface::new`]: the knot vectors fit the net; every window of (p + 1) x (q + 1) weights, the ones
-/// that meet in one piece, has a positive one.
+/// Invariant, checked by [`Surface::new`]: the knot vectors match the net. Each window of (p + 1) x (q + 1) weights, where p and q are the
+/// degrees along u and v, affects one polynomial piece and has at least one positive weight.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Surface {
     net: ControlNet,
@@ -71,10 +72,10 @@ pub struct Surface {
 }
 
 impl Surface {
-    /// The surface of a net and its two knot vectors.
+    /// Builds a surface from a net and its two knot vectors.
     ///
     /// # Errors
-    /// If a knot vector is for another number of control points, or weights vanish together.
+    /// If the number of knots does not match the net, or all weights of a piece are 0.
     pub fn new(net: ControlNet, u: KnotVector, v: KnotVector) -> Result<Self, SurfaceError> {
         for (along, knots, points) in [('u', &u, net.rows()), ('v', &v, net.columns())] {
             if knots.n_control() != points {
@@ -100,12 +101,12 @@ impl Surface {
         &self.net
     }
 
-    /// The knots along u: one control point per row.
+    /// The knots along u, with one control point per row of the net.
     pub fn u(&self) -> &KnotVector {
         &self.u
     }
 
-    /// The knots along v: one control point per column.
+    /// The knots along v, with one control point per column of the net.
     pub fn v(&self) -> &KnotVector {
         &self.v
     }
@@ -131,9 +132,9 @@ impl Value for Surface {
             format!("{:?}", knots.domain())
         }
         let mut summary = Summary::default()
-            .with("order", format!("{} x {}", self.u.degree() + 1, self.v.degree() + 1))
-            .with("domain u", domain(&self.u))
-            .with("domain v", domain(&self.v));
+            .with_fact("order", format!("{} x {}", self.u.degree() + 1, self.v.degree() + 1))
+            .with_fact("domain u", domain(&self.u))
+            .with_fact("domain v", domain(&self.v));
         summary.0.extend(self.net.describe().0);
         summary
     }
@@ -147,21 +148,24 @@ impl Value for Surface {
 
     fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
         let net = ControlNet::from_parts(parts)?;
-        let (u, v) = (KnotVector::of(parts, "knots u")?, KnotVector::of(parts, "knots v")?);
-        Self::new(net, u, v).map_err(PartsError::refused)
+        let (u, v) = (
+            KnotVector::from_named_parts(parts, "knots u")?,
+            KnotVector::from_named_parts(parts, "knots v")?,
+        );
+        Self::new(net, u, v).map_err(PartsError::from_error)
     }
 
-    /// As triangles, with the lines of its net.
+    /// Draws the surface as faces, and its control net as lines.
     fn show(&self) -> Vec<Layer> {
         let faces = self.tessellate(0, 0).map(|mesh| Layer::Triangles(Box::new(mesh)));
         faces.into_iter().chain(self.net.show()).collect()
     }
 
-    fn hostile() -> Vec<Self> {
+    fn edge_cases() -> Vec<Self> {
         fn knots() -> Result<KnotVector, crate::KnotVectorError> {
             KnotVector::new(2, vec![0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
         }
-        let surfaces = clouds(9).into_iter().map(|points| {
+        let surfaces = point_sets(9).into_iter().map(|points| {
             let net = ControlNet::new(3, 3, points).ok()?;
             Self::new(net, knots().ok()?, knots().ok()?).ok()
         });

@@ -1,52 +1,50 @@
-//! The topology of a mesh in numbers, and its size.
+//! Topological counts, area and volume of meshes.
 
 use nalgebra::Point3;
 
 use super::Mesh;
+use super::union_find::UnionFind;
 
-/// The topology of a mesh in numbers, which must be equal before any position is compared.
+/// Topological counts of a mesh. Two meshes must have equal counts before their positions are compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Topology {
-    /// Vertices, those without faces included.
+    /// The number of vertices, including those without faces.
     pub vertices: usize,
-    /// Edges.
+    /// The number of edges.
     pub edges: usize,
-    /// Faces.
+    /// The number of faces.
     pub faces: usize,
-    /// Components of faces that are connected by vertices.
+    /// The number of components, each a group of faces that are connected by vertices.
     pub components: usize,
-    /// Edges of one face.
+    /// The number of edges with one face.
     pub boundary: usize,
-    /// Edges of more than two faces.
+    /// The number of edges with more than two faces.
     pub non_manifold: usize,
-    /// Edges whose faces run through them in the same direction.
+    /// The number of edges that two faces traverse in the same direction.
     pub misoriented: usize,
 }
 
 impl Topology {
-    /// That of a mesh.
-    pub fn of(mesh: &Mesh) -> Self {
+    /// Computes the counts of a mesh.
+    pub fn from_mesh(mesh: &Mesh) -> Self {
         let (edges, components) = rayon::join(|| mesh.edges(), || components(mesh));
-        fn count(wanted: fn(&u32) -> bool, edges_faces: &[u32]) -> usize {
-            edges_faces.iter().filter(|n| wanted(n)).count()
-        }
         Self {
             vertices: mesh.positions().len(),
             edges: edges.vertices.len(),
             faces: mesh.faces().len(),
             components,
-            boundary: count(|&n| n == 1, &edges.faces),
-            non_manifold: count(|&n| n > 2, &edges.faces),
+            boundary: edges.faces.iter().filter(|&&n| n == 1).count(),
+            non_manifold: edges.faces.iter().filter(|&&n| n > 2).count(),
             misoriented: edges.misoriented,
         }
     }
 
-    /// Vertices - edges + faces.
+    /// The Euler characteristic: vertices - edges + faces.
     pub fn euler(&self) -> i64 {
         self.vertices as i64 - self.edges as i64 + self.faces as i64
     }
 
-    /// Its numbers with their names.
+    /// All counts with their names.
     pub fn facts(&self) -> [(&'static str, i64); 8] {
         [
             ("vertices", self.vertices as i64),
@@ -61,79 +59,59 @@ impl Topology {
     }
 }
 
-/// How many groups of faces there are that share no vertex.
+/// The number of components, each a group of faces that are connected by vertices.
 fn components(mesh: &Mesh) -> usize {
-    let mut parents: Vec<u32> = (0..mesh.positions().len() as u32).collect();
-    fn root(parents: &mut [u32], mut vertex: u32) -> u32 {
-        while parents[vertex as usize] != vertex {
-            // Halves the way for those who come later.
-            parents[vertex as usize] = parents[parents[vertex as usize] as usize];
-            vertex = parents[vertex as usize];
-        }
-        vertex
-    }
-    let mut used = vec![false; parents.len()];
+    let mut sets = UnionFind::new(mesh.positions().len());
+    let mut is_used = vec![false; mesh.positions().len()];
     for face in mesh.faces().iter() {
-        used[face[0] as usize] = true;
-        for &vertex in &face[1..] {
-            used[vertex as usize] = true;
-            let (a, b) = (root(&mut parents, face[0]), root(&mut parents, vertex));
-            parents[a.max(b) as usize] = a.min(b);
+        for &vertex in face {
+            is_used[vertex as usize] = true;
+            sets.union(face[0], vertex);
         }
     }
-    (0..parents.len()).filter(|vertex| used[*vertex] && parents[*vertex] == *vertex as u32).count()
+    (0..).zip(is_used).filter(|&(vertex, is_used)| is_used && sets.find(vertex) == vertex).count()
 }
 
-/// Closed chains of edges with one face.
+/// The number of connected groups of border edges.
 pub fn border_loops(mesh: &Mesh) -> usize {
     let border = border(mesh);
     let mut vertices: Vec<u32> = border.iter().flatten().copied().collect();
     vertices.sort_unstable();
     vertices.dedup();
-    fn index(vertex: &u32, vertices: &[u32]) -> usize {
-        vertices.binary_search(vertex).unwrap_or(0)
-    }
-    let mut leaders: Vec<usize> = (0..vertices.len()).collect();
-    fn leader(leaders: &mut [usize], mut of: usize) -> usize {
-        while leaders[of] != of {
-            leaders[of] = leaders[leaders[of]];
-            of = leaders[of];
-        }
-        of
-    }
+    let mut sets = UnionFind::new(vertices.len());
     for edge in &border {
-        let [a, b] = [0, 1].map(|end| leader(&mut leaders, index(&edge[end], &vertices)));
-        leaders[a.max(b)] = a.min(b);
+        let [a, b] = edge.map(|vertex| vertices.binary_search(&vertex).unwrap_or(0) as u32);
+        sets.union(a, b);
     }
-    (0..leaders.len()).filter(|&at| leaders[at] == at).count()
+    (0..vertices.len() as u32).filter(|&vertex| sets.find(vertex) == vertex).count()
 }
 
-/// The edges with one face.
+/// The border edges, which are the edges with only one face.
 pub fn border(mesh: &Mesh) -> Vec<[u32; 2]> {
     let edges = mesh.edges();
     let alone = edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1);
     alone.map(|(edge, _)| *edge).collect()
 }
 
-/// Area, volume (of a closed mesh), and the shortest and longest edge.
+/// The area, volume and edge lengths of a mesh.
 pub struct Extent {
-    /// Area, in mm².
+    /// The total area of the faces, in mm².
     pub area: f64,
-    /// Volume, in mm³: what it means only of a closed mesh.
+    /// The enclosed volume, in mm³. It is meaningful only for a closed mesh.
     pub volume: f64,
-    /// The shortest edge, in mm; infinite if there is none.
+    /// The length of the shortest edge, in mm; infinite if there are no edges.
     pub shortest: f64,
-    /// The longest edge, in mm.
+    /// The length of the longest edge, in mm.
     pub longest: f64,
 }
 
 impl Extent {
-    /// That of a mesh.
-    pub fn of(mesh: &Mesh) -> Self {
+    /// Computes the measures of a mesh.
+    pub fn from_mesh(mesh: &Mesh) -> Self {
         let middle =
             mesh.bounds().map_or(Point3::origin(), |(low, high)| nalgebra::center(&low, &high));
         let mut extent = Self { area: 0.0, volume: 0.0, shortest: f64::INFINITY, longest: 0.0 };
-        fn place(vertex: u32, mesh: &Mesh) -> Point3<f64> {
+        fn position(vertex: u32, mesh: &Mesh) -> Point3<f64> {
             mesh.positions()[vertex as usize]
         }
         for face in mesh.faces().iter() {
@@ -141,11 +119,11 @@ impl Extent {
             extent.area += area.norm();
             for k in 1..face.len() - 1 {
                 let [a, b, c] =
-                    [face[0], face[k], face[k + 1]].map(|vertex| place(vertex, mesh) - middle);
+                    [face[0], face[k], face[k + 1]].map(|vertex| position(vertex, mesh) - middle);
                 extent.volume += a.dot(&b.cross(&c)) / 6.0;
             }
             for (&from, &to) in face.iter().zip(face[1..].iter().chain(&face[..1])) {
-                let length = (place(from, mesh) - place(to, mesh)).norm();
+                let length = (position(from, mesh) - position(to, mesh)).norm();
                 extent.shortest = extent.shortest.min(length);
                 extent.longest = extent.longest.max(length);
             }

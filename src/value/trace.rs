@@ -1,57 +1,58 @@
-//! How an iteration went.
+//! Traces: the convergence of iterations.
 
 use thiserror::Error;
 
 use super::{
-    DecodeError, Decoder, Encoder, Layer, Meaning, On, Parts, PartsError, Series, Summary, Value,
+    DecodeError, Decoder, ElementKind, Encoder, Layer, Meaning, Parts, PartsError, Series, Summary,
+    Value,
 };
 
-/// Why steps make no trace.
+/// Error of building a trace.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum TraceError {
-    /// A step that is not after the one before it.
-    #[error("iteration {iteration} of the trace is not after the one before it")]
+    /// The iteration number of a step is not greater than that of the previous step.
+    #[error("iteration {iteration} of the trace is not after the previous one")]
     Order {
-        /// The offending iteration.
+        /// The number of the iteration.
         iteration: u64,
     },
-    /// A distance that is none.
+    /// A distance is negative or NaN.
     #[error("in iteration {iteration} the largest distance is {max} and the mean one {rms}")]
     Distance {
-        /// The offending iteration.
+        /// The number of the iteration.
         iteration: u64,
-        /// The largest distance.
+        /// The maximum distance from the goal.
         max: f64,
-        /// The root of the mean square.
+        /// The root mean square of the distances.
         rms: f64,
     },
 }
 
-/// How far from its goal an iteration was.
+/// A step of a trace: the distances from the goal after some iterations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TraceStep {
-    /// How many iterations were done by then: 0 at the start.
+    /// The number of completed iterations: 0 at the start.
     pub iteration: u64,
-    /// The largest distance of anything from where it should be; in mm where places are compared.
+    /// The maximum distance from the goal. It is in mm if positions are compared.
     pub max: f64,
-    /// The root of the mean of the distances' squares.
+    /// The root mean square of the distances.
     pub rms: f64,
 }
 
-/// How an iteration went: how far from its goal it was, step by step. The last step tells how far the result is.
+/// The convergence of an iterative computation: its distance from the goal, step by step. The last step describes the result.
 ///
-/// Invariant, checked by [`Trace::new`]: iterations grow from step to step; distances are 0 or more, or infinite where numbers
-/// overflow. There may be no step.
+/// Invariant, checked by [`Trace::new`]: iteration numbers increase from step to step. Distances are at least 0; they are infinite where
+/// numbers overflow. A trace may be empty.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trace {
     steps: Vec<TraceStep>,
 }
 
 impl Trace {
-    /// A trace of these steps.
+    /// Builds a trace of these steps.
     ///
     /// # Errors
-    /// If a step is not after the one before it, or a distance is negative or NaN.
+    /// If the iteration number of a step is not greater than that of the previous step, or a distance is negative or NaN.
     pub fn new(steps: Vec<TraceStep>) -> Result<Self, TraceError> {
         if let Some(pair) = steps.windows(2).find(|pair| pair[1].iteration <= pair[0].iteration) {
             return Err(TraceError::Order { iteration: pair[1].iteration });
@@ -65,6 +66,11 @@ impl Trace {
                 Err(TraceError::Distance { iteration, max, rms })
             }
         }
+    }
+
+    /// Returns one number of each step, as a list.
+    fn numbers(&self, number: fn(&TraceStep) -> f64) -> Vec<f64> {
+        self.steps.iter().map(number).collect()
     }
 
     /// The steps, in order.
@@ -85,9 +91,10 @@ impl Value for Trace {
 
     fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
         let [count] = from.counts()?;
-        let step =
-            |_| Ok(TraceStep { iteration: from.plain()?, max: from.plain()?, rms: from.plain()? });
-        Ok(Self { steps: (0..count).map(step).collect::<Result<_, _>>()? })
+        let steps = (0..count).map(|_| {
+            Ok(TraceStep { iteration: from.plain()?, max: from.plain()?, rms: from.plain()? })
+        });
+        Ok(Self { steps: steps.collect::<Result<_, _>>()? })
     }
 
     fn size(&self) -> usize {
@@ -95,7 +102,7 @@ impl Value for Trace {
     }
 
     fn describe(&self) -> Summary {
-        let summary = Summary::default().with("steps", self.steps.len());
+        let summary = Summary::default().with_fact("steps", self.steps.len());
         let (Some(first), Some(last)) = (self.steps.first(), self.steps.last()) else {
             return summary;
         };
@@ -103,68 +110,53 @@ impl Value for Trace {
             format!("max {:.3e}, rms {:.3e}", step.max, step.rms)
         }
         summary
-            .with("iterations", last.iteration)
-            .with("first", distances(first))
-            .with("last", distances(last))
+            .with_fact("iterations", last.iteration)
+            .with_fact("first", distances(first))
+            .with_fact("last", distances(last))
     }
 
     fn parts(&self) -> Parts<'_> {
-        fn column(of: fn(&TraceStep) -> f64, steps: &[TraceStep]) -> Vec<f64> {
-            steps.iter().map(of).collect::<Vec<_>>()
-        }
         let mut parts = Parts::default();
         parts.fact("steps", self.steps.len());
         parts.push(
             "iteration",
-            On::Step,
+            ElementKind::Step,
             Meaning::Exact,
             1,
-            column(|step| step.iteration as f64, &self.steps),
+            self.numbers(|step| step.iteration as f64),
         );
-        parts.push("max", On::Step, Meaning::Number, 1, column(|step| step.max, &self.steps));
-        parts.push("rms", On::Step, Meaning::Number, 1, column(|step| step.rms, &self.steps));
+        parts.push("max", ElementKind::Step, Meaning::Number, 1, self.numbers(|step| step.max));
+        parts.push("rms", ElementKind::Step, Meaning::Number, 1, self.numbers(|step| step.rms));
         parts
     }
 
-    /// Iterations are exact up to 2^53.
+    /// Builds a trace from parts. Iteration numbers are exact up to 2^53.
     fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
-        let iterations = parts.need("iteration", 1)?;
+        let iterations = parts.require("iteration", 1)?;
         let column = |name: &str| {
-            let column = parts.need(name, 1)?.with_count(iterations.count())?;
+            let column = parts.require(name, 1)?.with_count(iterations.count())?;
             Ok(column.items.numbers().into_owned())
         };
         let (max, rms) = (column("max")?, column("rms")?);
         let numbers = iterations.items.numbers();
         let steps = numbers.iter().enumerate().map(|(k, &x)| {
             if !(0.0..=u64::MAX as f64).contains(&x) || x.fract() != 0.0 {
-                return Err(iterations.wrong(k, x, "a count"));
+                return Err(iterations.number_error(k, x, "a count"));
             }
             Ok(TraceStep { iteration: x as u64, max: max[k], rms: rms[k] })
         });
-        Self::new(steps.collect::<Result<_, _>>()?).map_err(PartsError::refused)
+        Self::new(steps.collect::<Result<_, _>>()?).map_err(PartsError::from_error)
     }
 
     fn show(&self) -> Vec<Layer> {
         let at: Vec<_> = self.steps.iter().map(|step| step.iteration as f64).collect();
-        fn series(
-            name: &str,
-            of: fn(&TraceStep) -> f64,
-            at: &[f64],
-            steps: &[TraceStep],
-        ) -> Series {
-            Series {
-                name: name.to_owned(),
-                at: at.to_vec(),
-                numbers: steps.iter().map(of).collect(),
-            }
-        }
         vec![Layer::Plot(vec![
-            series("max", |step| step.max, &at, &self.steps),
-            series("rms", |step| step.rms, &at, &self.steps),
+            Series { name: "max".into(), at: at.clone(), numbers: self.numbers(|step| step.max) },
+            Series { name: "rms".into(), at, numbers: self.numbers(|step| step.rms) },
         ])]
     }
 
-    fn hostile() -> Vec<Self> {
+    fn edge_cases() -> Vec<Self> {
         fn step(iteration: u64, max: f64) -> TraceStep {
             TraceStep { iteration, max, rms: 0.0 }
         }
@@ -200,13 +192,13 @@ mod tests {
 
     #[test]
     fn a_trace_is_described_by_its_ends() {
-        assert_eq!(Trace::default().describe(), Summary::default().with("steps", 0));
+        assert_eq!(Trace::default().describe(), Summary::default().with_fact("steps", 0));
         let trace = Trace::new(vec![step(0, 2.0, 1.0), step(4, 0.5, 0.25)]).unwrap();
         let expected = Summary::default()
-            .with("steps", 2)
-            .with("iterations", 4)
-            .with("first", "max 2.000e0, rms 1.000e0")
-            .with("last", "max 5.000e-1, rms 2.500e-1");
+            .with_fact("steps", 2)
+            .with_fact("iterations", 4)
+            .with_fact("first", "max 2.000e0, rms 1.000e0")
+            .with_fact("last", "max 5.000e-1, rms 2.500e-1");
         assert_eq!(trace.describe(), expected);
     }
 }

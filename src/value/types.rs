@@ -1,11 +1,11 @@
-//! Which types of values there are.
+//! The list of the engine's value types.
 
 use super::{
     ControlNet, Curve, Direction, Field, Handles, Image, KnotVector, Labels, Mask, Mesh, Points,
     RangeImage, Region, Surface, Trace, ValueType, value_type,
 };
 
-/// The engine's own types.
+/// The value types of the engine itself, without those of packs.
 pub const TYPES: &[&ValueType] = &[
     value_type::<Mesh>(),
     value_type::<Surface>(),

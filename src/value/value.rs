@@ -1,30 +1,31 @@
-//! What a type of values says of itself, and a value whose type is known at run time.
+//! The trait that value types implement, and a value whose type is known only at run time.
 
 use std::any::Any;
 use std::fmt;
 use std::sync::Arc;
 
 use crate::elements::{Cut, ElementType, Elements};
-use crate::encoding::{Columns, DecodeError, Decoder, Encoder, Kept, hash_of};
+use crate::encoding::{Columns, DecodeError, Decoder, EncodedValue, Encoder, hash_of};
 use crate::hash::Hash;
 use crate::layer::Layer;
 use crate::mesh::Mesh;
 use crate::parts::{Parts, PartsError};
-use crate::property::{Offence, Property};
+use crate::property::{Property, Violation};
 use crate::summary::Summary;
 use crate::{elements, encoding};
 
-/// A noun of the graph: what a port takes and an output gives. It says everything about itself: its file is all there is to a type.
+/// A type of values. A port takes values of a type, and an output produces them. An implementation of this trait defines the type
+/// completely; no other file lists the properties of types.
 pub trait Value: Clone + Send + Sync + 'static {
-    /// The word in graph files and messages, in CamelCase: `RangeImage`.
+    /// The type's name in graph files and messages, in CamelCase: `RangeImage`.
     const NAME: &'static str;
 
-    /// Writes the whole content, in one fixed order: equal content, equal hash, and nothing else.
+    /// Writes the whole content in a fixed order, so that equal contents have equal hashes and different contents have different hashes.
     fn encode(&self, to: &mut Encoder);
 
-    /// Reads the content back, part by part as [`Value::encode`] wrote it; its bytes are known to be unchanged.
+    /// Reads the content back, part by part, as [`Value::encode`] wrote it. The caller has verified the bytes.
     ///
-    /// A type that leaves this out is never answered from the disk cache.
+    /// Values of a type without this method are never read from the disk cache.
     ///
     /// # Errors
     /// If the content is not what `encode` writes.
@@ -33,40 +34,41 @@ pub trait Value: Clone + Send + Sync + 'static {
         Err(DecodeError)
     }
 
-    /// How much memory the value holds, in bytes.
-    /// That includes memory that is reserved for more items. Memory that two values share counts for both.
+    /// The memory that the value holds, in bytes, including capacity that is reserved for more items. Memory that two values share counts
+    /// for both.
     fn size(&self) -> usize;
 
-    /// What a reader wants to know first: counts, bounds, topology; one labelled fact a row.
+    /// A summary for readers: counts, bounds, topology; one labelled fact per row.
     fn describe(&self) -> Summary;
 
-    /// What is at the picture's pixel `at` (column, row); empty where the value has no pixels.
+    /// Facts about the pixel at the position `at` (column, row) of the value's picture. Empty if the value has no pixels.
     fn probe(&self, at: [usize; 2]) -> Summary {
         let _ = at;
         Summary::default()
     }
 
-    /// Everything that it is made of, as named columns of numbers and facts, without copies where it holds numbers side by side. Tests
-    /// compare these; a value without any is compared by what [`describe`](Value::describe) says.
+    /// The complete content of the value as facts and named columns of numbers. The columns are borrowed where the value holds numbers
+    /// contiguously. Tests compare parts; a value without parts is compared by [`describe`](Value::describe).
     fn parts(&self) -> Parts<'_>;
 
-    /// The value that is made of these parts, as [`parts`](Value::parts) names them; columns that a value need not have may be left out,
-    /// and numbers may be of any width.
+    /// Builds a value from parts with the names that [`parts`](Value::parts) uses. Optional columns may be missing, and numbers may have
+    /// any width.
     ///
     /// # Errors
-    /// If a part is missing, of the wrong shape, or holds what its type does not allow; in any case if the type leaves this out.
+    /// If a part is missing, has the wrong shape, or holds numbers that the type does not allow. If the type does not implement this
+    /// method, every call fails.
     fn from_parts(parts: &Parts<'_>) -> Result<Self, PartsError> {
         let _ = parts;
         Err(PartsError::Never { kind: Self::NAME })
     }
 
-    /// How it can be looked at; nothing if facts alone tell of it.
+    /// The layers that viewers draw. Empty if the value is shown as facts only.
     fn show(&self) -> Vec<Layer> {
         Vec::new()
     }
 
-    /// The faces that it shows, as one mesh; nothing if it shows none. These are the first of [`show`](Value::show), unless a type that
-    /// has none, or has them as they are, says so without drawing the rest.
+    /// The faces that the value shows, as one mesh. `None` if it shows no faces. The default is the first mesh in [`show`](Value::show). A
+    /// type whose values have no faces, or have the mesh at hand, should override the method, so that the other layers are not built.
     fn as_mesh(&self) -> Option<Mesh> {
         self.show().into_iter().find_map(|layer| match layer {
             Layer::Triangles(mesh) => Some(*mesh),
@@ -74,32 +76,32 @@ pub trait Value: Clone + Send + Sync + 'static {
         })
     }
 
-    /// What a `ForEach` can go over in it; nothing unless the type says so.
+    /// The kinds of elements that a `ForEach` can iterate over. By default there are none.
     fn elements() -> Vec<Elements<Self>> {
         Vec::new()
     }
 
-    /// Values that the type allows and that are hard to treat: empty, tiny, degenerate, enormous. They are what
-    /// `maquette::conformance` tries nodes on, and tell which tolerances a test may give.
-    fn hostile() -> Vec<Self> {
+    /// Valid values that are hard to process: empty, tiny, degenerate, enormous. `maquette::conformance` runs nodes on these values. The
+    /// values also show which tolerances a test may use.
+    fn edge_cases() -> Vec<Self> {
         Vec::new()
     }
 
-    /// What may hold of a value of this type, so that ports can want it and outputs promise it.
+    /// Properties of values of this type, which ports can require and outputs can promise.
     fn properties() -> &'static [Property<Self>] {
         &[]
     }
 }
 
-/// What the engine knows of a type of values. Made by [`value_type`]; a pack lists the types that it brings.
+/// A value type as the engine sees it: its name and its functions. [`value_type`] creates it. A pack lists the types that it adds.
 #[derive(Clone, Copy)]
 pub struct ValueType {
-    /// The word in graph files.
+    /// The type's name in graph files.
     pub name: &'static str,
     pub(super) describe: fn(&(dyn Any + Send + Sync)) -> Summary,
     pub(super) probe: fn(&(dyn Any + Send + Sync), [usize; 2]) -> Summary,
     pub(super) size: fn(&(dyn Any + Send + Sync)) -> usize,
-    pub(super) keep: fn(&(dyn Any + Send + Sync)) -> Kept,
+    pub(super) encode: fn(&(dyn Any + Send + Sync)) -> EncodedValue,
     pub(super) decode: fn(&[u8], &dyn Columns, Hash) -> Result<AnyValue, DecodeError>,
     pub(super) parts: fn(&(dyn Any + Send + Sync)) -> Parts<'_>,
     pub(super) from_parts: fn(&Parts<'_>) -> Result<AnyValue, PartsError>,
@@ -107,9 +109,9 @@ pub struct ValueType {
     pub(super) as_mesh: fn(&(dyn Any + Send + Sync)) -> Option<Mesh>,
     pub(super) elements: fn() -> Vec<ElementType>,
     pub(super) cut: fn(&(dyn Any + Send + Sync), &str, usize, &[AnyValue]) -> Cut,
-    pub(super) hostile: fn() -> Vec<AnyValue>,
+    pub(super) edge_cases: fn() -> Vec<AnyValue>,
     pub(super) properties: fn() -> Vec<(&'static str, &'static str)>,
-    pub(super) offence: fn(&(dyn Any + Send + Sync), &str) -> Option<Offence>,
+    pub(super) violation: fn(&(dyn Any + Send + Sync), &str) -> Option<Violation>,
 }
 
 impl fmt::Debug for ValueType {
@@ -119,12 +121,12 @@ impl fmt::Debug for ValueType {
 }
 
 impl ValueType {
-    /// Where its code is.
+    /// The address of the type's decoding function. Within this process it identifies the code of the type.
     pub fn code(&self) -> usize {
         self.decode as usize
     }
 
-    /// The value of this type that has this hash, from its kept content.
+    /// Decodes the value with this hash from its stored content.
     pub fn decode(
         &self,
         bytes: &[u8],
@@ -134,30 +136,30 @@ impl ValueType {
         (self.decode)(bytes, columns, hash)
     }
 
-    /// The value of this type that is made of these parts: see [`Value::from_parts`].
+    /// Builds a value from parts: see [`Value::from_parts`].
     ///
     /// # Errors
-    /// If they make none.
+    /// If the parts do not make a value of this type.
     pub fn from_parts(&self, parts: &Parts<'_>) -> Result<AnyValue, PartsError> {
         (self.from_parts)(parts)
     }
 
-    /// What a `ForEach` can go over in such a value.
+    /// The kinds of elements that a `ForEach` can iterate over in values of this type.
     pub fn elements(&self) -> Vec<ElementType> {
         (self.elements)()
     }
 
-    /// Values of this type that are hard to treat: see [`Value::hostile`].
-    pub fn hostile(&self) -> Vec<AnyValue> {
-        (self.hostile)()
+    /// Valid values of this type that are hard to process: see [`Value::edge_cases`].
+    pub fn edge_cases(&self) -> Vec<AnyValue> {
+        (self.edge_cases)()
     }
 
-    /// The names of the properties that its values may have, and what they mean: see [`Value::properties`].
+    /// The names and descriptions of the properties that values of this type may have: see [`Value::properties`].
     pub fn properties(&self) -> Vec<(&'static str, &'static str)> {
         (self.properties)()
     }
 
-    /// The property of this name, if its values may have it.
+    /// The property with this name, if values of this type may have it.
     pub fn property(&self, name: &str) -> Option<&'static str> {
         self.properties().into_iter().map(|(known, _)| known).find(|known| *known == name)
     }
@@ -177,7 +179,7 @@ impl<T: Value> TypeOf<T> {
         describe: |value| downcast::<T>(value).describe(),
         probe: |value, at| downcast::<T>(value).probe(at),
         size: |value| downcast::<T>(value).size(),
-        keep: |value| encoding::keep(downcast::<T>(value)),
+        encode: |value| encoding::encode(downcast::<T>(value)),
         decode: |bytes, columns, hash| {
             let value: T = encoding::decode(bytes, columns, hash)?;
             Ok(AnyValue { kind: value_type::<T>(), hash, value: Arc::new(value) })
@@ -187,10 +189,12 @@ impl<T: Value> TypeOf<T> {
         show: |value| downcast::<T>(value).show(),
         as_mesh: |value| downcast::<T>(value).as_mesh(),
         elements: ElementType::all_of::<T>,
-        cut: |value, word, most, before| elements::cut(downcast::<T>(value), word, most, before),
-        hostile: || T::hostile().into_iter().map(AnyValue::new).collect(),
+        cut: |value, word, max_count, before| {
+            elements::cut(downcast::<T>(value), word, max_count, before)
+        },
+        edge_cases: || T::edge_cases().into_iter().map(AnyValue::new).collect(),
         properties: || T::properties().iter().map(|it| (it.name, it.doc)).collect(),
-        offence: |value, name| {
+        violation: |value, name| {
             let property = T::properties().iter().find(|property| property.name == name)?;
             (property.test)(downcast::<T>(value))
         },
@@ -203,12 +207,12 @@ fn downcast<T: Value>(value: &(dyn Any + Send + Sync)) -> &T {
     })
 }
 
-/// The description of `T` for the engine.
+/// Returns the description of the type `T` for the engine.
 pub const fn value_type<T: Value>() -> &'static ValueType {
     &TypeOf::<T>::TYPE
 }
 
-/// A value on a link: shared, of a known type, with the hash of its content.
+/// A value on a link. It is shared, and knows its type and the hash of its content.
 #[derive(Clone)]
 pub struct AnyValue {
     pub(super) kind: &'static ValueType,
@@ -217,78 +221,78 @@ pub struct AnyValue {
 }
 
 impl AnyValue {
-    /// Shares `value`; hashes it once, here.
+    /// Wraps `value` and computes its hash.
     pub fn new<T: Value>(value: T) -> Self {
         Self { kind: value_type::<T>(), hash: hash_of(&value), value: Arc::new(value) }
     }
 
-    /// Its type.
+    /// The value's type.
     pub fn kind(&self) -> &'static ValueType {
         self.kind
     }
 
-    /// The hash of its type and content.
+    /// The hash of the value's type and content.
     pub fn hash(&self) -> Hash {
         self.hash
     }
 
-    /// The value itself, if it is a `T`.
+    /// The value as a `T`, or `None` if it has another type.
     pub fn get<T: Value>(&self) -> Option<&T> {
         self.value.downcast_ref()
     }
 
-    /// How much memory it holds, in bytes.
+    /// The memory that the value holds, in bytes.
     pub fn size(&self) -> usize {
         (self.kind.size)(&*self.value)
     }
 
-    /// Its content as the disk cache keeps it.
-    pub fn keep(&self) -> Kept {
-        (self.kind.keep)(&*self.value)
+    /// The content as the disk cache stores it.
+    pub fn encode(&self) -> EncodedValue {
+        (self.kind.encode)(&*self.value)
     }
 
-    /// Whether its content gives the same value again when it is read back.
+    /// Returns true if decoding the encoded content gives an equal value.
     pub fn can_be_read_back(&self) -> bool {
-        let kept = self.keep();
+        let kept = self.encode();
         self.kind.decode(&kept.bytes, &kept, self.hash).is_ok()
     }
 
-    /// What a reader wants to know first.
+    /// A summary for readers: see [`Value::describe`].
     pub fn describe(&self) -> Summary {
         (self.kind.describe)(&*self.value)
     }
 
-    /// What is at the picture's pixel `at` (column, row).
+    /// Facts about the pixel at the position `at` (column, row): see [`Value::probe`].
     pub fn probe(&self, at: [usize; 2]) -> Summary {
         (self.kind.probe)(&*self.value, at)
     }
 
-    /// What it is made of.
+    /// The value's facts and columns: see [`Value::parts`].
     pub fn parts(&self) -> Parts<'_> {
         (self.kind.parts)(&*self.value)
     }
 
-    /// How it can be looked at.
+    /// The layers that viewers draw: see [`Value::show`].
     pub fn show(&self) -> Vec<Layer> {
         (self.kind.show)(&*self.value)
     }
 
-    /// The faces that it shows, as one mesh; nothing if it shows none.
+    /// The faces that the value shows, as one mesh. `None` if it shows no faces.
     pub fn as_mesh(&self) -> Option<Mesh> {
         (self.kind.as_mesh)(&*self.value)
     }
 
-    /// What stands against a property of its type, by name; none if it holds.
-    pub fn offence(&self, property: &str) -> Option<Offence> {
-        (self.kind.offence)(&*self.value, property)
+    /// Checks the property of this name. Returns its violation, or `None` if the value has the property.
+    pub fn violation(&self, property: &str) -> Option<Violation> {
+        (self.kind.violation)(&*self.value, property)
     }
 }
 
 impl AnyValue {
-    /// Its elements that a word means, for a `ForEach`, if there are no more than `most`; none if its type has no such elements. Those
-    /// of another value, `before`, may be taken over.
-    pub fn cut(&self, word: &str, most: usize, before: &[Self]) -> Cut {
-        (self.kind.cut)(&*self.value, word, most, before)
+    /// Splits the value into the elements that `word` names, for a `ForEach`, if there are at most `max_count`. `None` if the type has no
+    /// such elements. If an element of an older value, `before`, is equal to a new one, it may be reused.
+    pub fn cut(&self, word: &str, max_count: usize, before: &[Self]) -> Cut {
+        (self.kind.cut)(&*self.value, word, max_count, before)
     }
 }
 

@@ -1,4 +1,4 @@
-//! A file says all of its mistakes at once, whatever kind of file it is.
+//! For each kind of file, one run reports all of its errors.
 
 use std::fs;
 
@@ -10,7 +10,7 @@ fn project() -> Project {
     Project::with_tetrahedron(LIFTED)
 }
 
-/// The line, code and message of each problem that the check finds in a file of this text.
+/// Returns the line, code and message of each error that `check` reports for a file with this text.
 fn problems(project: &Project, file: &str, text: &str) -> Vec<String> {
     fs::write(project.folder().join(file), text).unwrap();
     let output = project.maquette(&["check", file, "--json"]);
@@ -54,14 +54,14 @@ fn a_patch_goes_on_behind_syntax_errors() {
             "5 G013 there is no file `tte.obj`",
             "6 G004 Transform has no field `trnslate`",
             "3 G007 `lfit`: the graph has no parameter `lfit`",
-            "3 G001 there is no comma before `\"lift\"`",
+            "3 G001 missing comma before `\"lift\"`",
             "5 G001 expected `)`, which closes the `(` at 5:17, found `]`",
-            "6 G001 there is no comma before `1`",
+            "6 G001 missing comma before `1`",
             "7 G007 `lftied.rotate`: the graph has no node `lftied`",
             "9 G004 Patch has no field `node`",
         ],
     );
-    // What an unclosed bracket swallows is not said to be missing.
+    // Fields that may be inside of the unclosed bracket are not reported as missing.
     check(
         &project,
         "other.ron",
@@ -71,7 +71,7 @@ fn a_patch_goes_on_behind_syntax_errors() {
             "4 G004 Patch has no field `docs`",
         ],
     );
-    // Those of the graph that it patches.
+    // The parameters of the patched graph are known although the graph has errors.
     fs::write(
         project.graph(),
         LIFTED.replace("0)),", "0]),").replace("mesh: \"mesh\"", "mesh: \"hsem\""),
@@ -85,7 +85,7 @@ fn a_patch_goes_on_behind_syntax_errors() {
             "1 G010 parameter `lift` is 50, but must be at least 0 and at most 40",
             "6 G007 there is no node `hsem`",
             "6 G001 expected `)`, which closes the `(` at 6:54, found `]`",
-            "1 G001 something is missing before this",
+            "1 G001 expected a comma or a colon before this",
         ],
     );
 }
@@ -110,9 +110,9 @@ fn a_test_goes_on_behind_syntax_errors() {
         test,
         &[
             "4 G001 this `(` is not closed before the `}` at 6:5",
-            "5 G001 there is no comma before `\"b\"`",
-            "5 G001 there is no comma before `2`",
-            "5 G009 expected the reason why the case is skipped, found an empty text",
+            "5 G001 missing comma before `\"b\"`",
+            "5 G001 missing comma before `2`",
+            "5 G009 expected a reason for skipping the case, found an empty text",
             "7 G004 Mesh has no tolerance `mx`",
             "7 G001 expected `)`, which closes the `(` at 7:31, found `]`",
             "9 G004 Test has no field `budgt`",
@@ -130,7 +130,7 @@ fn a_sweep_goes_on_behind_syntax_errors() {
         "all.sweep.ron",
         "Sweep(\n    graph: \"doll.ron\"\n    over: Values(\"lift\", [1, 50]],\n    set: { \"mesh.path\": \"tte.obj\" },\n)\n",
         &[
-            "3 G001 there is no comma before `over`",
+            "3 G001 missing comma before `over`",
             "3 G010 parameter `lift` is 50, but must be at least 0 and at most 40",
             "3 G001 expected `)`, which closes the `(` at 3:17, found `]`",
             "4 G013 doll.ron:5:32: there is no file `tte.obj`",
@@ -141,7 +141,7 @@ fn a_sweep_goes_on_behind_syntax_errors() {
         "all.sweep.ron",
         "Sweep(\n    graph: \"doll.ron\"\n    over: Values(\"lift\", [1, 2]),\n    otu: \"a\",\n    picture: (zoom: -1],\n)\n",
         &[
-            "3 G001 there is no comma before `over`",
+            "3 G001 missing comma before `over`",
             "4 G004 Sweep has no field `otu`",
             "5 G010 field `zoom` of Sweep is -1, but must be at least 0.01 and at most 100",
             "5 G001 expected `)`, which closes the `(` at 5:14, found `]`",
@@ -199,22 +199,22 @@ fn what_can_only_fail_is_refused_by_the_check() {
         ("Interpolate(mesh: \"mesh\", scheme: CatmullClark, solver: Pcg, foot: Closest)", ""),
         (
             "Foreground(by: KeyColor(color: \"#00ff00\"))",
-            "Foreground: `by: KeyColor` needs the port `image`, which is not linked",
+            "Foreground: `by: KeyColor` requires the port `image`, which is not linked",
         ),
         (
             "KeepCells(range: \"range\", within: Attribute(name: \"a\"))",
-            "KeepCells: cells have no attributes",
+            "KeepCells: the cells of a range image have no attributes",
         ),
         (
             "Unwrap(mesh: \"mesh\", size: 16, padding: 16)",
             "Unwrap: `padding` is 16 px, which leaves no room in 16 x 16 px",
         ),
-        ("Ffd(mesh: \"mesh\", mode: Absolute, background: 0.1)", "Ffd: the background is 0.1"),
+        ("Ffd(mesh: \"mesh\", mode: Absolute, background: 0.1)", "Ffd: `background` is 0.1"),
         (
             "Ffd(mesh: \"mesh\", targets: [(handle: 0, to: (0, 0, 0))])",
-            "Ffd: there is a target for handle 0",
+            "Ffd: there is no handle 0 for a target",
         ),
-        ("Foreground()", "Foreground: `by: Valid` needs the port `range`, which is not linked"),
+        ("Foreground()", "Foreground: `by: Valid` requires the port `range`, which is not linked"),
     ] {
         let text = format!(
             "Graph(\n    format: 1,\n    nodes: {{\n        \"mesh\": ReadMesh(path: \"tet.obj\"),\n        \"curve\": ReadCurve(path: \"tet.obj\"),\n        \"range\": ReadRange(path: \"a.pcd\"),\n        \"net\": PointNet(points: {square}),\n        \"surface\": Nurbs(net: \"net\"),\n        \"it\": {node},\n    }},\n    outputs: {{ \"a.json\": \"it\" }},\n)\n"
@@ -251,7 +251,7 @@ fn a_conflict_of_a_merge_in_the_marker_of_the_project_is_told_everywhere() {
         let output = project.maquette(words);
         let told = String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned();
         assert!(!output.status.success(), "{words:?}: {told}");
-        let message = "this file has the conflict marks of a merge";
+        let message = "this file contains merge conflict markers";
         assert_eq!(told.matches(message).count(), 1, "{words:?}: {told}");
         assert!(told.contains("maquette.toml:2:1"), "{words:?}: {told}");
     }

@@ -1,4 +1,4 @@
-//! Several commands that change the same file at the same time: none of what they change is lost.
+//! Several commands change one file at the same time, and no change is lost.
 
 use std::io::Write;
 use std::process::{Child, Stdio};
@@ -24,7 +24,7 @@ fn project() -> Project {
     project
 }
 
-/// Starts one for each number, all before the first one is waited for.
+/// Starts one process for each number and then waits for all of them.
 fn at_once(project: &Project, words: impl Fn(usize) -> Vec<String>) {
     let started: Vec<Child> = (0..COUNT)
         .map(|k: usize| {
@@ -52,7 +52,7 @@ fn no_edit_is_lost() {
     let project = project();
     let before = names(&project);
     at_once(&project, |k| {
-        ["set", "doll.ron", &format!("p{k}={}", k + 1)].map(str::to_owned).into()
+        ["edit", "doll.ron", "set", &format!("p{k}={}", k + 1)].map(str::to_owned).into()
     });
     let text = std::fs::read_to_string(project.graph()).unwrap();
     for k in 0..COUNT {
@@ -65,13 +65,15 @@ fn no_edit_is_lost() {
 fn no_pin_is_lost() {
     let project = project();
     at_once(&project, |k| ["pin", "doll.ron", &format!("n{k}")].map(str::to_owned).into());
-    fn pinned(project: &Project) -> usize {
+    fn count_pins(project: &Project) -> usize {
         let output = project.maquette(&["pin", "doll.ron", "--list"]);
         String::from_utf8_lossy(&output.stdout).lines().count()
     }
-    assert_eq!(pinned(&project), COUNT);
-    at_once(&project, |k| ["unpin", "doll.ron", &format!("n{k}")].map(str::to_owned).into());
-    assert_eq!(pinned(&project), 0);
+    assert_eq!(count_pins(&project), COUNT);
+    at_once(&project, |k| {
+        ["pin", "--remove", "doll.ron", &format!("n{k}")].map(str::to_owned).into()
+    });
+    assert_eq!(count_pins(&project), 0);
     assert!(!names(&project).contains(&"doll.pins".to_owned()));
 }
 
@@ -97,9 +99,9 @@ fn no_update_of_a_lock_is_lost() {
     at_once(&project, |_| ["lock", "doll.ron"].map(str::to_owned).into());
     write_used(2, &project);
     at_once(&project, |k| {
-        ["update", "doll.ron", &format!("U{k}"), "--yes"].map(str::to_owned).into()
+        ["lock", "--update", "doll.ron", &format!("U{k}"), "--yes"].map(str::to_owned).into()
     });
-    let output = project.maquette(&["update", "doll.ron", "--yes"]);
+    let output = project.maquette(&["lock", "--update", "doll.ron", "--yes"]);
     let told = String::from_utf8_lossy(&output.stdout);
     assert!(told.contains("is up to date"), "{told}");
 }
@@ -134,8 +136,7 @@ fn a_layout_is_that_of_one_of_those_who_wrote_it_and_none_is_refused() {
         assert_eq!(answers, turns, "{told}");
     }
     let text = std::fs::read_to_string(project.folder().join("doll.layout.ron")).unwrap();
-    let is_last_of =
-        |k: &usize| text.matches(&format!(": ({k}.000, {turns}.000)")).count() == COUNT;
+    let is_last_of = |k: &usize| text.matches(&format!(": ({k}.0, {turns}.0)")).count() == COUNT;
     assert!((0..COUNT).any(|k| is_last_of(&k)), "{text}");
     let known = ["coarse.obj", "doll.layout.ron", "doll.ron"];
     assert_eq!(names(&project), known, "nothing is left behind");

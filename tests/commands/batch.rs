@@ -1,4 +1,4 @@
-//! One graph over many scans and many values: each test is named after a statement that `maquette batch` must keep.
+//! `maquette batch` runs one graph for many scans and many values. Each test is named after a guarantee of the command.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -22,8 +22,8 @@ const SWEEP: &str = r#"Sweep(
 )
 "#;
 
-/// The doll, seen by several scanners.
-fn scanned(scans: &[&str], sweep: &str) -> Project {
+/// Makes a project with the doll's graph, several scans and a sweep.
+fn project_with_scans(scans: &[&str], sweep: &str) -> Project {
     let project = Project::doll();
     for scan in scans {
         fs::create_dir_all(project.folder().join("scans").join(scan)).unwrap();
@@ -38,7 +38,7 @@ fn write(project: &Project, name: &str, text: &str) {
     fs::write(project.folder().join(name), text).unwrap();
 }
 
-/// Runs a batch to its end: how it ended, and what it says as one document.
+/// Runs a batch and returns its exit code and its JSON document.
 fn batch(project: &Project, more: &[&str]) -> (Option<i32>, Json) {
     let words =
         [&["batch", "doll.sweep.ron", "--out", "all", "--json", "--threads", "1"], more].concat();
@@ -60,7 +60,7 @@ fn ran(document: &Json) -> Vec<String> {
     names(document, |task| task["ran"] == true)
 }
 
-/// The hash of each output of each task.
+/// Returns the hash of each output of each task.
 fn hashes(document: &Json) -> BTreeMap<String, String> {
     let mut hashes = BTreeMap::new();
     for task in document["tasks"].as_array().unwrap() {
@@ -72,7 +72,7 @@ fn hashes(document: &Json) -> BTreeMap<String, String> {
     hashes
 }
 
-/// What `check` says of a sweep, without pictures of the places.
+/// Returns the diagnostics of `check` for a sweep: line, column and message.
 fn problems(project: &Project, text: &str) -> Vec<(u64, u64, String)> {
     write(project, "doll.sweep.ron", text);
     let output = project.maquette(&["check", "doll.sweep.ron", "--json"]);
@@ -92,20 +92,21 @@ fn problems(project: &Project, text: &str) -> Vec<(u64, u64, String)> {
 
 #[test]
 fn each_with_each_and_one_with_another() {
-    let project = scanned(&["a", "b-10", "b-2"], SWEEP);
+    let project = project_with_scans(&["a", "b-10", "b-2"], SWEEP);
     let (code, document) = batch(&project, &[]);
     assert_eq!(code, Some(0), "{document}");
     let all = names(&document, |_| true);
-    fn of(scan: &str) -> [String; 3] {
+    fn tasks_of(scan: &str) -> [String; 3] {
         ["5_0", "12_1", "20_1"].map(|rest| format!("{scan}/{rest}"))
     }
-    assert_eq!(all, [of("a"), of("b-2"), of("b-10")].concat());
+    assert_eq!(all, [tasks_of("a"), tasks_of("b-2"), tasks_of("b-10")].concat());
     let first = &document["tasks"][1]["values"];
     assert_eq!(
         (&first["scan"], &first["growth"], &first["levels"]),
         (&"a".into(), &"12".into(), &"1".into())
     );
-    // The same scan under another name is the same work, and no task is other than a run with its values.
+    // The scans are copies of each other, so only the tasks of the first scan compute anything. A task gives the result of a run with its
+    // values.
     let computed =
         |index: usize| document["tasks"][index]["nodes"]["computed"].as_u64().unwrap_or(0);
     assert_eq!((0..9).map(computed).collect::<Vec<_>>(), [15, 8, 8, 0, 0, 0, 0, 0, 0]);
@@ -126,11 +127,11 @@ fn each_with_each_and_one_with_another() {
 
 #[test]
 fn what_is_wrong_is_told_once_at_its_place_before_anything_runs() {
-    let project = scanned(&["a"], SWEEP);
-    fn of(over: &str, rest: &str) -> String {
+    let project = project_with_scans(&["a"], SWEEP);
+    fn sweep(over: &str, rest: &str) -> String {
         format!("Sweep(\n    graph: \"doll.ron\",\n    over: {over},\n{rest})\n")
     }
-    let zip = of("Zip([Values(\"growth\", [5, 12, 20]), Values(\"levels\", [0, 1])])", "");
+    let zip = sweep("Zip([Values(\"growth\", [5, 12, 20]), Values(\"levels\", [0, 1])])", "");
     assert_eq!(
         problems(&project, &zip),
         [(3, 47, "`levels` has 2 values, and `growth` has 3".into())]
@@ -158,21 +159,15 @@ fn what_is_wrong_is_told_once_at_its_place_before_anything_runs() {
             6,
             "two tasks have the name `a`: growth = 5 and growth = 5.0",
         ),
-        (
-            "Values(\"growth\", [5, 6])",
-            "out: \"{grwth}\"",
-            4,
-            7,
-            "nothing in `over` has the name `grwth`",
-        ),
+        ("Values(\"growth\", [5, 6])", "out: \"{grwth}\"", 4, 7, "unknown name `grwth` in `over`"),
         (
             "Values(\"growth\", [5, 6])",
             "out: \"tasks/{growth}\"",
             4,
             6,
-            "no task can have the name `tasks/5`: the batch has its records and its contact sheet there",
+            "`tasks/5` cannot name a task: the batch writes its records and its contact sheet there",
         ),
-        ("Files(\"scan/*\", set: \"scan.range\")", "", 3, 17, "no file fits `scan/*`"),
+        ("Files(\"scan/*\", set: \"scan.range\")", "", 3, 17, "no file matches `scan/*`"),
         ("Files(\"../*\", set: \"scan.range\")", "", 3, 17, ""),
         (
             "Values(\"growth\", [5])",
@@ -191,7 +186,7 @@ fn what_is_wrong_is_told_once_at_its_place_before_anything_runs() {
         ("Values(\"growth\", [])", "", 3, 28, "`growth` has no values"),
         ("Valeus(\"growth\", [5])", "", 3, 11, "field `over` of Sweep has no choice `Valeus`"),
     ] {
-        let found = problems(&project, &of(over, rest));
+        let found = problems(&project, &sweep(over, rest));
         let [(at_line, at_column, told), others @ ..] = &found[..] else {
             panic!("{over} {rest}: nothing is told")
         };
@@ -201,10 +196,10 @@ fn what_is_wrong_is_told_once_at_its_place_before_anything_runs() {
     let output = project.maquette(&["batch", "doll.sweep.ron"]);
     assert_eq!(output.status.code(), Some(1));
     assert!(!project.folder().join("out").exists(), "something was run");
-    // Capitals do not tell folders apart everywhere, nor are all names names.
+    // Names that differ only in case may denote one folder, and some names are not valid as folders.
     let red = problems(
         &project,
-        &of(
+        &sweep(
             "Values(\"red.select.color\", [\"#ff0000\", \"#FF0000\"])",
             "out: \"{red.select.color}\"",
         ),
@@ -214,7 +209,7 @@ fn what_is_wrong_is_told_once_at_its_place_before_anything_runs() {
 
 #[test]
 fn tasks_of_one_name_are_told_what_gives_them_their_own() {
-    let project = scanned(&["a"], SWEEP);
+    let project = project_with_scans(&["a"], SWEEP);
     fn help(over: &str, out: &str, project: &Project) -> String {
         let sweep = format!("Sweep(graph: \"doll.ron\", over: {over}, out: \"{out}\")");
         write(project, "doll.sweep.ron", &sweep);
@@ -225,7 +220,7 @@ fn tasks_of_one_name_are_told_what_gives_them_their_own() {
     }
     let two = "Product([Values(\"growth\", [5, 12]), Values(\"levels\", [0, 1])])";
     let named = help(two, "{growth}", &project);
-    assert!(named.ends_with("name what differs: `out: \"{growth}_{levels}\"`"), "{named}");
+    assert!(named.ends_with("add the values that differ: `out: \"{growth}_{levels}\"`"), "{named}");
     assert!(
         problems(
             &project,
@@ -234,31 +229,31 @@ fn tasks_of_one_name_are_told_what_gives_them_their_own() {
         .is_empty()
     );
     let all = help(two, "one", &project);
-    assert!(all.ends_with("name what differs: `out: \"one_{growth}_{levels}\"`"), "{all}");
+    assert!(all.ends_with("add the values that differ: `out: \"one_{growth}_{levels}\"`"), "{all}");
     let twice = help("Values(\"growth\", [5, 12, 5])", "{growth}", &project);
-    assert!(twice.ends_with("the same values stand there twice: leave one of them out"), "{twice}");
+    assert!(twice.ends_with("remove one of the two equal sets of values"), "{twice}");
     let colors = help(
         "Values(\"red.select.color\", [\"#ff0000\", \"#FF0000\"])",
         "{red.select.color}",
         &project,
     );
-    assert!(colors.contains("capital letters do not count"), "{colors}");
+    assert!(colors.contains("case of letters"), "{colors}");
 }
 
 #[test]
 fn values_for_all_that_count_for_none_are_told() {
-    let project = scanned(&["a"], SWEEP);
+    let project = project_with_scans(&["a"], SWEEP);
     let set = SWEEP.replace(
         "    out:",
         "    set: { \"growth\": 3, \"red.select.distance\": 30.0 },\n    out:",
     );
-    let told = "`growth` counts for no task: each has a value of its own from `over`";
+    let told = "`growth` has no effect: each task has its own value from `over`";
     assert_eq!(problems(&project, &set), [(7, 12, told.to_owned())]);
     let output = project.maquette(&["batch", "doll.sweep.ron", "-n", "--set", "levels=2"]);
     assert!(output.status.success());
     let told = String::from_utf8(output.stderr).unwrap();
-    assert!(told.contains("`--set levels=2` counts for no task"), "{told}");
-    // Of a graph with inputs, too, there must be what is shown.
+    assert!(told.contains("`--set levels=2` has no effect"), "{told}");
+    // The output that the sweep shows must also exist if the graph has inputs.
     let sweep = "Sweep(graph: \"lib.ron\", over: Values(\"up\", [1, 2]), picture: \"nonsense\")";
     write(
         &project,
@@ -275,7 +270,7 @@ fn values_for_all_that_count_for_none_are_told() {
 
 #[test]
 fn one_that_fails_leaves_the_others() {
-    let project = scanned(
+    let project = project_with_scans(
         &["a", "b", "c", "d", "e", "f"],
         &SWEEP.replace("[5, 12, 20]", "[5]").replace("[0, 1, 1]", "[0]"),
     );
@@ -292,15 +287,15 @@ fn one_that_fails_leaves_the_others() {
     assert!(out.contains("6 tasks: 5 done, 1 failed; 0 run now"), "{out}");
     assert!(err.contains("error: "), "{err}");
     assert_eq!(words.status.code(), Some(1));
-    // It is run again if it is wanted, or has changed.
+    // A finished task is run again with `--retry`, or if something has changed.
     assert_eq!(ran(&batch(&project, &["--retry"]).1), ["c/5_0"]);
     project.copy_asset("range.pcd", "scans/c/range.pcd");
     let (code, document) = batch(&project, &[]);
     assert_eq!((code, ran(&document)), (Some(0), vec!["c/5_0".to_owned()]));
 }
 
-/// The records that are there.
-fn recorded(folder: &Path) -> BTreeSet<String> {
+/// Returns the names of the tasks that have a record.
+fn read_records(folder: &Path) -> BTreeSet<String> {
     fn collect(folder: &Path, found: &mut Vec<PathBuf>) {
         for entry in fs::read_dir(folder).into_iter().flatten() {
             let path = entry.unwrap().path();
@@ -324,7 +319,7 @@ fn a_killed_run_loses_nothing_that_was_done() {
     let sweep = SWEEP
         .replace("[5, 12, 20]", "[5, 6, 7, 8, 9, 10]")
         .replace("[0, 1, 1]", "[0, 0, 0, 0, 0, 0]");
-    let project = scanned(&["a"], &sweep);
+    let project = project_with_scans(&["a"], &sweep);
     let (code, whole) = batch(&project, &[]);
     assert_eq!(code, Some(0), "{whole}");
     let (hashes, all) = (hashes(&whole), names(&whole, |_| true));
@@ -333,7 +328,7 @@ fn a_killed_run_loses_nothing_that_was_done() {
     let moments = if is_thorough() { 20 } else { 8 };
     for moment in 0..moments {
         fs::remove_dir_all(project.folder().join("all")).unwrap();
-        // Half of the times the results are not known either.
+        // In every second round, the results are removed from the cache, too.
         if moment % 2 == 0 {
             assert!(project.maquette(&["cache", "clear"]).status.success() || moment == 0);
         }
@@ -344,7 +339,7 @@ fn a_killed_run_loses_nothing_that_was_done() {
         ));
         child.kill().unwrap();
         child.wait().unwrap();
-        let before = recorded(&project.folder().join("all/tasks"));
+        let before = read_records(&project.folder().join("all/tasks"));
         let (code, document) = batch(&project, &[]);
         assert_eq!(code, Some(0), "{document}");
         let rest = all.iter().filter(|name| !before.contains(*name)).cloned();
@@ -357,36 +352,36 @@ fn a_killed_run_loses_nothing_that_was_done() {
 
 #[test]
 fn a_change_runs_its_own_tasks_and_no_others() {
-    let project = scanned(&["a", "b"], SWEEP);
+    let project = project_with_scans(&["a", "b"], SWEEP);
     assert_eq!(ran(&batch(&project, &[]).1).len(), 6);
     assert_eq!(ran(&batch(&project, &[]).1), [""; 0]);
-    // A scan.
+    // A scan has changed: its tasks are run.
     let scan = project.folder().join("scans/b/range.pcd");
     let mut bytes = fs::read(&scan).unwrap();
     let last = bytes.len() - 2;
     bytes[last] ^= 1;
     fs::write(&scan, bytes).unwrap();
     assert_eq!(ran(&batch(&project, &[]).1), ["b/5_0", "b/12_1", "b/20_1"]);
-    // A file that is touched, a comment, and another order are no change.
+    // Rewriting a file with an additional comment runs nothing.
     fs::write(project.graph(), format!("// Mine.\n{}", project.doll_text(12.0))).unwrap();
     assert_eq!(ran(&batch(&project, &[]).1), [""; 0]);
-    // A value that is swept over.
+    // A value of the sweep has changed: the tasks with this value are run.
     write(&project, "doll.sweep.ron", &SWEEP.replace("[5, 12, 20]", "[5, 12, 21]"));
     assert_eq!(ran(&batch(&project, &[]).1), ["a/21_1", "b/21_1"]);
-    // An output that somebody has changed, or taken away.
+    // An output was changed or deleted: its task is run.
     fs::write(project.folder().join("all/a/5_0/model.ply"), "mine").unwrap();
     fs::remove_file(project.folder().join("all/b/5_0/nose-mask.png")).unwrap();
     let (_, document) = batch(&project, &[]);
     assert_eq!(ran(&document), ["a/5_0", "b/5_0"]);
     assert!(fs::read(project.folder().join("all/a/5_0/model.ply")).unwrap().starts_with(b"ply"));
-    // A picture of the contact sheet.
+    // A picture of the contact sheet was changed: its task is run.
     let picture = project.folder().join("all/tasks/a/5_0.jpg");
     let before = fs::read(&picture).unwrap();
     fs::write(&picture, "no picture").unwrap();
     assert_eq!(ran(&batch(&project, &[]).1), ["a/5_0"]);
     assert_eq!(fs::read(&picture).unwrap(), before);
     assert_eq!(ran(&batch(&project, &[]).1), [""; 0]);
-    // The graph.
+    // The graph has changed: all tasks are run.
     fs::write(project.graph(), project.doll_text(12.0).replace("distance: 30.0", "distance: 31.0"))
         .unwrap();
     assert_eq!(ran(&batch(&project, &[]).1).len(), 6);
@@ -394,7 +389,7 @@ fn a_change_runs_its_own_tasks_and_no_others() {
 
 #[test]
 fn drafts_lie_beside_the_final_results() {
-    let project = scanned(&["a"], SWEEP);
+    let project = project_with_scans(&["a"], SWEEP);
     fn run(more: &[&str], project: &Project) {
         let words = [&["batch", "doll.sweep.ron"], more].concat();
         assert!(project.maquette(&words).status.success());
@@ -409,18 +404,21 @@ fn drafts_lie_beside_the_final_results() {
     assert_eq!(read("doll.sweep/a/5_0/model.glb", &project), model);
     assert_eq!(read("doll.sweep/index.html", &project), page);
     assert!(!read("doll.sweep-draft/a/5_0/model.glb", &project).is_empty());
-    fn said(name: &str, project: &Project) -> bool {
+    fn names_sweep(name: &str, project: &Project) -> bool {
         String::from_utf8(read(name, project)).unwrap().contains("sweep.ron, drafts")
     }
     assert_eq!(
-        (said("doll.sweep-draft/index.html", &project), said("doll.sweep/index.html", &project)),
+        (
+            names_sweep("doll.sweep-draft/index.html", &project),
+            names_sweep("doll.sweep/index.html", &project)
+        ),
         (true, false)
     );
 }
 
 #[test]
 fn a_dry_run_says_what_would_run_and_why() {
-    let project = scanned(&["a"], SWEEP);
+    let project = project_with_scans(&["a"], SWEEP);
     fn words(project: &Project) -> String {
         let output = project.maquette(&["batch", "doll.sweep.ron", "--out", "all", "-n"]);
         assert!(output.status.success());
@@ -430,7 +428,7 @@ fn a_dry_run_says_what_would_run_and_why() {
         run        0  a/5_0   it has not been run; 15 nodes, 15 of them new
         run        1  a/12_1  it has not been run; 15 nodes, 8 of them new
         run        2  a/20_1  it has not been run; 15 nodes, 8 of them new
-        3 of 3 tasks would run: 31 nodes in place of 45, for what tasks have in common is computed once
+        3 of 3 tasks would run: 31 nodes instead of 45, because shared nodes are computed once
     "#]]
     .assert_eq(&words(&project));
     assert!(!project.folder().join("all").exists());
@@ -444,7 +442,7 @@ fn a_dry_run_says_what_would_run_and_why() {
     write(&project, "doll.sweep.ron", &SWEEP.replace("[5, 12, 20]", "[5, 12, 30]"));
     fs::remove_file(project.folder().join("all/a/5_0/surface.ply")).unwrap();
     expect_test::expect![[r#"
-        run        0  a/5_0   its output `surface.ply` is not as it was left; 0 nodes, 0 of them new
+        run        0  a/5_0   its output `surface.ply` was changed after the run; 0 nodes, 0 of them new
         done       1  a/12_1  nothing has changed
         run        2  a/30_1  it has not been run; 8 nodes, 8 of them new
         2 of 3 tasks would run: 8 nodes
@@ -454,7 +452,7 @@ fn a_dry_run_says_what_would_run_and_why() {
 
 #[test]
 fn any_number_of_tasks_at_a_time_gives_the_same() {
-    let project = scanned(&["a", "b"], SWEEP);
+    let project = project_with_scans(&["a", "b"], SWEEP);
     let (_, one) = batch(&project, &[]);
     for jobs in ["2", "5"] {
         fs::remove_dir_all(project.folder().join("all")).unwrap();
@@ -462,7 +460,7 @@ fn any_number_of_tasks_at_a_time_gives_the_same() {
         assert_eq!((code, ran(&several).len()), (Some(0), 6));
         assert_eq!(hashes(&several), hashes(&one));
     }
-    // A farm runs them one by one, in any order, and the page is made of what they left.
+    // A farm runs the tasks one by one, in any order, and makes the page from their results at the end.
     fs::remove_dir_all(project.folder().join("all")).unwrap();
     assert_eq!(batch(&project, &["--warm"]).0, Some(0));
     for range in ["4-5", "1", "2-3", "0"] {
@@ -479,14 +477,14 @@ fn any_number_of_tasks_at_a_time_gives_the_same() {
     let wrong = project.maquette(&["batch", "doll.sweep.ron", "--task", "6"]);
     assert_eq!(
         String::from_utf8(wrong.stderr).unwrap(),
-        "error: there is no task 6: they are counted from 0 to 5\n"
+        "error: expected a task from 0 to 5, found 6\n"
     );
     assert_eq!(wrong.status.code(), Some(2));
 }
 
 #[test]
 fn a_graph_and_options_stand_for_a_sweep() {
-    let project = scanned(&["a", "b"], "");
+    let project = project_with_scans(&["a", "b"], "");
     fs::remove_file(project.folder().join("doll.sweep.ron")).unwrap();
     let words = ["batch", "doll.ron", "--sweep", "growth=5,mm(12)", "--scans", "scans/*", "--json"];
     let output = project.maquette(&words);
@@ -496,24 +494,27 @@ fn a_graph_and_options_stand_for_a_sweep() {
         ["a_5", "a_mm-12", "b_5", "b_mm-12"]
     );
     assert_eq!(document["sheet"], "out/doll.sweep/index.html");
-    // A scan without a file that others have is not taken with that of another one in silence.
+    // A scan lacks a file that the other scans have. It is not silently combined with the file that the graph names.
     let color = project.folder().join("scans/b/color.png");
     fs::remove_file(&color).unwrap();
     let output = project.maquette(&words);
     let document: Json = serde_json::from_slice(&output.stdout).unwrap();
     let told = document["problems"].as_array().unwrap().iter().map(|it| &it["message"]);
-    let lacks = "`scans/b` has no `color.png`: its task takes `doll/color.png`";
+    let lacks = "`scans/b` has no `color.png`: its task uses `doll/color.png`";
     assert_eq!(Vec::from_iter(told), [lacks]);
     fs::copy(project.folder().join("scans/a/color.png"), &color).unwrap();
-    // The files that the graph names itself need not be there.
+    // Files that the graph names may be missing if all scans replace them.
     fs::remove_dir_all(project.folder().join("doll")).unwrap();
     assert!(project.maquette(&[&words[..], &["--out", "other"]].concat()).status.success());
     for (words, told) in [
-        (&["batch", "doll.ron"][..], "doll.ron is no Sweep(..)"),
-        (&["batch", "doll.ron", "--sweep", "growth"], "write NAME=VALUE"),
-        (&["batch", "doll.ron", "--sweep", "growth="], "write values with commas between them"),
+        (&["batch", "doll.ron"][..], "doll.ron is not a Sweep(..)"),
+        (&["batch", "doll.ron", "--sweep", "growth"], "expected NAME=VALUE"),
+        (&["batch", "doll.ron", "--sweep", "growth="], "expected values separated by commas"),
         (&["batch", "nowhere.ron"], "cannot read nowhere.ron"),
-        (&["batch", "doll.ron", "--sweep", "growth=1", "--task", "3-1"], "write I or FIRST-LAST"),
+        (
+            &["batch", "doll.ron", "--sweep", "growth=1", "--task", "3-1"],
+            "expected I or FIRST-LAST",
+        ),
     ] {
         let output = project.maquette(words);
         let err = String::from_utf8(output.stderr).unwrap();
@@ -523,7 +524,7 @@ fn a_graph_and_options_stand_for_a_sweep() {
 
 #[test]
 fn what_is_no_scan_is_left_out() {
-    let project = scanned(&["a"], "");
+    let project = project_with_scans(&["a"], "");
     fs::remove_file(project.folder().join("doll.sweep.ron")).unwrap();
     fs::create_dir(project.folder().join("scans/broken-off")).unwrap();
     write(&project, "scans/notes.txt", "by hand");
@@ -533,8 +534,8 @@ fn what_is_no_scan_is_left_out() {
     assert_eq!(names(&document, |task| task["state"] == "done"), ["a"]);
     let told = document["problems"].as_array().unwrap().iter().map(|it| &it["message"]);
     let expected = [
-        "`scans/broken-off` has none of the files that the graph reads (`color.png`, `range.pcd`): it is left out",
-        "the graph reads no file that `scans/notes.txt` could stand for: it is left out",
+        "`scans/broken-off` has none of the files that the graph reads (`color.png`, `range.pcd`); it is ignored",
+        "the graph reads no file that `scans/notes.txt` could replace; it is ignored",
     ];
     assert_eq!(Vec::from_iter(told), expected);
     fs::remove_dir_all(project.folder().join("scans/a")).unwrap();
@@ -573,10 +574,10 @@ fn graphs_with_inputs_are_swept_over_files() {
 
 #[test]
 fn samples_of_the_documentation_run() {
-    let text = include_str!("../../src/lsp/language/sweep.md");
+    let text = include_str!("../../src/lsp/manual/sweep.md");
     let mut count = 0;
     for sample in text.split("```ron\n").skip(1).map(|rest| rest.split("```").next().unwrap()) {
-        let project = scanned(&[], sample);
+        let project = project_with_scans(&[], sample);
         fs::create_dir(project.folder().join("lib")).unwrap();
         let skin = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../graphs/lib/skin.ron");
         fs::copy(skin, project.folder().join("lib/skin.ron")).unwrap();
@@ -596,7 +597,7 @@ fn samples_of_the_documentation_run() {
 
 #[test]
 fn what_a_killed_batch_left_among_its_records_goes_though_nothing_is_run() {
-    let project = scanned(&["a"], SWEEP);
+    let project = project_with_scans(&["a"], SWEEP);
     batch(&project, &[]);
     let left = project.folder().join("all/tasks/.maquette-aB3dE5gH7jK9.part");
     fs::write(&left, "half of a record").unwrap();
@@ -606,7 +607,7 @@ fn what_a_killed_batch_left_among_its_records_goes_though_nothing_is_run() {
 
 #[test]
 fn the_next_batch_need_not_read_the_outputs_of_tasks_that_were_run_a_while_before_the_last() {
-    let project = scanned(&["a"], SWEEP);
+    let project = project_with_scans(&["a"], SWEEP);
     batch(&project, &[]);
     let record = fs::read(project.folder().join("all/tasks/a/5_0.json")).unwrap();
     let record: Json = serde_json::from_slice(&record).unwrap();

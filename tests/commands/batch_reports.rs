@@ -1,4 +1,4 @@
-//! What a batch says of its tasks without running them, and tasks that come from tables and ranges.
+//! Messages of a batch about its tasks before they run, and tasks made from tables and ranges.
 
 use std::fs;
 use std::process::Output;
@@ -81,7 +81,7 @@ fn a_forecast_is_json_where_that_is_asked_for() {
 
 #[test]
 fn tasks_come_from_ranges_and_tables() {
-    fn listed(over: &str, files: &[(&str, &str)]) -> (Vec<String>, Vec<String>) {
+    fn reported_files(over: &str, files: &[(&str, &str)]) -> (Vec<String>, Vec<String>) {
         let project = project(&format!("Sweep(graph: \"doll.ron\", over: {over})"));
         files.iter().for_each(|(name, text)| fs::write(project.folder().join(name), text).unwrap());
         let told = document(&project.maquette(&["batch", "s.sweep.ron", "-n", "--json"]));
@@ -91,14 +91,14 @@ fn tasks_come_from_ranges_and_tables() {
     }
     let sized =
         |sizes: &[&str]| (sizes.iter().map(|it| (*it).to_owned()).collect::<Vec<_>>(), Vec::new());
-    assert_eq!(listed("Range(\"size\", 5, 20, 4)", &[]), sized(&["5", "10", "15", "20"]));
-    assert_eq!(listed("Range(\"size\", 2, 1.5, 3)", &[]), sized(&["2", "1.75", "1.5"]));
+    assert_eq!(reported_files("Range(\"size\", 5, 20, 4)", &[]), sized(&["5", "10", "15", "20"]));
+    assert_eq!(reported_files("Range(\"size\", 2, 1.5, 3)", &[]), sized(&["2", "1.75", "1.5"]));
     let csv = ("t.csv", "\u{feff}size\r\n2\r\n3.5\r\n");
-    assert_eq!(listed("Table(\"t.csv\")", &[csv]), sized(&["2", "3.5"]));
+    assert_eq!(reported_files("Table(\"t.csv\")", &[csv]), sized(&["2", "3.5"]));
     let json = ("t.json", "[{\"size\": 2}, {\"size\": 3.5}]");
-    assert_eq!(listed("Table(\"t.json\")", &[json]), sized(&["2", "3.5"]));
+    assert_eq!(reported_files("Table(\"t.json\")", &[json]), sized(&["2", "3.5"]));
     fn wrong(over: &str, files: &[(&str, &str)], wanted: &str) {
-        let (sizes, words) = listed(over, files);
+        let (sizes, words) = reported_files(over, files);
         assert!(
             sizes.is_empty() && words.iter().any(|it| it.contains(wanted)),
             "{over}: {words:?}"

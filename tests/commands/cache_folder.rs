@@ -1,4 +1,4 @@
-//! The folder of results: what it says of its sizes, and what becomes of what cannot be removed, was forged, or was left half written.
+//! The cache folder: its reported sizes, and files in it that cannot be removed, are forged, or are incomplete.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ fn project() -> Project {
     Project::with_tetrahedron(LIFTED)
 }
 
-/// Runs a command with the cache in the project.
+/// Runs a command with the cache in the project's folder; returns the exit code, stdout and stderr.
 fn run(project: &Project, words: &[&str]) -> (Option<i32>, String, String) {
     let output = project.maquette(&[words, &["--cache", "cache"]].concat());
     fn text(bytes: &[u8]) -> String {
@@ -21,7 +21,7 @@ fn run(project: &Project, words: &[&str]) -> (Option<i32>, String, String) {
     (output.status.code(), text(&output.stdout), text(&output.stderr))
 }
 
-/// The files in a folder of each build in the cache.
+/// Lists the files in the folder `what` of each build's part of the cache.
 fn files(project: &Project, what: &str) -> Vec<PathBuf> {
     fn list(
         folder: &Path,
@@ -54,7 +54,7 @@ fn sizes_are_told_by_node_and_graph() {
         assert_eq!((&size["graph"], &size["results"]), (&graph.clone().into(), &1.into()));
         assert!(size["bytes"].as_u64().unwrap() > 100, "{size}");
     }
-    // No graph gave this last, but its type is known.
+    // The result of the first run does not belong to the current graph anymore, but its node type is known.
     let older = nodes.iter().find(|it| it["graph"].is_null()).unwrap();
     assert_eq!((&older["type"], &older["results"]), (&"Transform".into(), &1.into()), "{text}");
     fn bytes(value: &Json) -> u64 {
@@ -68,7 +68,7 @@ fn sizes_are_told_by_node_and_graph() {
     assert!(nodes.is_sorted_by_key(|node| std::cmp::Reverse(bytes(&node["bytes"]))));
     let (_, text, _) = run(&project, &["cache", "du"]);
     assert!(text.contains("  doll.ron  lifted  Transform\n"), "{text}");
-    assert!(text.contains(" in all, 3 results\n"), "{text}");
+    assert!(text.contains(" total, 3 results\n"), "{text}");
 }
 
 #[cfg(unix)]
@@ -93,7 +93,7 @@ fn what_cannot_be_removed_is_an_error() {
     }
     let program = env!("CARGO_BIN_EXE_maquette");
     let mut command = if rustix::process::geteuid().is_root() {
-        // Root may remove anything, unless it gives up that right.
+        // Root may remove any file unless it drops this capability.
         let mut command = std::process::Command::new("setpriv");
         command.args(["--bounding-set=-dac_override,-dac_read_search", program]);
         command
@@ -118,7 +118,7 @@ fn what_cannot_be_removed_is_an_error() {
     assert_eq!(files(&project, "entries").len(), 0);
 }
 
-/// The checksum at the end of a file of the cache.
+/// Computes the checksum that ends a cache file.
 fn seal(path: &Path, content: &[u8]) -> [u8; 32] {
     let mut all = Vec::new();
     for name in [path.parent().unwrap().file_name(), path.file_name()] {
@@ -127,10 +127,10 @@ fn seal(path: &Path, content: &[u8]) -> [u8; 32] {
         all.extend(name);
     }
     all.extend(content);
-    Hash::of(&all).0
+    Hash::compute(&all).0
 }
 
-fn replaced(bytes: &[u8], old: &str, new: &str) -> Vec<u8> {
+fn replace_bytes(bytes: &[u8], old: &str, new: &str) -> Vec<u8> {
     let (mut all, mut rest) = (Vec::new(), bytes);
     while let Some(place) = rest.windows(old.len()).position(|part| part == old.as_bytes()) {
         all.extend(&rest[..place]);
@@ -141,13 +141,13 @@ fn replaced(bytes: &[u8], old: &str, new: &str) -> Vec<u8> {
     all
 }
 
-/// The hash of the value of `lifted`.
+/// Returns the hash of the value of the node `lifted`.
 fn hash(project: &Project, lift: &str) -> String {
     project.hash("lifted", &[&format!("lift={lift}")])
 }
 
-/// Files that lie unchanged are known before anything runs; one that was just written has to be read, and what depends on it is
-/// looked up on disk.
+/// Runs the test for unchanged files, whose results are looked up before anything runs, and for a file that was just written. Such a file
+/// must be read, and results that depend on it are looked up on disk later.
 #[test]
 fn a_result_that_a_node_does_not_give_is_named_by_verify_cache() {
     for is_rewritten in [false, true] {
@@ -157,15 +157,15 @@ fn a_result_that_a_node_does_not_give_is_named_by_verify_cache() {
 
 fn name_a_forged_result(is_rewritten: bool) {
     let project = project();
-    fn verified(project: &Project) -> (Option<i32>, String, String) {
+    fn verify(project: &Project) -> (Option<i32>, String, String) {
         run(project, &["run", "doll.ron", "--verify-cache", "100"])
     }
     run(&project, &["run", "doll.ron", "--set", "lift=6"]);
     let other = files(&project, "entries");
     run(&project, &["run", "doll.ron"]);
-    assert_eq!(verified(&project).0, Some(0));
+    assert_eq!(verify(&project).0, Some(0));
     let (right, wrong) = (hash(&project, "5"), hash(&project, "6"));
-    // The result of one lift in the place of that of the other: whole, but not what the node gives.
+    // Forges a cache file: it contains the result for another lift, which is valid, but is not the result of this node.
     fn content(path: &Path) -> Vec<u8> {
         let bytes = fs::read(path).unwrap();
         bytes[..bytes.len() - 32].to_vec()
@@ -183,30 +183,30 @@ fn name_a_forged_result(is_rewritten: bool) {
     fn forge(path: &Path, content: &[u8]) {
         fs::write(path, [content, &seal(path, content)].concat()).unwrap();
     }
-    forge(place, &replaced(&content(source), &name(source), &name(place)));
+    forge(place, &replace_bytes(&content(source), &name(source), &name(place)));
     for record in files(&project, "graphs") {
-        forge(&record, &replaced(&content(&record), &right, &wrong));
+        forge(&record, &replace_bytes(&content(&record), &right, &wrong));
     }
-    // It is believed unless somebody asks.
+    // A run accepts the forged result unless verification is requested.
     assert_eq!(run(&project, &["run", "doll.ron"]).0, Some(0));
     if is_rewritten {
         fs::write(project.folder().join("tet.obj"), TETRAHEDRON).unwrap();
     }
     let (_, forecast, _) = run(&project, &["run", "-n", "doll.ron", "--verify-cache", "100"]);
     assert_eq!(forecast.matches("computed again to compare it").count(), 2, "{forecast}");
-    let (code, out, told) = verified(&project);
+    let (code, out, told) = verify(&project);
     assert_eq!(code, Some(1), "{out}{told}");
     assert!(
         told.contains("error[G019]: `lifted` gave another result than the one in the cache"),
         "{told}"
     );
     assert!(!told.contains("`mesh` gave another result"), "{told}");
-    // The new result is used.
+    // The output is made from the newly computed result.
     let out = fs::read_to_string(project.folder().join("out/doll/out.obj")).unwrap();
     assert!(out.contains("v 0.0 5.0 0.0"), "{out}");
 }
 
-/// A file as a killed process leaves it.
+/// Writes a partial file, as a killed process leaves it behind.
 fn leave(folder: &Path) -> PathBuf {
     fs::create_dir_all(folder).unwrap();
     let path = folder.join(".maquette-0123456789ab.part");
@@ -233,13 +233,13 @@ fn what_was_left_half_written_goes_with_the_next_command_that_writes_there() {
         let entries = fs::read_dir(folder).unwrap().map(|it| it.unwrap().path());
         entries.into_iter().find(|it| it.is_dir() && it.ends_with("doll.pins")).unwrap()
     };
-    run(&project, &["unpin", "doll.ron", "lifted"]);
+    run(&project, &["pin", "--remove", "doll.ron", "lifted"]);
     check(&pins, &["pin", "doll.ron", "lifted"]);
     let left = leave(&pins);
-    assert!(project.maquette(&["unpin", "doll.ron", "lifted"]).status.success());
+    assert!(project.maquette(&["pin", "--remove", "doll.ron", "lifted"]).status.success());
     assert!(!left.exists() && !pins.exists());
     let left = leave(&folder.join("lib"));
-    let words = ["extract", "doll.ron", "lifted", "--to", "lib/new.ron"];
+    let words = ["edit", "doll.ron", "extract", "lifted", "--to", "lib/new.ron"];
     assert!(project.maquette(&words).status.success());
     assert!(!left.exists());
     let scans = folder.join("scans");

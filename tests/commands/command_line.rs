@@ -1,4 +1,4 @@
-//! The program as its user sees it.
+//! The program as its users see it.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -109,7 +109,7 @@ fn a_graph_with_inputs_is_called_with_files_and_finds_what_its_use_has_computed(
     let wrong = maquette(&["run", "doll.ron", "--input", "range=doll/range.pcd", "--out", folder]);
     assert!(stderr(&wrong).contains("it has no inputs at all"), "{}", stderr(&wrong));
     let wrong = maquette(&["run", "lib/feature.ron", "--input", "range=doll/mug.obj"]);
-    let told = "no RangeImage can be read from `.obj`; known are pcd, ply";
+    let told = "no RangeImage can be read from `.obj`; supported extensions: pcd, ply";
     assert!(stderr(&wrong).contains(told), "{}", stderr(&wrong));
 }
 
@@ -165,10 +165,10 @@ fn an_empty_selection_names_the_nearest_pixel() {
     assert!(output.status.success());
     let messages = stderr(&output);
     assert!(
-        messages.contains("warning[G017]: `red`: nothing is selected: the nearest pixel is #"),
+        messages.contains("warning[G017]: `red`: nothing is selected: the closest pixel is #"),
         "{messages}"
     );
-    assert!(messages.contains(" away where 5.0 is allowed"), "{messages}");
+    assert!(messages.contains(" where 5.0 is allowed"), "{messages}");
 }
 
 #[test]
@@ -279,7 +279,10 @@ fn inspect_describes_and_writes_any_value() {
 fn nodes_prints_the_reference_for_people_and_programs() {
     let list = stdout(&maquette(&["nodes"]));
     let line = list.lines().find(|line| line.starts_with("  Threshold ")).unwrap();
-    assert!(line.ends_with(" Marks the pixels that belong together by their color."), "{line}");
+    assert!(
+        line.ends_with(" Selects pixels by color or brightness, and returns them as a mask."),
+        "{line}"
+    );
     let document: serde_json::Value =
         serde_json::from_slice(&maquette(&["nodes", "--json"]).stdout).unwrap();
     let nodes = document["nodes"].as_array().unwrap();
@@ -347,17 +350,20 @@ fn a_second_run_computes_nothing_and_a_third_says_why_it_would() {
         dry.contains("runs      raised   parameter `distance` 12 -> 25, doll.ron:22:78"),
         "{dry}"
     );
-    assert!(dry.contains("may run   model    hangs on `skin`"), "{dry}");
-    fn why(node: &str, cache: &tempfile::TempDir) -> String {
+    assert!(dry.contains("may run   model    depends on `skin`"), "{dry}");
+    fn run_why(node: &str, cache: &tempfile::TempDir) -> String {
         let why = ["why", "doll.ron", node, "--set", "growth=25"];
         stdout(&maquette_with_cache(cache.path(), &why))
     }
-    assert_eq!(why("nose", &cache), "`nose` does not run: nothing that it depends on changed\n");
+    assert_eq!(
+        run_why("nose", &cache),
+        "`nose` does not run: nothing that it depends on changed\n"
+    );
     expect![[r#"
-        `skin` runs if what it hangs on comes out different:
+        `skin` runs if the result of a dependency changes:
           `raised` runs: parameter `distance` 12 -> 25, doll.ron:22:78
     "#]]
-    .assert_eq(&why("skin", &cache));
+    .assert_eq(&run_why("skin", &cache));
 
     let usage = stdout(&maquette_with_cache(cache.path(), &["cache", "ls"]));
     assert!(usage.contains("of 1 build") && usage.contains("1 graph"), "{usage}");
@@ -373,7 +379,7 @@ fn a_folder_that_is_no_cache_is_not_cleared() {
     std::fs::write(folder.path().join("precious.txt"), "keep me").unwrap();
     let output = maquette_with_cache(folder.path(), &["cache", "clear"]);
     assert_eq!(output.status.code(), Some(2));
-    assert!(stderr(&output).contains("is no cache of maquette"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("is not a cache of maquette"), "{}", stderr(&output));
     assert!(folder.path().join("precious.txt").exists());
 }
 
@@ -445,7 +451,7 @@ fn files_are_compared_by_what_they_mean_and_rendered() {
 fn a_model_comes_with_the_picture_that_its_material_names() {
     let folder = tempfile::tempdir().unwrap();
     fn write(name: &str, bytes: &[u8], folder: &tempfile::TempDir) {
-        std::fs::write(folder.path().join(name), bytes).unwrap()
+        std::fs::write(folder.path().join(name), bytes).unwrap();
     }
     let model = "mtllib quad.mtl\nv -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n\
         usemtl paint\nf 1/1 2/2 3/3 4/4\n";
@@ -458,21 +464,21 @@ fn a_model_comes_with_the_picture_that_its_material_names() {
         br#"Graph(format: 1, nodes: { "m": ReadMesh(path: "quad.obj") }, outputs: { "b.obj": "m" })"#,
         &folder,
     );
-    fn at(name: &str, folder: &tempfile::TempDir) -> String {
+    fn path_in(name: &str, folder: &tempfile::TempDir) -> String {
         folder.path().join(name).to_str().unwrap().to_owned()
     }
 
-    let picture = at("front.png", &folder);
-    let output = maquette(&["render", &at("quad.obj", &folder), &picture, "--size", "40x40"]);
+    let picture = path_in("front.png", &folder);
+    let output = maquette(&["render", &path_in("quad.obj", &folder), &picture, "--size", "40x40"]);
     assert_eq!(stderr(&output), "");
-    let [r, g, b] = png::read(&std::fs::read(&picture).unwrap()).unwrap().at([20, 20]);
+    let [r, g, b] = png::read(&std::fs::read(&picture).unwrap()).unwrap().pixel([20, 20]);
     assert!(g.max(b) < 100 && 100 < r, "{r} {g} {b}");
 
     let cache = tempfile::tempdir().unwrap();
     fn run(cache: &tempfile::TempDir, folder: &tempfile::TempDir) -> String {
         let output = maquette_with_cache(
             cache.path(),
-            &["run", &at("a.ron", folder), "--out", &at("out", folder)],
+            &["run", &path_in("a.ron", folder), "--out", &path_in("out", folder)],
         );
         assert!(output.status.success(), "{}", stderr(&output));
         stderr(&output)
@@ -480,10 +486,10 @@ fn a_model_comes_with_the_picture_that_its_material_names() {
     assert_eq!(run(&cache, &folder), "");
     let copy = std::fs::read(folder.path().join("out/b.png")).unwrap();
     assert_eq!(png::read(&copy).unwrap(), red);
-    std::fs::remove_file(at("red paint.png", &folder)).unwrap();
+    std::fs::remove_file(path_in("red paint.png", &folder)).unwrap();
     let text = "there is no file `red paint.png`: the mesh comes without its picture";
     assert!(run(&cache, &folder).contains(text), "the picture is a part of what was read");
-    let output = maquette(&["render", &at("quad.obj", &folder), &picture]);
+    let output = maquette(&["render", &path_in("quad.obj", &folder), &picture]);
     assert_eq!(stderr(&output), format!("warning: {text}\n"));
 }
 
@@ -511,6 +517,6 @@ fn what_a_graph_expects_is_checked_when_it_runs() {
     assert!(stderr(&expecting("Closd(\"mesh\")")).contains("did you mean `Closed`?"));
     assert!(
         stderr(&expecting("Count(of: \"mesh\", what: \"faces\", max: 10)"))
-            .contains("has 64 faces; wanted are at most 10")
+            .contains("has 64 faces, expected at most 10")
     );
 }

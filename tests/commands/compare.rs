@@ -1,4 +1,4 @@
-//! `maquette compare` as its user sees it, and the bounds of pictures in tests.
+//! `maquette compare` as its users see it, and the tolerances of pictures in tests.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -7,17 +7,15 @@ use std::process::{Command, Output};
 use maquette::format::png;
 use maquette::value::Image;
 
+use crate::output::text_of;
+
 fn maquette(folder: &Path, arguments: &[&str]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
     command.args(arguments).current_dir(folder).env("NO_COLOR", "1").env_remove("CI");
     command.env("MAQUETTE_CACHE", folder.join("cache")).output().unwrap()
 }
 
-fn said(output: &Output) -> String {
-    [&output.stdout[..], &output.stderr[..]].map(String::from_utf8_lossy).concat()
-}
-
-/// A flat sheet of 20 x 20 quads, without those that are gone.
+/// Returns an OBJ file of a flat sheet of 20 x 20 quads, without the faces for which `is_gone` is true.
 fn sheet(is_gone: impl Fn(usize) -> bool) -> String {
     let mut text = String::new();
     for k in 0..21 * 21 {
@@ -34,7 +32,7 @@ fn sheet(is_gone: impl Fn(usize) -> bool) -> String {
 fn a_mesh_without_thirty_of_its_faces_is_not_the_same_surface() {
     let folder = tempfile::tempdir().unwrap();
     fn write(name: &str, text: String, folder: &tempfile::TempDir) {
-        std::fs::write(folder.path().join(name), text).unwrap()
+        std::fs::write(folder.path().join(name), text).unwrap();
     }
     write("whole.obj", sheet(|_| false), &folder);
     write("holed.obj", sheet(|face| face % 13 == 4 && face < 390), &folder);
@@ -44,9 +42,10 @@ fn a_mesh_without_thirty_of_its_faces_is_not_the_same_surface() {
     ] {
         for more in [&[][..], &["--remeshed", "--max", "0.01"]] {
             let compared = maquette(folder.path(), &[&["compare", old, new], more].concat());
-            let text = said(&compared);
+            let text = text_of(&compared);
             assert_eq!(compared.status.code(), Some(1), "{text}");
-            // Of other faces, the midpoints of edges at the border are farther off than the middles of faces.
+            // For meshes with different faces, the midpoints of border edges are compared, too. They are farther away than the centers of
+            // faces.
             let (max, place) = if more.is_empty() { ("0.333333", "face ") } else { ("0.5", "(") };
             assert!(text.contains(&format!("surface, {told}: max {max} mm")), "{text}");
             assert!(text.contains(&format!("worst at {place}")), "{text}");
@@ -55,7 +54,7 @@ fn a_mesh_without_thirty_of_its_faces_is_not_the_same_surface() {
     }
 }
 
-/// Two gray pictures of 100 x 100, in the second of which one pixel is 93 levels off.
+/// Writes two gray pictures of 100 x 100 pixels that differ in one pixel, by 93 levels.
 fn pictures(folder: &Path) {
     for (name, level) in [("a.png", 100), ("b.png", 193)] {
         let mut pixels = vec![[100; 3]; 10_000];
@@ -71,7 +70,7 @@ fn pictures_are_compared_with_a_share_a_hard_bound_and_a_relative_one() {
     pictures(folder.path());
     fn compare(more: &[&str], folder: &tempfile::TempDir) -> (Option<i32>, String) {
         let compared = maquette(folder.path(), &[&["compare", "a.png", "b.png"], more].concat());
-        (compared.status.code(), said(&compared))
+        (compared.status.code(), text_of(&compared))
     }
     assert_eq!(compare(&["--differing", "0.1"], &folder).0, Some(0));
     let (code, text) = compare(&["--differing", "0.1", "--hard", "20"], &folder);
@@ -79,7 +78,7 @@ fn pictures_are_compared_with_a_share_a_hard_bound_and_a_relative_one() {
     assert!(code == Some(1) && text.contains(reason), "{text}");
     assert!(text.contains("0.01 % differ"), "{text}");
     assert_eq!(compare(&["--differing", "0.1", "--hard", "93"], &folder).0, Some(0));
-    // 93 is 63 % of the mean of 100 and 193.
+    // The relative difference is 93 divided by the mean of 100 and 193, which is 63 %.
     assert_eq!(compare(&["--relative", "0.64"], &folder).0, Some(0));
     assert_eq!(compare(&["--relative", "0.62"], &folder).0, Some(1));
     for (arguments, told) in [
@@ -93,7 +92,7 @@ fn pictures_are_compared_with_a_share_a_hard_bound_and_a_relative_one() {
         (&["--attribute", "uv=-1"], "expected a number that is not negative"),
         (&["--hard", "3", "--level", "5"], "expected `hard` to be at least `level`, 5, found 3"),
     ] {
-        // An argument that begins with a hyphen is given behind an equals sign.
+        // A value that begins with a hyphen must be written as `--name=value`.
         let joined = match arguments {
             [name, value] => vec![format!("{name}={value}")],
             _ => arguments.iter().map(|&it| it.to_owned()).collect::<Vec<_>>(),
@@ -119,7 +118,7 @@ fn a_test_of_a_picture_has_the_same_bounds() {
             format!("Test(graph: \"picture.ron\", compare: {{ \"it.png\": Image({bounds}) }})");
         std::fs::write(path.join(name), text).unwrap();
         let tested = maquette(path, &[&["test", name], more].concat());
-        (tested.status.code(), said(&tested))
+        (tested.status.code(), text_of(&tested))
     };
     graph("a.png", path);
     assert_eq!(test("differing: 0.1", &["--bless"]).0, Some(0));

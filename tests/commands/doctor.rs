@@ -1,12 +1,14 @@
-//! The doctor of the cache finds whatever happened to a file, and a run after it is as if nothing had happened.
+//! `cache doctor` finds any damage to a cache file, and a run after the repair gives the original results.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use crate::output::text_of;
+
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 
-/// A cache with the doll's results.
+/// A project whose cache has the doll's results.
 struct Cache(tempfile::TempDir);
 
 impl Cache {
@@ -26,11 +28,11 @@ impl Cache {
         command.env("MAQUETTE_CACHE", self.folder()).output().unwrap()
     }
 
-    /// What a run says and writes.
+    /// Runs the graph; returns the printed text and the written files.
     fn run(&self) -> (String, Vec<(String, Vec<u8>)>) {
         let out = self.0.path().join("out");
         let output = self.maquette(&["run", "doll.ron", "--out", out.to_str().unwrap()]);
-        assert!(output.status.success() && output.stderr.is_empty(), "{}", said(&output));
+        assert!(output.status.success() && output.stderr.is_empty(), "{}", text_of(&output));
         let files = fs::read_dir(out).unwrap().map(|file| file.unwrap().path());
         let mut files: Vec<_> = files
             .map(|path: PathBuf| {
@@ -38,7 +40,7 @@ impl Cache {
             })
             .collect();
         files.sort();
-        (said(&output), files)
+        (text_of(&output), files)
     }
 
     fn doctor(&self, arguments: &[&str]) -> (Option<i32>, serde_json::Value) {
@@ -46,7 +48,7 @@ impl Cache {
         (output.status.code(), serde_json::from_slice(&output.stdout).unwrap())
     }
 
-    /// The files in folders of this name; all if there is none.
+    /// Lists the files in all cache folders with this name, or all cache files if the name is empty.
     fn files(&self, what: &str) -> Vec<PathBuf> {
         let mut files = Vec::new();
         let mut folders = vec![self.folder()];
@@ -64,7 +66,8 @@ impl Cache {
         files
     }
 
-    /// The doctor finds these files at fault, only tells so in a dry run, and mends them; then all is well and runs are right.
+    /// Checks that the doctor finds these damaged files, only reports them in a dry run, and repairs them. Then nothing is damaged anymore,
+    /// and a run gives the results from before.
     fn is_mended(&self, wrong: &[&Path], before: &[(String, Vec<u8>)]) {
         let all = self.files("");
         let (code, told) = self.doctor(&["--dry-run"]);
@@ -89,10 +92,6 @@ impl Cache {
     }
 }
 
-fn said(output: &Output) -> String {
-    [&output.stdout[..], &output.stderr[..]].map(String::from_utf8_lossy).concat()
-}
-
 fn flip(path: &Path, place: usize) {
     let mut bytes = fs::read(path).unwrap();
     let length = bytes.len();
@@ -106,7 +105,7 @@ fn a_cache_that_is_well_stays_as_it_is() {
     let all = cache.files("");
     let (code, told) = cache.doctor(&[]);
     assert_eq!((code, told["faults"].as_array().unwrap().len()), (Some(0), 0), "{told:#}");
-    // The tag belongs to the folder, not to what is in it.
+    // The `CACHEDIR.TAG` file marks the folder as a cache and is not counted.
     assert_eq!(told["files"], all.len() - 1);
     assert_eq!(cache.files(""), all);
     assert!(cache.run().0.contains("15 nodes: 15 cached"));
@@ -212,9 +211,9 @@ fn what_is_not_ours_is_told_and_stays() {
         assert_eq!(fs::read(path).unwrap(), b"mine");
     }
     assert_eq!(cache.run().1, before);
-    let text = said(&cache.maquette(&["cache", "doctor"]));
+    let text = text_of(&cache.maquette(&["cache", "doctor"]));
     assert!(
-        text.contains("mine.txt: it is not ours") && text.contains("0 faults, 0 mended"),
+        text.contains("mine.txt: foreign file") && text.contains("0 faults, 0 mended"),
         "{text}"
     );
 }

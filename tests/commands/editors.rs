@@ -1,5 +1,5 @@
-//! How editors and tools save a file: the calls that they are known to make, in their order. Where the program is installed it is
-//! tried itself, too ([`programs`]).
+//! Reproduces how editors and tools save a file: their system calls, in order. Programs that are installed are also run themselves
+//! ([`programs`]).
 
 use std::fs::{File, OpenOptions, remove_file, rename, write};
 use std::io::{Result, Write};
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 type Save = fn(&Path, &str) -> Result<()>;
 
-/// Every way of saving, by who does it.
+/// The known ways of saving a file, by program.
 pub(crate) const SEQUENCES: [(&str, Save); 12] = [
     ("vim, neovim: backup by renaming", rename_write_delete),
     ("vim with `backupcopy=yes`", copy_truncate_write),
@@ -23,7 +23,7 @@ pub(crate) const SEQUENCES: [(&str, Save); 12] = [
     ("in two pieces", two_pieces),
 ];
 
-/// Commands that save `doll.ron` with OLD replaced by NEW, or as `wanted.txt`, for the programs that are installed here.
+/// Commands of the installed programs that save `doll.ron`: they replace `OLD` by `NEW` or copy `wanted.txt`.
 pub(crate) fn programs() -> Vec<(&'static str, &'static str)> {
     let all = [
         ("vim", "vim -es -u NONE -c '%s/OLD/NEW/' -c wq doll.ron"),
@@ -47,15 +47,15 @@ pub(crate) fn programs() -> Vec<(&'static str, &'static str)> {
     all.into_iter().filter(|(program, _)| unix && is_there(program)).collect()
 }
 
-/// `path` with something before and after its name.
-fn near(path: &Path, before: &str, after: &str) -> PathBuf {
+/// Returns `path` with a prefix and a suffix added to its file name.
+fn sibling(path: &Path, before: &str, after: &str) -> PathBuf {
     let name = path.file_name().unwrap().to_string_lossy();
     path.with_file_name(format!("{before}{name}{after}"))
 }
 
 fn rename_write_delete(path: &Path, text: &str) -> Result<()> {
     let (swap, probe, backup) =
-        (near(path, ".", ".swp"), path.with_file_name("4913"), near(path, "", "~"));
+        (sibling(path, ".", ".swp"), path.with_file_name("4913"), sibling(path, "", "~"));
     write(&swap, "swap")?;
     write(&probe, "")?;
     remove_file(&probe)?;
@@ -69,7 +69,7 @@ fn rename_write_delete(path: &Path, text: &str) -> Result<()> {
 }
 
 fn copy_truncate_write(path: &Path, text: &str) -> Result<()> {
-    let backup = near(path, "", "~");
+    let backup = sibling(path, "", "~");
     std::fs::copy(path, &backup)?;
     truncate_write(path, text)?;
     remove_file(backup)
@@ -77,7 +77,7 @@ fn copy_truncate_write(path: &Path, text: &str) -> Result<()> {
 
 fn emacs(path: &Path, text: &str) -> Result<()> {
     let (lock, autosave, backup) =
-        (near(path, ".#", ""), near(path, "#", "#"), near(path, "", "~"));
+        (sibling(path, ".#", ""), sibling(path, "#", "#"), sibling(path, "", "~"));
     #[cfg(unix)]
     std::os::unix::fs::symlink("user@host.1:2", &lock)?;
     write(&autosave, text)?;
@@ -106,7 +106,7 @@ fn temporary_and_rename(path: &Path, text: &str) -> Result<()> {
 }
 
 fn rsync(path: &Path, text: &str) -> Result<()> {
-    let temporary = near(path, ".", ".Jx81aB");
+    let temporary = sibling(path, ".", ".Jx81aB");
     let mut file = File::create(&temporary)?;
     file.write_all(text.as_bytes())?;
     file.set_modified(
@@ -117,7 +117,8 @@ fn rsync(path: &Path, text: &str) -> Result<()> {
 }
 
 fn link_and_rename(path: &Path, text: &str) -> Result<()> {
-    let (temporary, backup) = (path.with_file_name(".goutputstream-X5W3Q1"), near(path, "", "~"));
+    let (temporary, backup) =
+        (path.with_file_name(".goutputstream-X5W3Q1"), sibling(path, "", "~"));
     write(&temporary, text)?;
     let _ = remove_file(&backup);
     std::fs::hard_link(path, &backup)?;
@@ -125,7 +126,7 @@ fn link_and_rename(path: &Path, text: &str) -> Result<()> {
 }
 
 fn two_renames(path: &Path, text: &str) -> Result<()> {
-    let (new, old) = (near(path, "", "___jb_tmp___"), near(path, "", "___jb_old___"));
+    let (new, old) = (sibling(path, "", "___jb_tmp___"), sibling(path, "", "___jb_old___"));
     write(&new, text)?;
     rename(path, &old)?;
     rename(new, path)?;

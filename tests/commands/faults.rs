@@ -1,7 +1,7 @@
-//! Whatever happens to a process or to the cache: the next run is right, and nobody cleans up by hand.
+//! After a process fails in any way, or the cache is damaged, the next run gives the right result without any repair.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::Duration;
 
@@ -9,7 +9,7 @@ use crate::thorough::is_thorough;
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 
-/// The outputs of the doll's graph with this growth, in this folder, with this cache.
+/// Returns the command that runs the doll's graph with this value of `growth`, this cache and this output folder.
 fn command(growth: &str, cache: &Path, out: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
     command.current_dir(GRAPHS).env("NO_COLOR", "1").env("MAQUETTE_CACHE", cache);
@@ -27,10 +27,10 @@ fn start(growth: &str, cache: &Path, out: &Path) -> Child {
     command(growth, cache, out).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
 }
 
-/// The files of a folder by name, without those of a process that was killed while it wrote.
+/// Returns the files of a folder by name, without the partial files of killed processes.
 fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
     let entries = fs::read_dir(folder).into_iter().flatten().map(|entry| entry.unwrap().path());
-    fn name(path: &PathBuf) -> String {
+    fn name(path: &Path) -> String {
         path.file_name().unwrap().to_str().unwrap().to_owned()
     }
     let whole = entries.filter(|path| !name(path).starts_with(".maquette-"));
@@ -39,15 +39,15 @@ fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
     files
 }
 
-/// The outputs for this growth, computed without a cache.
-fn expected(growth: &str) -> Vec<(String, Vec<u8>)> {
+/// Returns the outputs for this value of `growth`, computed without a cache.
+fn expected_files(growth: &str) -> Vec<(String, Vec<u8>)> {
     let out = tempfile::tempdir().unwrap();
     let output = command(growth, out.path(), out.path()).arg("--no-cache").output().unwrap();
     assert!(output.status.success());
     files(out.path())
 }
 
-/// A number from 0 to `below`, another one each time.
+/// Returns a pseudorandom number below `below` (xorshift).
 fn random(state: &mut u64, below: u64) -> u64 {
     *state ^= *state << 13;
     *state ^= *state >> 7;
@@ -58,12 +58,12 @@ fn random(state: &mut u64, below: u64) -> u64 {
 #[test]
 fn a_run_killed_at_any_moment_leaves_whole_files_and_a_right_cache() {
     let (cache, out) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
-    let (old, new) = (expected("12"), expected("20"));
+    let (old, new) = (expected_files("12"), expected_files("20"));
     run("12", cache.path(), out.path());
     let mut state = 0x9e37_79b9_7f4a_7c15;
     let rounds = if is_thorough() { 200 } else { 60 };
     for round in 0..rounds {
-        // Some of them find nothing in the cache, so that they are killed while they compute and while they write it.
+        // Some rounds begin with an empty cache, so their process is killed while it computes and while it writes the cache.
         if round % 20 == 0 && cache.path().exists() {
             fs::remove_dir_all(cache.path()).unwrap();
         }
@@ -83,7 +83,7 @@ fn a_run_killed_at_any_moment_leaves_whole_files_and_a_right_cache() {
     }
     run("20", cache.path(), out.path());
     assert_eq!(files(out.path()), new);
-    // Not even what the killed ones were writing.
+    // The partial files of the killed processes have been removed.
     assert_eq!(fs::read_dir(out.path()).unwrap().count(), new.len());
 }
 
@@ -91,7 +91,7 @@ fn a_run_killed_at_any_moment_leaves_whole_files_and_a_right_cache() {
 fn four_processes_hammer_one_cache() {
     let cache = tempfile::tempdir().unwrap();
     let growths = ["12", "20", "12", "20"];
-    let expected = [expected("12"), expected("20")];
+    let expected = [expected_files("12"), expected_files("20")];
     for round in 0..5 {
         let outs = growths.map(|_| tempfile::tempdir().unwrap());
         let children =
@@ -121,11 +121,11 @@ fn a_cache_that_is_no_folder_is_a_warning() {
     let output = run("12", &file, &out);
     let words = String::from_utf8(output.stderr).unwrap();
     assert!(words.contains("results are not kept"), "{words}");
-    assert_eq!(files(&out), expected("12"));
+    assert_eq!(files(&out), expected_files("12"));
     assert_eq!(fs::read(&file).unwrap(), b"not a folder");
 }
 
-/// Linux gives ordinary users a file system of their own in a namespace of their own; where it does not, root has one.
+/// Tests on a small file system. Linux lets ordinary users mount one in a namespace of their own; otherwise only root can mount one.
 #[cfg(target_os = "linux")]
 mod file_systems {
     use std::io::Write;
@@ -136,7 +136,7 @@ mod file_systems {
         let _ = writeln!(std::io::stderr(), "{what}");
     }
 
-    /// Runs the program with a small file system at `mount`; none if this machine lets us mount nothing.
+    /// Runs the shell commands `then` with a small file system mounted at `mount`. Returns `None` if this machine does not allow the mount.
     fn with_mount(options: &str, then: &str, mount: &Path, out: &Path) -> Option<Output> {
         let program = env!("CARGO_BIN_EXE_maquette");
         let (mount, out) = (mount.display(), out.display());
@@ -166,7 +166,7 @@ mod file_systems {
         let words = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.success(), "{words}");
         assert!(words.contains("results are not kept for the next run"), "{words}");
-        assert_eq!(files(&out), expected("12"));
+        assert_eq!(files(&out), expected_files("12"));
     }
 
     #[test]
@@ -184,6 +184,6 @@ mod file_systems {
         let text = String::from_utf8_lossy(&output.stdout);
         assert!(text.contains("15 nodes: 15 cached"), "{text}");
         assert!(text.contains("15 nodes: 8 computed, 7 cached"), "{text}");
-        assert_eq!(files(&out), expected("20"));
+        assert_eq!(files(&out), expected_files("20"));
     }
 }

@@ -1,5 +1,5 @@
-//! What `run -n`, `batch -n` and `why` say is what a run would do: also of results that the cache has dropped, and of large files,
-//! which are not read for it.
+//! `run -n`, `batch -n` and `why` predict a run exactly. This includes results that the cache has dropped, and large files, which the
+//! commands do not read.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -25,8 +25,8 @@ fn project() -> Project {
     project
 }
 
-/// The first words of what a command says of each node or task, `cached lifted`, and all that it says.
-fn told(project: &Project, words: &[&str]) -> (Vec<String>, String) {
+/// Runs a command; returns the state and name of each node or task that it prints, such as `cached lifted`, and the whole text.
+fn forecast(project: &Project, words: &[&str]) -> (Vec<String>, String) {
     let words = [words, &["--cache", "cache"]].concat();
     let output = project.maquette(&words);
     let text = String::from_utf8(output.stdout).unwrap();
@@ -40,7 +40,7 @@ fn told(project: &Project, words: &[&str]) -> (Vec<String>, String) {
     (lines, text)
 }
 
-/// The files of the results in the cache.
+/// Lists the cache files that contain results.
 fn results(project: &Project) -> Vec<PathBuf> {
     fn files(
         folder: &Path,
@@ -53,14 +53,14 @@ fn results(project: &Project) -> Vec<PathBuf> {
         .collect()
 }
 
-/// Drops the results from the cache, and nothing else.
+/// Removes the results from the cache and keeps its other files.
 fn drop_results(project: &Project) {
     let dropped = results(project);
     assert!(!dropped.is_empty());
     dropped.iter().for_each(|file| fs::remove_file(file).unwrap());
 }
 
-/// Long enough for a file to be told from one that is written later.
+/// Waits until the modification time of a file that is written next differs from those of existing files.
 fn wait() {
     std::thread::sleep(Duration::from_millis(150));
 }
@@ -68,21 +68,21 @@ fn wait() {
 #[test]
 fn what_the_cache_has_dropped_is_told_if_it_is_needed() {
     let project = project();
-    told(&project, &["run", "doll.ron"]);
+    forecast(&project, &["run", "doll.ron"]);
     wait();
     let cached = ["cached mesh", "cached lifted", "cached other"].map(str::to_owned);
-    assert_eq!(told(&project, &["run", "doll.ron", "-n"]).0, cached);
-    assert!(told(&project, &["why", "doll.ron", "lifted"]).1.contains("`lifted` does not run"));
+    assert_eq!(forecast(&project, &["run", "doll.ron", "-n"]).0, cached);
+    assert!(forecast(&project, &["why", "doll.ron", "lifted"]).1.contains("`lifted` does not run"));
     drop_results(&project);
-    // The outputs are there, so that nothing is needed.
-    assert_eq!(told(&project, &["run", "doll.ron", "-n"]).0, cached);
-    let (_, why) = told(&project, &["why", "doll.ron", "lifted"]);
+    // All outputs exist, so no result is needed.
+    assert_eq!(forecast(&project, &["run", "doll.ron", "-n"]).0, cached);
+    let (_, why) = forecast(&project, &["why", "doll.ron", "lifted"]);
     assert!(why.starts_with("`lifted` runs: "), "{why}");
     fs::remove_file(project.folder().join("out/doll/out.obj")).unwrap();
-    let (lines, text) = told(&project, &["run", "doll.ron", "-n"]);
+    let (lines, text) = forecast(&project, &["run", "doll.ron", "-n"]);
     assert_eq!(lines, ["runs mesh", "runs lifted", "cached other"], "{text}");
-    // What was forecast comes true.
-    let (_, text) = told(&project, &["run", "doll.ron"]);
+    // The run does what was predicted.
+    let (_, text) = forecast(&project, &["run", "doll.ron"]);
     assert!(text.contains("computed  lifted") && text.contains("cached    other"), "{text}");
 }
 
@@ -90,25 +90,22 @@ fn what_the_cache_has_dropped_is_told_if_it_is_needed() {
 fn a_batch_knows_what_the_cache_has_dropped() {
     let project = project();
     let batch = ["batch", "doll.ron", "--sweep", "lift=1", "--out", "all"];
-    told(&project, &batch);
+    forecast(&project, &batch);
     wait();
     let outputs = fs::read_dir(project.folder().join("all"))
         .unwrap()
         .map(|folder: std::io::Result<fs::DirEntry>| folder.unwrap().path().join("out.obj"));
     fs::remove_file(outputs.into_iter().find(|it| it.exists()).unwrap()).unwrap();
-    fn forecast(project: &Project, batch: &[&str; 6]) -> String {
-        told(project, &[&batch[..], &["-n"]].concat()).1
-    }
     assert!(
-        forecast(&project, &batch).contains("; 0 nodes, 0 of them new"),
+        forecast(&project, &[&batch[..], &["-n"]].concat()).1.contains("; 0 nodes, 0 of them new"),
         "{}",
-        forecast(&project, &batch)
+        forecast(&project, &[&batch[..], &["-n"]].concat()).1
     );
     drop_results(&project);
     assert!(
-        forecast(&project, &batch).contains("; 2 nodes, 2 of them new"),
+        forecast(&project, &[&batch[..], &["-n"]].concat()).1.contains("; 2 nodes, 2 of them new"),
         "{}",
-        forecast(&project, &batch)
+        forecast(&project, &[&batch[..], &["-n"]].concat()).1
     );
 }
 
@@ -116,22 +113,22 @@ fn a_batch_knows_what_the_cache_has_dropped() {
 fn a_large_file_is_not_read_for_a_forecast() {
     let project = project();
     let large = project.folder().join("tet.obj");
-    told(&project, &["run", "doll.ron"]);
-    told(&project, &["batch", "doll.ron", "--sweep", "lift=1"]);
+    forecast(&project, &["run", "doll.ron"]);
+    forecast(&project, &["batch", "doll.ron", "--sweep", "lift=1"]);
     fs::File::create(&large).unwrap().set_len(50 << 30).unwrap();
     let start = Instant::now();
     for words in [&["run", "doll.ron", "-n"][..], &["why", "doll.ron", "mesh"]] {
-        let (_, text) = told(&project, words);
+        let (_, text) = forecast(&project, words);
         assert!(text.contains("file tet.obj may have changed and was not read"), "{text}");
         assert!(text.contains("may run"), "{text}");
     }
-    let (_, text) = told(&project, &["batch", "doll.ron", "--sweep", "lift=1", "-n"]);
+    let (_, text) = forecast(&project, &["batch", "doll.ron", "--sweep", "lift=1", "-n"]);
     assert!(text.contains("`tet.obj` may have changed and was not read"), "{text}");
-    // 50 GB take minutes.
+    // Reading a file of 50 GB would take minutes.
     assert!(start.elapsed() < Duration::from_secs(20), "{:?}", start.elapsed());
 }
 
-/// A function of a mesh, with a lift.
+/// A graph that lifts a mesh, which is its input.
 const FUNCTION: &str = r#"Graph(
     format: 1,
     params: { "lift": Number(default: 5.0, min: 0.0, max: 40.0, doc: "Lift.") },
@@ -160,17 +157,17 @@ fn a_large_file_at_an_input_is_not_read_for_a_forecast() {
             true => "file large.obj may have changed and was not read",
         };
         for words in [&["run", "doll.ron", "-n"][..], &["why", "doll.ron", "lifted"]] {
-            let (_, text) = told(&project, &[words, &input].concat());
+            let (_, text) = forecast(&project, &[words, &input].concat());
             assert!(text.contains(unread), "{words:?}: {text}");
         }
-        let (lines, text) = told(&project, &["batch", "all.sweep.ron", "-n"]);
+        let (lines, text) = forecast(&project, &["batch", "all.sweep.ron", "-n"]);
         assert_eq!(lines.len(), 3, "{text}");
         assert!(text.contains("2 of 2 tasks would run"), "{text}");
-        told(&project, &["run", "doll.ron", "--input", "mesh=tet.obj"]);
+        forecast(&project, &["run", "doll.ron", "--input", "mesh=tet.obj"]);
     }
-    // 50 GB take minutes.
+    // Reading a file of 50 GB would take minutes.
     assert!(start.elapsed() < Duration::from_secs(30), "{:?}", start.elapsed());
-    let (_, text) = told(&project, &["run", "doll.ron", "-n", "--input", "mesh=tet.obj"]);
+    let (_, text) = forecast(&project, &["run", "doll.ron", "-n", "--input", "mesh=tet.obj"]);
     assert!(text.starts_with("cached"), "{text}");
 }
 
@@ -186,14 +183,14 @@ fn a_large_file_at_an_input_that_has_not_changed_is_known_by_its_stamp() {
     }
     let input = ["--input", "mesh=large.obj"];
     fn dry(project: &Project, input: &[&str; 2]) -> (Vec<String>, String) {
-        told(project, &[&["run", "doll.ron", "-n"], &input[..]].concat())
+        forecast(project, &[&["run", "doll.ron", "-n"], &input[..]].concat())
     }
     write("v 9 0 0", &project);
-    told(&project, &[&["run", "doll.ron"], &input[..]].concat());
+    forecast(&project, &[&["run", "doll.ron"], &input[..]].concat());
     let (lines, text) = dry(&project, &input);
     assert_eq!(lines, ["cached mesh", "cached lifted"], "{text}");
     let (_, text) =
-        told(&project, &[&["run", "doll.ron", "-n", "--set", "lift=6"], &input[..]].concat());
+        forecast(&project, &[&["run", "doll.ron", "-n", "--set", "lift=6"], &input[..]].concat());
     assert!(text.contains("parameter `translate[1]` 5 -> 6"), "{text}");
     write("v 8 0 0", &project);
     let (lines, text) = dry(&project, &input);

@@ -1,5 +1,5 @@
-//! Batches on farms: each test is named after a statement that jobs, which were handed over, must keep. Engines are stood in for by a few lines
-//! that run what is handed to them; `tests/farm/run` asks real ones.
+//! Batches on farms: each test is named after a guarantee of the jobs that `batch --emit` writes. Short scripts replace the job engines
+//! here; `tests/farm/run` uses real ones.
 #![cfg(unix)]
 
 use std::collections::BTreeSet;
@@ -9,6 +9,7 @@ use std::process::{Command, Output};
 
 use serde_json::Value as Json;
 
+use crate::output::stderr_of;
 use crate::project::Project;
 
 mod expected;
@@ -34,8 +35,8 @@ const SWEEP: &str = r#"Sweep(
 
 const BALL: &str = "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
 
-/// Three scans, one with a name that a shell would take apart.
-fn scanned() -> Project {
+/// Makes a project with three scans, one of them with a name that a shell would split or expand.
+fn project_with_scans() -> Project {
     let project = Project::new(GRAPH);
     fs::create_dir(project.folder().join("scans")).unwrap();
     for name in ["maquette.toml", "ball.obj"] {
@@ -54,20 +55,16 @@ fn write(project: &Project, name: &str, text: &str) {
     fs::write(project.folder().join(name), text).unwrap();
 }
 
-/// What hands the batch to an engine.
-fn emitted(project: &Project, engine: &str) -> String {
+/// Emits the batch for an engine and returns the job.
+fn emit_job(project: &Project, engine: &str) -> String {
     let output = project.maquette(&["batch", "s.sweep.ron", "--emit", engine]);
-    assert!(output.status.success(), "{}", err(&output));
+    assert!(output.status.success(), "{}", stderr_of(&output));
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(!text.contains("HOME"), "a scan's name is in the job: {text}");
     text
 }
 
-fn err(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
-/// Runs a program where the project is, with its cache.
+/// Runs a program in the project's folder with the project's cache.
 fn run(project: &Project, program: &str, words: &[&str]) -> Output {
     let own = project.command(&[]);
     let set = own.get_envs().filter_map(|(name, value)| Some((name, value?)));
@@ -78,14 +75,14 @@ fn shell(project: &Project, command: &str) -> Output {
     run(project, "bash", &["-c", command])
 }
 
-/// The tasks that were run.
+/// Returns the names of the tasks that have a record.
 fn records(project: &Project) -> BTreeSet<String> {
     let files = fs::read_dir(project.folder().join("out/s.sweep/tasks")).unwrap();
     let names = files.map(|file| file.unwrap().file_name().to_string_lossy().into_owned());
     names.filter_map(|name| Some(name.strip_suffix(".json")?.to_owned())).collect()
 }
 
-/// The commands of a template of Open Job Description: of the first step, of each task, of the last step.
+/// Returns the commands of an Open Job Description template: those of the first step, of each task, and of the last step.
 fn commands_of_openjd(project: &Project, job: &str) -> [Vec<Vec<String>>; 3] {
     let job: Json = serde_json::from_str(job).unwrap();
     let folder = project.folder().display().to_string();
@@ -108,14 +105,15 @@ fn commands_of_openjd(project: &Project, job: &str) -> [Vec<Vec<String>>; 3] {
     ]
 }
 
-/// The same of a script for Slurm, whose `sbatch` keeps what it is given.
+/// Returns the commands of a Slurm script: those of the first step, of each task, and of the last step. A replacement for `sbatch` records
+/// the submitted scripts.
 fn commands_of_slurm(project: &Project, script: &str) -> [Vec<Vec<String>>; 3] {
     write(project, "submit.sh", script);
     fs::create_dir_all(project.folder().join("slurm")).unwrap();
     let sbatch = "#!/usr/bin/env bash\nid=$(ls slurm | grep -c job)\ncat > slurm/job$id\necho \"$@\" > slurm/words$id\necho $id\n";
     write(project, "slurm/sbatch", sbatch);
     let submitted = shell(project, "chmod +x slurm/sbatch && PATH=$PWD/slurm:$PATH bash submit.sh");
-    assert_eq!(String::from_utf8_lossy(&submitted.stdout), "0 1 2\n", "{}", err(&submitted));
+    assert_eq!(String::from_utf8_lossy(&submitted.stdout), "0 1 2\n", "{}", stderr_of(&submitted));
     fn read(name: &str, project: &Project) -> String {
         fs::read_to_string(project.folder().join("slurm").join(name)).unwrap()
     }
@@ -138,17 +136,17 @@ fn succeeds(project: &Project, commands: &[Vec<String>]) {
     for command in commands {
         let words = Vec::from_iter(command[1..].iter().map(String::as_str));
         let output = run(project, &command[0], &words);
-        assert!(output.status.success(), "{command:?}: {}", err(&output));
+        assert!(output.status.success(), "{command:?}: {}", stderr_of(&output));
     }
 }
 
-/// Runs commands, each of which must say that a scan was added.
+/// Runs commands and checks that each is refused and reports the added scan.
 fn refuse(project: &Project, commands: &[Vec<String>]) {
     for command in commands {
         let words = Vec::from_iter(command[1..].iter().map(String::as_str));
         let output = run(project, &command[0], &words);
         assert!(!output.status.success(), "{command:?}");
-        let told = err(&output);
+        let told = stderr_of(&output);
         assert!(told.contains("1 added (`a`)") && told.contains("hand them over again"), "{told}");
     }
 }
@@ -156,9 +154,9 @@ fn refuse(project: &Project, commands: &[Vec<String>]) {
 #[test]
 fn a_scan_that_arrives_between_handover_and_run_is_told_and_no_job_runs_another_task() {
     for engine in ["lines", "openjd", "slurm"] {
-        let project = scanned();
+        let project = project_with_scans();
         fn commands(project: &Project, engine: &str) -> [Vec<Vec<String>>; 3] {
-            let job = emitted(project, engine);
+            let job = emit_job(project, engine);
             match engine {
                 "lines" => {
                     let lines =
@@ -180,11 +178,15 @@ fn a_scan_that_arrives_between_handover_and_run_is_told_and_no_job_runs_another_
         refuse(&project, &warm);
         refuse(&project, &sheet);
         assert_eq!(records(&project), before, "{engine}: what was refused is no result");
-        // Who asks by hand is told, too.
+        // A command that a user types reports the added scan, too.
         let report = project.maquette(&["batch", "s.sweep.ron", "--report"]);
         assert_eq!(report.status.code(), Some(1));
-        assert!(err(&report).contains("1 of 4 tasks never handed over: `a`"), "{}", err(&report));
-        // Handed over again, all is run.
+        assert!(
+            stderr_of(&report).contains("1 of 4 tasks never handed over: `a`"),
+            "{}",
+            stderr_of(&report)
+        );
+        // A job that is emitted again runs all tasks.
         if engine == "slurm" {
             fs::remove_dir_all(project.folder().join("slurm")).unwrap();
         }
@@ -193,11 +195,15 @@ fn a_scan_that_arrives_between_handover_and_run_is_told_and_no_job_runs_another_
         [warm, tasks, sheet].iter().for_each(|commands| succeeds(&project, commands));
         assert_eq!(records(&project).len(), 4, "{engine}");
         let report = project.maquette(&["batch", "s.sweep.ron", "--report"]);
-        assert_eq!((report.status.code(), err(&report)), (Some(0), String::new()), "{engine}");
+        assert_eq!(
+            (report.status.code(), stderr_of(&report)),
+            (Some(0), String::new()),
+            "{engine}"
+        );
     }
 }
 
-/// HyperQueue in a few lines: it runs what is submitted at once, and lets a scan arrive behind the first task.
+/// A replacement for HyperQueue in a few lines: it runs submitted programs at once, and adds a scan after the first task.
 const HYPERQUEUE: &str = r#"
 import os, shutil, subprocess
 
@@ -232,41 +238,41 @@ fn hyperqueue_tells_of_a_scan_that_arrives() {
     if let Err(why) = Command::new("python3").arg("--version").output() {
         return println!("skipped: there is no python3 here ({why})");
     }
-    let project = scanned();
+    let project = project_with_scans();
     write(&project, "hyperqueue.py", HYPERQUEUE);
-    write(&project, "job.py", &emitted(&project, "hq"));
+    write(&project, "job.py", &emit_job(&project, "hq"));
     let output = shell(&project, "ARRIVES=1 python3 job.py server");
-    assert_eq!(output.status.code(), Some(1), "{}", err(&output));
+    assert_eq!(output.status.code(), Some(1), "{}", stderr_of(&output));
     let told = String::from_utf8_lossy(&output.stdout);
     assert!(told.ends_with("1 done, 2 failed\n"), "{told}");
-    assert!(err(&output).contains("1 added (`a`)"), "{}", err(&output));
+    assert!(stderr_of(&output).contains("1 added (`a`)"), "{}", stderr_of(&output));
     assert_eq!(records(&project), BTreeSet::from(["b".to_owned()]));
-    // The old job runs nothing at all now, and the new one everything.
+    // Now all tasks of the old job are refused, and a new job runs all tasks.
     let output = shell(&project, "python3 job.py server");
     assert!(String::from_utf8_lossy(&output.stdout).ends_with("0 done, 3 failed\n"));
-    write(&project, "job.py", &emitted(&project, "hq"));
+    write(&project, "job.py", &emit_job(&project, "hq"));
     let output = shell(&project, "python3 job.py server");
-    assert_eq!(output.status.code(), Some(0), "{}", err(&output));
+    assert_eq!(output.status.code(), Some(0), "{}", stderr_of(&output));
     assert_eq!(records(&project).len(), 4);
 }
 
-/// What a job says, which must fail and leave nothing behind.
-fn refused(project: &Project, job: &str) -> String {
+/// Runs a job that must be refused without writing anything, and returns its messages.
+fn run_refused_job(project: &Project, job: &str) -> String {
     let output = shell(project, job);
-    assert_eq!(output.status.code(), Some(2), "{}", err(&output));
+    assert_eq!(output.status.code(), Some(2), "{}", stderr_of(&output));
     let tasks = project.folder().join("out/s.sweep/tasks");
     assert!(records(project).is_empty() && !tasks.join("b.jpg").exists());
-    err(&output)
+    stderr_of(&output)
 }
 
 #[test]
 fn a_job_says_what_has_changed_since_it_was_handed_over() {
     fn check(change: &dyn Fn(&Project, &Path), told: &str) {
-        let project = scanned();
-        let jobs = emitted(&project, "lines");
+        let project = project_with_scans();
+        let jobs = emit_job(&project, "lines");
         change(&project, &project.folder().join("scans"));
         for job in jobs.lines() {
-            let found = refused(&project, job);
+            let found = run_refused_job(&project, job);
             assert!(found.contains(told), "`{told}` in {found}");
         }
     }
@@ -286,15 +292,15 @@ fn a_job_says_what_has_changed_since_it_was_handed_over() {
             write(project, "other.ron", GRAPH);
             write(project, "s.sweep.ron", &SWEEP.replace("doll.ron", "other.ron"));
         },
-        "the graph is `other.ron` in place of `doll.ron`",
+        "the graph is `other.ron` instead of `doll.ron`",
     );
 }
 
 #[test]
 fn what_changes_no_task_stops_no_job() {
-    let project = scanned();
-    let jobs = emitted(&project, "lines");
-    // How the sweep is written, the page's pictures, and a list that somebody took away.
+    let project = project_with_scans();
+    let jobs = emit_job(&project, "lines");
+    // Changes that affect no task: the format of the sweep, the pictures of the page, and a deleted task list.
     write(
         &project,
         "s.sweep.ron",
@@ -303,29 +309,31 @@ fn what_changes_no_task_stops_no_job() {
     fs::remove_dir_all(project.folder().join("out")).unwrap();
     for job in jobs.lines() {
         let output = shell(&project, job);
-        assert!(output.status.success(), "{}", err(&output));
+        assert!(output.status.success(), "{}", stderr_of(&output));
     }
     assert_eq!(records(&project).len(), 3);
 }
 
 #[test]
 fn a_list_that_is_missing_or_damaged_is_told_if_it_is_needed() {
-    let project = scanned();
-    let jobs = emitted(&project, "lines");
+    let project = project_with_scans();
+    let jobs = emit_job(&project, "lines");
     let folder = project.folder().join("out/s.sweep/tasks/@handovers");
     let list = fs::read_dir(&folder).unwrap().next().unwrap().unwrap().path();
     let text = fs::read_to_string(&list).unwrap();
     scan(&project, "a");
     for damaged in [text.replace("2.0", "2.5"), text[..text.len() / 2].to_owned()] {
         fs::write(&list, damaged).unwrap();
-        let told = refused(&project, jobs.lines().next().unwrap());
+        let told = run_refused_job(&project, jobs.lines().next().unwrap());
         assert!(
             told.contains("is missing or damaged") && told.contains("hand them over again"),
             "{told}"
         );
     }
     fs::remove_dir_all(&folder).unwrap();
-    assert!(refused(&project, jobs.lines().next().unwrap()).contains("is missing or damaged"));
+    assert!(
+        run_refused_job(&project, jobs.lines().next().unwrap()).contains("is missing or damaged")
+    );
     for hash in ["", "../../../etc/passwd", "0123456789ABCDEF", "0123456789abcde"] {
         let output = project.maquette(&["batch", "s.sweep.ron", "--handover", hash, "--task", "0"]);
         assert_eq!(output.status.code(), Some(2), "{hash}");
@@ -334,26 +342,26 @@ fn a_list_that_is_missing_or_damaged_is_told_if_it_is_needed() {
 
 #[test]
 fn jobs_that_name_no_list_run_as_before() {
-    let project = scanned();
+    let project = project_with_scans();
     let output = project.maquette(&["batch", "s.sweep.ron", "--task", "0-1"]);
-    assert!(output.status.success(), "{}", err(&output));
+    assert!(output.status.success(), "{}", stderr_of(&output));
     scan(&project, "a");
     let output = project.maquette(&["batch", "s.sweep.ron", "--task", "0"]);
-    assert!(output.status.success(), "{}", err(&output));
+    assert!(output.status.success(), "{}", stderr_of(&output));
     assert!(records(&project).contains("a"));
     let report = project.maquette(&["batch", "s.sweep.ron", "--report"]);
-    // One has not been run, and nothing was handed over.
+    // One task is missing but not reported as never handed over, because no job was emitted.
     let missing = "error: 4 tasks: 3 done, 0 failed, 1 missing\n".to_owned();
-    assert_eq!((report.status.code(), err(&report)), (Some(1), missing));
+    assert_eq!((report.status.code(), stderr_of(&report)), (Some(1), missing));
 }
 
 #[test]
 fn what_was_run_here_need_not_be_handed_over() {
-    let project = scanned();
-    emitted(&project, "lines");
+    let project = project_with_scans();
+    emit_job(&project, "lines");
     scan(&project, "a");
     let output = project.maquette(&["batch", "s.sweep.ron"]);
-    assert!(output.status.success(), "{}", err(&output));
+    assert!(output.status.success(), "{}", stderr_of(&output));
     let report = project.maquette(&["batch", "s.sweep.ron", "--report"]);
-    assert_eq!((report.status.code(), err(&report)), (Some(0), String::new()));
+    assert_eq!((report.status.code(), stderr_of(&report)), (Some(0), String::new()));
 }

@@ -1,4 +1,4 @@
-//! Which failures of tasks a batch keeps: those that would come again, and not those of the machine.
+//! A batch does not repeat failures that would recur, but repeats those caused by the machine.
 
 use std::fs;
 
@@ -24,7 +24,7 @@ fn project(mesh: &str) -> Project {
     project
 }
 
-/// The exit code, and what became of the only task: its state and whether it ran.
+/// Runs a batch of one task; returns the exit code, the state of the task, and true if it ran.
 fn batch(project: &Project, more: &[&str]) -> (Option<i32>, String, bool) {
     let words = ["batch", "doll.ron", "--sweep", "levels=4", "--out", "all", "--json"];
     let output = project.maquette(&[&words, more].concat());
@@ -56,13 +56,13 @@ fn what_could_not_be_written_is_tried_again() {
     assert_eq!(batch(&project, &[]).0, Some(0));
     let task = task(&project);
     fs::remove_dir_all(&task).unwrap();
-    // A file where the folder should be stops every user, root included.
+    // A file in place of the folder prevents every user, even root, from writing.
     fs::write(&task, "").unwrap();
     assert_eq!(batch(&project, &[]), (Some(1), "failed".into(), true));
     assert_eq!(batch(&project, &[]), (Some(1), "failed".into(), true));
     let dry = project.maquette(&["batch", "doll.ron", "--sweep", "levels=4", "--out", "all", "-n"]);
     let dry = String::from_utf8_lossy(&dry.stdout).into_owned();
-    assert!(dry.contains("it failed for want of memory or disk space"), "{dry}");
+    assert!(dry.contains("it failed because memory, disk space"), "{dry}");
     fs::remove_file(&task).unwrap();
     assert_eq!(batch(&project, &[]), (Some(0), "done".into(), true));
 }
@@ -76,7 +76,7 @@ fn what_fails_by_itself_is_kept_and_says_how_it_is_run_again() {
         let words = ["batch", "doll.ron", "--sweep", "levels=4", "--out", "all"];
         let output = project.maquette(&[&words, more].concat());
         let told = String::from_utf8_lossy(&output.stdout).into_owned();
-        assert!(told.contains("nothing has changed: --retry runs it again"), "{told}");
+        assert!(told.contains("nothing has changed; use --retry to run it again"), "{told}");
     }
     assert_eq!(batch(&project, &["--retry"]), (Some(1), "failed".into(), true));
 }
@@ -88,22 +88,20 @@ fn a_sweep_in_the_middle_of_a_merge_says_so() {
         |value: u32| format!("Sweep(graph: \"doll.ron\", over: Values(\"levels\", [{value}]))");
     let (ours, theirs) = (side(1), side(2));
     let text = format!("<<<<<<< ours\n{ours}\n=======\n{theirs}\n>>>>>>> theirs\n");
-    for (name, words) in
-        [("a.sweep.ron", &["batch", "a.sweep.ron", "-n"][..]), ("c.ron", &["migrate", "c.ron"])]
-    {
+    for (name, words) in [
+        ("a.sweep.ron", &["batch", "a.sweep.ron", "-n"][..]),
+        ("c.ron", &["edit", "c.ron", "migrate"]),
+    ] {
         fs::write(project.folder().join(name), &text).unwrap();
         let output = project.maquette(words);
         let told = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(
-            told.contains("error[G001]: this file has the conflict marks of a merge"),
-            "{told}"
-        );
+        assert!(told.contains("error[G001]: this file contains merge conflict markers"), "{told}");
         assert!(told.contains(&format!("{name}:1:1")), "{told}");
         assert_eq!(output.status.code(), Some(1));
     }
-    // What else is wrong with it is said as of any other file.
+    // Without the markers, other errors of the sweep are reported as usual.
     fs::write(project.folder().join("a.sweep.ron"), ours.replace("Sweep", "Sweeep")).unwrap();
     let output = project.maquette(&["batch", "a.sweep.ron", "-n"]);
     let told = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(told.contains("a sweep is Sweep(..), not "), "{told}");
+    assert!(told.contains("expected Sweep(..), found "), "{told}");
 }

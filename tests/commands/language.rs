@@ -1,4 +1,4 @@
-//! The language of graphs, as users of the commands meet it: a file for each row of what it promises.
+//! The graph language on the command line: one file for each group of its guarantees.
 
 mod cases;
 mod each;

@@ -1,4 +1,4 @@
-//! Graphs in editors: each test is named after a statement that a language server must keep.
+//! The language server: each test is named after a guarantee to editors.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -17,12 +17,12 @@ mod odd_fields;
 mod protocol;
 mod refactor;
 
-use editor::{Editor, edited, position, uri};
+use editor::{Editor, apply_edits, position, uri};
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 const BAD: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/bad");
 
-/// A folder with a project, and one for results.
+/// A temporary project folder and a cache folder.
 struct Place {
     folder: PathBuf,
     cache: PathBuf,
@@ -51,10 +51,10 @@ impl Place {
         self.folder.join(name)
     }
 
-    /// The doll's files, and a graph.
+    /// Makes a project with the doll's files and one graph.
     fn doll(name: &str, text: &str) -> Self {
         let place = Self::new(&[(name, text)]);
-        copied(&Path::new(GRAPHS).join("doll"), &place.path("doll"));
+        copy_folder(&Path::new(GRAPHS).join("doll"), &place.path("doll"));
         place
     }
 
@@ -73,18 +73,18 @@ impl Place {
     }
 }
 
-fn copied(from: &Path, to: &Path) {
+fn copy_folder(from: &Path, to: &Path) {
     std::fs::create_dir_all(to).unwrap();
     for entry in std::fs::read_dir(from).unwrap() {
         let entry = entry.unwrap();
         match entry.path().is_dir() {
-            true => copied(&entry.path(), &to.join(entry.file_name())),
+            true => copy_folder(&entry.path(), &to.join(entry.file_name())),
             false => drop(std::fs::copy(entry.path(), to.join(entry.file_name())).unwrap()),
         }
     }
 }
 
-/// The files with graphs and tests in a folder.
+/// Collects the graph and test files in a folder and its subfolders.
 fn files(folder: &Path, found: &mut Vec<PathBuf>) {
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
@@ -101,10 +101,10 @@ fn files(folder: &Path, found: &mut Vec<PathBuf>) {
     found.sort();
 }
 
-/// Problems as both tell them: file, severity, code, place, words.
-type Told = BTreeSet<(String, u64, String, [u64; 4], String)>;
+/// Diagnostics in the form that `check` and the server have in common: file, severity, code, position, message.
+type Diagnostics = BTreeSet<(String, u64, String, [u64; 4], String)>;
 
-fn told_by_check(document: &Json) -> Told {
+fn told_by_check(document: &Json) -> Diagnostics {
     fn number(problem: &Json, name: &str) -> u64 {
         problem[name].as_u64().unwrap() - 1
     }
@@ -125,7 +125,7 @@ fn told_by_check(document: &Json) -> Told {
     problems.collect()
 }
 
-fn told_by_server(uri: &str, diagnostics: &[Json]) -> Told {
+fn told_by_server(uri: &str, diagnostics: &[Json]) -> Diagnostics {
     let one = |it: &Json| {
         let place = [
             "/range/start/line",
@@ -150,8 +150,8 @@ fn told_by_server(uri: &str, diagnostics: &[Json]) -> Told {
 #[test]
 fn problems_are_those_of_check() {
     let place = Place::new(&[]);
-    copied(Path::new(BAD), &place.path("bad"));
-    copied(Path::new(GRAPHS), &place.path("good"));
+    copy_folder(Path::new(BAD), &place.path("bad"));
+    copy_folder(Path::new(GRAPHS), &place.path("good"));
     let mut all = Vec::new();
     files(&place.path("bad"), &mut all);
     files(&place.path("good"), &mut all);
@@ -159,7 +159,8 @@ fn problems_are_those_of_check() {
         .into_iter()
         .filter(|path| {
             let text = std::fs::read_to_string(path).unwrap_or_default();
-            // Letters beyond the first plane count twice in an editor.
+            // Files with characters beyond the basic multilingual plane are skipped: such a character has two UTF-16 units in an editor,
+            // but is one for `check`.
             let word = text
                 .lines()
                 .find(|line| !line.trim().is_empty() && !line.trim_start().starts_with("//"));
@@ -175,7 +176,7 @@ fn problems_are_those_of_check() {
         editor.open(path, &std::fs::read_to_string(path).unwrap());
         editor.diagnostics(path);
         let found = editor.told.iter().flat_map(|(uri, told)| told_by_server(uri, told));
-        let found = Told::from_iter(found);
+        let found = Diagnostics::from_iter(found);
         let document = place.run(&["check", "--json", path.to_str().unwrap()]);
         let document: Json = serde_json::from_str(&document).unwrap();
         if document.get("more_problems").is_some() {
@@ -242,7 +243,7 @@ fn a_used_file_counts_as_it_is_in_the_editor() {
         .map(|it| it["message"].as_str().unwrap())
         .collect::<Vec<_>>();
     assert!(messages.contains(&"Nose has no field `lift`"), "{messages:?}");
-    // On disk nothing has changed; closed, it counts as it is there.
+    // The edit was never saved. After the editor closes the file, the text on disk counts again.
     editor.tell("textDocument/didClose", json!({ "textDocument": { "uri": uri(&nose) } }));
     editor.change(&face, &format!("{FACE} "));
     assert_eq!(editor.diagnostics(&face), Vec::<Json>::new());
@@ -274,12 +275,12 @@ fn what_belongs_to_nobody_is_left_alone() {
 fn hover_says_what_is_known() {
     let place = face();
     let path = place.path("face.ron");
-    fn said(editor: &mut Editor, text: &str, mark: &str, path: &Path) -> String {
-        let found = editor.at("textDocument/hover", path, text, mark);
+    fn hover(editor: &mut Editor, text: &str, mark: &str, path: &Path) -> String {
+        let found = editor.ask_at("textDocument/hover", path, text, mark);
         found["contents"]["value"].as_str().unwrap_or_default().to_owned()
     }
     let check = |editor: &mut Editor, mark: &str, wanted: &[&str]| {
-        let found = said(editor, FACE, mark, &path);
+        let found = hover(editor, FACE, mark, &path);
         wanted
             .iter()
             .for_each(|wanted| assert!(found.contains(wanted), "{wanted} in {found} at {mark}"));
@@ -299,22 +300,22 @@ fn hover_says_what_is_known() {
     check(e, "ex|pect", &["expect"]);
     check(e, "[Clo|sed(\"smooth\")", &["Closed", "no boundary"]);
     check(e, "\"ball.|obj\"", &["ball.obj", "bytes"]);
-    let nothing = said(e, FACE, "not |ASCII", &path);
+    let nothing = hover(e, FACE, "not |ASCII", &path);
     assert_eq!(nothing, "");
-    // What the last evaluation found, and that it is old after an edit.
-    assert!(!said(e, FACE, "\"nose.m|esh\"", &path).contains("last"));
+    // A hover shows the results of the last run, marked as outdated after an edit.
+    assert!(!hover(e, FACE, "\"nose.m|esh\"", &path).contains("last"));
     drop(editor);
     place.run(&["run", "face.ron"]);
     let mut editor = place.editor();
     editor.open(&path, FACE);
-    let found = said(&mut editor, FACE, "\"smo|oth\": Sub", &path);
-    assert!(found.contains("last: 10 vertices") && !found.contains("stale"), "{found}");
+    let found = hover(&mut editor, FACE, "\"smo|oth\": Sub", &path);
+    assert!(found.contains("last: 10 vertices") && !found.contains("outdated"), "{found}");
     let other = FACE.replace("growth * 2", "growth * 3");
     editor.change(&path, &other);
-    let found = said(&mut editor, &other, "\"smo|oth\": Sub", &path);
-    assert!(found.contains("stale") && found.contains("10 vertices"), "{found}");
-    let found = said(&mut editor, &other, "\"ba|ll\": Read", &path);
-    assert!(found.contains("last: 4 vertices") && !found.contains("stale"), "{found}");
+    let found = hover(&mut editor, &other, "\"smo|oth\": Sub", &path);
+    assert!(found.contains("outdated") && found.contains("10 vertices"), "{found}");
+    let found = hover(&mut editor, &other, "\"ba|ll\": Read", &path);
+    assert!(found.contains("last: 4 vertices") && !found.contains("outdated"), "{found}");
 }
 
 #[test]
@@ -341,7 +342,7 @@ fn hints_are_what_came_out_and_nothing_runs_for_them() {
     assert_eq!(labels.len(), 5, "{labels:?}");
     assert!(labels[0].starts_with("4 vertices") && labels[0].ends_with('s'), "{labels:?}");
     assert!(!place.path("out").join("nothing").exists());
-    // Who does not want them has none.
+    // A client that turns hints off gets none.
     let options = json!({ "hints": false });
     let mut editor = Editor::that_can(&place.cache, json!({}), options);
     editor.open(&path, FACE);
@@ -360,17 +361,17 @@ fn a_fix_is_applied_by_an_action() {
     let range = diagnostics[0]["range"].clone();
     let asked = json!({ "textDocument": { "uri": uri(&path) }, "range": range, "context": { "diagnostics": diagnostics } });
     let actions = editor.ask("textDocument/codeAction", asked);
-    assert_eq!(actions[0]["title"], "Write `Subdivide` in place of `Subdivde`", "{actions}");
-    let mended = edited(&text, &actions[0]["edit"]["changes"][uri(&path)]);
+    assert_eq!(actions[0]["title"], "Replace `Subdivde` by `Subdivide`", "{actions}");
+    let mended = apply_edits(&text, &actions[0]["edit"]["changes"][uri(&path)]);
     assert_eq!(mended, FACE.replace("levels: 1", "levls: 1"));
-    // All at once, the one that the first has hidden as well.
+    // `source.fixAll` applies all fixes, including that of an error which is only found after the first fix.
     let whole =
         json!({ "start": { "line": 0, "character": 0 }, "end": { "line": 0, "character": 0 } });
     let context = json!({ "diagnostics": [], "only": ["source.fixAll"] });
     let asked =
         json!({ "textDocument": { "uri": uri(&path) }, "range": whole, "context": context });
     let actions = editor.ask("textDocument/codeAction", asked);
-    assert_eq!(edited(&text, &actions[0]["edit"]["changes"][uri(&path)]), FACE);
+    assert_eq!(apply_edits(&text, &actions[0]["edit"]["changes"][uri(&path)]), FACE);
 }
 
 #[test]
@@ -406,25 +407,25 @@ fn colors_links_symbols_folds_and_words() {
     assert!(nodes["children"].as_array().unwrap().len() > 5);
     for symbol in symbols.as_array().unwrap() {
         for inner in symbol["children"].as_array().unwrap() {
-            fn within(a: &Json, b: &Json) -> bool {
+            fn is_within(a: &Json, b: &Json) -> bool {
                 let at =
                     |it: &Json| (it["line"].as_u64().unwrap(), it["character"].as_u64().unwrap());
                 at(&b["start"]) <= at(&a["start"]) && at(&a["end"]) <= at(&b["end"])
             }
-            assert!(within(&inner["range"], &symbol["range"]), "{inner} in {symbol}");
-            assert!(within(&inner["selectionRange"], &inner["range"]), "{inner}");
+            assert!(is_within(&inner["range"], &symbol["range"]), "{inner} in {symbol}");
+            assert!(is_within(&inner["selectionRange"], &inner["range"]), "{inner}");
         }
     }
     assert!(ask("foldingRange").as_array().unwrap().len() > 3);
     let words = ask("semanticTokens/full");
     let data = words["data"].as_array().unwrap();
     assert!(data.len() > 200 && data.len().is_multiple_of(5));
-    // A picked color changes one literal and nothing else.
+    // Picking a color replaces one literal and nothing else.
     let color = json!({ "red": 0.0, "green": 0.5, "blue": 1.0, "alpha": 1.0 });
     let asked =
         json!({ "textDocument": { "uri": uri(&path) }, "color": color, "range": first["range"] });
     let picked = editor.ask("textDocument/colorPresentation", asked);
-    let new = edited(&text, &json!([picked[0]["textEdit"]]));
+    let new = apply_edits(&text, &json!([picked[0]["textEdit"]]));
     assert_eq!(new.len(), text.len());
     assert_eq!(
         new.bytes().zip(text.bytes()).filter(|(a, b)| a != b).count().clamp(1, 6),
@@ -469,7 +470,7 @@ fn lenses_run_watch_inspect_and_say_why() {
     let lenses = editor.ask("textDocument/codeLens", document);
     assert_eq!(titles(&lenses)[1], "stop");
     editor.ask("workspace/executeCommand", command(&lenses[1]));
-    // What is not saved is not run.
+    // A run is refused while the text is not saved.
     editor.change(&path, &format!("{FACE}\n"));
     let refused = editor.try_ask("workspace/executeCommand", command(&lenses[0]));
     assert!(refused.unwrap_err().contains("save"));
@@ -514,7 +515,7 @@ fn a_broken_request_is_refused_and_the_server_goes_on() {
     let far = json!({ "textDocument": { "uri": uri(&path) }, "position": { "line": 9999, "character": 9999 } });
     editor.ask("textDocument/completion", far.clone());
     editor.ask("textDocument/hover", far);
-    assert!(editor.at("textDocument/hover", &path, FACE, "Sub|divide(").is_object());
+    assert!(editor.ask_at("textDocument/hover", &path, FACE, "Sub|divide(").is_object());
 }
 
 #[test]
@@ -529,7 +530,10 @@ fn formatting_is_fmt() {
     let edits = editor.ask("textDocument/formatting", asked);
     place.write("other.ron", &text);
     place.run(&["fmt", "other.ron"]);
-    assert_eq!(edited(&text, &edits), std::fs::read_to_string(place.path("other.ron")).unwrap());
+    assert_eq!(
+        apply_edits(&text, &edits),
+        std::fs::read_to_string(place.path("other.ron")).unwrap()
+    );
 }
 
 #[test]
@@ -550,13 +554,13 @@ fn sweeps_are_checked_and_completed_and_said_nothing_of_what_graphs_have() {
     assert_eq!(told.len(), 1, "{told:?}");
     let cut = "Sweep(\n    graph: \"face.ron\",\n    over: \n)\n";
     editor.change(&path, cut);
-    let proposed = editor.proposed(&path, cut, "over: |");
+    let proposed = editor.complete_at(&path, cut, "over: |");
     for choice in ["Product", "Zip", "Values", "Files"] {
         assert!(proposed.iter().any(|label| label == choice), "{proposed:?}");
     }
     let cut = "Sweep(\n    graph: \"face.ron\",\n    \n)\n";
     editor.change(&path, cut);
-    let proposed = editor.proposed(&path, cut, ",\n    |");
+    let proposed = editor.complete_at(&path, cut, ",\n    |");
     assert!(
         ["over", "out", "picture", "set"].iter().all(|name| proposed.iter().any(|it| it == name)),
         "{proposed:?}"
@@ -593,7 +597,7 @@ fn a_folder_without_a_project_is_served_too() {
     editor.open(&path, graph);
     let told = editor.diagnostics(&path);
     assert!(told.iter().any(|it| it["code"] == "G003"), "{told:?}");
-    // Others have words of the same name in their own files.
+    // A RON file that is not of maquette may also begin with `Graph`; it gets no diagnostics.
     let other = place.path("b.ron");
     editor.open(&other, "Graph(vertices: 3, edges: [(0, 1)])");
     editor.change(&path, graph);

@@ -1,4 +1,4 @@
-//! The program as its users see it: what its commands do, say and write.
+//! The program as its users see it: the results, output and files of its commands.
 
 mod all_mistakes;
 mod at_once;
@@ -8,6 +8,7 @@ mod blessing;
 mod builds;
 mod cache_folder;
 mod command_line;
+mod command_names;
 mod compare;
 mod doctor;
 mod faults;
@@ -41,6 +42,8 @@ mod watch_changes;
 #[path = "../common/beside.rs"]
 mod beside;
 mod editors;
+#[path = "../common/output.rs"]
+mod output;
 #[path = "../common/project.rs"]
 #[allow(dead_code, reason = "some of it is for the tests of the live page")]
 mod project;

@@ -1,4 +1,4 @@
-//! One input file that is missing stops only what depends on it.
+//! If one input file is missing, only the nodes that depend on it fail.
 
 use std::fs;
 
@@ -23,17 +23,17 @@ pub(crate) fn project() -> Project {
     Project::with_tetrahedron(GRAPH)
 }
 
-/// The exit code, the severities with the messages of all problems, and the names of all written files.
+/// Runs the graph; returns the exit code, the severity and message of each diagnostic, and the names of all written files.
 fn run(project: &Project, more: &[&str]) -> (Option<i32>, Vec<String>, Vec<String>) {
     let output = project.maquette(&[&["run", "doll.ron", "--json"], more].concat());
     let told: Json = serde_json::from_slice(&output.stdout).unwrap();
     fn text(value: &Json) -> String {
         value.as_str().unwrap().to_owned()
     }
-    fn all(name: &str, told: &Json) -> Vec<Json> {
+    fn list(name: &str, told: &Json) -> Vec<Json> {
         told[name].as_array().unwrap().clone()
     }
-    let problems = all("problems", &told).into_iter().map(|problem| {
+    let problems = list("problems", &told).into_iter().map(|problem| {
         format!(
             "{} {}: {}",
             text(&problem["severity"]),
@@ -41,7 +41,7 @@ fn run(project: &Project, more: &[&str]) -> (Option<i32>, Vec<String>, Vec<Strin
             text(&problem["message"])
         )
     });
-    let written = all("outputs", &told).into_iter().map(|output| text(&output["name"]));
+    let written = list("outputs", &told).into_iter().map(|output| text(&output["name"]));
     (output.status.code(), problems.collect(), written.collect())
 }
 
@@ -86,13 +86,13 @@ fn what_is_looked_at_alone_needs_no_other_file() {
         assert_eq!(output.status.code(), Some(code), "{node}: {told}");
         assert_eq!(told.contains("there is no file `tte.obj`"), code == 1, "{node}: {told}");
     }
-    fn why(node: &str, project: &Project) -> Vec<u8> {
+    fn run_why(node: &str, project: &Project) -> Vec<u8> {
         project.maquette(&["why", "doll.ron", node]).stdout
     }
-    assert!(String::from_utf8_lossy(&why("good", &project)).starts_with("`good` does not run"));
-    let told = String::from_utf8(why("moved", &project)).unwrap();
+    assert!(String::from_utf8_lossy(&run_why("good", &project)).starts_with("`good` does not run"));
+    let told = String::from_utf8(run_why("moved", &project)).unwrap();
     assert!(told.contains("`moved` is skipped") && told.contains("tte.obj"), "{told}");
-    // Whoever checks the graph wants to know.
+    // `check` reports the missing file as an error even if no output needs it.
     assert_eq!(project.maquette(&["check", "doll.ron"]).status.code(), Some(1));
 }
 
@@ -124,7 +124,7 @@ fn a_watch_goes_on_and_takes_the_file_as_soon_as_it_is_there() {
     let run = watch.run();
     assert_eq!((run.state("good"), run.state("bad")), ("computed", "failed"), "{run:?}");
     assert_eq!(run.problems[0]["message"], "there is no file `tte.obj`");
-    // Another content, or its result would be known.
+    // The file has new content; otherwise its result would already be cached.
     let other = TETRAHEDRON.replace('9', "8");
     fs::write(project.folder().join("tte.obj"), other).unwrap();
     assert_eq!(watch.run_until_ok().state("bad"), "computed");

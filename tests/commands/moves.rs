@@ -1,4 +1,4 @@
-//! `extract` and `inline` as their user sees them: both files are written, or none.
+//! `extract` and `inline` as their users see them: either both files are written or none.
 
 use expect_test::expect;
 
@@ -31,26 +31,36 @@ fn read(project: &Project, name: &str) -> String {
     std::fs::read_to_string(project.folder().join(name)).unwrap()
 }
 
-/// What a command says and how it ends.
-fn said(project: &Project, arguments: &[&str]) -> (Option<i32>, String) {
+/// Runs a command; returns its exit code and its output (stdout and stderr).
+fn run_text(project: &Project, arguments: &[&str]) -> (Option<i32>, String) {
     let output = project.maquette(arguments);
     let words = [output.stdout, output.stderr].concat();
     (output.status.code(), String::from_utf8(words).unwrap())
 }
 
-const EXTRACT: [&str; 9] =
-    ["extract", "doll.ron", "smooth", "moved", "--to", "lib/high.ron", "--name", "High", "--as"];
+const EXTRACT: [&str; 10] = [
+    "edit",
+    "doll.ron",
+    "extract",
+    "smooth",
+    "moved",
+    "--to",
+    "lib/high.ron",
+    "--name",
+    "High",
+    "--as",
+];
 
 #[test]
 fn nodes_become_a_graph_and_come_back_and_the_outputs_stay() {
     let project = project();
     fn run(project: &Project) -> Vec<u8> {
-        let (code, words) = said(project, &["run", "doll.ron", "--no-provenance"]);
+        let (code, words) = run_text(project, &["run", "doll.ron", "--no-provenance"]);
         assert_eq!(code, Some(0), "{words}");
         std::fs::read(project.folder().join("out/doll/both.ply")).unwrap()
     }
     let before = run(&project);
-    let (code, words) = said(&project, &[&EXTRACT[..], &["up"]].concat());
+    let (code, words) = run_text(&project, &[&EXTRACT[..], &["up"]].concat());
     assert_eq!(code, Some(0), "{words}");
     expect![[r#"
         lib/high.ron: High, used by `up`
@@ -90,7 +100,7 @@ fn nodes_become_a_graph_and_come_back_and_the_outputs_stay() {
     "#]]
     .assert_eq(&format!("{}---\n{}", read(&project, "doll.ron"), read(&project, "lib/high.ron")));
     assert!(before == run(&project));
-    let (code, words) = said(&project, &["inline", "doll.ron", "up"]);
+    let (code, words) = run_text(&project, &["edit", "doll.ron", "inline", "up"]);
     assert_eq!(code, Some(0), "{words}");
     expect![[r#"
         use High: removed: "lib/high.ron"
@@ -108,7 +118,7 @@ fn nodes_become_a_graph_and_come_back_and_the_outputs_stay() {
 #[test]
 fn a_dry_run_prints_what_would_change_and_writes_nothing() {
     let project = project();
-    let (code, words) = said(&project, &[&EXTRACT[..], &["up", "--dry-run"]].concat());
+    let (code, words) = run_text(&project, &[&EXTRACT[..], &["up", "--dry-run"]].concat());
     assert_eq!(code, Some(0), "{words}");
     expect![[r#"
         lib/high.ron: High, used by `up`
@@ -137,9 +147,9 @@ fn a_dry_run_prints_what_would_change_and_writes_nothing() {
     .assert_eq(&words);
     assert_eq!(read(&project, "doll.ron"), TWO);
     assert!(!project.folder().join("lib").exists());
-    assert_eq!(said(&project, &EXTRACT[..8]).0, Some(0));
+    assert_eq!(run_text(&project, &EXTRACT[..9]).0, Some(0));
     let extracted = read(&project, "doll.ron");
-    let (code, words) = said(&project, &["inline", "doll.ron", "high", "--dry-run"]);
+    let (code, words) = run_text(&project, &["edit", "doll.ron", "inline", "high", "--dry-run"]);
     assert_eq!(code, Some(0), "{words}");
     expect![[r#"
         @@ -4 +3,0 @@
@@ -159,10 +169,10 @@ fn a_dry_run_prints_what_would_change_and_writes_nothing() {
 #[test]
 fn what_is_refused_writes_nothing() {
     let project = project();
-    let (code, words) = said(&project, &["extract", "doll.ron", "mesh", "moved"]);
+    let (code, words) = run_text(&project, &["edit", "doll.ron", "extract", "mesh", "moved"]);
     assert_eq!(code, Some(1));
     expect![[r#"
-        error[G008]: `smooth` stands between the nodes: it needs `mesh`, and `moved` needs it
+        error[G008]: `smooth` is between the nodes: it needs `mesh`, and `moved` needs it
          --> doll.ron:8:9
           |
         8 |         "smooth": Subdivide(mesh: "mesh", scheme: Loop, levels: 1),
@@ -172,28 +182,32 @@ fn what_is_refused_writes_nothing() {
 
     "#]]
     .assert_eq(&words);
-    let (code, words) = said(&project, &["inline", "doll.ron", "mesh"]);
+    let (code, words) = run_text(&project, &["edit", "doll.ron", "inline", "mesh"]);
     assert_eq!(code, Some(1));
     expect![[r#"
-        error[G012]: `mesh` is a ReadMesh, and no use of a graph
+        error[G012]: `mesh` is a ReadMesh, not a use of a graph
          --> doll.ron:6:9
           |
         6 |         "mesh": ReadMesh(path: "doll/coarse.obj"),
           |         ^^^^^^
           |
-          = help: only types of nodes under `use` have nodes inside
+          = help: only nodes whose types are declared under `use` can be inlined
 
     "#]]
     .assert_eq(&words);
-    for wrong in [&["extract", "doll.ron"][..], &["inline", "doll.ron"], &["extract"]] {
-        assert_eq!(said(&project, wrong).0, Some(2), "{wrong:?}");
+    for wrong in [
+        &["edit", "doll.ron", "extract"][..],
+        &["edit", "doll.ron", "inline"],
+        &["edit", "doll.ron"],
+    ] {
+        assert_eq!(run_text(&project, wrong).0, Some(2), "{wrong:?}");
     }
-    let (code, words) = said(&project, &["extract", "nowhere.ron", "mesh"]);
+    let (code, words) = run_text(&project, &["edit", "nowhere.ron", "extract", "mesh"]);
     assert_eq!(code, Some(1));
     assert!(words.starts_with("error: cannot read nowhere.ron"), "{words}");
     std::fs::write(project.folder().join("smooth.ron"), "mine").unwrap();
-    let to = ["extract", "doll.ron", "smooth", "--to", "smooth.ron"];
-    let (code, words) = said(&project, &to);
+    let to = ["edit", "doll.ron", "extract", "smooth", "--to", "smooth.ron"];
+    let (code, words) = run_text(&project, &to);
     assert_eq!(code, Some(1));
     assert!(words.contains("`smooth.ron` is there already"), "{words}");
     assert_eq!((&read(&project, "smooth.ron")[..], &read(&project, "doll.ron")[..]), ("mine", TWO));
@@ -206,14 +220,14 @@ fn a_graph_that_cannot_be_written_leaves_no_new_file() {
     let mut permissions = std::fs::metadata(&graph).unwrap().permissions();
     permissions.set_readonly(true);
     std::fs::set_permissions(&graph, permissions).unwrap();
-    let (code, words) = said(&project, &["extract", "doll.ron", "smooth"]);
+    let (code, words) = run_text(&project, &["edit", "doll.ron", "extract", "smooth"]);
     assert_eq!(code, Some(1));
     assert!(words.starts_with("error: cannot write doll.ron"), "{words}");
     assert!(!project.folder().join("smooth.ron").exists());
-    // Where the new file cannot be, the graph stays.
+    // If the new file cannot be written, the graph stays unchanged.
     let project = self::project();
     std::fs::write(project.folder().join("lib"), "a file").unwrap();
-    let (code, words) = said(&project, &[&EXTRACT[..], &["up"]].concat());
+    let (code, words) = run_text(&project, &[&EXTRACT[..], &["up"]].concat());
     assert_eq!(code, Some(1));
     assert!(words.starts_with("error: cannot write lib/high.ron"), "{words}");
     assert_eq!(read(&project, "doll.ron"), TWO);

@@ -1,4 +1,4 @@
-//! Whatever the program is told to do, and wherever: it replaces and deletes nothing but what is its own.
+//! Whatever the arguments and the surrounding files are, the program replaces and deletes only its own files.
 #![cfg(unix)]
 
 use std::fs;
@@ -9,18 +9,20 @@ mod cache;
 mod project;
 mod surrounded;
 mod words;
-use project::{GRAPH, Project, said};
+use project::{GRAPH, Project};
+
+use crate::output::text_of;
 
 #[test]
 fn a_case_cannot_name_a_folder_outside_of_the_goldens() {
     for name in ["../../../home/.ssh", "..", "", "a/b", "/etc", "a\\b", ".hidden", "a\u{1b}[2J"] {
         let project = Project::new();
-        project.outside("home/.ssh/key", "secret");
+        project.write_outside("home/.ssh/key", "secret");
         let text = format!("Test(graph: \"net.ron\",\n cases: {{{name:?}: ()}})");
         project.write("net.test.ron", &text.replace("\\u{1b}", "\u{1b}"));
         let output = project.maquette(&["test", "--bless"]);
-        assert!(!output.status.success(), "{name:?}: {}", said(&output));
-        assert!(said(&output).contains("net.test.ron:2:"), "{name:?}: {}", said(&output));
+        assert!(!output.status.success(), "{name:?}: {}", text_of(&output));
+        assert!(text_of(&output).contains("net.test.ron:2:"), "{name:?}: {}", text_of(&output));
         assert_eq!(project.read_outside("home/.ssh/key"), "secret", "{name:?}");
         assert!(!project.path("goldens").exists(), "{name:?}");
     }
@@ -33,14 +35,14 @@ fn blessing_follows_no_link_out_of_the_goldens() {
     {
         let project = Project::new();
         for name in ["key", "net.txt", "net.bin", "nodes.txt", "default/net.txt", "old/net.txt"] {
-            project.outside(&format!("home/{name}"), "secret");
+            project.write_outside(&format!("home/{name}"), "secret");
         }
         let before = project.everything_outside();
         project.write("net.test.ron", "Test(graph: \"net.ron\")");
         fs::create_dir_all(project.path(link).parent().unwrap()).unwrap();
         symlink(project.root().join("home"), project.path(link)).unwrap();
         let output = project.maquette(&["test", "--bless"]);
-        assert_eq!(project.everything_outside(), before, "{link}: {}", said(&output));
+        assert_eq!(project.everything_outside(), before, "{link}: {}", text_of(&output));
     }
 }
 
@@ -63,10 +65,14 @@ fn goldens_that_nothing_asks_for_go_and_no_other_file_does() {
     }
     project.write("net.test.ron", "Test(graph: \"net.ron\", cases: {\"new\": ()})");
     let told = project.maquette(&["test"]);
-    assert!(said(&told).contains("goldens/net/old/net.txt belongs to no test"), "{}", said(&told));
+    assert!(
+        text_of(&told).contains("goldens/net/old/net.txt belongs to no test"),
+        "{}",
+        text_of(&told)
+    );
     project.write("net.ron", &GRAPH.replace("\"net.json\": \"net\", ", ""));
     let output = project.maquette(&["test", "--bless"]);
-    assert!(output.status.success(), "{}", said(&output));
+    assert!(output.status.success(), "{}", text_of(&output));
     for file in foreign {
         assert_eq!(project.read(file), "mine", "{file}");
     }
@@ -93,21 +99,21 @@ fn a_misspelled_test_beside_loses_no_golden() {
     let goldens = project.everything("goldens");
     project.write("b.test.ron", "Test(graf: \"other.ron\")");
     let output = project.maquette(&["test", "a.test.ron", "--bless"]);
-    assert!(output.status.success(), "{}", said(&output));
+    assert!(output.status.success(), "{}", text_of(&output));
     assert_eq!(project.everything("goldens"), goldens);
 }
 
 #[test]
 fn a_test_reads_no_graph_outside_of_its_project() {
     let project = Project::new();
-    project.outside("home/net.ron", GRAPH);
+    project.write_outside("home/net.ron", GRAPH);
     symlink(project.root().join("home/net.ron"), project.path("link.ron")).unwrap();
     let absolute = project.root().join("home/net.ron").display().to_string();
     for graph in ["../home/net.ron", "../home/*.ron", "link.ron", "li*.ron", &absolute] {
         project.write("net.test.ron", &format!("Test(\n graph: \"{graph}\")"));
         let output = project.maquette(&["test", "--bless"]);
-        assert!(!output.status.success(), "{graph}: {}", said(&output));
-        assert!(said(&output).contains("net.test.ron:2:"), "{graph}: {}", said(&output));
+        assert!(!output.status.success(), "{graph}: {}", text_of(&output));
+        assert!(text_of(&output).contains("net.test.ron:2:"), "{graph}: {}", text_of(&output));
     }
     assert!(!project.path("goldens").exists() && !project.path("home").exists());
 }
@@ -123,7 +129,7 @@ fn goldens_of_a_graph_beside_the_tests_folder_stay_in_it() {
     assert_eq!(fs::read_dir(project.path("tests/goldens")).unwrap().count(), 1);
 }
 
-/// Another program replaces each output as soon as it is there, by as many other bytes.
+/// Another program replaces each output with a file of equal size as soon as the output exists.
 #[test]
 fn an_output_that_another_program_replaced_is_made_again() {
     for round in 0..12 {
@@ -155,7 +161,7 @@ fn an_output_that_another_program_replaced_is_made_again() {
 #[test]
 fn outputs_follow_no_link_out_of_their_folder() {
     let project = Project::new();
-    project.outside("home/app/mesh.ply", "secret");
+    project.write_outside("home/app/mesh.ply", "secret");
     let before = project.everything_outside();
     project.write("net.ron", &GRAPH.replace("mesh.ply", "x/mesh.ply"));
     fn run(
@@ -164,9 +170,9 @@ fn outputs_follow_no_link_out_of_their_folder() {
         before: &std::collections::BTreeMap<std::path::PathBuf, Vec<u8>>,
     ) {
         let output = project.maquette(arguments);
-        assert_eq!(output.status.code(), Some(1), "{}", said(&output));
-        assert!(said(&output).contains("cannot write"), "{}", said(&output));
-        assert_eq!(project.everything_outside(), *before, "{}", said(&output));
+        assert_eq!(output.status.code(), Some(1), "{}", text_of(&output));
+        assert!(text_of(&output).contains("cannot write"), "{}", text_of(&output));
+        assert_eq!(project.everything_outside(), *before, "{}", text_of(&output));
     }
     fs::create_dir_all(project.path("out/net")).unwrap();
     symlink(project.root().join("home/app"), project.path("out/net/x")).unwrap();
@@ -177,7 +183,7 @@ fn outputs_follow_no_link_out_of_their_folder() {
     fs::remove_dir_all(project.path("out")).unwrap();
     symlink(project.root().join("home"), project.path("out")).unwrap();
     run(&["run", "net.ron", "--profile"], &project, &before);
-    // Who names the folder means it.
+    // A link is followed if the user names it with `--out`.
     assert!(project.maquette(&["run", "net.ron", "--out", "out"]).status.success());
     assert!(project.root().join("home/x/mesh.ply").exists());
 }
@@ -193,13 +199,13 @@ fn only_plain_files_that_may_be_written_are_replaced() {
     symlink("../../target.json", project.path("out/net/net.json")).unwrap();
     let output = project.maquette(&["run", "net.ron"]);
     assert_eq!(output.status.code(), Some(1));
-    assert!(said(&output).contains("out/net/mesh.ply: it is read-only"), "{}", said(&output));
-    assert!(said(&output).contains("out/net/net.json: it is a link"), "{}", said(&output));
+    assert!(text_of(&output).contains("out/net/mesh.ply: it is read-only"), "{}", text_of(&output));
+    assert!(text_of(&output).contains("out/net/net.json: it is a link"), "{}", text_of(&output));
     assert_eq!(project.read("out/net/mesh.ply") + &project.read("target.json"), "minemine");
     project.pipe("pipe.svg");
     for place in ["/dev/null", "pipe.svg"] {
         let output = project.maquette(&["test", "--junit", place, "net.test.ron"]);
-        assert_eq!(output.status.code(), Some(2), "{place}: {}", said(&output));
+        assert_eq!(output.status.code(), Some(2), "{place}: {}", text_of(&output));
     }
     assert!(!fs::metadata("/dev/null").unwrap().is_file());
 }
@@ -225,13 +231,13 @@ fn no_command_replaces_what_a_graph_is_made_of_or_reads() {
     );
     project.write("mug.test.ron", "Test(graph: \"mug.ron\")");
     let checked = project.maquette(&["check", "mug.ron"]);
-    assert!(checked.status.success(), "{}", said(&checked));
+    assert!(checked.status.success(), "{}", text_of(&checked));
     assert!(project.maquette(&["test", "--bless"]).status.success());
     let before = project.everything("");
     let refused = |arguments: &[&str]| {
         let output = project.maquette(arguments);
-        assert_ne!(output.status.code(), Some(0), "{arguments:?}: {}", said(&output));
-        assert_eq!(project.everything(""), before, "{arguments:?}: {}", said(&output));
+        assert_ne!(output.status.code(), Some(0), "{arguments:?}: {}", text_of(&output));
+        assert_eq!(project.everything(""), before, "{arguments:?}: {}", text_of(&output));
     };
     refused(&["inspect", "mug.ron", "mug", "--out", "mug.obj"]);
     refused(&["inspect", "mug.ron", "picture", "--out", "color.png"]);
@@ -239,7 +245,7 @@ fn no_command_replaces_what_a_graph_is_made_of_or_reads() {
     for file in ["mug.ron", "mug.test.ron", "part.graph", "color.png", "mug.obj", "maquette.toml"] {
         refused(&["test", "--report", file]);
         refused(&["test", "--junit", file]);
-        // A folder that is not there yet leads to the same place.
+        // The path leads through a folder that does not exist yet, but to the same file.
         refused(&["test", "--report", &format!("new/../{file}")]);
     }
     refused(&["inspect", "mug.ron", "mug", "--out", "new/../mug.obj"]);
@@ -249,7 +255,7 @@ fn no_command_replaces_what_a_graph_is_made_of_or_reads() {
     fs::write(project.path("mug.trace.json"), "mine").unwrap();
     let before = project.everything("");
     let output = project.maquette(&["draw", "mug.svg", "--out", "mug.svg"]);
-    assert_ne!(output.status.code(), Some(0), "{}", said(&output));
+    assert_ne!(output.status.code(), Some(0), "{}", text_of(&output));
     assert_eq!(project.everything(""), before);
 }
 
@@ -269,20 +275,20 @@ fn a_profile_does_not_replace_what_the_graph_reads() {
 fn a_gallery_replaces_no_page_and_no_picture_that_it_did_not_make() {
     let project = Project::new();
     project.write("README.md", "# Mine\n");
-    let output = project.maquette(&["gallery", "."]);
-    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
-    assert!(said(&output).contains("README.md"), "{}", said(&output));
+    let output = project.maquette(&["render", "gallery", "."]);
+    assert_eq!(output.status.code(), Some(1), "{}", text_of(&output));
+    assert!(text_of(&output).contains("README.md"), "{}", text_of(&output));
     assert_eq!(project.read("README.md"), "# Mine\n");
     assert!(!project.path("pictures").exists());
     fs::remove_file(project.path("README.md")).unwrap();
     project.write("pictures/net.png", "mine");
-    assert_eq!(project.maquette(&["gallery", "."]).status.code(), Some(1));
+    assert_eq!(project.maquette(&["render", "gallery", "."]).status.code(), Some(1));
     assert_eq!(project.read("pictures/net.png"), "mine");
     fs::remove_file(project.path("pictures/net.png")).unwrap();
-    assert!(project.maquette(&["gallery", "."]).status.success());
+    assert!(project.maquette(&["render", "gallery", "."]).status.success());
     project.write("net.ron", &GRAPH.replace("1, 1, 2", "1, 1, 3"));
-    assert!(project.maquette(&["gallery", "."]).status.success());
-    assert!(project.maquette(&["gallery", ".", "--check"]).status.success());
+    assert!(project.maquette(&["render", "gallery", "."]).status.success());
+    assert!(project.maquette(&["render", "gallery", ".", "--check"]).status.success());
 }
 
 #[test]
@@ -344,8 +350,8 @@ fn links_that_lead_in_a_circle_and_pipes_hang_nothing() {
     assert!(project.maquette(&["fmt", "."]).status.success());
     project.pipe("x.test.ron");
     let output = project.maquette(&["test"]);
-    assert_eq!(output.status.code(), Some(2), "{}", said(&output));
-    assert!(said(&output).contains("it is no plain file"), "{}", said(&output));
+    assert_eq!(output.status.code(), Some(2), "{}", text_of(&output));
+    assert!(text_of(&output).contains("it is not a regular file"), "{}", text_of(&output));
     fs::remove_file(project.path("x.test.ron")).unwrap();
     for golden in ["mesh.txt", "nodes.txt", "mesh.bin"] {
         let place = project.path("goldens/net/default").join(golden);
@@ -360,8 +366,12 @@ fn links_that_lead_in_a_circle_and_pipes_hang_nothing() {
     for command in ["check", "run", "draw", "fmt"] {
         for place in ["pipe.ron", "/dev/zero"] {
             let output = project.maquette(&[command, place]);
-            assert_eq!(output.status.code(), Some(1), "{command} {place}: {}", said(&output));
-            assert!(said(&output).contains("plain file"), "{command} {place}: {}", said(&output));
+            assert_eq!(output.status.code(), Some(1), "{command} {place}: {}", text_of(&output));
+            assert!(
+                text_of(&output).contains("not a regular file"),
+                "{command} {place}: {}",
+                text_of(&output)
+            );
         }
     }
     assert_ne!(project.maquette(&["compare", "/dev/zero", "pipe.ron"]).status.code(), Some(0));
@@ -377,33 +387,32 @@ fn no_command_waits_for_who_writes_to_a_pipe() {
         &["diff", "pipe.ron", "net.ron"],
         &["merge", "net.ron", "pipe.ron", "net.ron"],
         &["merge", "net.ron", "net.ron", "pipe.ron"],
-        &["set", "pipe.ron", "a=1"],
+        &["edit", "pipe.ron", "set", "a=1"],
         &["edit", "pipe.ron", "remove", "a"],
-        &["extract", "pipe.ron", "a", "--to", "b.ron"],
-        &["inline", "pipe.ron", "a"],
-        &["migrate", "pipe.ron"],
+        &["edit", "pipe.ron", "extract", "a", "--to", "b.ron"],
+        &["edit", "pipe.ron", "inline", "a"],
+        &["edit", "pipe.ron", "migrate"],
         &["lock", "pipe.ron"],
         &["pin", "pipe.ron", "a"],
         &["why", "pipe.ron", "a"],
         &["inspect", "pipe.ron", "a"],
-        &["profile", "pipe.ron"],
         &["render", "pipe.ron", "a", "a.png"],
         &["batch", "pipe.sweep.ron"],
         &["batch", "pipe.ron", "--sweep", "a=1"],
-        &["sheet", "pipe.ron"],
+        &["render", "sheet", "pipe.ron"],
         &["test", "pipe.ron"],
         &["new", "--from", "pipe.ron"],
         &["run", "net.ron", "--input", "a=pipe.ron"],
     ];
     for words in commands {
         let output = project.maquette(words);
-        assert!(matches!(output.status.code(), Some(1 | 2)), "{words:?}: {}", said(&output));
+        assert!(matches!(output.status.code(), Some(1 | 2)), "{words:?}: {}", text_of(&output));
     }
     let output = project.maquette(&["diff", "net.ron", "pipe.ron"]);
     assert!(
-        said(&output).contains("cannot read pipe.ron: it is no plain file"),
+        text_of(&output).contains("cannot read pipe.ron: it is not a regular file"),
         "{}",
-        said(&output)
+        text_of(&output)
     );
 }
 
@@ -420,6 +429,6 @@ fn a_pipe_beside_a_capture_is_an_error_and_no_hang() {
         "Graph(format: 1, nodes: {\"scan\": ReadCapture(color: \"color.png\", range: \"range.pcd\")}, outputs: {\"a.pcd\": \"scan.range\"})",
     );
     let output = project.maquette(&["run", "scan.ron"]);
-    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
-    assert!(said(&output).contains("plain file"), "{}", said(&output));
+    assert_eq!(output.status.code(), Some(1), "{}", text_of(&output));
+    assert!(text_of(&output).contains("not a regular file"), "{}", text_of(&output));
 }

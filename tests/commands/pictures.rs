@@ -1,4 +1,4 @@
-//! Pictures of any value, as `maquette render` and `maquette inspect --out` make them.
+//! Pictures of any value, made by `maquette render` and `maquette inspect --out`.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -6,9 +6,11 @@ use std::process::{Command, Output};
 use maquette::format::png;
 use maquette::value::Image;
 
+use crate::output::stderr_of;
+
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 
-/// A folder for pictures and for what was computed before.
+/// A temporary folder for the cache and for pictures.
 struct Studio(tempfile::TempDir);
 
 impl Studio {
@@ -22,34 +24,30 @@ impl Studio {
         command.env("MAQUETTE_CACHE", self.0.path().join("cache")).output().unwrap()
     }
 
-    /// The picture that a command writes, which has `PICTURE` for its name.
+    /// Runs a command that writes a picture, and returns the picture. `PICTURE` in the arguments is replaced by the file's path.
     fn picture(&self, arguments: &[&str]) -> Image {
         let path = self.0.path().join("picture.png");
         let name = path.to_str().unwrap();
         let given = arguments.iter().map(|&it| if it == "PICTURE" { name } else { it });
         let output = self.maquette(&Vec::from_iter(given));
-        assert!(output.status.success(), "{arguments:?}: {}", told(&output));
+        assert!(output.status.success(), "{arguments:?}: {}", stderr_of(&output));
         png::read(&std::fs::read(path).unwrap()).unwrap()
     }
 
-    /// The error of a command that is used wrongly.
-    fn refused(&self, arguments: &[&str]) -> String {
+    /// Runs a command with wrong arguments and returns the error.
+    fn run_refused(&self, arguments: &[&str]) -> String {
         let output = self.maquette(arguments);
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", told(&output));
-        told(&output)
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", stderr_of(&output));
+        stderr_of(&output)
     }
-}
-
-fn told(output: &Output) -> String {
-    String::from_utf8(output.stderr.clone()).unwrap()
 }
 
 fn size(image: &Image) -> [usize; 2] {
     [image.width(), image.height()]
 }
 
-/// How many pixels differ from the one in the corner above on the left.
-fn seen(image: &Image) -> usize {
+/// Returns the number of pixels that differ from the pixel in the top left corner.
+fn count_visible(image: &Image) -> usize {
     let pixels = image.pixels();
     pixels.iter().filter(|pixel| **pixel != pixels[0]).count()
 }
@@ -59,7 +57,7 @@ fn a_file_that_is_no_graph_is_looked_into_by_itself() {
     let studio = Studio::new();
     fn look(file: &str, studio: &Studio) -> String {
         let output = studio.maquette(&["inspect", file]);
-        assert!(output.status.success(), "{file}: {}", told(&output));
+        assert!(output.status.success(), "{file}: {}", stderr_of(&output));
         String::from_utf8(output.stdout).unwrap()
     }
     for (file, what) in [
@@ -72,14 +70,16 @@ fn a_file_that_is_no_graph_is_looked_into_by_itself() {
         let text = look(file, &studio);
         assert!(text.starts_with(&format!("file.value: {what}, ")), "{file}: {text}");
     }
-    assert!(4 < seen(&studio.picture(&["inspect", "doll/mug.obj", "--out", "PICTURE"])));
+    assert!(4 < count_visible(&studio.picture(&["inspect", "doll/mug.obj", "--out", "PICTURE"])));
     let at = studio.maquette(&["inspect", "doll/color.png", "--at", "200,196"]);
-    assert!(String::from_utf8_lossy(&at.stdout).contains("#"), "{}", told(&at));
+    assert!(String::from_utf8_lossy(&at.stdout).contains("#"), "{}", stderr_of(&at));
     let table = studio.maquette(&["inspect", "doll/mug.obj", "--table", "vertices"]);
     assert!(String::from_utf8(table.stdout).unwrap().lines().count() > 10);
-    assert!(studio.refused(&["inspect", "doll.ron"]).contains("say which node of doll.ron: scan"));
-    assert!(studio.refused(&["inspect", "README.md"]).contains("`.md`"));
-    assert!(studio.refused(&["inspect", "no.ply"]).contains("no.ply"));
+    assert!(
+        studio.run_refused(&["inspect", "doll.ron"]).contains("expected a node of doll.ron: scan")
+    );
+    assert!(studio.run_refused(&["inspect", "README.md"]).contains("`.md`"));
+    assert!(studio.run_refused(&["inspect", "no.ply"]).contains("no.ply"));
 }
 
 #[test]
@@ -106,10 +106,10 @@ fn every_type_of_values_is_rendered() {
     for (graph, value) in values {
         let picture = studio.picture(&["render", graph, value, "PICTURE", "--size", "60x45"]);
         assert_eq!(size(&picture), [60, 45], "{value}");
-        assert!(seen(&picture) > 0, "nothing of {value} is seen");
+        assert!(count_visible(&picture) > 0, "nothing of {value} is seen");
     }
     for file in ["doll/points.xyz", "doll/ellipse.obj", "doll/range.pcd", "doll/color.png"] {
-        assert!(seen(&studio.picture(&["render", file, "PICTURE"])) > 0, "{file}");
+        assert!(count_visible(&studio.picture(&["render", file, "PICTURE"])) > 0, "{file}");
     }
 }
 
@@ -118,7 +118,7 @@ fn a_region_and_labels_lie_on_the_picture_that_they_were_found_in() {
     let studio = Studio::new();
     let photo = png::read(&std::fs::read(Path::new(GRAPHS).join("doll/color.png")).unwrap());
     let photo = photo.unwrap();
-    // The nose is as it was photographed, the forehead is darker.
+    // The picture shows the nose as in the photo, and the forehead darker.
     let (nose, forehead) = ([200, 196], [200, 140]);
     for command in [
         &["render", "doll.ron", "nose", "PICTURE"][..],
@@ -128,15 +128,15 @@ fn a_region_and_labels_lie_on_the_picture_that_they_were_found_in() {
     ] {
         let picture = studio.picture(command);
         assert_eq!(size(&picture), size(&photo), "{command:?}");
-        assert_eq!(picture.at(nose), photo.at(nose), "{command:?}");
-        let [before, after] = [&photo, &picture].map(|it| it.at(forehead).map(u32::from));
+        assert_eq!(picture.pixel(nose), photo.pixel(nose), "{command:?}");
+        let [before, after] = [&photo, &picture].map(|it| it.pixel(forehead).map(u32::from));
         assert!(2 * after.iter().sum::<u32>() < before.iter().sum(), "{command:?}");
     }
     let spots = studio.picture(&["render", "doll.ron", "spots", "PICTURE"]);
-    assert!(size(&spots) == size(&photo) && spots.at(nose) != photo.at(nose));
-    // A mask that is written is data.
+    assert!(size(&spots) == size(&photo) && spots.pixel(nose) != photo.pixel(nose));
+    // Without `--over`, a mask is written as data, in black and white.
     let mask = studio.picture(&["inspect", "doll.ron", "red", "--out", "PICTURE"]);
-    assert_eq!([mask.at(nose), mask.at(forehead)], [[255; 3], [0; 3]]);
+    assert_eq!([mask.pixel(nose), mask.pixel(forehead)], [[255; 3], [0; 3]]);
 }
 
 #[test]
@@ -164,24 +164,27 @@ fn what_cannot_be_seen_is_refused_with_what_to_do() {
     let picture = studio.0.path().join("none.png");
     let render = |value: &str, more: &[&str]| {
         let command = ["render", "doll.ron", value, picture.to_str().unwrap()];
-        studio.refused(&[&command, more].concat())
+        studio.run_refused(&[&command, more].concat())
     };
     let cases = [
         (render("model", &["--at", "noose"]), "no output or node `noose`; did you mean `nose`?"),
-        (render("model", &["--at", "red"]), "`red` gives a Mask, which lies nowhere in space"),
-        (render("model", &["--at", "3,4"]), "write X,Y,Z for a place, or NODE"),
-        (render("model", &["--size", "20000x20000"]), "a picture has 1 to 16384 pixels each way"),
-        (render("red", &["--camera", "3,4"]), "a Mask is a flat picture, which lies nowhere"),
-        (render("red", &["--over", "scan.colour"]), "no output `colour`; did you mean `color`?"),
-        (render("red", &["--over", "nose"]), "`nose` gives no Image"),
-        (render("model", &["--over", "scan.color"]), "a Mesh is seen in space"),
+        (render("model", &["--at", "red"]), "`red` is a Mask, which has no position in space"),
+        (render("model", &["--at", "3,4"]), "expected X,Y,Z for a point, NODE"),
         (
-            studio.refused(&["inspect", "doll.ron", "model", "--at", "nose"]),
-            "are for a picture: add --out FILE.png",
+            render("model", &["--size", "20000x20000"]),
+            "expected 1 to 16384 pixels in each direction",
+        ),
+        (render("red", &["--camera", "3,4"]), "a Mask is a flat picture without a position"),
+        (render("red", &["--over", "scan.colour"]), "no output `colour`; did you mean `color`?"),
+        (render("red", &["--over", "nose"]), "`nose` has no Image output"),
+        (render("model", &["--over", "scan.color"]), "a Mesh has a position in space"),
+        (
+            studio.run_refused(&["inspect", "doll.ron", "model", "--at", "nose"]),
+            "need a picture; add --out FILE.png",
         ),
         (
-            studio.refused(&["render", "doll/color.png", "x.png", "--at", "nose"]),
-            "`nose` is a node of no graph",
+            studio.run_refused(&["render", "doll/color.png", "x.png", "--at", "nose"]),
+            "cannot use `nose`",
         ),
     ];
     for (told, expected) in cases {

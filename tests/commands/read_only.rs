@@ -1,4 +1,4 @@
-//! Folders that may only be read: what needs to write nothing works, the rest says what to do.
+//! Read-only folders: commands that need not write succeed, and others report what the user can do.
 #![cfg(unix)]
 
 use std::fs;
@@ -16,7 +16,7 @@ const GRAPH: &str = r#"Graph(
 )
 "#;
 
-/// A folder and those in it.
+/// Returns a folder and all folders below it.
 fn folders(folder: &Path) -> Vec<PathBuf> {
     let mut all = vec![folder.to_owned()];
     let mut next = 0;
@@ -28,8 +28,8 @@ fn folders(folder: &Path) -> Vec<PathBuf> {
     all
 }
 
-/// Runs a command while nothing in the project's folder may be made, replaced or removed.
-fn locked(project: &Project, words: &[&str]) -> (Option<i32>, String) {
+/// Runs a command while the project's folders are read-only.
+fn run_read_only(project: &Project, words: &[&str]) -> (Option<i32>, String) {
     let all = folders(project.folder());
     fn set(mode: u32, all: &[PathBuf]) {
         for folder in all {
@@ -38,7 +38,7 @@ fn locked(project: &Project, words: &[&str]) -> (Option<i32>, String) {
     }
     let plain = project.command(words);
     let mut command = if rustix::process::geteuid().is_root() {
-        // Root may write anywhere, unless it gives up that right.
+        // Root may write to any folder unless it drops this capability.
         let mut command = Command::new("setpriv");
         command.args(["--bounding-set=-dac_override,-dac_read_search"]).arg(plain.get_program());
         command.args(words).current_dir(project.folder());
@@ -60,23 +60,24 @@ fn a_batch_says_where_else_its_results_could_go() {
     fs::write(project.folder().join("maquette.toml"), "").unwrap();
     let batch = ["batch", "doll.ron", "--sweep", "lift=1,2"];
     let help = "= help: make the folder writable, or choose another one with --out";
-    let (code, told) = locked(&project, &batch);
+    let (code, told) = run_read_only(&project, &batch);
     assert_eq!(code, Some(2), "{told}");
     assert!(told.contains("error: cannot write out") && told.contains(help), "{told}");
-    let (code, told) = locked(&project, &[&batch[..], &["--emit", "lines"]].concat());
+    let (code, told) = run_read_only(&project, &[&batch[..], &["--emit", "lines"]].concat());
     assert_eq!(code, Some(2), "{told}");
     assert!(told.contains("error: cannot write out") && told.contains(help), "{told}");
 
     let elsewhere = tempfile::tempdir().unwrap();
     let out = elsewhere.path().join("all");
-    let (code, told) = locked(&project, &[&batch[..], &["--out", out.to_str().unwrap()]].concat());
+    let (code, told) =
+        run_read_only(&project, &[&batch[..], &["--out", out.to_str().unwrap()]].concat());
     assert_eq!(code, Some(0), "{told}");
-    // What is all there needs no writing.
+    // If all tasks are done, nothing is written.
     assert!(project.maquette(&batch).status.success());
-    let (code, told) = locked(&project, &batch);
+    let (code, told) = run_read_only(&project, &batch);
     assert_eq!(code, Some(0), "{told}");
     assert!(told.contains("2 done; 0 run now"), "{told}");
-    let (code, told) = locked(&project, &["batch", "doll.ron", "--sweep", "lift=1,2,3"]);
+    let (code, told) = run_read_only(&project, &["batch", "doll.ron", "--sweep", "lift=1,2,3"]);
     assert_eq!(code, Some(2), "{told}");
     assert!(told.contains("tasks/3") && told.contains(help), "{told}");
 }
@@ -86,9 +87,9 @@ fn a_run_whose_outputs_are_there_needs_to_write_nothing() {
     let project = Project::new(GRAPH);
     fs::write(project.folder().join("maquette.toml"), "").unwrap();
     assert!(project.maquette(&["run", "doll.ron"]).status.success());
-    let (code, told) = locked(&project, &["run", "doll.ron"]);
+    let (code, told) = run_read_only(&project, &["run", "doll.ron"]);
     assert_eq!(code, Some(0), "{told}");
-    let (code, told) = locked(&project, &["run", "doll.ron", "--set", "lift=6"]);
+    let (code, told) = run_read_only(&project, &["run", "doll.ron", "--set", "lift=6"]);
     assert_eq!(code, Some(1), "{told}");
     assert!(told.contains("--out chooses another folder"), "{told}");
     let out = fs::read_to_string(project.folder().join("out/doll/out.obj")).unwrap();

@@ -1,4 +1,4 @@
-//! The README shows a graph and a message as they are.
+//! The graph and the message that the README shows are real.
 
 use std::fs;
 use std::process::Command;

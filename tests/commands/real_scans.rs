@@ -1,13 +1,13 @@
-//! Graphs on scans of real things, from end to end: `tests/scans`.
+//! Runs graphs on scans of real objects, from files to files. The graphs are in `tests/scans`.
 
 use std::path::Path;
 use std::process::{Command, Output};
 
-use crate::beside::beside;
+use crate::beside::shared_folder;
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/scans");
 
-/// A project with a graph and the scans that it reads, each in a folder of its own.
+/// Makes a project with a graph and the scans that it reads, each in its own folder.
 fn project(graph: &str, scans: &[(&str, &Path)]) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("maquette.toml"), "").unwrap();
@@ -30,20 +30,21 @@ fn maquette(folder: &Path, words: &[&str]) -> Output {
     output
 }
 
-/// What the graph expects is what is tested: where the second scan comes to lie, and that the solid can be printed.
+/// The expectations in the graph are the test: the position of the second scan, and that the solid can be printed.
 #[test]
 fn two_scans_of_a_bunny_become_a_solid() {
-    let Some(scans) = beside("data/real/stanford_bunny") else { return };
+    let Some(scans) = shared_folder("data/real/stanford_bunny") else { return };
     let folder = project("bunny.ron", &[("bunny", &scans)]);
     maquette(folder.path(), &["run", "bunny.ron"]);
     assert!(folder.path().join("out/bunny/solid.3mf").is_file());
 }
 
-/// One graph for three tables and sensors: only the files are others. Of the cells that have a place, most are table and wall.
+/// One graph handles three tables and sensors with different files. Most of the cells with a depth show the table and the wall, so few
+/// vertices may remain.
 #[test]
 fn what_stands_on_a_table_is_isolated() {
     let tables = ["ycb_pitcher", "ycb_bowl", "pcl_bottles"];
-    let found = tables.map(|name| beside(&format!("data/real/{name}")));
+    let found = tables.map(|name| shared_folder(&format!("data/real/{name}")));
     let [Some(pitcher), Some(bowl), Some(bottles)] = found else { return };
     let scans: [(&str, &Path); 3] = [("pitcher", &pitcher), ("bowl", &bowl), ("bottles", &bottles)];
     let folder = project("tabletop.ron", &scans);
@@ -60,10 +61,10 @@ fn what_stands_on_a_table_is_isolated() {
     }
 }
 
-/// What was seen lies on the doll, and the whole can be printed; the files are textured.
+/// The expectations in the graph are the test: the scanned points are on the solid, and it can be printed. The written files have textures.
 #[test]
 fn two_captures_of_a_doll_become_a_textured_solid() {
-    let Some(doll) = beside("data/doll") else { return };
+    let Some(doll) = shared_folder("data/doll") else { return };
     let [front, left] = ["front", "left"].map(|side| doll.join(side));
     let scans: [(&str, &Path); 3] = [("front", &front), ("left", &left), ("doll", &doll)];
     let folder = project("two_captures.ron", &scans);
@@ -76,17 +77,17 @@ fn two_captures_of_a_doll_become_a_textured_solid() {
 #[test]
 fn a_shell_of_a_cropped_scan_is_closed_on_both_sides() {
     let folder = tempfile::tempdir().unwrap();
-    fn at(name: &str, folder: &tempfile::TempDir) -> std::path::PathBuf {
+    fn path_in(name: &str, folder: &tempfile::TempDir) -> std::path::PathBuf {
         folder.path().join(name)
     }
     let doll = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs/doll/coarse.obj");
-    std::fs::copy(doll, at("doll.obj", &folder)).unwrap();
+    std::fs::copy(doll, path_in("doll.obj", &folder)).unwrap();
     let graph = r#"Graph(format: 1, params: { "side": Choice(default: Inside, of: [Inside, Outside], doc: "") }, nodes: {
         "doll": ReadMesh(path: "doll.obj"),
         "part": Crop(mesh: "doll", within: Plane(through: (0, 44, 0), normal: (0, -1, 0.2))),
         "shell": Shell(mesh: "part", thickness: 8.0, side: Param("side")),
     }, outputs: { "shell.glb": "shell" }, expect: [Closed("shell"), NoSelfIntersection("shell")])"#;
-    std::fs::write(at("shell.ron", &folder), graph).unwrap();
+    std::fs::write(path_in("shell.ron", &folder), graph).unwrap();
     for side in ["Inside", "Outside"] {
         maquette(folder.path(), &["run", "shell.ron", "--set", &format!("side={side}")]);
     }

@@ -1,20 +1,22 @@
-//! Machines share results through a server, which may be whatever it likes: the outputs are the same.
+//! Machines share results through a cache server. Whatever the server does, the outputs are the same.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Command;
 use std::sync::{Mutex, MutexGuard, OnceLock};
 use std::time::{Duration, Instant};
 
 use serde_json::Value as Json;
 use server::{Mode, Server};
 
+use crate::output::stderr_of;
+
 mod server;
 mod trouble;
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 
-/// What all machines make of the doll, and how long that takes.
+/// The outputs of the doll's graph, and the time that a run takes without a server.
 struct Truth {
     outputs: BTreeMap<String, Vec<u8>>,
     seconds: Duration,
@@ -28,13 +30,13 @@ impl Truth {
     }
 }
 
-/// A machine of its own: a folder for results that no other one has.
+/// A simulated machine: it has its own cache folder.
 struct Machine(tempfile::TempDir);
 
-/// What a run did.
+/// The result of a run.
 struct Run {
     json: Json,
-    /// What it said on stderr.
+    /// The output on stderr.
     words: String,
     outputs: BTreeMap<String, Vec<u8>>,
     seconds: Duration,
@@ -59,7 +61,7 @@ impl Machine {
         command
     }
 
-    /// Runs the doll.
+    /// Runs the doll's graph.
     fn run(&self, growth: &str, more: &[&str]) -> Run {
         let (out, set) = (self.0.path().join("out"), format!("growth={growth}"));
         let arguments = [
@@ -74,25 +76,25 @@ impl Machine {
             out.to_str().unwrap(),
         ];
         let cache = self.cache();
-        // The folder is the machine's, whatever the others are told.
+        // `.` stands for the machine's cache folder.
         let more =
             more.iter().map(|word| if *word == "." { cache.to_str().unwrap() } else { word });
         let start = Instant::now();
         let output = self.command(&arguments).args(more).output().unwrap();
         let seconds = start.elapsed();
-        let words = said(&output);
+        let words = stderr_of(&output);
         assert!(output.status.success(), "{words}");
         let json = serde_json::from_slice(&output.stdout).unwrap();
         Run { json, words, outputs: files(&out), seconds }
     }
 
-    /// Runs the doll with a server.
+    /// Runs the doll's graph with a server.
     fn share(&self, server: &Server) -> Run {
         self.run("12", &["--cache-remote", &server.address()])
     }
 
-    /// The files that machines may share.
-    fn shared(&self) -> Vec<PathBuf> {
+    /// Lists the cache files that machines may share.
+    fn shared_files(&self) -> Vec<PathBuf> {
         let (mut files, mut folders) = (Vec::new(), vec![self.cache()]);
         while let Some(folder) = folders.pop() {
             for entry in std::fs::read_dir(&folder).unwrap() {
@@ -109,7 +111,7 @@ impl Machine {
         files
     }
 
-    /// What a server calls a file: `BUILD/NAME`.
+    /// Returns the server's name of a cache file: `BUILD/NAME`.
     fn name(&self, path: &Path) -> String {
         let path = path.strip_prefix(self.cache()).unwrap();
         let parts: Vec<_> = path.iter().map(|part| part.to_str().unwrap()).collect();
@@ -128,10 +130,6 @@ impl Run {
     }
 }
 
-fn said(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
 fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let paths = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
     paths
@@ -141,14 +139,14 @@ fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
         .collect()
 }
 
-/// A server with the doll's results.
-fn filled() -> Server {
+/// Starts a server that has the results of the doll's graph.
+fn filled_server() -> Server {
     static FILES: OnceLock<BTreeMap<String, Vec<u8>>> = OnceLock::new();
     let files = FILES.get_or_init(|| {
         let machine = Machine::new();
         machine.run("12", &[]);
         machine
-            .shared()
+            .shared_files()
             .into_iter()
             .map(|path: PathBuf| (machine.name(&path), std::fs::read(path).unwrap()))
             .collect()
@@ -158,23 +156,23 @@ fn filled() -> Server {
     server
 }
 
-/// One after the other: a machine that does much else may find a good server slow.
-fn alone() -> MutexGuard<'static, ()> {
+/// Only one of these tests runs at a time: on a busy machine even a good server may seem slow.
+fn lock_machine() -> MutexGuard<'static, ()> {
     static ALONE: Mutex<()> = Mutex::new(());
     ALONE.lock().unwrap_or_else(|broken| broken.into_inner())
 }
 
 #[test]
 fn a_second_machine_computes_nothing() {
-    let _alone = alone();
+    let _alone = lock_machine();
     let (truth, server, first) = (Truth::new("12"), Server::new(), Machine::new());
     let run = first.share(&server);
     assert_eq!((run.count("computed"), &run.words[..]), (15, ""));
-    // Only what hangs on nothing is asked for where there is nothing: no chain of requests.
-    let asked = server.asked("GET");
+    // The server has no results, so only those of nodes without inputs are requested. There is no request for each node in turn.
+    let asked = server.count_requests("GET");
     assert!(0 < asked && asked <= 5, "{asked}");
-    // What is known by a path stays where the path is.
-    let mut names: Vec<_> = first.shared().iter().map(|path| first.name(path)).collect();
+    // Only results and their columns are uploaded, not cache files that refer to local paths.
+    let mut names: Vec<_> = first.shared_files().iter().map(|path| first.name(path)).collect();
     names.sort();
     assert_eq!(server.names(), names);
 
@@ -182,33 +180,33 @@ fn a_second_machine_computes_nothing() {
     let run = second.share(&server);
     assert_eq!((run.count("computed"), run.count("cached"), &run.words[..]), (0, 15, ""));
     assert_eq!((&run.outputs, &run.json["server"]["missing"]), (&truth.outputs, &Json::from(0)));
-    // From now on it has what it needs.
+    // The second machine now has all results and does not need the server anymore.
     server.set(Mode::Fails);
     assert_eq!(second.run("12", &[]).count("cached"), 15);
 }
 
 #[test]
 fn what_hangs_on_an_edit_is_computed_once_by_all_machines() {
-    let _alone = alone();
-    let (truth, server) = (Truth::new("20"), filled());
+    let _alone = lock_machine();
+    let (truth, server) = (Truth::new("20"), filled_server());
     let address = server.address();
-    fn edited(machine: Machine, address: &str) -> Run {
+    fn run_edited(machine: Machine, address: &str) -> Run {
         machine.run("20", &["--cache-remote", address])
     }
-    let first = edited(Machine::new(), &address);
+    let first = run_edited(Machine::new(), &address);
     assert_eq!((first.count("computed"), &first.outputs), (8, &truth.outputs));
-    let second = edited(Machine::new(), &address);
+    let second = run_edited(Machine::new(), &address);
     assert_eq!((second.count("computed"), &second.outputs), (0, &truth.outputs));
 }
 
 #[test]
 fn a_flipped_byte_is_computed_again_and_mended() {
-    let _alone = alone();
-    let (truth, server) = (Truth::new("12"), filled());
+    let _alone = lock_machine();
+    let (truth, server) = (Truth::new("12"), filled_server());
     server.flip_all();
     let run = Machine::new().share(&server);
     assert_eq!((run.count("computed"), run.warnings()), (15, 1), "{}", run.words);
-    assert!(run.words.contains("something else than what was put there"), "{}", run.words);
+    assert!(run.words.contains("a file differs from what was uploaded"), "{}", run.words);
     assert_eq!(run.outputs, truth.outputs);
     let run = Machine::new().share(&server);
     assert_eq!((run.count("computed"), run.words, run.outputs), (0, String::new(), truth.outputs));
@@ -216,52 +214,57 @@ fn a_flipped_byte_is_computed_again_and_mended() {
 
 #[test]
 fn whatever_a_server_does_the_outputs_are_the_same_and_it_costs_a_warning_and_a_second() {
-    let _alone = alone();
+    let _alone = lock_machine();
     let truth = Truth::new("12");
     for mode in Mode::ALL {
-        let server = filled();
+        let server = filled_server();
         server.set(mode);
         let run = Machine::new().share(&server);
         assert!(run.outputs == truth.outputs, "{mode:?}");
         assert!(run.warnings() <= 1 && run.words.lines().count() <= 1, "{mode:?}: {}", run.words);
-        // A second for what it is asked and one for what it is sent; other tests run beside this one.
+        // A useless server may cost one second for downloads and one for uploads. The bound is larger, because other tests run at the same
+        // time.
         let most = truth.seconds * 3 + Duration::from_secs(3);
         assert!(run.seconds < most, "{mode:?}: {:?} of {:?}", run.seconds, truth.seconds);
         if mode.is_failure() {
             assert_eq!(run.warnings(), 1, "{mode:?}");
-            // One for each thread, one for what is sent: then it is left alone.
-            assert!(server.asked("") <= 3, "{mode:?}: {}", server.asked(""));
+            // Each of the two threads sends one request, and the upload another one. Then the server is not used anymore.
+            assert!(server.count_requests("") <= 3, "{mode:?}: {}", server.count_requests(""));
         }
     }
 }
 
 #[test]
 fn a_server_that_may_only_be_read_is_read() {
-    let _alone = alone();
-    let (truth, server) = (Truth::new("20"), filled());
+    let _alone = lock_machine();
+    let (truth, server) = (Truth::new("20"), filled_server());
     server.set(Mode::ReadOnly);
     let run = Machine::new().run("20", &["--cache-remote", &server.address()]);
     assert_eq!((run.count("computed"), run.count("cached")), (8, 7));
-    assert_eq!((run.warnings(), server.asked("PUT"), run.outputs), (1, 1, truth.outputs));
-    assert!(run.words.contains("it takes no results: 403 Forbidden"), "{}", run.words);
+    assert_eq!((run.warnings(), server.count_requests("PUT"), run.outputs), (1, 1, truth.outputs));
+    assert!(run.words.contains("it accepts no results: 403 Forbidden"), "{}", run.words);
 }
 
 #[test]
 fn a_lost_server_is_one_warning() {
-    let _alone = alone();
+    let _alone = lock_machine();
     let truth = Truth::new("12");
-    // Nothing listens there; nobody answers there; there is no such name.
+    // The first address refuses connections, the second one does not answer, and the third one has no DNS entry.
     for address in ["http://127.0.0.1:9/x", "http://192.0.2.1/x", "http://nowhere.invalid/x"] {
         let run = Machine::new().run("12", &["--cache-remote", address]);
         assert_eq!((run.warnings(), &run.outputs), (1, &truth.outputs), "{}", run.words);
-        assert!(run.words.contains(address) && run.words.contains("left alone"), "{}", run.words);
+        assert!(
+            run.words.contains(address) && run.words.contains("not used any more"),
+            "{}",
+            run.words
+        );
         assert!(run.seconds < truth.seconds * 3 + Duration::from_secs(3), "{:?}", run.seconds);
     }
 }
 
 #[test]
 fn no_sequence_of_faults_changes_an_output() {
-    let _alone = alone();
+    let _alone = lock_machine();
     let truths = ["12", "20"].map(|growth| (growth, Truth::new(growth)));
     let seeds = std::env::var("SERVER_SEQUENCES").ok().and_then(|seeds| seeds.parse().ok());
     for seed in 0..seeds.unwrap_or(6_u64) {
@@ -278,7 +281,7 @@ fn no_sequence_of_faults_changes_an_output() {
 
 #[test]
 fn who_one_is_is_shown_to_the_server_and_to_nobody_else() {
-    let _alone = alone();
+    let _alone = lock_machine();
     let server = Server::new();
     let address = server.address().replace("//", "//me:secret@");
     let run = Machine::new().run("12", &["--cache-remote", &address]);
@@ -291,18 +294,18 @@ fn who_one_is_is_shown_to_the_server_and_to_nobody_else() {
     command.arg(machine.0.path().join("out")).env("MAQUETTE_CACHE_REMOTE", server.address());
     let output = command.env("MAQUETTE_CACHE_REMOTE_TOKEN", "hidden").output().unwrap();
     assert_eq!(server.authorizations(), ["Bearer hidden"]);
-    assert!(said(&output).contains("403") && !said(&output).contains("hidden"));
+    assert!(stderr_of(&output).contains("403") && !stderr_of(&output).contains("hidden"));
 
     for address in ["http://me:secret@127.0.0.1:9", "https://me:secret@host", "me:secret@host"] {
         let output = machine.command(&["cache", "ls", "--cache-remote", address]).output().unwrap();
-        let told = [said(&output), String::from_utf8(output.stdout).unwrap()].concat();
+        let told = [stderr_of(&output), String::from_utf8(output.stdout).unwrap()].concat();
         assert!(!told.contains("secret"), "{told}");
     }
 }
 
 #[test]
 fn whether_the_server_answers_is_told() {
-    let _alone = alone();
+    let _alone = lock_machine();
     let (server, machine) = (Server::new(), Machine::new());
     fn ls(address: &str, machine: &Machine) -> Json {
         let arguments = ["cache", "ls", "--json", "--cache-remote", address];
@@ -323,16 +326,16 @@ fn what_this_build_does_not_speak_is_said_with_the_feature_that_does() {
         (
             "https://h",
             maquette_remote::HTTPS,
-            "https is not spoken here: build with the feature `tls`",
+            "https is not supported by this build: build with the feature `tls`",
         ),
         (
             "s3://b",
             maquette_remote::BUCKETS,
-            "buckets are not spoken to here: build with the feature `s3`",
+            "buckets are not supported by this build: build with the feature `s3`",
         ),
     ] {
         let output = machine.command(&["cache", "ls", "--cache-remote", address]).output().unwrap();
-        let words = said(&output);
+        let words = stderr_of(&output);
         let is_told = words.contains(&format!("--cache-remote: {told}"));
         assert_eq!(is_told, !spoken, "{words}");
         assert!(!is_told || output.status.code() == Some(2), "{words}");

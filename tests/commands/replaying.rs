@@ -1,4 +1,4 @@
-//! `maquette replay` finds the graph from where `run` was started.
+//! `maquette replay` finds the graph relative to the folder in which `run` was started.
 
 use std::fs;
 
@@ -11,7 +11,7 @@ const GRAPH: &str = r#"Graph(
 )
 "#;
 
-/// A folder without a project, and graphs in folders of it.
+/// Makes a folder without a project marker, with a graph in each of these subfolders.
 fn project(graphs: &[&str]) -> Project {
     let project = Project::new(GRAPH);
     fs::remove_file(project.graph()).unwrap();
@@ -32,7 +32,7 @@ fn check(project: &Project, words: &[&str], code: i32, expected: &str) {
     assert!(told.contains(expected), "{words:?}: {told}");
 }
 
-const SAME: &str = "made again with the same bytes";
+const SAME: &str = "is reproduced with the same bytes";
 
 #[test]
 fn behind_a_run_from_above_the_project_it_needs_no_words() {
@@ -58,7 +58,7 @@ fn graphs_elsewhere_are_known_from_the_run() {
     let output = in_here(&["replay", "out/g/out.ply"], &project, &here);
     let told = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(output.status.success() && told.contains(SAME), "{told}");
-    // Where nothing is remembered, the message says what to do.
+    // Without a cache, which remembers the run, the error explains what to do.
     let output = in_here(&["replay", "out/g/out.ply", "--no-cache"], &project, &here);
     let told = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(told.contains("cannot find the graph `g.ron`") && told.contains("--graph"), "{told}");
@@ -69,7 +69,7 @@ fn graphs_elsewhere_are_known_from_the_run() {
 fn several_graphs_of_the_name_are_told() {
     let project = project(&["a", "b"]);
     check(&project, &["run", "a/g.ron", "--no-cache"], 0, "");
-    let told = "several graphs may have made it: `./a/g.ron`, `./b/g.ron`: choose one with --graph";
+    let told = "several graphs match: `./a/g.ron`, `./b/g.ron`; choose one with --graph";
     check(&project, &["replay", "out/g/out.ply", "--no-cache"], 2, told);
     check(&project, &["replay", "out/g/out.ply", "--no-cache", "--graph", "a/g.ron"], 0, SAME);
 }

@@ -1,4 +1,4 @@
-//! Graphs that are made of other graphs: uses, repetition, patches.
+//! Graphs made from other graphs: uses, repetition, and patches.
 
 mod commands;
 mod folder;

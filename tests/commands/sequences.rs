@@ -1,9 +1,9 @@
-//! Whatever is edited and asked in whatever order, every command says and writes what it would without memory.
+//! After any sequence of edits and commands, each command prints and writes the same as it would without a cache.
 //!
-//! Graphs of the gallery are edited at random, as text, and asked by the program itself, one process after the other; each answer
-//! is compared with that of `--no-cache`. In one living watch the outputs have to become those of the graph as it is.
+//! Graphs of the gallery are edited at random as texts, and read by a sequence of processes. Each answer is compared with that of
+//! `--no-cache`. A watch that keeps running must bring the outputs to those of the current graph.
 //!
-//! `SEQUENCES` says how many sequences there are, `SEED` which; a failure prints what was done.
+//! `SEQUENCES` is the number of sequences, and `SEED` selects them. A failure prints the steps.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -11,15 +11,15 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant, SystemTime};
 
-use maquette::random::Random;
+use maquette::rng::Random;
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 
-/// Graphs that take little time, with every way of using others.
+/// Graphs that take little time and together use all ways to refer to other graphs.
 const NAMES: [&str; 10] =
     ["doll", "face", "pinocchio", "vase", "hull", "feature", "crowd", "tagged", "turned", "relief"];
 
-/// Longer than anything takes on a busy machine; only a failing test waits that long.
+/// Maximum time of a watch for an update, even on a busy machine; only a failing test waits this long.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 fn number(name: &str, usual: u64) -> u64 {
@@ -46,7 +46,7 @@ fn a_living_watch_comes_to_what_is_true() {
         let watch = project.watch();
         for _ in 0..6 {
             project.edit();
-            if project.random.below(4) == 0 {
+            if project.random.next_below(4) == 0 {
                 project.ask();
             }
             project.wait_for_watch();
@@ -55,26 +55,26 @@ fn a_living_watch_comes_to_what_is_true() {
     }
 }
 
-/// Chooses among some.
+/// Random choice of an item of a list.
 trait Pick {
     fn pick<'a, T: ?Sized>(&mut self, among: &[&'a T]) -> &'a T;
 }
 
 impl Pick for Random {
     fn pick<'a, T: ?Sized>(&mut self, among: &[&'a T]) -> &'a T {
-        among[self.below(among.len())]
+        among[self.next_below(among.len())]
     }
 }
 
-/// A copy of the gallery, one graph of which is edited.
+/// A copy of the gallery. The test edits one of its graphs.
 struct Project {
     random: Random,
     folder: PathBuf,
     cache: PathBuf,
     name: &'static str,
-    /// The graph as it was at first.
+    /// The text of the graph before any edit.
     original: String,
-    /// What was done, for the message of a failure.
+    /// The steps so far, for the message of a failure.
     story: String,
     _temporary: tempfile::TempDir,
 }
@@ -92,7 +92,7 @@ impl Project {
         let cache = temporary.path().join("cache");
         let story = format!("seed {seed}, {name}.ron\n");
         let project = Self { random, folder, cache, name, original, story, _temporary: temporary };
-        // Files are believed to be as they were by their dates, if these are old enough.
+        // The program trusts the modification time of a file only if the file is old enough.
         project.make_older(60);
         project
     }
@@ -113,20 +113,20 @@ impl Project {
         }
     }
 
-    /// Changes the graph, a graph that it uses, or a file; a change that the check refuses is taken back.
+    /// Changes the graph, a graph that it uses, or a file. A change that the check refuses is undone.
     fn edit(&mut self) {
-        let (path, before) = match self.random.below(8) {
+        let (path, before) = match self.random.next_below(8) {
             0 => {
                 let lib = self.folder.join("lib");
                 let path = files(&lib).into_values().collect::<Vec<_>>();
-                let path = path[self.random.below(path.len())].clone();
+                let path = path[self.random.next_below(path.len())].clone();
                 (path.clone(), std::fs::read_to_string(path).unwrap())
             }
             _ => (self.graph(), self.text()),
         };
-        let after = match self.random.below(9) {
-            0 => self.renamed(&before),
-            1 => format!("{before}\n// {}\n", self.random.below(100)),
+        let after = match self.random.next_below(9) {
+            0 => self.rename_node(&before),
+            1 => format!("{before}\n// {}\n", self.random.next_below(100)),
             2 => self.with_another_output(&before),
             3 => self.with_an_output_less(&before),
             4 if path == self.graph() => self.original.clone(),
@@ -156,7 +156,7 @@ impl Project {
         }
     }
 
-    /// One number of the graph a little larger or smaller.
+    /// Returns the text with one number slightly increased or decreased.
     fn with_another_number(&mut self, text: &str) -> String {
         let body = text.find("nodes:").unwrap_or(0);
         let starts = Vec::from_iter(text.char_indices().filter_map(|(at, _)| {
@@ -169,19 +169,19 @@ impl Project {
         if starts.is_empty() {
             return text.to_owned();
         }
-        let start = starts[self.random.below(starts.len())];
+        let start = starts[self.random.next_below(starts.len())];
         let rest = &text[start..];
         let length = rest.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(rest.len());
         let Ok(number) = rest[..length].parse::<f64>() else { return text.to_owned() };
         let new = if rest[..length].contains('.') {
-            format!("{:?}", number * [0.9, 1.1, 2.0][self.random.below(3)])
+            format!("{:?}", number * [0.9, 1.1, 2.0][self.random.next_below(3)])
         } else {
-            format!("{}", number as u64 + 1 - (self.random.below(3) as u64).min(number as u64))
+            format!("{}", number as u64 + 1 - (self.random.next_below(3) as u64).min(number as u64))
         };
         format!("{}{new}{}", &text[..start], &rest[length..])
     }
 
-    /// The names of the nodes: what stands before `": ` and a capital letter, inside of `nodes`.
+    /// Returns the names of the nodes: strings in `nodes` that are followed by `: ` and a capital letter.
     fn node_names(text: &str) -> Vec<String> {
         let body = &text[text.find("nodes:").unwrap_or(text.len())..];
         body.lines()
@@ -192,13 +192,13 @@ impl Project {
             .collect()
     }
 
-    fn renamed(&mut self, text: &str) -> String {
+    fn rename_node(&mut self, text: &str) -> String {
         let names = Self::node_names(text);
         if names.is_empty() {
             return text.to_owned();
         }
-        let name = &names[self.random.below(names.len())];
-        let new = format!("{name}-{}", self.random.below(3));
+        let name = &names[self.random.next_below(names.len())];
+        let new = format!("{name}-{}", self.random.next_below(3));
         text.replace(&format!("\"{name}\""), &format!("\"{new}\""))
             .replace(&format!("\"{name}."), &format!("\"{new}."))
             .replace(&format!("\"{name}/"), &format!("\"{new}/"))
@@ -209,9 +209,10 @@ impl Project {
         if names.is_empty() {
             return text.to_owned();
         }
-        let name = &names[self.random.below(names.len())];
+        let name = &names[self.random.next_below(names.len())];
         let ending = self.random.pick(&["json", "png", "ply", "pcd"]);
-        let file = format!("outputs: {{ \"more-{}.{ending}\": \"{name}\", ", self.random.below(9));
+        let file =
+            format!("outputs: {{ \"more-{}.{ending}\": \"{name}\", ", self.random.next_below(9));
         text.replacen("outputs: {", &file, 1)
     }
 
@@ -231,39 +232,39 @@ impl Project {
         command.env("MAQUETTE_CACHE", &self.cache).output().unwrap()
     }
 
-    /// Asks something, with and without memory, and compares the answers.
+    /// Runs a random command, and then the graph with and without the cache; the results must be equal.
     fn ask(&mut self) {
         let graph = self.graph().to_string_lossy().into_owned();
         let names = Self::node_names(&self.text());
-        let node = names.get(self.random.below(names.len().max(1))).cloned();
-        let value = format!("{}", 1 + self.random.below(9));
-        let set = match self.random.below(4) {
+        let node = names.get(self.random.next_below(names.len().max(1))).cloned();
+        let value = format!("{}", 1 + self.random.next_below(9));
+        let set = match self.random.next_below(4) {
             0 => vec!["--set".to_owned(), format!("growth={value}")],
             _ => Vec::new(),
         };
-        match (self.random.below(8), node) {
+        match (self.random.next_below(8), node) {
             (0, Some(node)) => self.compare("inspect", &[&graph, &node, "--json"], &set),
             (1, Some(node)) => {
                 self.compare("inspect", &[&graph, &node, "--out", "TO/a.png"], &set);
             }
-            (2, Some(node)) => drop(self.told("why", &[&graph, &node])),
-            (3, _) => drop(self.told("run", &[&graph, "-n"])),
+            (2, Some(node)) => drop(self.run_command("why", &[&graph, &node])),
+            (3, _) => drop(self.run_command("run", &[&graph, "-n"])),
             (4, _) => {
                 let only = self.outputs_in_text();
-                let only = only.get(self.random.below(only.len().max(1))).cloned();
+                let only = only.get(self.random.next_below(only.len().max(1))).cloned();
                 let only = only.unwrap_or_default();
                 self.compare("run", &[&graph, "--only", &only, "--out", "TO"], &set);
             }
-            (5, _) => drop(self.told("cache", &["gc", "--limit", "100kB"])),
+            (5, _) => drop(self.run_command("cache", &["gc", "--limit", "100kB"])),
             (6, _) => self.kill_a_run(&graph),
             _ => {}
         }
         self.compare("run", &[&graph, "--out", "TO"], &set);
     }
 
-    /// A run that is killed at any moment leaves nothing that a later one believes wrongly.
+    /// Kills a run at a random moment. Later runs must not trust anything incomplete that it has left.
     fn kill_a_run(&mut self, graph: &str) {
-        let milliseconds = self.random.below(120) as u64;
+        let milliseconds = self.random.next_below(120) as u64;
         let _ = writeln!(
             self.story,
             "$ maquette run {graph} --out out, killed after {milliseconds} ms"
@@ -289,8 +290,8 @@ impl Project {
         names
     }
 
-    /// Lets the program say something; it must not crash.
-    fn told(&mut self, command: &str, arguments: &[&str]) -> Output {
+    /// Runs the program, which must not crash.
+    fn run_command(&mut self, command: &str, arguments: &[&str]) -> Output {
         let said = self.run(&[&[command], arguments].concat());
         let _ = writeln!(self.story, "$ maquette {command} {}", arguments.join(" "));
         assert!(said.status.code().is_some_and(|code| code <= 2), "{}{said:?}", self.story);
@@ -302,7 +303,7 @@ impl Project {
         said
     }
 
-    /// The same command twice, into `out` with memory and into a fresh folder without.
+    /// Runs a command twice, into `out` with the cache and into a new folder without it, and compares the results.
     fn compare(&mut self, command: &str, arguments: &[&str], set: &[String]) {
         let home = self.folder.parent().unwrap().to_owned();
         let fresh = home.join("fresh");
@@ -310,13 +311,13 @@ impl Project {
         for folder in ["fresh", "out"] {
             std::fs::create_dir_all(home.join(folder)).unwrap();
         }
-        fn into(folder: &str, arguments: &[&str], set: &[String]) -> Vec<String> {
+        fn in_folder(folder: &str, arguments: &[&str], set: &[String]) -> Vec<String> {
             let arguments = arguments.iter().map(|argument| argument.replace("TO", folder));
             arguments.chain(set.iter().cloned()).collect::<Vec<_>>()
         }
-        let with = into("out", arguments, set);
-        let with = self.told(command, &with.iter().map(String::as_str).collect::<Vec<_>>());
-        let mut without = into("fresh", arguments, set);
+        let with = in_folder("out", arguments, set);
+        let with = self.run_command(command, &with.iter().map(String::as_str).collect::<Vec<_>>());
+        let mut without = in_folder("fresh", arguments, set);
         without.push("--no-cache".into());
         without.insert(0, command.into());
         let without = self.run(&without.iter().map(String::as_str).collect::<Vec<_>>());
@@ -348,12 +349,12 @@ impl Project {
         watch
     }
 
-    /// Waits until the watched outputs are those of the graph as it is now.
+    /// Waits until the watched outputs equal those of the current graph.
     fn wait_for_watch(&mut self) {
         let fresh = self.folder.with_file_name("fresh");
         let _ = std::fs::remove_dir_all(&fresh);
         let graph = self.graph().to_string_lossy().into_owned();
-        self.told("run", &[&graph, "--no-cache", "--out", "fresh"]);
+        self.run_command("run", &[&graph, "--no-cache", "--out", "fresh"]);
         let end = Instant::now() + PATIENCE;
         fn is_right(fresh: &Path) -> bool {
             let watched = files(&fresh.with_file_name("watched"));
@@ -369,7 +370,7 @@ impl Project {
     }
 }
 
-/// A program that watches; killed at the end.
+/// A process that watches; it is killed at the end.
 struct Watch(Child);
 
 impl Drop for Watch {
@@ -386,7 +387,7 @@ fn save(path: &Path, text: &str) {
     std::fs::rename(new, path).unwrap();
 }
 
-/// The files of a folder by name, hidden ones left out.
+/// Returns the files of a folder by name, except for hidden files.
 fn files(folder: &Path) -> BTreeMap<String, PathBuf> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let files = entries.map(|entry| entry.path()).filter(|path| path.is_file());

@@ -1,4 +1,4 @@
-//! `maquette serve --stdio` as a host sees it: what docs/serve.md says, and hosts that lie, stall and die.
+//! `maquette serve --stdio` as a host program sees it: the guarantees of docs/serve.md, and hosts that lie, stall or die.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
@@ -14,23 +14,23 @@ mod materials;
 mod missing;
 mod outline;
 
-/// A host, and its server.
+/// A host program and its server.
 struct Host {
     process: Child,
     requests: Option<ChildStdin>,
     events: BufReader<ChildStdout>,
     folder: PathBuf,
     asked: u64,
-    /// What ended other requests meanwhile.
+    /// Final events of other requests that arrived while the host waited.
     ends: Vec<Json>,
 }
 
 impl Host {
-    fn of(project: &Project) -> Self {
-        Self::with(project, &[])
+    fn start(project: &Project) -> Self {
+        Self::start_with(project, &[])
     }
 
-    fn with(project: &Project, more: &[&str]) -> Self {
+    fn start_with(project: &Project, more: &[&str]) -> Self {
         let mut command = project.command(&[&["serve", "--stdio"], more].concat());
         let piped = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
         let mut process = piped.spawn().unwrap();
@@ -56,7 +56,7 @@ impl Host {
         requests.write_all(b"\n").unwrap();
     }
 
-    /// Asks without waiting; gives the id.
+    /// Sends a request without waiting for the answer; returns its id.
     fn send(&mut self, what: &str, mut fields: Json) -> Json {
         self.asked += 1;
         fields["id"] = self.asked.into();
@@ -65,7 +65,7 @@ impl Host {
         self.asked.into()
     }
 
-    /// Whatever ends a request.
+    /// Waits for the event that ends the request with this id: an answer or a refusal.
     fn end(&mut self, id: &Json) -> Json {
         let is_it = |event: &Json| event.get("id") == Some(id);
         if let Some(place) = self.ends.iter().position(is_it) {
@@ -82,7 +82,7 @@ impl Host {
         }
     }
 
-    /// Waits until a run is under way.
+    /// Waits until a run has started its first node.
     fn until_it_runs(&mut self, id: &Json) {
         loop {
             let event = self.hear();
@@ -101,8 +101,8 @@ impl Host {
         answer
     }
 
-    /// Why a request is refused.
-    fn refused(&mut self, what: &str, fields: Json) -> String {
+    /// Sends a request that must be refused, and returns the reason.
+    fn refusal(&mut self, what: &str, fields: Json) -> String {
         let id = self.send(what, fields);
         let answer = self.end(&id);
         assert_eq!(answer["event"], "refused", "{answer}");
@@ -117,8 +117,8 @@ impl Host {
         fs::read(self.folder.join(column["file"].as_str().unwrap())).unwrap()
     }
 
-    /// Waits for the server's end.
-    fn over(mut self) -> bool {
+    /// Closes stdin and waits until the server ends. Returns true if it ended successfully.
+    fn ends(mut self) -> bool {
         drop(self.requests.take());
         let start = Instant::now();
         while start.elapsed() < Duration::from_secs(60) {
@@ -144,7 +144,7 @@ fn column<'j>(value: &'j Json, name: &str) -> &'j Json {
     found.unwrap_or_else(|| panic!("no {name}: {value}"))
 }
 
-/// A graph that subdivides what it is given.
+/// A graph that subdivides its input.
 const FINE: &str = r#"Graph(
     format: 1,
     inputs: { "mesh": Mesh(doc: "What is made fine.") },
@@ -154,7 +154,7 @@ const FINE: &str = r#"Graph(
 )
 "#;
 
-/// It, made so fine that it takes long: 16 million faces of a tetrahedron.
+/// Returns a request for a run that takes long: it subdivides `FINE` further, a tetrahedron to 16 million faces.
 fn long(project: &Project, value: &Json) -> Json {
     let fine = r#""fine": Subdivide(mesh: "mesh", scheme: Loop, levels: Param("levels"))"#;
     let finer = format!(r#"{fine}, "finer": Subdivide(mesh: "fine", scheme: Loop, levels: 4)"#);
@@ -167,7 +167,7 @@ fn long(project: &Project, value: &Json) -> Json {
 const CORNERS: [[f64; 3]; 4] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 const FACES: [[u32; 3]; 4] = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
 
-/// A tetrahedron as a host gives it.
+/// Returns a tetrahedron in the form in which a host passes it.
 fn tetrahedron() -> Json {
     json!({ "type": "Mesh", "columns": [
         { "name": "position", "on": "vertex", "meaning": "position", "width": 3, "type": "f64", "file": "in-1" },
@@ -175,9 +175,9 @@ fn tetrahedron() -> Json {
     ] })
 }
 
-/// A host that has given a tetrahedron, and its hash.
-fn given(project: &Project) -> (Host, Json) {
-    let mut host = Host::of(project);
+/// Starts a host that passes a tetrahedron to the server; returns the host and the value's hash.
+fn host_with_input(project: &Project) -> (Host, Json) {
+    let mut host = Host::start(project);
     host.put("in-1", &CORNERS);
     host.put("in-2", &FACES);
     let value = host.ask("input", tetrahedron())["value"].clone();
@@ -205,7 +205,7 @@ fn a_client_of_sixty_lines_in_python_gets_the_doll() {
 #[test]
 fn arrays_go_in_and_come_out_and_what_has_not_changed_keeps_its_file() {
     let project = Project::new(FINE);
-    let (mut host, value) = given(&project);
+    let (mut host, value) = host_with_input(&project);
     fn run(levels: &str, form: &str, value: &Json) -> Json {
         json!({ "graph": "doll.ron", "set": { "levels": levels }, "inputs": { "mesh": value },
                 "want": [{ "value": "fine", "as": form }] })
@@ -219,7 +219,7 @@ fn arrays_go_in_and_come_out_and_what_has_not_changed_keeps_its_file() {
     fn count(name: &str, fine: &Json) -> u64 {
         column(fine, name)["count"].as_u64().unwrap()
     }
-    // Euler: V - E + F = 2.
+    // Euler's formula holds: V - E + F = 2.
     assert_eq!(
         (count("position", &fine), count("edges", &fine), count("corners", &fine)),
         (34, 96, 3 * 64)
@@ -239,7 +239,7 @@ fn arrays_go_in_and_come_out_and_what_has_not_changed_keeps_its_file() {
         }
     }
 
-    // Another shape of the same faces.
+    // A mesh with other positions, but the same faces.
     let moved = CORNERS.map(|corner| corner.map(|x| 2.0 * x));
     host.put("in-1", &moved);
     let other = host.ask("input", tetrahedron())["value"].clone();
@@ -250,7 +250,7 @@ fn arrays_go_in_and_come_out_and_what_has_not_changed_keeps_its_file() {
         assert_eq!(column(&twice, name)["file"], column(&fine, name)["file"], "{name}");
     }
     assert_ne!(column(&twice, "position")["file"], column(&fine, "position")["file"]);
-    // What only the first answer named is gone.
+    // Files that only the first answer referred to are removed.
     assert!(!host.folder.join(column(&same, "position")["file"].as_str().unwrap()).exists());
     assert!(host.folder.join(column(&fine, "position")["file"].as_str().unwrap()).exists());
 }
@@ -258,7 +258,7 @@ fn arrays_go_in_and_come_out_and_what_has_not_changed_keeps_its_file() {
 #[test]
 fn the_doll_is_drawn_with_its_texture_and_the_numbers_of_the_command_line() {
     let project = Project::doll();
-    let mut host = Host::of(&project);
+    let mut host = Host::start(&project);
     let want = json!([{ "value": "model.glb", "as": "mesh" }, { "value": "nose-mask.png", "as": "picture" }]);
     let answer = host.ask("run", json!({ "graph": "doll.ron", "want": want }));
     assert_eq!(answer["ok"], true, "{answer}");
@@ -274,7 +274,7 @@ fn the_doll_is_drawn_with_its_texture_and_the_numbers_of_the_command_line() {
 #[test]
 fn a_host_that_lies_is_refused_and_nothing_else_happens() {
     let project = Project::new(FINE);
-    let (mut host, value) = given(&project);
+    let (mut host, value) = host_with_input(&project);
     for line in [
         "{",
         "[]",
@@ -291,10 +291,10 @@ fn a_host_that_lies_is_refused_and_nothing_else_happens() {
     host.say(b"");
     host.say(b"\xff\xfe");
     assert_eq!(host.end(&Json::Null)["event"], "refused");
-    assert!(host.refused("fly", json!({})).contains("unknown variant `fly`"));
-    assert!(host.refused("load", json!({})).contains("missing field `graph`"));
-    assert!(host.refused("load", json!({ "graph": "doll.ron", "grpah": 1 })).contains("grpah"));
-    fn with(path: &[&str], lie: Json) -> Json {
+    assert!(host.refusal("fly", json!({})).contains("unknown variant `fly`"));
+    assert!(host.refusal("load", json!({})).contains("missing field `graph`"));
+    assert!(host.refusal("load", json!({ "graph": "doll.ron", "grpah": 1 })).contains("grpah"));
+    fn with_lie(path: &[&str], lie: Json) -> Json {
         let mut input = tetrahedron();
         let place = path.iter().fold(&mut input, |json, step| match step.parse::<usize>() {
             Ok(index) => &mut json[index],
@@ -307,49 +307,55 @@ fn a_host_that_lies_is_refused_and_nothing_else_happens() {
     host.put("nan", &[f64::NAN; 12]);
     host.put("far", &[9u32; 12]);
     let lies = [
-        (with(&["type"], json!("Mash")), "no type of values `Mash`"),
-        (with(&["columns", "0", "file"], json!("../../etc/passwd")), "cannot name a file here"),
-        (with(&["columns", "0", "file"], json!("/etc/passwd")), "cannot name a file here"),
-        (with(&["columns", "0", "file"], json!("lock")), "cannot name a file here"),
-        (with(&["columns", "0", "file"], json!("none")), "none: "),
-        (with(&["columns", "0", "file"], json!("short")), "23 bytes"),
-        (with(&["columns", "0", "file"], json!("nan")), "finite"),
-        (with(&["columns", "1", "file"], json!("far")), "vertex 9"),
-        (with(&["columns", "0", "width"], json!(0)), "no number an element"),
-        (with(&["columns", "0", "width"], json!(7)), "position"),
-        (with(&["columns", "0", "on"], json!("moon")), "columns lie on one of"),
-        (with(&["columns", "0", "meaning"], json!("none")), "numbers mean one of"),
-        (with(&["columns"], json!([])), "`position` is missing"),
-        (with(&["columns", "0", "type"], json!("f16")), "f16"),
+        (with_lie(&["type"], json!("Mash")), "no type of values `Mash`"),
+        (with_lie(&["columns", "0", "file"], json!("../../etc/passwd")), "cannot name a file here"),
+        (with_lie(&["columns", "0", "file"], json!("/etc/passwd")), "cannot name a file here"),
+        (with_lie(&["columns", "0", "file"], json!("lock")), "cannot name a file here"),
+        (with_lie(&["columns", "0", "file"], json!("none")), "none: "),
+        (with_lie(&["columns", "0", "file"], json!("short")), "23 bytes"),
+        (with_lie(&["columns", "0", "file"], json!("nan")), "finite"),
+        (with_lie(&["columns", "1", "file"], json!("far")), "vertex 9"),
+        (with_lie(&["columns", "0", "width"], json!(0)), "has a width of 0"),
+        (with_lie(&["columns", "0", "width"], json!(7)), "position"),
+        (
+            with_lie(&["columns", "0", "on"], json!("moon")),
+            "unknown element kind `moon`, expected one of",
+        ),
+        (
+            with_lie(&["columns", "0", "meaning"], json!("none")),
+            "unknown meaning of numbers `none`, expected one of",
+        ),
+        (with_lie(&["columns"], json!([])), "`position` is missing"),
+        (with_lie(&["columns", "0", "type"], json!("f16")), "f16"),
     ];
     for (lie, expected) in lies {
-        let why = host.refused("input", lie.clone());
+        let why = host.refusal("input", lie.clone());
         assert!(why.contains(expected), "{lie}: {why}");
     }
     fn run(hash: &Json) -> Json {
         json!({ "graph": "doll.ron", "inputs": { "mesh": hash } })
     }
-    assert!(host.refused("run", run(&json!("00"))).contains("there is no value 00"));
-    assert!(host.refused("run", json!({ "graph": "gone.ron" })).contains("problems"));
+    assert!(host.refusal("run", run(&json!("00"))).contains("there is no value 00"));
+    assert!(host.refusal("run", json!({ "graph": "gone.ron" })).contains("errors"));
     assert!(
-        host.refused("why", json!({ "graph": "doll.ron", "node": "nobody" })).contains("nobody")
+        host.refusal("why", json!({ "graph": "doll.ron", "node": "nobody" })).contains("nobody")
     );
     assert_eq!(host.ask("cancel", json!({ "run": "nothing" }))["found"], false);
-    // What is right is done as before.
+    // After the refusals, valid requests are answered as before.
     assert_eq!(host.ask("run", run(&value))["ok"], true);
     assert_eq!(host.ask("load", json!({ "graph": "doll.ron" }))["inputs"][0]["type"], "Mesh");
     assert_eq!(fs::read_to_string(project.graph()).unwrap(), FINE);
-    assert!(host.over());
+    assert!(host.ends());
 }
 
 #[cfg(unix)]
 #[test]
 fn no_link_in_the_folder_leads_out_of_it() {
     let project = Project::new(FINE);
-    let (mut host, _) = given(&project);
+    let (mut host, _) = host_with_input(&project);
     fs::remove_file(host.folder.join("in-2")).unwrap();
     std::os::unix::fs::symlink(project.graph(), host.folder.join("in-2")).unwrap();
-    assert!(host.refused("input", tetrahedron()).contains("in-2: it is a link"));
+    assert!(host.refusal("input", tetrahedron()).contains("in-2: it is a link"));
     use std::os::unix::fs::PermissionsExt;
     let mode = fs::metadata(&host.folder).unwrap().permissions().mode();
     assert_eq!(mode & 0o777, 0o700);
@@ -358,8 +364,8 @@ fn no_link_in_the_folder_leads_out_of_it() {
 #[test]
 fn of_many_values_of_a_slider_the_last_is_seen_and_none_waits_for_all() {
     let project = Project::new(FINE);
-    let (mut host, value) = given(&project);
-    // All at once, while the first one runs.
+    let (mut host, value) = host_with_input(&project);
+    // The requests are sent at once, while the first of them runs.
     fn request(k: u32, value: &Json) -> Json {
         let set = json!({ "levels": if k == 99 { "3" } else { "8" } });
         json!({ "id": 1000 + k, "do": "run", "graph": "doll.ron", "set": set, "inputs": { "mesh": value },
@@ -378,7 +384,7 @@ fn of_many_values_of_a_slider_the_last_is_seen_and_none_waits_for_all() {
 #[test]
 fn two_objects_of_one_graph_do_not_take_each_others_turn() {
     let project = Project::new(FINE);
-    let (mut host, value) = given(&project);
+    let (mut host, value) = host_with_input(&project);
     let mut requests = Vec::new();
     for (id, slot) in [(1, "a"), (2, "a"), (3, "b"), (4, "b"), (5, "c")] {
         let set = json!({ "levels": if id == 1 { "8" } else { "2" } });
@@ -396,7 +402,7 @@ fn two_objects_of_one_graph_do_not_take_each_others_turn() {
 #[test]
 fn a_long_run_is_cancelled_while_others_are_answered() {
     let project = Project::new(FINE);
-    let (mut host, value) = given(&project);
+    let (mut host, value) = host_with_input(&project);
     let id = host.send("run", long(&project, &value));
     host.until_it_runs(&id);
     assert!(host.ask("catalog", json!({}))["nodes"].as_array().unwrap().len() >= 40);
@@ -408,8 +414,8 @@ fn a_long_run_is_cancelled_while_others_are_answered() {
 #[test]
 fn a_host_that_does_not_read_for_a_while_gets_every_answer() {
     let project = Project::new(FINE);
-    let (mut host, value) = given(&project);
-    // More than any pipe holds.
+    let (mut host, value) = host_with_input(&project);
+    // The answers are larger than the buffer of a pipe.
     let ids: Vec<_> = (0..30).map(|_| host.send("catalog", json!({}))).collect();
     let run = json!({ "graph": "doll.ron", "inputs": { "mesh": value } });
     let last = host.send("run", run);
@@ -421,12 +427,12 @@ fn a_host_that_does_not_read_for_a_while_gets_every_answer() {
 #[test]
 fn a_host_that_dies_takes_the_server_and_its_folder_along() {
     let project = Project::new(FINE);
-    let (mut host, value) = given(&project);
+    let (mut host, value) = host_with_input(&project);
     let id = host.send("run", long(&project, &value));
     host.until_it_runs(&id);
     let folder = host.folder.clone();
     assert!(folder.join("in-1").exists());
-    assert!(host.over(), "it goes on");
+    assert!(host.ends(), "it goes on");
     assert!(!folder.exists(), "{}", folder.display());
 }
 
@@ -435,13 +441,13 @@ fn what_a_killed_server_left_the_next_one_removes() {
     let project = Project::new(FINE);
     let place = project.folder().join("shelves");
     fs::create_dir(&place).unwrap();
-    let host = Host::with(&project, &["--folder", "shelves"]);
+    let host = Host::start_with(&project, &["--folder", "shelves"]);
     let left = project.folder().join(&host.folder);
     drop(host);
     assert!(left.exists());
-    let host = Host::with(&project, &["--folder", "shelves"]);
+    let host = Host::start_with(&project, &["--folder", "shelves"]);
     assert!(!left.exists());
-    assert!(host.over());
+    assert!(host.ends());
     assert_eq!(fs::read_dir(&place).unwrap().count(), 0);
 }
 
@@ -456,7 +462,7 @@ fn a_graph_with_an_unknown_node_gives_what_does_not_hang_on_it() {
         )"#,
     );
     fs::write(project.folder().join("ball.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
-    let mut host = Host::of(&project);
+    let mut host = Host::start(&project);
     let loaded = host.ask("load", json!({ "graph": project.graph() }));
     assert_eq!((&loaded["ok"], &loaded["nodes"]), (&json!(true), &json!(["ball", "hair"])));
     fn severities(answer: &Json) -> Vec<String> {
@@ -476,7 +482,7 @@ fn a_graph_with_an_unknown_node_gives_what_does_not_hang_on_it() {
 #[test]
 fn edits_are_made_taken_back_and_never_over_what_somebody_else_wrote() {
     let project = Project::new(FINE);
-    let mut host = Host::of(&project);
+    let mut host = Host::start(&project);
     fn text(project: &Project) -> String {
         fs::read_to_string(project.graph()).unwrap()
     }
@@ -494,20 +500,20 @@ fn edits_are_made_taken_back_and_never_over_what_somebody_else_wrote() {
     assert_eq!(done["text"], text(&project));
     assert!(text(&project).contains(r#""finer": Subdivide(mesh: "first""#), "{}", text(&project));
     let known = text(&project);
-    let why = host.refused("edit", edit(json!([{ "remove": { "name": "first" } }])));
+    let why = host.refusal("edit", edit(json!([{ "remove": { "name": "first" } }])));
     assert!(why.contains("needs it"), "{why}");
     let why =
-        host.refused("edit", edit(json!([{ "link": { "port": "first.mesh", "to": "finer" } }])));
+        host.refusal("edit", edit(json!([{ "link": { "port": "first.mesh", "to": "finer" } }])));
     assert!(why.contains("each other") || why.contains("cycle"), "{why}");
     assert_eq!(text(&project), known);
     let mut dry = edit(json!([{ "unlink": { "port": "finer.mesh" } }]));
     dry["dry"] = true.into();
-    host.refused("edit", dry);
+    host.refusal("edit", dry);
     let undo = json!({ "graph": "doll.ron", "was": known, "text": FINE });
     host.ask("put", undo.clone());
     assert_eq!(text(&project), FINE);
-    // Somebody else has written: nothing is lost.
-    assert!(host.refused("put", undo).contains("has been changed meanwhile"));
+    // The text has changed meanwhile, so the second undo is refused.
+    assert!(host.refusal("put", undo).contains("has been changed meanwhile"));
     assert_eq!(text(&project), FINE);
     assert!(Path::new(&host.folder).exists());
 }
@@ -515,7 +521,7 @@ fn edits_are_made_taken_back_and_never_over_what_somebody_else_wrote() {
 #[test]
 fn an_undo_takes_back_its_own_step_and_keeps_what_others_changed_before_and_after_it() {
     let project = Project::new(FINE);
-    let mut host = Host::of(&project);
+    let mut host = Host::start(&project);
     let text = || fs::read_to_string(project.graph()).unwrap();
     let write = |old: &str, new: &str| {
         let (before, after) = (text(), text().replace(old, new));
@@ -526,21 +532,21 @@ fn an_undo_takes_back_its_own_step_and_keeps_what_others_changed_before_and_afte
     let rename = json!([{ "rename": { "from": "fine", "to": "first" } }]);
     let own = host.ask("edit", json!({ "graph": "doll.ron", "edits": rename }));
     let theirs = write("Graph(", "// Theirs.\nGraph(");
-    // A change that the host has not seen yet.
+    // The host does not know of this change yet.
     let unseen = write("format: 1,", "format: 1, doc: \"Also theirs.\",");
     let undo =
         json!({ "graph": "doll.ron", "was": theirs.1, "text": own["before"], "theirs": [theirs] });
     let done = host.ask("put", undo);
-    fn both(text: &str) -> bool {
+    fn has_both(text: &str) -> bool {
         text.starts_with("// Theirs.") && text.contains("Also theirs.")
     }
     assert!(
-        both(&text()) && text().contains("\"fine\"") && !text().contains("\"first\""),
+        has_both(&text()) && text().contains("\"fine\"") && !text().contains("\"first\""),
         "{}",
         text()
     );
     assert_eq!((&done["text"], &done["before"]), (&text().into(), &unseen.1.clone().into()));
-    // Redone, and nothing of theirs is gone.
+    // After the redo, the changes of others are still in the text.
     let redo = json!({ "graph": "doll.ron", "was": text(), "text": own["text"], "theirs": [theirs, unseen] });
     host.ask("put", redo);
     assert_eq!(text(), unseen.1);
@@ -549,7 +555,7 @@ fn an_undo_takes_back_its_own_step_and_keeps_what_others_changed_before_and_afte
 #[test]
 fn an_undo_of_what_somebody_else_has_changed_again_is_refused_and_writes_nothing() {
     let project = Project::new(FINE);
-    let mut host = Host::of(&project);
+    let mut host = Host::start(&project);
     fn rename(to: &str) -> Json {
         json!({ "graph": "doll.ron", "edits": [{ "rename": { "from": "fine", "to": to } }] })
     }
@@ -558,7 +564,7 @@ fn an_undo_of_what_somebody_else_has_changed_again_is_refused_and_writes_nothing
     fs::write(project.graph(), &theirs).unwrap();
     let undo =
         json!({ "graph": "doll.ron", "was": own["text"], "text": own["before"], "theirs": [] });
-    let why = host.refused("put", undo);
-    assert!(why.contains("somebody else changed") && why.contains("left as it is"), "{why}");
+    let why = host.refusal("put", undo);
+    assert!(why.contains("another change also edited") && why.contains("was not changed"), "{why}");
     assert_eq!(fs::read_to_string(project.graph()).unwrap(), theirs);
 }

@@ -1,17 +1,15 @@
-//! `maquette test` on several machines, and cases that are skipped.
+//! `maquette test` distributed over several machines, and cases that are skipped.
 
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::process::{Command, Output};
 
+use crate::output::text_of;
+
 fn maquette(folder: &Path, arguments: &[&str]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_maquette"));
     command.args(arguments).current_dir(folder).env("NO_COLOR", "1").env_remove("CI");
     command.env("MAQUETTE_CACHE", folder.join("cache")).output().unwrap()
-}
-
-fn said(output: &Output) -> String {
-    [&output.stdout[..], &output.stderr[..]].map(String::from_utf8_lossy).concat()
 }
 
 const GRAPH: &str = r#"Graph(
@@ -21,7 +19,7 @@ const GRAPH: &str = r#"Graph(
     outputs: { "net.ply": "net" },
 )"#;
 
-/// Tests of two graphs, with eleven cases, one of them skipped.
+/// Writes tests of two graphs with eleven cases, one of which is skipped.
 fn tests(folder: &Path) {
     for (graph, count) in [("one", 7), ("two", 4)] {
         let cases = (0..count).map(|k| match (graph, k) {
@@ -36,7 +34,7 @@ fn tests(folder: &Path) {
     assert!(maquette(folder, &["test", "--bless"]).status.success());
 }
 
-/// The test cases of a document for CI systems, by graph and name.
+/// Returns the test cases in a JUnit document, by graph and name.
 fn cases(document: &str) -> BTreeSet<String> {
     let cases = document.lines().filter_map(|line| line.strip_prefix("<testcase "));
     cases.map(|case| case.split(" time=").next().unwrap().to_owned()).collect()
@@ -49,7 +47,7 @@ fn shards_are_together_all_cases_and_none_twice() {
     tests(path);
     fn run(more: &[&str], path: &Path) -> BTreeSet<String> {
         let tested = maquette(path, &[&["test", "--junit", "it.xml"], more].concat());
-        assert!(tested.status.success(), "{}", said(&tested));
+        assert!(tested.status.success(), "{}", text_of(&tested));
         cases(&std::fs::read_to_string(path.join("it.xml")).unwrap())
     }
     let all = run(&[], path);
@@ -59,14 +57,14 @@ fn shards_are_together_all_cases_and_none_twice() {
         for index in 1..=count {
             let own = run(&["--shard", &format!("{index}/{count}")], path);
             assert!(own.len().abs_diff(11 / count) <= 1, "{index}/{count}: {own:?}");
-            // The order of files does not matter.
+            // The order of the named files does not matter.
             let shard = format!("{index}/{count}");
             assert_eq!(run(&["--shard", &shard, "two.test.ron", "one.test.ron"], path), own);
             assert!(own.iter().all(|case| seen.insert(case.clone())), "{index}/{count}: {own:?}");
         }
         assert_eq!(seen, all);
     }
-    // What belongs to no case is told by the first of them.
+    // A failure that belongs to no case is reported by the first shard.
     let [golden, gone] = ["goldens/one/c0", "goldens/gone/c0"].map(|folder| path.join(folder));
     std::fs::create_dir_all(&gone).unwrap();
     for file in std::fs::read_dir(golden).unwrap().map(Result::unwrap) {
@@ -76,7 +74,7 @@ fn shards_are_together_all_cases_and_none_twice() {
     assert_eq!(codes.map(|status| status.code()), [Some(1), Some(0)]);
     for wrong in ["0/8", "9/8", "0/0", "2", "a/b", "1/8/2"] {
         let refused = maquette(path, &["test", "--shard", wrong]);
-        let told = said(&refused);
+        let told = text_of(&refused);
         assert_eq!(refused.status.code(), Some(2), "{told}");
         assert!(told.contains("expected K/N with K from 1 to N"), "{told}");
     }
@@ -88,14 +86,14 @@ fn a_case_is_skipped_with_a_reason_and_not_without() {
     let path = folder.path();
     tests(path);
     let tested = maquette(path, &["test", "two.test.ron", "--junit", "it.xml"]);
-    assert!(said(&tested).contains("c3: takes <an hour>"), "{}", said(&tested));
+    assert!(text_of(&tested).contains("c3: takes <an hour>"), "{}", text_of(&tested));
     let document = std::fs::read_to_string(path.join("it.xml")).unwrap();
     assert!(document.contains("<skipped message=\"takes &lt;an hour&gt;\"/>"), "{document}");
     for empty in ["\"\"", "\"  \"", "\"\\n\"", "true", "Some(\"\")", "()"] {
         let test = format!("Test(graph: \"two.ron\", cases: {{ \"c3\": (skip: {empty}) }})");
         std::fs::write(path.join("two.test.ron"), test).unwrap();
         let refused = maquette(path, &["test", "two.test.ron"]);
-        let told = said(&refused);
+        let told = text_of(&refused);
         assert_eq!(refused.status.code(), Some(2), "{empty}: {told}");
         assert!(told.contains("two.test.ron:1:"), "{empty}: {told}");
     }

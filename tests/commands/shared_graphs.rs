@@ -1,4 +1,4 @@
-//! The graphs that the project's design says must run as they stand, where the checkout has them beside it.
+//! Runs the graphs that the project's design declares valid, unchanged. They are in a folder beside the checkout, if it exists.
 
 use std::num::NonZero;
 use std::path::{Path, PathBuf};
@@ -6,9 +6,9 @@ use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
-use crate::beside::beside;
+use crate::beside::shared_folder;
 
-/// Runs a graph, and says what is wrong with it or its outputs.
+/// Runs a graph; returns an error if it fails or does not write its outputs.
 fn run(graph: &Path) -> Result<(), String> {
     let name = graph.file_name().unwrap().to_string_lossy();
     let folder = tempfile::tempdir().unwrap();
@@ -23,21 +23,21 @@ fn run(graph: &Path) -> Result<(), String> {
     }
     let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     let outputs = report["outputs"].as_array().unwrap();
-    fn written(name: &str, out: &Path) -> bool {
+    fn is_written(name: &str, out: &Path) -> bool {
         out.join(name).metadata().is_ok_and(|file| file.len() > 0)
     }
     let missing = outputs.iter().map(|output| output["name"].as_str().unwrap());
-    let missing: Vec<&str> = missing.filter(|name| !written(name, &out)).collect();
+    let missing: Vec<&str> = missing.filter(|name| !is_written(name, &out)).collect();
     if outputs.is_empty() || !missing.is_empty() {
         return Err(format!("{name}: {} outputs, without {missing:?}", outputs.len()));
     }
     Ok(())
 }
 
-/// Those that must be refused are in `tests/engine/graph_files.rs`.
+/// Graphs that must be refused are tested in `tests/engine/graph_files.rs`.
 #[test]
 fn the_graphs_of_the_design_run_as_they_stand() {
-    let Some(folder) = beside("graphs") else { return };
+    let Some(folder) = shared_folder("graphs") else { return };
     let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
     let mut graphs: Vec<PathBuf> =
         files.filter(|path| path.extension().is_some_and(|extension| extension == "ron")).collect();

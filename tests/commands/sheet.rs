@@ -1,4 +1,4 @@
-//! `maquette sheet` as its user sees it.
+//! `maquette render sheet` as its users see it.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -29,7 +29,8 @@ fn a_sheet_has_a_row_for_the_defaults_and_each_end_of_each_number() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("g.ron"), GRAPH).unwrap();
     std::fs::write(folder.path().join("quad.obj"), QUAD).unwrap();
-    let made = maquette(folder.path(), &["sheet", "g.ron", "--size", "30x20", "--no-cache"]);
+    let made =
+        maquette(folder.path(), &["render", "sheet", "g.ron", "--size", "30x20", "--no-cache"]);
     assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
     expect_test::expect![[r#"
         ./g.png
@@ -45,15 +46,16 @@ fn a_sheet_has_a_row_for_the_defaults_and_each_end_of_each_number() {
         u32::from_be_bytes(bytes[at..at + 4].try_into().unwrap())
     }
     assert_eq!((size(16, &bytes), size(20, &bytes)), (5 * 30, 5 * 20));
-    // A second time, and never over a file that the graph reads.
-    assert!(maquette(folder.path(), &["sheet", "g.ron", "--no-cache"]).status.success());
+    // An existing picture is replaced, but never a file that the graph reads.
+    assert!(maquette(folder.path(), &["render", "sheet", "g.ron", "--no-cache"]).status.success());
     let graph = GRAPH.replace(
         "ReadMesh(path: \"quad.obj\")",
         "ReadMesh(path: \"quad.obj\"), \"g\": ReadImage(path: \"g.png\")",
     );
     std::fs::write(folder.path().join("g.ron"), graph).unwrap();
     let before = std::fs::read(folder.path().join("g.png")).unwrap();
-    let refused = maquette(folder.path(), &["sheet", "g.ron", "--size", "31x20", "--no-cache"]);
+    let refused =
+        maquette(folder.path(), &["render", "sheet", "g.ron", "--size", "31x20", "--no-cache"]);
     let told = String::from_utf8_lossy(&refused.stderr).into_owned();
     assert!(refused.status.code() == Some(2) && told.contains("cannot write ./g.png"), "{told}");
     assert_eq!(std::fs::read(folder.path().join("g.png")).unwrap(), before);
@@ -68,7 +70,8 @@ fn a_toggle_is_shown_off_and_on() {
     let graph = graph.replace("\"moved.obj\": \"moved\"", "\"moved.obj\": \"which\"");
     std::fs::write(folder.path().join("g.ron"), graph).unwrap();
     std::fs::write(folder.path().join("quad.obj"), QUAD).unwrap();
-    let made = maquette(folder.path(), &["sheet", "g.ron", "--size", "30x20", "--no-cache"]);
+    let made =
+        maquette(folder.path(), &["render", "sheet", "g.ron", "--size", "30x20", "--no-cache"]);
     let told = String::from_utf8_lossy(&made.stdout).into_owned();
     assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
     assert!(told.contains(": on = false\n") && told.contains(": on = true\n"), "{told}");
@@ -79,9 +82,10 @@ fn a_row_that_cannot_be_computed_is_told_and_the_others_are_drawn() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("g.ron"), GRAPH.replace("min: -1.0", "min: 0.0")).unwrap();
     std::fs::write(folder.path().join("quad.obj"), QUAD).unwrap();
-    let made = maquette(folder.path(), &["sheet", "g.ron", "--size", "30x20", "--no-cache"]);
+    let made =
+        maquette(folder.path(), &["render", "sheet", "g.ron", "--size", "30x20", "--no-cache"]);
     assert_eq!(made.status.code(), Some(1));
     let told = String::from_utf8_lossy(&made.stderr).into_owned();
-    assert!(told.contains("field `scale` of Transform is 0, but must be another number"), "{told}");
+    assert!(told.contains("field `scale` of Transform is 0, but must be nonzero"), "{told}");
     assert!(folder.path().join("g.png").is_file());
 }

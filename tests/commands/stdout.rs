@@ -1,4 +1,5 @@
-//! What is printed goes to a full disk: each command fails then. A script that replaces a file by what is printed must not take half of it.
+//! Standard output that cannot be written, for example to a full disk, is an error of each command. Otherwise a script that replaces a file
+//! by the output of a command would get half of it.
 #![cfg(target_os = "linux")]
 
 use std::collections::BTreeSet;
@@ -23,7 +24,7 @@ const USER: &str = r#"Graph(
 )
 "#;
 
-/// More than fits into any buffer.
+/// Returns a graph that is longer than any output buffer.
 fn long_graph() -> String {
     let nodes = (0..2000)
         .map(|k| format!("        \"n{k}\": Transform(mesh: \"mesh\", translate: ({k}, 0, 0)),\n"));
@@ -58,7 +59,7 @@ fn project() -> Project {
     project
 }
 
-/// What each command is tried with; several words of preparation come before `;`.
+/// The name of each command and the arguments that are tested. Commands before `;` prepare the last one.
 const TRIED: [(&str, &str); 38] = [
     ("new", "new scans"),
     ("run", "run doll.ron"),
@@ -70,27 +71,27 @@ const TRIED: [(&str, &str); 38] = [
     ("check", "check long.ron --json"),
     ("draw", "draw long.ron"),
     ("fmt", "fmt -"),
-    ("set", "set long.ron n3.translate.0=7 --dry-run"),
+    ("edit", "edit long.ron set n3.translate.0=7 --dry-run"),
     ("edit", "edit doll.ron rename lifted raised"),
-    ("extract", "extract doll.ron lifted --to new.ron"),
-    ("inline", "inline use.ron whole"),
+    ("edit", "edit doll.ron extract lifted --to new.ron"),
+    ("edit", "edit use.ron inline whole"),
     ("diff", "diff doll.ron long.ron --json"),
     ("merge", "merge long.ron long.ron long.ron --print"),
-    ("migrate", "migrate long.ron"),
+    ("edit", "edit long.ron migrate"),
     ("lock", "lock use.ron"),
-    ("update", "lock use.ron ; update use.ron"),
+    ("lock", "lock use.ron ; lock --update use.ron"),
     ("test", "test ."),
     ("compare", "compare tet.obj tet.obj"),
     ("replay", "run doll.ron ; replay out/doll/out.obj"),
-    ("sheet", "sheet doll.ron"),
+    ("render", "render sheet doll.ron"),
     ("nodes", "nodes"),
     ("nodes", "nodes --json"),
-    ("gallery", "gallery graphs"),
+    ("render", "render gallery graphs"),
     ("inspect", "inspect doll.ron lifted"),
     ("inspect", "inspect doll.ron lifted --table vertices --csv -"),
     ("why", "why doll.ron lifted"),
     ("pin", "pin doll.ron lifted"),
-    ("unpin", "pin doll.ron lifted ; unpin doll.ron lifted"),
+    ("pin", "pin doll.ron lifted ; pin --remove doll.ron lifted"),
     ("serve", "serve --stdio"),
     ("cache", "cache ls"),
     ("cache", "run doll.ron ; cache du"),
@@ -100,10 +101,10 @@ const TRIED: [(&str, &str); 38] = [
     ("", "--version"),
 ];
 
-/// One writes a file and prints nothing, the other one prints what an editor asks for.
-const SILENT: [&str; 2] = ["render", "lsp"];
+/// Commands that print nothing by themselves, only answers to an editor.
+const SILENT: [&str; 1] = ["lsp"];
 
-/// Runs a command in a new project after those that prepare it.
+/// Runs the last of several commands in a new project, after those that prepare it.
 fn run(words: &str, stdout: impl Into<Stdio>) -> Output {
     let project = project();
     let mut commands = words.split(" ; ").collect::<Vec<_>>();
@@ -122,7 +123,7 @@ fn run(words: &str, stdout: impl Into<Stdio>) -> Output {
 fn every_command_is_tried() {
     let help = project().maquette(&["--help"]);
     let help = String::from_utf8(help.stdout).unwrap();
-    let (_, commands) = help.split_once("Commands:\n").unwrap();
+    let (_, commands) = help.split_once("\n\nmake:\n").unwrap();
     let lines = commands
         .lines()
         .take_while(|line| !line.is_empty())
@@ -145,8 +146,8 @@ fn what_cannot_be_printed_is_an_error_of_every_command() {
     }
 }
 
-/// Runs a command by a shell that redirects its standard output. Returns its exit code and what it told.
-fn redirected(words: &str, to: &str) -> (Option<i32>, String) {
+/// Runs a command in a shell that redirects its standard output. Returns the exit code and stderr.
+fn run_redirected(words: &str, to: &str) -> (Option<i32>, String) {
     let project = project();
     let script = format!("exec {} {words} {to}", env!("CARGO_BIN_EXE_maquette"));
     let own = project.command(&[]);
@@ -160,16 +161,16 @@ fn redirected(words: &str, to: &str) -> (Option<i32>, String) {
 #[test]
 fn a_closed_output_is_an_error_of_what_prints_and_null_is_none() {
     for words in ["nodes", "check doll.ron", "run doll.ron --json", "help run", "--version"] {
-        let (code, told) = redirected(words, ">&-");
+        let (code, told) = run_redirected(words, ">&-");
         assert_eq!(code, Some(1), "{words}: {told}");
         assert!(told.contains("error: cannot write to standard output: "), "{words}: {told}");
-        // However it is opened.
+        // `/dev/null` is accepted however it is opened.
         for null in ["> /dev/null", "1<> /dev/null", "<&- > /dev/null"] {
-            assert_eq!(redirected(words, null).0, Some(0), "{words} {null}");
+            assert_eq!(run_redirected(words, null).0, Some(0), "{words} {null}");
         }
     }
     let quiet = "render doll.ron lifted picture.png";
-    let (code, told) = redirected(quiet, ">&-");
+    let (code, told) = run_redirected(quiet, ">&-");
     assert_eq!(code, Some(0), "nothing is printed: {told}");
 }
 

@@ -1,4 +1,4 @@
-//! What the program tells: problems of any file, the reference of nodes, values of graphs.
+//! The messages of the program: diagnostics of any file, the reference of nodes, and values of graphs.
 
 use std::io::Write;
 use std::path::Path;
@@ -20,7 +20,7 @@ fn maquette(folder: &Path, arguments: &[&str]) -> Output {
     command(folder, arguments).output().unwrap()
 }
 
-/// The same with a cache that lasts as long as the process of the test.
+/// Runs `inspect` on the doll's graph, with a cache folder that lasts as long as the command.
 fn inspect(arguments: &[&str]) -> Output {
     let cache = tempfile::tempdir().unwrap();
     let arguments = [&["inspect", "doll.ron"], arguments].concat();
@@ -45,7 +45,7 @@ fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
 
 const MESH: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
 
-/// A graph of one mesh, and what stands beside it.
+/// Returns a graph that reads a mesh and has these other nodes.
 fn graph(nodes: &str) -> String {
     format!(
         "Graph(format: 1, nodes: {{\"m\": ReadMesh(path: \"m.obj\"), {nodes}}}, outputs: {{\"m.ply\": \"m\"}})"
@@ -71,7 +71,7 @@ fn check_takes_folders_tests_handles_patches_and_stdin() {
     {
         assert!(problems.contains(wrong), "{wrong} is missing:\n{problems}");
     }
-    let end = "checked 2 graphs, 2 tests, 1 file of handles: 3 errors\n";
+    let end = "checked 2 graphs, 2 tests, 1 handle file: 3 errors\n";
     assert_eq!(stdout(&output), end, "{problems}");
     let output = maquette(folder.path(), &["check", "a.ron", "b.ron"]);
     assert_eq!(stdout(&output), "checked 2 graphs: 0 errors\n", "{}", stderr(&output));
@@ -116,7 +116,7 @@ fn at_most_a_hundred_problems_are_told_and_the_others_counted() {
     let problems = stderr(&output);
     assert_eq!(problems.matches("error[G007]").count(), 100);
     assert!(
-        problems.ends_with("\nand 9 900 problems more\n\n"),
+        problems.ends_with("\nand 9 900 more diagnostics\n\n"),
         "{}",
         &problems[problems.len() - 99..]
     );
@@ -149,7 +149,7 @@ fn deep_nesting_is_told_wherever_a_value_is_read() {
         &["run", "h.ron", "--no-cache"],
         &["fmt", "deep.ron"],
         &["diff", "a.ron", "deep.ron"],
-        &["set", "deep.ron", "m.path=a.obj"],
+        &["edit", "deep.ron", "set", "m.path=a.obj"],
     ] {
         let output = maquette(folder.path(), arguments);
         assert!(matches!(output.status.code(), Some(1 | 2)), "{arguments:?}: {output:?}");
@@ -162,7 +162,7 @@ fn deep_nesting_is_told_wherever_a_value_is_read() {
     let path = ["m", &"a.".repeat(9500), "b=1"].concat();
     let paths = ["m.".to_owned() + &path[1..], format!("m.path={deep}")];
     for set in &paths {
-        for arguments in [&["run", "a.ron", "--set", set][..], &["set", "a.ron", set]] {
+        for arguments in [&["run", "a.ron", "--set", set][..], &["edit", "a.ron", "set", set]] {
             let output = maquette(folder.path(), arguments);
             assert!(matches!(output.status.code(), Some(1)), "{:?}", output.status);
             assert!(!output.stderr.is_empty());
@@ -236,11 +236,10 @@ fn defaults_are_printed_as_a_graph_has_them_and_nested_options_with_their_words(
     assert!(edges.contains("\n  high: one of = Percentile(90.0)\n"), "{edges}");
     let fill = nodes("FillHoles");
     assert!(fill.contains("\n  method: one of = Exemplar()\n"), "{fill}");
-    let option =
-        "        rate: number from 0 1/mm = 0.0\n                How fast it falls, per mm;";
+    let option = "        rate: number from 0 1/mm = 0.0\n                Rate of the falloff.";
     assert!(fill.contains(option), "{fill}");
     assert!(
-        fill.contains("        rotations: integer 1 to 32 = 1\n            How many rotations"),
+        fill.contains("        rotations: integer 1 to 32 = 1\n            Number of rotations"),
         "{fill}"
     );
     assert!(!stdout(&maquette(Path::new(GRAPHS), &["nodes", "Ffd"])).contains("null"));
@@ -252,7 +251,7 @@ fn set_puts_a_new_entry_of_a_patch_on_a_line_of_its_own() {
     let text = std::fs::read_to_string(&base).unwrap();
     let output = maquette(
         Path::new(GRAPHS),
-        &["set", "--dry-run", "pinocchio.ron", "red.select.distance=22"],
+        &["edit", "pinocchio.ron", "set", "--dry-run", "red.select.distance=22"],
     );
     let grid = "        \"grid\": (smooth_border: 60),\n";
     let expected = text.replace(grid, &format!("{grid}        \"red.select\": (distance: 22),\n"));
@@ -270,7 +269,7 @@ fn the_eyedropper_says_what_can_be_asked() {
         (&["red", "--at", "400,0"], "`red.mask` has 400 x 400 pixels"),
         (
             &["nose", "--at", "1,1"],
-            "`nose` gives a Region, which has no pixels: --at asks pictures, masks",
+            "`nose` gives a Region, which has no pixels: --at supports pictures, masks",
         ),
         (&["grid", "--at", "1,1"], "`grid` gives a Mesh, which has no pixels"),
     ];
@@ -290,7 +289,7 @@ fn any_step_can_be_written_by_the_output_that_fits_and_seen_as_a_picture() {
     }
     let output = inspect(&["scan", "--out", &path("s.pcd", &out)]);
     assert!(output.status.success(), "{}", stderr(&output));
-    assert!(stdout(&output).contains("scan.range goes to "), "{}", stdout(&output));
+    assert!(stdout(&output).contains("scan.range is written to "), "{}", stdout(&output));
     let wrong = inspect(&["scan", "--out", &path("s.step", &out)]);
     assert_eq!(wrong.status.code(), Some(2));
     let told =
@@ -330,7 +329,7 @@ fn a_graph_with_an_empty_section_of_inputs_writes_its_outputs() {
     );
 }
 
-/// An open mesh as a file for printers, and one that is too far away for single numbers.
+/// Writes an open mesh to a file for 3D printers, and a mesh that is too far from the origin for single precision.
 #[test]
 fn what_files_cannot_tell_is_told_by_each_run_also_if_they_are_there() {
     let graph = r#"Graph(
@@ -348,9 +347,15 @@ fn what_files_cannot_tell_is_told_by_each_run_also_if_they_are_there() {
         let output = project.command(&["run", "doll.ron"]).output().unwrap();
         let told = String::from_utf8_lossy(&output.stderr).into_owned();
         assert!(output.status.success(), "{told}");
-        assert!(told.contains("`sheet.stl`: the mesh is not closed: 8 of its edges"), "{told}");
-        assert!(told.contains("`survey.obj`: coordinates in such a file are single"), "{told}");
-        assert!(told.contains("`sheet.stl`: such a file does not hold `uv` of vertices"), "{told}");
+        assert!(told.contains("`sheet.stl`: the mesh is not closed: 8 edges"), "{told}");
+        assert!(
+            told.contains("`survey.obj`: this format has single-precision coordinates"),
+            "{told}"
+        );
+        assert!(
+            told.contains("`sheet.stl`: this format does not store `uv` of vertices"),
+            "{told}"
+        );
         assert_eq!(told.matches("warning").count(), 3, "{told}");
     }
 }

@@ -1,4 +1,4 @@
-//! `fmt`, `set` and `diff` as their user sees them.
+//! `fmt`, `set` and `diff` as their users see them.
 
 use std::io::Write;
 use std::path::Path;
@@ -26,7 +26,7 @@ fn stderr(output: &Output) -> String {
     String::from_utf8(output.stderr.clone()).unwrap()
 }
 
-/// A folder with these files; none of the files that the graphs read is there.
+/// Makes a folder with these files. The files that the graphs read do not exist.
 fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     for (name, text) in files {
@@ -99,7 +99,8 @@ fn fmt_keeps_a_file_s_permissions() {
 #[test]
 fn set_changes_the_file_and_says_what() {
     let folder = folder(&[("doll.ron", DOLL)]);
-    let values = ["set", "doll.ron", "growth=20", "red.select.distance=25.0", "red.invert=true"];
+    let values =
+        ["edit", "doll.ron", "set", "growth=20", "red.select.distance=25.0", "red.invert=true"];
     let output = maquette(folder.path(), &values);
     assert!(output.status.success(), "{}", stderr(&output));
     expect![[r#"
@@ -117,16 +118,20 @@ fn set_changes_the_file_and_says_what() {
 #[test]
 fn set_prints_the_text_in_a_dry_run_and_touches_nothing_in_vain() {
     let folder = folder(&[("doll.ron", DOLL)]);
-    let output = maquette(folder.path(), &["set", "--dry-run", "doll.ron", "growth=20"]);
+    let output = maquette(folder.path(), &["edit", "doll.ron", "set", "--dry-run", "growth=20"]);
     assert_eq!(stdout(&output), DOLL.replace("default: 12.0", "default: 20"));
-    let output = maquette(folder.path(), &["set", "doll.ron", "red.invert=true", "growth=99"]);
+    let output =
+        maquette(folder.path(), &["edit", "doll.ron", "set", "red.invert=true", "growth=99"]);
     assert_eq!(output.status.code(), Some(1));
     assert!(stderr(&output).contains("parameter `growth` is 99 mm, but must be at least 0"));
-    let output = maquette(folder.path(), &["set", "doll.ron", "skin.levels=3"]);
+    let output = maquette(folder.path(), &["edit", "doll.ron", "set", "skin.levels=3"]);
     assert_eq!(output.status.code(), Some(1));
     assert!(stderr(&output).contains("= help: set the parameter: levels=3"), "{}", stderr(&output));
-    assert_eq!(maquette(folder.path(), &["set", "doll.ron", "levels"]).status.code(), Some(2));
-    assert_eq!(maquette(folder.path(), &["set", "doll.ron"]).status.code(), Some(2));
+    assert_eq!(
+        maquette(folder.path(), &["edit", "doll.ron", "set", "levels"]).status.code(),
+        Some(2)
+    );
+    assert_eq!(maquette(folder.path(), &["edit", "doll.ron", "set"]).status.code(), Some(2));
     assert_eq!(read(&folder, "doll.ron"), DOLL);
 }
 
@@ -204,7 +209,7 @@ fn edit_prints_the_lines_in_a_dry_run_and_refuses_what_would_be_wrong() {
         25 |         "surface": Nurbs(net: "raised", u: "knots-u", v: "knots-v"),
            |                                            ^^^^^^^^^
            |
-           = help: link it to something else, or let links go along that need not be (--and-links)
+           = help: link it to something else, or remove optional links, too (--and-links)
 
     "#]]
     .assert_eq(&words);

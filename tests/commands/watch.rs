@@ -1,4 +1,4 @@
-//! `maquette watch` as its user's editor sees it: real saves of real files, and what the program says of them.
+//! `maquette watch` while an editor saves files: real ways to save real files, and the events that the program reports.
 
 use std::path::Path;
 use std::process::Command;
@@ -19,7 +19,7 @@ fn every_editors_way_of_saving_is_seen_once() {
     for (index, (editor, save)) in SEQUENCES.iter().enumerate() {
         let growth = 13.0 + index as f64;
         save(&project.graph(), &project.doll_text(growth)).unwrap();
-        // On a busy machine half a save may look like a broken graph.
+        // On a busy machine, a half-saved file may be read as an invalid graph.
         let run = watch.run_until_ok();
         assert_eq!(run.state("raised"), "computed", "{editor}, or the save before was seen twice");
         assert_eq!(run.state("nose"), "cached", "{editor}");
@@ -252,7 +252,7 @@ fn a_burst_of_files_is_one_change() {
     project.assert_outputs_are_right();
 }
 
-/// Each event used to be answered by watching all files anew: this took minutes, and Ctrl-C waited for it.
+/// Regression test: each event used to watch all files anew, which took minutes, and Ctrl-C had to wait for it.
 #[test]
 fn a_thousand_of_three_thousand_files_can_be_saved_together() {
     const READ: usize = 3000;
@@ -333,11 +333,11 @@ fn an_output_never_overwrites_what_the_graph_reads() {
     assert_eq!(std::fs::read(project.folder().join("doll/color.png")).unwrap(), before);
 }
 
-/// No event tells that a folder can be written to again.
+/// No file event reports that a folder can be written to again.
 #[test]
 fn outputs_that_could_not_be_written_are_written_as_soon_as_they_can_be() {
     let project = Project::doll();
-    // A file where the folder should be stops every user, root included.
+    // A file in place of the folder prevents every user, even root, from writing.
     let out = project.folder().join("out");
     std::fs::write(&out, "").unwrap();
     let mut watch = project.start(&[]);
@@ -351,15 +351,15 @@ fn outputs_that_could_not_be_written_are_written_as_soon_as_they_can_be() {
 #[test]
 fn once_evaluates_and_ends_with_an_exit_code() {
     let project = Project::doll();
-    fn once(more: &[&str], project: &Project) -> Option<i32> {
+    fn run_once(more: &[&str], project: &Project) -> Option<i32> {
         let arguments = [&["watch", "doll.ron", "--once", "--out", "out"], more].concat();
         project.maquette(&arguments).status.code()
     }
-    assert_eq!(once(&[], &project), Some(0));
+    assert_eq!(run_once(&[], &project), Some(0));
     project.assert_outputs_are_right();
-    assert_eq!(once(&["--on-done", "exit 3"], &project), Some(1));
-    assert_eq!(once(&["--set", "growth=99"], &project), Some(1));
-    assert_eq!(once(&["--set", "nose.pick=Rank(99)"], &project), Some(1));
+    assert_eq!(run_once(&["--on-done", "exit 3"], &project), Some(1));
+    assert_eq!(run_once(&["--set", "growth=99"], &project), Some(1));
+    assert_eq!(run_once(&["--set", "nose.pick=Rank(99)"], &project), Some(1));
 }
 
 #[cfg(unix)]
@@ -390,7 +390,7 @@ fn list_names_every_path_and_why() {
     for line in [
         "doll.ron  the graph",
         "doll/color.png  read by `scan`",
-        "doll/camera.json  read by `scan` if it is there",
+        "doll/camera.json  read by `scan` if it exists",
         "maquette.toml  marks the root of the project",
     ] {
         assert!(text.lines().any(|listed| listed == line), "{line} is missing:\n{text}");
@@ -401,7 +401,7 @@ fn list_names_every_path_and_why() {
 #[test]
 fn a_killed_watch_needs_no_cleaning_up() {
     let project = Project::doll();
-    // Spread over a run: from the first node to the last file.
+    // The delays are spread over a run, from its first node to its last file.
     for delay in [0, 3, 9, 20, 40, 60, 80, 110, 150, 200] {
         let mut watch = project.start(&[]);
         watch.wait(|event| event["event"] == "run");
@@ -426,7 +426,7 @@ fn ctrl_c_ends_a_watch_and_a_run_and_leaves_nothing_half_written() {
     project.assert_no_output_is_torn();
     project.assert_no_temporary_file();
 
-    // The watch may just have kept the node's result.
+    // The result is not taken from the cache: the interrupted watch may have just stored it.
     let arguments = ["run", "doll.ron", "--events", "--no-cache", "--out", "out"];
     let mut run = project.spawn(&arguments);
     run.wait(|event| event["event"] == "started" && event["node"] == "skin");

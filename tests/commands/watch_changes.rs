@@ -1,5 +1,5 @@
-//! Changes that belong together are one to a watch, however they come: files that are saved one after the other, files that grow, and
-//! folders that are made again.
+//! Changes that belong together cause one run of a watch, however they arrive: files that are saved one after the other, files that grow,
+//! and folders that are deleted and made again.
 
 use std::fs::{self, File};
 use std::io::Write;
@@ -42,18 +42,18 @@ fn project() -> Project {
     project
 }
 
-/// Writes the sizes in each result into a line of a file.
+/// A shell command that appends a line to `done.txt` with the sizes of the meshes in the output.
 #[cfg(unix)]
 const NOTE: &str =
     "awk '$1==\"v\" && $2>0 {s=s\" \"int($2)} END {print s}' \"$MAQUETTE_OUT/o.obj\" >> done.txt";
 
-fn noted(project: &Project) -> Vec<String> {
+fn notes(project: &Project) -> Vec<String> {
     let text = fs::read_to_string(project.folder().join("done.txt")).unwrap_or_default();
     text.lines().map(|line| line.trim().to_owned()).collect()
 }
 
-/// Waits for a run that has come to its end and is followed by no other one for a while. Gives the number of runs that ended.
-fn ended(watch: &mut Watch) -> usize {
+/// Waits until a run has ended and no other run follows for a while. Returns the number of runs that ended.
+fn run_end(watch: &mut Watch) -> usize {
     fn is_done(event: &Json) -> bool {
         event["event"] == "done"
     }
@@ -67,7 +67,7 @@ fn files_that_are_saved_one_after_the_other_are_one_change() {
     let project = project();
     let mut watch = project.watch(&["--on-done", NOTE]);
     let mut expected = vec!["1 1".to_owned()];
-    while noted(&project) != expected {
+    while notes(&project) != expected {
         sleep(Duration::from_millis(20));
     }
     for (index, gap) in [5, 15, 30, 60, 100, 200].into_iter().enumerate() {
@@ -75,9 +75,9 @@ fn files_that_are_saved_one_after_the_other_are_one_change() {
         fs::write(project.folder().join("a.obj"), tetrahedron(size)).unwrap();
         sleep(Duration::from_millis(gap));
         fs::write(project.folder().join("b.obj"), tetrahedron(size)).unwrap();
-        assert_eq!(ended(&mut watch), 1, "{gap} ms apart");
+        assert_eq!(run_end(&mut watch), 1, "{gap} ms apart");
         expected.push(format!("{size} {size}"));
-        assert_eq!(noted(&project), expected, "{gap} ms apart");
+        assert_eq!(notes(&project), expected, "{gap} ms apart");
     }
 }
 
@@ -116,10 +116,10 @@ fn a_file_that_grows_is_one_change() {
         sleep(Duration::from_millis(350));
     }
     drop(file);
-    assert_eq!(ended(&mut watch), 1);
-    assert_eq!(noted(&project).last().unwrap(), "7 1");
-    assert_eq!(noted(&project).len(), 2);
-    // One whose writer never closes it is read all the same.
+    assert_eq!(run_end(&mut watch), 1);
+    assert_eq!(notes(&project).last().unwrap(), "7 1");
+    assert_eq!(notes(&project).len(), 2);
+    // A file is read even if its writer never closes it.
     let mut open = File::options().append(true).open(project.folder().join("a.obj")).unwrap();
     writeln!(open, "v 9 9 9").unwrap();
     assert_eq!(watch.run().done["ok"], true);
@@ -139,7 +139,7 @@ fn a_single_save_is_seen_soon() {
         sleep(Duration::from_millis(50));
     }
     times.sort();
-    // A busy machine takes longer; the rest alone is 230 ms.
+    // On a busy machine this takes longer; otherwise about 230 ms.
     assert!(times[0] < Duration::from_millis(600), "{times:?}");
 }
 
@@ -180,7 +180,7 @@ fn the_folder_of_a_watch_can_be_made_again() {
             assert!(start.elapsed() < Duration::from_secs(60), "the output did not come back");
             sleep(Duration::from_millis(20));
         }
-        // And what comes after it.
+        // Later changes are seen, too.
         fs::write(project.folder().join("a.obj"), tetrahedron(size + 1)).unwrap();
         loop {
             let run = watch.run_until_ok();

@@ -1,18 +1,18 @@
-//! Test data that stands beside the project on some machines only.
+//! Test data in a folder beside the project, which only some machines have.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-/// What is at this place in the folder `shared` beside the project; where it is not there, one line says that a test is skipped, also if
-/// the test passes.
-pub(crate) fn beside(what: &str) -> Option<PathBuf> {
-    // The project's folder, or that of one of its crates.
+/// Returns the path of a file or folder in `shared` beside the project. If it does not exist, prints a line that the test is skipped, which
+/// is visible although the test passes.
+pub(crate) fn shared_folder(what: &str) -> Option<PathBuf> {
+    // The manifest is in the project's folder or in that of one of its crates.
     let folders = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().take(3);
     let mut places = folders.map(|folder| folder.join("../shared").join(what));
     if let Some(path) = places.find(|path| path.exists()) {
         return Some(path);
     }
-    // What the macros print is shown for failed tests alone.
+    // Written to stderr directly: the output of print macros is shown only for failed tests.
     let _ = writeln!(std::io::stderr(), "skipped: ../shared/{what} is not there");
     None
 }

@@ -1,8 +1,8 @@
-//! The graphs that show a node each.
+//! The example graphs, at least one for each node type.
 
 use std::path::{Path, PathBuf};
 
-/// All graphs of `graphs/nodes`, by name; not the tests that stand beside them.
+/// Returns all graphs of `graphs/nodes` sorted by name, without the tests.
 pub(crate) fn examples() -> Vec<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs/nodes");
     let files = std::fs::read_dir(folder).expect("the folder of examples").flatten();

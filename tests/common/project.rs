@@ -1,4 +1,4 @@
-//! A project in a folder of its own, and a program that watches it.
+//! A project in a temporary folder, and a process that watches its graph.
 
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -12,10 +12,10 @@ use serde_json::{Value as Json, json};
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../graphs");
 
-/// Longer than anything takes on a busy machine; only a failing test waits that long.
+/// Timeout for events; only a failing test waits this long.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// A mesh: a tetrahedron.
+/// A tetrahedron as an OBJ file.
 pub(crate) const TETRAHEDRON: &str =
     "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
 
@@ -34,17 +34,17 @@ pub(crate) const LIFTED: &str = r#"Graph(
 pub(crate) struct Project {
     folder: PathBuf,
     _temporary: tempfile::TempDir,
-    /// What the program remembers of this project.
+    /// The cache folder of the program.
     cache: tempfile::TempDir,
-    /// What it keeps of the user's.
+    /// The folder in which the program keeps user data, such as page addresses.
     state: tempfile::TempDir,
 }
 
 impl Project {
-    /// A graph of this text, without files.
+    /// Makes a project with this graph as `doll.ron`, and no other files.
     pub(crate) fn new(text: &str) -> Self {
         let temporary = tempfile::tempdir().unwrap();
-        // As the program knows it: on macOS the system's temporary folder is behind a link.
+        // On macOS, the temporary folder is behind a link, so the canonical path is used.
         let folder = std::fs::canonicalize(temporary.path()).unwrap();
         let cache = tempfile::tempdir().unwrap();
         let state = tempfile::tempdir().unwrap();
@@ -53,7 +53,7 @@ impl Project {
         project
     }
 
-    /// A graph of this text beside a tetrahedron, `tet.obj`.
+    /// Makes a project with this graph and a tetrahedron, `tet.obj`.
     pub(crate) fn with_tetrahedron(text: &str) -> Self {
         let project = Self::new(text);
         for (name, text) in [("maquette.toml", ""), ("tet.obj", TETRAHEDRON)] {
@@ -62,7 +62,7 @@ impl Project {
         project
     }
 
-    /// The doll.
+    /// Makes a project with the doll's graph and files.
     pub(crate) fn doll() -> Self {
         let project = Self::new("");
         project.save(&project.doll_text(12.0));
@@ -74,7 +74,7 @@ impl Project {
         project
     }
 
-    /// A graph whose node wants a closed mesh and gets one with a hole of three edges.
+    /// Makes a project whose graph has a node that wants a closed mesh, but gets a mesh with a hole of three edges.
     pub(crate) fn with_a_hole() -> Self {
         let project = Self::doll();
         let open = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\n";
@@ -114,7 +114,7 @@ impl Project {
         self.folder.join("doll.ron")
     }
 
-    /// Saves the graph in one step.
+    /// Saves the graph atomically, by renaming a new file.
     pub(crate) fn save(&self, text: &str) {
         let temporary = self.folder.join("doll.ron.new");
         std::fs::write(&temporary, text).unwrap();
@@ -126,14 +126,14 @@ impl Project {
         command.args(arguments).current_dir(&self.folder).stdin(Stdio::null());
         command.env("MAQUETTE_CACHE", self.cache.path());
         command.env("XDG_STATE_HOME", self.state.path());
-        // No test opens what its user has.
+        // Without these variables, no test opens the user's editor or browser.
         for name in ["BROWSER", "DISPLAY", "WAYLAND_DISPLAY", "MAQUETTE_EDITOR", "VISUAL"] {
             command.env_remove(name);
         }
         command
     }
 
-    /// Where pages are kept.
+    /// Returns the folder where the program saves the addresses of pages.
     pub(crate) fn pages(&self) -> PathBuf {
         self.state.path().join("maquette/pages")
     }
@@ -142,12 +142,12 @@ impl Project {
         self.command(arguments).output().unwrap()
     }
 
-    /// A program that prints events.
+    /// Starts the program with arguments that make it print events.
     pub(crate) fn spawn(&self, arguments: &[&str]) -> Watch {
         self.spawn_with(arguments, &[])
     }
 
-    /// The same with these variables in its environment.
+    /// Starts the program with these arguments and environment variables.
     pub(crate) fn spawn_with(&self, arguments: &[&str], variables: &[(&str, &OsStr)]) -> Watch {
         let mut process = self
             .command(arguments)
@@ -169,18 +169,18 @@ impl Project {
         Watch { process, events, polled: Json::Null }
     }
 
-    /// A watch that has just been started.
+    /// Starts a watch without waiting for a result.
     pub(crate) fn start(&self, more: &[&str]) -> Watch {
         self.start_with(more, &[])
     }
 
-    /// The same with these variables in its environment.
+    /// Starts a watch with these environment variables.
     pub(crate) fn start_with(&self, more: &[&str], variables: &[(&str, &OsStr)]) -> Watch {
         let arguments = [&["watch", "doll.ron", "--events", "--out", "out"], more].concat();
         self.spawn_with(&arguments, variables)
     }
 
-    /// A watch that has come to its first results.
+    /// Starts a watch and waits until its first run has succeeded.
     pub(crate) fn watch(&self, more: &[&str]) -> Watch {
         let mut watch = self.start(more);
         let watching = watch.wait(|event| event["event"] == "watching");
@@ -190,7 +190,7 @@ impl Project {
         watch
     }
 
-    /// The contents of all outputs.
+    /// Returns the contents of all output files by name.
     pub(crate) fn outputs(&self) -> BTreeMap<String, Vec<u8>> {
         read(&self.folder.join("out"))
     }
@@ -203,7 +203,7 @@ impl Project {
         self.outputs().into_keys().map(|name| (name.clone(), time(&name, &self.folder))).collect()
     }
 
-    /// The hash of the value of an output of a node with other values of parameters, found by another process that leaves nothing.
+    /// Returns the hash of a node's output with these parameter values, computed by a process without a cache.
     pub(crate) fn hash(&self, node: &str, set: &[&str]) -> String {
         let set = set.iter().flat_map(|value| ["--set", value]);
         let asked = ["inspect", "doll.ron", node, "--json", "--no-cache"].into_iter().chain(set);
@@ -212,8 +212,8 @@ impl Project {
         told["outputs"][0]["hash"].as_str().unwrap().to_owned()
     }
 
-    /// All that is remembered of this project from one process to the next, as soon as nothing comes any more.
-    pub(crate) fn remembered(&self) -> BTreeMap<PathBuf, Vec<u8>> {
+    /// Waits until the cache stops changing, and returns the contents of all its files.
+    pub(crate) fn settled_cache(&self) -> BTreeMap<PathBuf, Vec<u8>> {
         let mut before = read_all(self.cache.path());
         loop {
             std::thread::sleep(Duration::from_millis(700));
@@ -225,7 +225,7 @@ impl Project {
         }
     }
 
-    /// The outputs are those of the graph as it is now.
+    /// Checks that the outputs equal those of a new run of the current graph.
     pub(crate) fn assert_outputs_are_right(&self) {
         let fresh = self.folder.join("fresh");
         let run = self.maquette(&["run", "doll.ron", "--out", fresh.to_str().unwrap()]);
@@ -237,7 +237,7 @@ impl Project {
         }
     }
 
-    /// Every output is whole: its last part is there.
+    /// Checks that every output file is complete, by its recorded length or its end marker.
     pub(crate) fn assert_no_output_is_torn(&self) {
         for (name, bytes) in self.outputs() {
             if name.ends_with(".glb") {
@@ -258,7 +258,7 @@ impl Project {
     }
 }
 
-/// The files of a folder, without temporary ones.
+/// Returns the contents of the files in a folder, without temporary files.
 fn read(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let Ok(entries) = std::fs::read_dir(folder) else { return BTreeMap::new() };
     let paths = entries.map(|entry| entry.unwrap().path());
@@ -268,7 +268,7 @@ fn read(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     files.filter(|(name, _)| !name.starts_with('.')).collect()
 }
 
-/// The files of a folder and of those in it.
+/// Returns the contents of the files in a folder and its subfolders.
 fn read_all(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let (mut files, mut folders) = (BTreeMap::new(), vec![folder.to_owned()]);
     while let Some(folder) = folders.pop() {
@@ -283,17 +283,17 @@ fn read_all(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     files
 }
 
-/// A program that prints events. It is killed at the end.
+/// A process that prints events, such as a watch. It is killed when this value is dropped.
 pub(crate) struct Watch {
     process: Child,
     events: Receiver<Json>,
     pub(crate) polled: Json,
 }
 
-/// What was told of one run.
+/// The events of one run.
 #[derive(Debug, Default)]
 pub(crate) struct Run {
-    /// The files that caused it.
+    /// The changed files that caused the run.
     pub(crate) changed: Json,
     pub(crate) states: BTreeMap<String, String>,
     pub(crate) written: Vec<Json>,
@@ -306,7 +306,7 @@ impl Run {
         self.done["run"].as_u64().unwrap()
     }
 
-    /// What became of a node.
+    /// Returns the state of a node, or an empty string if the run did not report it.
     pub(crate) fn state(&self, node: &str) -> &str {
         self.states.get(node).map_or("", String::as_str)
     }
@@ -318,7 +318,7 @@ impl Watch {
         told.unwrap_or_else(|why| panic!("nothing is told: {why}, {:?}", self.process.try_wait()))
     }
 
-    /// The events that come within this time.
+    /// Returns the events that arrive within this time.
     pub(crate) fn heard_within(&mut self, time: Duration) -> Vec<Json> {
         let end = Instant::now() + time;
         std::iter::from_fn(|| {
@@ -327,7 +327,7 @@ impl Watch {
         .collect()
     }
 
-    /// The next event that is wanted; those before it are dropped.
+    /// Waits for a wanted event; events before it are dropped.
     pub(crate) fn wait(&mut self, wanted: impl Fn(&Json) -> bool) -> Json {
         loop {
             let event = self.next();
@@ -337,8 +337,8 @@ impl Watch {
         }
     }
 
-    /// All events before the next one of this kind.
-    pub(crate) fn until(&mut self, event: &str) -> Vec<Json> {
+    /// Waits for an event of this kind and returns all events before it.
+    pub(crate) fn events_until(&mut self, event: &str) -> Vec<Json> {
         let mut events = Vec::new();
         loop {
             match self.next() {
@@ -348,7 +348,7 @@ impl Watch {
         }
     }
 
-    /// The next run that comes to its end.
+    /// Waits until a run has ended that was not cancelled.
     pub(crate) fn run(&mut self) -> Run {
         loop {
             let run = self.run_or_cancelled();
@@ -358,7 +358,7 @@ impl Watch {
         }
     }
 
-    /// The next run, or the part of it before it was cancelled.
+    /// Waits until a run has ended or was cancelled, and returns its events.
     pub(crate) fn run_or_cancelled(&mut self) -> Run {
         let mut run = Run::default();
         loop {
@@ -382,7 +382,7 @@ impl Watch {
         }
     }
 
-    /// The next run without errors.
+    /// Waits until a run has ended without errors.
     pub(crate) fn run_until_ok(&mut self) -> Run {
         loop {
             let run = self.run();
@@ -402,7 +402,7 @@ impl Watch {
         self.process.wait().unwrap();
     }
 
-    /// Ends the program as a user would, where that is possible.
+    /// Ends the program by Ctrl-C, or by killing it where Ctrl-C cannot be sent.
     pub(crate) fn end(&mut self) {
         #[cfg(unix)]
         assert_eq!(self.interrupt(), Some(0));
@@ -410,7 +410,7 @@ impl Watch {
         self.kill();
     }
 
-    /// Presses Ctrl-C: the exit code.
+    /// Sends Ctrl-C, waits for the end and returns the exit code.
     #[cfg(unix)]
     pub(crate) fn interrupt(&mut self) -> Option<i32> {
         let id = self.process.id().to_string();

@@ -1,4 +1,4 @@
-//! Nodes that do next to nothing with the regions of a picture: what is tested and measured is the engine.
+//! Trivial nodes on the regions of a picture. They take little time, so tests and benches measure the engine.
 
 use maquette::value::{Labels, Points};
 use maquette::{AnyValue, Context, Error, In, Node};
@@ -6,12 +6,12 @@ use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// The center of the first component, with a number as its height.
+/// Returns the center of the first component; its z coordinate is `rank`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub(crate) struct Center {
     /// The labels.
     labels: In<Labels>,
-    /// The height.
+    /// The z coordinate of the point.
     #[serde(default)]
     #[schemars(range(max = 3))]
     rank: u32,
@@ -27,10 +27,10 @@ impl Node for Center {
     }
 }
 
-/// All points, one list after the other.
+/// All points, concatenated.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub(crate) struct Collect {
-    /// The lists.
+    /// The lists of points.
     points: Vec<In<Points>>,
 }
 
@@ -44,7 +44,7 @@ impl Node for Collect {
     }
 }
 
-/// 100 x 50 spots of 6 x 12 pixels; one of them is smaller if `changed` says so.
+/// Returns labels of 100 x 50 spots of 6 x 12 pixels. The spot with the index `changed` is only 5 pixels wide.
 pub(crate) fn grid(changed: Option<usize>) -> AnyValue {
     AnyValue::new(
         Labels::new(

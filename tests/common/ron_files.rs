@@ -1,8 +1,8 @@
-//! All files of graphs, and what stands beside them, in a folder and the folders in it.
+//! The graph files, and the files that belong to them, in a folder and its subfolders.
 
 use std::path::{Path, PathBuf};
 
-/// The `.ron` files, sorted.
+/// Returns the paths of all `.ron` files, sorted.
 pub(crate) fn ron_files(folder: &Path) -> Vec<PathBuf> {
     let (mut files, mut folders) = (Vec::new(), vec![folder.to_owned()]);
     while let Some(folder) = folders.pop() {

@@ -1,6 +1,6 @@
-//! How much is tried of what has many cases.
+//! Selects the number of random test cases.
 
-/// Whether all of them are tried, as `just nightly` does (`TESTS=all`), and not only as many as each change is asked for.
+/// Returns true if all random cases are tested, as in `just nightly` (`TESTS=all`). Otherwise fewer are tested, as for each change.
 pub(crate) fn is_thorough() -> bool {
     std::env::var_os("TESTS").is_some_and(|which| which == "all")
 }

@@ -1,4 +1,4 @@
-//! The ids of builds, made by cargo itself: the same for the same code, another one for any other.
+//! Build ids, made by cargo: equal for equal code, different for different code.
 
 use std::collections::BTreeSet;
 use std::ffi::OsString;
@@ -9,12 +9,13 @@ use std::time::{Duration, Instant};
 
 use maquette::{Catalog, Disk, Pack};
 
-/// A workspace of two crates with ids, one above the other, and two programs that print these.
+/// A workspace of the libraries `a` and `b`, which have build ids (`b` depends on `a`), and the programs `one` and `two`, which print the
+/// ids.
 struct Workspace(tempfile::TempDir);
 
 const PROGRAM: &str = r#"fn main() { println!("{}\n{}", a::BUILD, b::BUILD) }"#;
 
-/// That of the workspace.
+/// The folder that contains the manifest of maquette's workspace.
 const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
 const LIBRARY: &str = r#"pub const BUILD: &str = env!("MAQUETTE_BUILD");"#;
@@ -32,7 +33,7 @@ impl Workspace {
             package(name, &format!("build = '../build.rs'\nlinks = '{name}'\n{more}"), workspace);
         }
         with_id("a", "", &workspace);
-        // Its sources are its whole folder, as those of a pack.
+        // The sources of `b` are in its root folder instead of `src`, as in a node pack.
         with_id("b", "[lib]\npath = 'lib.rs'\n[dependencies]\na.path = '../a'", &workspace);
         for name in ["one", "two"] {
             package(name, "[dependencies]\na.path = '../a'\nb.path = '../b'", &workspace);
@@ -70,7 +71,7 @@ impl Workspace {
         command
     }
 
-    /// The ids of `a` and `b`, as a program says that is built now.
+    /// Builds a program and returns the ids of `a` and `b` that it prints.
     fn ids(&self, program: &str) -> [String; 2] {
         ids(self.command(program))
     }
@@ -91,10 +92,10 @@ fn ids(mut command: Command) -> [String; 2] {
 fn an_id_is_that_of_all_that_the_code_is_made_of() {
     let workspace = Workspace::new();
     let first = workspace.ids("one");
-    fn is_id(id: &String) -> bool {
+    fn is_id(id: &str) -> bool {
         id.len() == 32 && id.bytes().all(|byte| byte.is_ascii_hexdigit())
     }
-    assert!(first.iter().all(is_id) && first[0] != first[1], "{first:?}");
+    assert!(first.iter().all(|id| is_id(id)) && first[0] != first[1], "{first:?}");
     assert_eq!(workspace.ids("two"), first);
 
     workspace.append("b/lib.rs", "// More.");
@@ -108,11 +109,11 @@ fn an_id_is_that_of_all_that_the_code_is_made_of() {
     }
     workspace.append("a/src/lib.rs", "// More.");
     let ids = changes_both("a source of `a`", [a, b], &workspace);
-    // Nothing about another program matters to the libraries beneath it, though the lock file names it.
+    // A change of the program `two` does not change the ids of the libraries that `one` uses, though the lock file lists `two`.
     let manifest = fs::read_to_string(workspace.path("two/Cargo.toml")).unwrap();
     workspace.write("two/Cargo.toml", &manifest.replace("1.0.0", "1.0.1"));
     assert_eq!(workspace.ids("one"), ids);
-    // What tests alone need is no part of the code: its own id may be missing.
+    // A dev-dependency is not part of the code, so it may lack an id.
     workspace.write("c/Cargo.toml", "[package]\nname = 'c'\nedition = '2024'\n");
     workspace.write("c/src/lib.rs", "");
     workspace.append("b/Cargo.toml", "\n[dev-dependencies]\nc.path = '../c'\n");
@@ -137,14 +138,14 @@ fn where_a_change_would_go_unnoticed_there_is_no_id() {
     let mut command = workspace.command("one");
     command.env("CARGO_TARGET_DIR", elsewhere.path());
     assert_eq!(ids(command), ["", ""]);
-    // Neither an id nor the lock file tells of edits of this library.
+    // The library `c` has no id, and the lock file does not record edits of a local library: a change of `c` would be missed.
     workspace.write("c/Cargo.toml", "[package]\nname = 'c'\nedition = '2024'\n");
     workspace.write("c/src/lib.rs", "");
     workspace.append("a/Cargo.toml", "[dependencies]\nc.path = '../c'\n");
     assert_eq!(workspace.ids("one"), ["", ""]);
 }
 
-/// How many files of code had to be looked at to know these packs.
+/// Returns the number of packs that are identified by reading the file of the program that contains their code.
 fn files_of_code(packs: &[&Pack]) -> usize {
     let folder = tempfile::tempdir().unwrap();
     Disk::open(folder.path(), 1 << 30, &Catalog::new(packs)).unwrap();
@@ -157,7 +158,7 @@ fn our_packs_are_known_by_their_ids_and_those_of_others_by_their_file() {
         .ancestors()
         .any(|folder| folder.join("Cargo.lock").is_file());
     assert_eq!(files_of_code(maquette_nodes::PACKS), usize::from(!has_ids));
-    // A file that was just written is not remembered.
+    // A file that was just written may still change, so its content hash is not recorded yet: try again until it is.
     let is_over = Instant::now() + Duration::from_secs(5);
     while files_of_code(&[&maquette_third_party::PACK]) != 1 {
         assert!(Instant::now() < is_over, "its file was not looked at");
@@ -165,14 +166,14 @@ fn our_packs_are_known_by_their_ids_and_those_of_others_by_their_file() {
     }
 }
 
-/// The packages that cargo compiles for these arguments of `cargo tree`, with the features of each.
+/// Runs `cargo tree` with these arguments and returns the packages that it lists, with the features of each.
 fn packages(arguments: &[&str]) -> BTreeSet<String> {
     let mut command = cargo();
     command.args(["tree", "--locked", "--offline", "--prefix", "none", "--format", "{p} {f}"]);
     let output = command.args(arguments).current_dir(FOLDER).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).unwrap();
-    // What stands there a second time is marked.
+    // `cargo tree` marks repeated packages with `(*)`.
     text.lines().map(|line| line.trim_end_matches(" (*)").to_owned()).collect()
 }
 

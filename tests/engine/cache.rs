@@ -1,4 +1,4 @@
-//! Results that outlive a process: never stale, never believed when damaged, never in the way.
+//! Cached results on disk, which outlive a process: they are never stale, never used when damaged, and never delay or fail an evaluation.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -14,7 +14,7 @@ use maquette::{
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
 const LIMIT: u64 = 1 << 30;
 
-/// One process after the other: each evaluation has an evaluator of its own, and the cache folder in common.
+/// Simulates a series of processes: each evaluation has its own evaluator, and all of them share the cache folder.
 struct Processes {
     catalog: Catalog,
     folder: tempfile::TempDir,
@@ -34,7 +34,7 @@ impl Processes {
         let set = set.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned()));
         let options = Options { set: set.collect(), ..Options::default() };
         let checked = Graph::load(&Path::new(GRAPHS).join("doll.ron"), &self.catalog, &options);
-        checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems))
+        checked.graph.unwrap_or_else(|| panic!("{:?}", checked.diagnostics))
     }
 
     fn evaluator(&self) -> Evaluator {
@@ -49,7 +49,7 @@ impl Processes {
         evaluation
     }
 
-    /// All files of results.
+    /// All files in the cache folder.
     fn files(&self) -> Vec<PathBuf> {
         let mut files = Vec::new();
         let mut folders = vec![self.cache().to_owned()];
@@ -88,7 +88,7 @@ fn the_next_process_computes_what_changed_alone() {
         trace.to_string().contains("computed raised   parameter `distance` 12 -> 25"),
         "{trace}"
     );
-    // Without the record of the last evaluation, results are still found by their keys.
+    // Without the record that the last evaluation wrote about the graph, results are still found by their keys.
     for file in processes.files() {
         if file.parent().unwrap().ends_with("graphs") {
             fs::remove_file(file).unwrap();
@@ -98,7 +98,8 @@ fn the_next_process_computes_what_changed_alone() {
     assert_eq!(trace.count(State::Computed), 0, "{trace}");
 }
 
-/// Flips bits of the files in turn, so that every file is damaged again and again: whatever is read is right or computed.
+/// Flips random bits of random cache files, often enough to damage every file repeatedly. Each result must stay right, whether it is read
+/// from the cache or computed again.
 #[test]
 fn a_thousand_flipped_bytes_change_no_result() {
     let processes = Processes::new();
@@ -123,10 +124,10 @@ fn a_thousand_flipped_bytes_change_no_result() {
             }
         }
         let evaluation = processes.run(&[]);
-        assert!(evaluation.problems().is_empty(), "{:?}", evaluation.problems());
+        assert!(evaluation.diagnostics().is_empty(), "{:?}", evaluation.diagnostics());
         assert_eq!(hash(&evaluation, &graph), expected);
     }
-    // And it is mended: once everything was computed, the cache is whole again.
+    // The cache is repaired: the next evaluation computes what is missing, and the one after it finds everything.
     processes.run(&[]);
     let trace = processes.run(&[]).trace();
     assert_eq!(trace.count(State::Computed), 0, "{trace}");
@@ -182,7 +183,7 @@ fn four_evaluators_share_a_folder() {
                     }
                     let growth = ["20", "21"][(worker + round) % 2];
                     let evaluation = processes.run(&[("growth", growth)]);
-                    assert!(evaluation.problems().is_empty(), "{:?}", evaluation.problems());
+                    assert!(evaluation.diagnostics().is_empty(), "{:?}", evaluation.diagnostics());
                     if growth == "20" {
                         assert_eq!(hash(&evaluation, graph), *expected);
                     }
@@ -195,17 +196,18 @@ fn four_evaluators_share_a_folder() {
     });
 }
 
-/// Clears the cache when an evaluation has decided what to do, and keeps the node `first` from its end until `last`, which needs
-/// it in another way, has come to its own.
+/// Clears the cache as soon as an evaluation is planned. Then the end of the node `first` is delayed until `last` has started. `last` also
+/// waits until `first` has started.
 struct Clearing<'a> {
     cache: &'a Path,
-    /// The nodes that were started, and `last` when it has come to its end.
+    /// Names of the nodes that have started; `last begins` records that `last` has started.
     seen: Mutex<BTreeSet<String>>,
     more: Condvar,
 }
 
 impl Clearing<'_> {
-    /// Notes a node, and waits for another one; not for ever, so that a fault is told.
+    /// Records that `node` has been reached and waits until `other` is recorded. The wait has a timeout: a bug then fails the test instead
+    /// of blocking it.
     fn meet(&self, node: &str, other: &str) {
         let mut seen = self.seen.lock().unwrap();
         let is_first = seen.insert(node.to_owned());
@@ -226,11 +228,11 @@ impl Clearing<'_> {
 }
 
 impl Observer for Clearing<'_> {
-    fn unchanged(&self, _: usize) {
+    fn on_unchanged(&self, _: usize) {
         Disk::gc(self.cache, 0).unwrap();
     }
 
-    fn started(&self, node: &str) {
+    fn on_start(&self, node: &str) {
         match node {
             "first" => self.meet(node, "last"),
             "last" => self.meet("last begins", "first"),
@@ -238,22 +240,22 @@ impl Observer for Clearing<'_> {
         }
     }
 
-    fn finished(&self, node: &str, _: State, _: f64) {
+    fn on_finish(&self, node: &str, _: State, _: f64) {
         if node == "last" {
             self.meet(node, node);
         }
     }
 }
 
-/// `first` is lost and restored, `middle` is on disk when the evaluation begins and is gone when `last`, which changed, needs it:
-/// its own values are computed from those of `first`, which are not there yet.
+/// `first` is missing on disk and is restored. `middle` is on disk when the evaluation begins, but is deleted before the changed node
+/// `last` needs it. Its values must then be computed from those of `first`, which do not exist yet.
 #[test]
 fn values_that_go_while_their_sources_are_restored_are_computed_again() {
     let processes = Processes::new();
     let project = tempfile::tempdir().unwrap();
     let path = project.path().join("three.ron");
     fs::write(project.path().join("tip.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
-    // A file that has just been written would be read again, and all that hangs on it be looked at.
+    // A file that was just written would be read again, and all nodes that depend on it would be checked again.
     std::thread::sleep(Duration::from_millis(300));
     let text = "Graph(format: 1, params: {\"far\": Number(default: 1.0)}, nodes: {
         \"first\": ReadMesh(path: \"tip.obj\"),
@@ -265,7 +267,7 @@ fn values_that_go_while_their_sources_are_restored_are_computed_again() {
         let set = vec![("far".to_owned(), far.to_owned())];
         let options = Options { set, ..Options::default() };
         let checked = Graph::load(path, processes_catalog, &options);
-        checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems))
+        checked.graph.unwrap_or_else(|| panic!("{:?}", checked.diagnostics))
     }
     let mut evaluator = processes.evaluator();
     evaluator.evaluate_nodes(&graph("1", &path, &processes.catalog), &["first"]);
@@ -285,7 +287,7 @@ fn values_that_go_while_their_sources_are_restored_are_computed_again() {
     let graph = graph("2", &path, &processes.catalog);
     let mut evaluator = processes.evaluator();
     let evaluation = evaluator.evaluate_all_nodes(&graph, &clearing, &CancelToken::default());
-    assert!(evaluation.problems().is_empty(), "{:?}", evaluation.problems());
+    assert!(evaluation.diagnostics().is_empty(), "{:?}", evaluation.diagnostics());
     let seen = Vec::from_iter(clearing.seen.into_inner().unwrap());
     assert_eq!(seen, ["first", "last", "last begins", "middle"]);
     let mut alone = Evaluator::new(1, 1 << 30).unwrap();
@@ -308,7 +310,7 @@ fn what_was_not_used_for_longest_goes_first() {
     let before = Disk::usage(processes.cache()).unwrap().bytes;
     let dropped = Disk::gc(processes.cache(), before - 1_000_000).unwrap();
     assert!((1_000_000..before / 2).contains(&dropped), "{dropped} of {before}");
-    // All that went had not been used since.
+    // Only results that the last run did not use were removed.
     let trace = processes.run(&[("growth", "30")]).trace();
     assert_eq!(trace.count(State::Computed), 0, "{trace}");
 }
@@ -332,12 +334,12 @@ fn memory_for_a_part_of_the_results_still_gives_all_of_them() {
     }
 }
 
-/// Counts the nodes that begin.
+/// Counts the nodes that start.
 #[derive(Default)]
-struct Begun(AtomicUsize);
+struct StartCounter(AtomicUsize);
 
-impl Observer for Begun {
-    fn started(&self, _: &str) {
+impl Observer for StartCounter {
+    fn on_start(&self, _: &str) {
         self.0.fetch_add(1, Ordering::Relaxed);
     }
 }
@@ -346,7 +348,7 @@ impl Observer for Begun {
 fn what_is_wanted_is_computed_once_even_if_there_is_no_memory_for_it() {
     let graph = Processes::new().graph(&[]);
     let mut evaluator = Evaluator::new(2, 1).unwrap();
-    let begun = Begun::default();
+    let begun = StartCounter::default();
     let done = evaluator.evaluate_all_nodes(&graph, &begun, &CancelToken::default());
     assert_eq!(begun.0.into_inner(), done.trace().count(State::Computed));
 }
@@ -355,9 +357,9 @@ fn what_is_wanted_is_computed_once_even_if_there_is_no_memory_for_it() {
 fn verifying_computes_and_finds_no_difference() {
     let processes = Processes::new();
     processes.run(&[]);
-    let mut evaluator = processes.evaluator().verifying(1.0);
+    let mut evaluator = processes.evaluator().with_verification(1.0);
     let evaluation = evaluator.evaluate_all(&processes.graph(&[]));
-    assert!(evaluation.problems().is_empty(), "{:?}", evaluation.problems());
+    assert!(evaluation.diagnostics().is_empty(), "{:?}", evaluation.diagnostics());
     assert_eq!(evaluation.trace().count(State::Computed), 15, "{}", evaluation.trace());
 }
 

@@ -1,4 +1,4 @@
-//! Every pack keeps the laws of packs: the built-in ones, and an outsider's.
+//! Checks that all packs, the built-in ones and a third-party one, satisfy the conformance laws.
 
 use std::path::Path;
 use std::sync::Mutex;
@@ -26,7 +26,7 @@ fn the_built_in_packs_keep_the_laws() {
             }
         }
     };
-    // Much of a check is done by one thread.
+    // Two threads check packs in parallel: much of one check runs on a single thread.
     thread::scope(|scope| {
         scope.spawn(check_some);
         check_some();
@@ -43,7 +43,7 @@ fn an_outsiders_pack_keeps_the_laws() {
 
 #[test]
 fn a_pack_that_breaks_laws_is_found() {
-    // Two packs with the same nodes, and examples that are not there.
+    // This pack breaks two laws: its nodes exist in another pack, too, and it has no examples.
     let broken = Pack { name: "twin", ..maquette_third_party::PACK };
     let laws = check(&broken, &[&maquette_third_party::PACK], Path::new("nowhere")).unwrap_err();
     assert!(laws.contains(&"there are two nodes `ExtractPalette`".to_owned()), "{laws:?}");
@@ -56,7 +56,7 @@ fn every_example_shows_a_node_and_every_node_has_one() {
     let catalog = Catalog::new(maquette_nodes::PACKS);
     for path in crate::examples::examples() {
         let checked = Graph::load(&path, &catalog, &Options::default());
-        let messages: Vec<_> = checked.problems.iter().map(|problem| &problem.message).collect();
+        let messages: Vec<_> = checked.diagnostics.iter().map(|problem| &problem.message).collect();
         assert!(messages.is_empty(), "{}: {messages:?}", path.display());
         let graph = checked.graph.unwrap();
         assert!(!graph.doc().is_empty(), "{} has no doc", path.display());

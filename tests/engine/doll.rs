@@ -1,4 +1,4 @@
-//! The main job, measured: the doll's nose is found, grows as it was told, and nothing else changes.
+//! The main use case, measured: the doll's nose is found and grows by the requested distance, and nothing else changes.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use maquette::{CancelToken, Catalog, Evaluation, Evaluator, Graph, Options};
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
-/// The growth that the graph asks for, in mm.
+/// The distance in mm by which the graph grows the nose.
 const GROWTH: f64 = 12.0;
 
 struct Doll {
@@ -23,7 +23,7 @@ impl Doll {
             Graph::load(&path, &catalog, &Options::default()).graph.expect("the graph checks");
         let mut evaluator = Evaluator::new(2, 1 << 30).unwrap();
         let evaluation = evaluator.evaluate_all_nodes(&graph, &(), &CancelToken::default());
-        assert!(evaluation.problems().is_empty(), "{:?}", evaluation.problems());
+        assert!(evaluation.diagnostics().is_empty(), "{:?}", evaluation.diagnostics());
         Self { graph, evaluation }
     }
 
@@ -32,7 +32,7 @@ impl Doll {
     }
 }
 
-/// The true label of the nose in `doll_front_labels.png`.
+/// The label of the nose in the ground truth `doll_front_labels.png`.
 const NOSE: u8 = 4;
 
 #[test]
@@ -67,15 +67,19 @@ fn the_nose_grows_and_nothing_else_moves() {
         }
         assert_eq!(bits(scan, cell), bits(blended, cell), "cell {cell} is outside of the nose");
     }
-    fn moved(&cell: &u32, nose: &Region, blended: &RangeImage) -> nalgebra::Vector3<f64> {
+    fn displacement(&cell: &u32, nose: &Region, blended: &RangeImage) -> nalgebra::Vector3<f64> {
         let before = nose.points()[nose.find(cell as usize).unwrap()];
         blended.points()[cell as usize] - before
     }
-    let summit =
-        nose.cells().iter().map(|cell| moved(cell, nose, blended).dot(&normal)).fold(0.0, f64::max);
+    let summit = nose
+        .cells()
+        .iter()
+        .map(|cell| displacement(cell, nose, blended).dot(&normal))
+        .fold(0.0, f64::max);
     assert!((summit - GROWTH).abs() <= 0.1 * GROWTH, "the summit moved by {summit} mm");
     let rim = &nose.contours()[0].cells;
-    let farthest = rim.iter().map(|cell| moved(cell, nose, blended).norm()).fold(0.0, f64::max);
+    let farthest =
+        rim.iter().map(|cell| displacement(cell, nose, blended).norm()).fold(0.0, f64::max);
     assert!(farthest <= 0.015 * GROWTH, "a cell of the contour moved by {farthest} mm");
 }
 
@@ -93,7 +97,7 @@ fn the_mesh_is_manifold_and_looks_towards_the_sensor() {
         let center = grid.positions()[face[0] as usize];
         grid.area_vector(face).dot(&center.coords) > 0.0
     });
-    // The grown nose overhangs a little; the rest is seen from the sensor.
+    // The grown nose overhangs slightly; all other faces are visible from the sensor.
     let share = away.count() as f64 / grid.faces().len() as f64;
     assert!(share < 0.01, "{share} of the faces look away from the sensor");
     assert!(doll.get::<Mesh>("model", "").texture().is_some());
@@ -115,14 +119,15 @@ fn planar_texture_coordinates_are_near_those_of_the_registration() {
     fn uv(mesh: &Mesh) -> Vec<[f64; 2]> {
         mesh.vertex().pairs("uv").unwrap().to_vec()
     }
-    fn off(axis: usize, mesh: &Mesh, planar: &Mesh) -> f64 {
+    fn largest_difference(axis: usize, mesh: &Mesh, planar: &Mesh) -> f64 {
         let pairs = uv(mesh).into_iter().zip(uv(planar));
         pairs.map(|(bound, planar)| (bound[axis] - planar[axis]).abs() * 400.0).fold(0.0, f64::max)
     }
     assert!(
-        off(0, &mesh, &planar) <= 5.0 && off(1, &mesh, &planar) <= 5.0,
+        largest_difference(0, &mesh, &planar) <= 5.0
+            && largest_difference(1, &mesh, &planar) <= 5.0,
         "{} and {} pixels",
-        off(0, &mesh, &planar),
-        off(1, &mesh, &planar)
+        largest_difference(0, &mesh, &planar),
+        largest_difference(1, &mesh, &planar)
     );
 }

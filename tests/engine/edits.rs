@@ -1,10 +1,10 @@
-//! Edits of graphs: each is refused with a reason, or does what it says and nothing else.
+//! Edits of graphs: each edit makes exactly the requested change or is refused with a reason.
 
 use std::path::Path;
 use std::sync::OnceLock;
 
 use expect_test::{Expect, expect};
-use maquette::{Catalog, Difference, Edit, Edited, Graph, Options, Problem, Source};
+use maquette::{Catalog, Diagnostic, Difference, Edit, EditedText, Graph, Options, Source};
 
 mod commas;
 mod extract;
@@ -22,7 +22,7 @@ fn catalog() -> &'static Catalog {
     CATALOG.get_or_init(|| Catalog::new(maquette_nodes::PACKS))
 }
 
-fn edit(path: &Path, text: &str, edits: &[Edit]) -> Result<Edited, Vec<Problem>> {
+fn edit(path: &Path, text: &str, edits: &[Edit]) -> Result<EditedText, Vec<Diagnostic>> {
     maquette::edit::edit(path, text, edits, catalog(), &Options::default())
 }
 
@@ -61,14 +61,15 @@ fn output(name: &str, to: Option<&str>) -> Edit {
     Edit::Output { name: name.to_owned(), to: to.map(str::to_owned) }
 }
 
-fn edited(text: &str, edits: &[Edit]) -> Result<String, String> {
+fn apply_edits(text: &str, edits: &[Edit]) -> Result<String, String> {
     let edited = edit(Path::new("nowhere/graph.ron"), text, edits).map(|edited| edited.text);
     edited.map_err(|problems| {
         problems
             .iter()
             .map(|problem| {
-                let place = maquette::Place::of(&problem.source.text, problem.span.start);
-                let Problem { code, message, help, .. } = problem;
+                let place =
+                    maquette::Position::from_offset(&problem.source.text, problem.span.start);
+                let Diagnostic { code, message, help, .. } = problem;
                 format!("{code} {}:{} {message} ({help})", place.line, place.column)
             })
             .collect::<Vec<_>>()
@@ -76,7 +77,7 @@ fn edited(text: &str, edits: &[Edit]) -> Result<String, String> {
     })
 }
 
-/// That an edit replaces these parts of a text, in order, and no others.
+/// Checks that an edit replaces the given parts of a text, in order, and no others.
 #[track_caller]
 fn check_edit(text: &str, edit: Edit, replaced: &[(&str, &str)]) {
     let mut expected = text.to_owned();
@@ -84,12 +85,12 @@ fn check_edit(text: &str, edit: Edit, replaced: &[(&str, &str)]) {
         assert!(expected.contains(old), "{old}");
         expected = expected.replacen(old, new, 1);
     }
-    assert_eq!(edited(text, &[edit]), Ok(expected));
+    assert_eq!(apply_edits(text, &[edit]), Ok(expected));
 }
 
 #[track_caller]
 fn check_refused(text: &str, edit: Edit, expected: Expect) {
-    expected.assert_eq(&edited(text, &[edit]).unwrap_err());
+    expected.assert_eq(&apply_edits(text, &[edit]).unwrap_err());
 }
 
 #[test]
@@ -114,7 +115,7 @@ fn outputs_are_added_changed_and_taken_away() {
         DOLL,
         output("skin", Some("skin")),
         expect![
-            "G015 39:9 output `skin` has no ending that says how to write a Mesh (a Mesh can be written to: 3mf, glb, obj, ply, png, stl)"
+            "G015 39:9 output `skin` has no extension that determines how to write a Mesh (a Mesh can be written to: 3mf, glb, obj, ply, png, stl)"
         ],
     );
     check_refused(
@@ -133,8 +134,8 @@ fn edits_that_are_right_together_are_done_together() {
         add("blue", "Threshold", &select, Some("red")),
         output("dots.png", Some("dots")),
     ];
-    assert!(edited(DOLL, &edits[..1]).is_err());
-    let text = edited(DOLL, &edits).unwrap();
+    assert!(apply_edits(DOLL, &edits[..1]).is_err());
+    let text = apply_edits(DOLL, &edits).unwrap();
     let found = differences(Path::new("nowhere/graph.ron"), DOLL, &text);
     let found = found.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
     expect![[r#"

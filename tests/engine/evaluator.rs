@@ -1,4 +1,5 @@
-//! What the engine promises to every pack, tried with a small one: each key once, in parallel, panics caught, cancel obeyed.
+//! Tests what the engine guarantees to every pack, with a small pack: each key runs once, nodes run in parallel, panics are caught, and
+//! cancellation works.
 
 use std::sync::Barrier;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -13,7 +14,7 @@ use maquette::{
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// A number on a link.
+/// A number that is passed along a link.
 #[derive(Clone, Debug, PartialEq)]
 struct Number(f64);
 
@@ -29,7 +30,7 @@ impl Value for Number {
     }
 
     fn describe(&self) -> Summary {
-        Summary::default().with("number", self.0)
+        Summary::default().with_fact("number", self.0)
     }
 
     fn parts(&self) -> Parts<'_> {
@@ -49,11 +50,11 @@ impl Memo for Number {
     }
 }
 
-/// How often [`Give`] gave this number, which only one test asks for: tests run beside each other.
+/// A number whose uses [`Give`] counts. Only one test uses it, because tests run in parallel.
 const COUNTED: f64 = 7.25;
 static GIVEN: AtomicUsize = AtomicUsize::new(0);
 
-/// Gives a number.
+/// Returns a number.
 #[derive(Serialize, Deserialize, JsonSchema)]
 struct Give {
     /// The number.
@@ -72,13 +73,13 @@ impl Node for Give {
     }
 }
 
-/// Adds any number of numbers; gives their sum and their mean.
+/// Adds any number of numbers; returns their sum and their mean.
 #[derive(Serialize, Deserialize, JsonSchema)]
 struct Sum {
     /// The numbers.
     #[serde(default)]
     numbers: Vec<In<Number>>,
-    /// Added at the end.
+    /// A constant that is added.
     more: Option<In<Number>>,
 }
 
@@ -96,7 +97,7 @@ impl Node for Sum {
     }
 }
 
-/// How often 3 was halved; only one test has sums of three numbers.
+/// Counts how often 3 was halved; only one test computes sums of three numbers.
 static HALVED: AtomicUsize = AtomicUsize::new(0);
 
 fn halve(number: &Number) -> Result<Number, Error> {
@@ -106,10 +107,10 @@ fn halve(number: &Number) -> Result<Number, Error> {
     Ok(Number(number.0 / 2.0))
 }
 
-/// Meets another node of its kind, which only works if both run at once.
+/// Waits for another node of its type to start. It finishes only if two such nodes run at the same time.
 #[derive(Serialize, Deserialize, JsonSchema)]
 struct Meet {
-    /// Which one it is.
+    /// Which one of the two it is.
     name: String,
 }
 
@@ -138,7 +139,7 @@ impl Node for Panic {
     }
 }
 
-/// Works for a long time, unless it is told to stop.
+/// Runs for a long time, unless it is cancelled.
 #[derive(Serialize, Deserialize, JsonSchema)]
 struct Work {}
 
@@ -168,7 +169,7 @@ fn load(nodes: &str) -> Graph {
     std::fs::write(&path, format!("Graph(format: 1, nodes: {{ {nodes} }}, outputs: {{}})"))
         .unwrap();
     let checked = Graph::load(&path, &Catalog::new(&[&PACK]), &Options::default());
-    checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems))
+    checked.graph.unwrap_or_else(|| panic!("{:?}", checked.diagnostics))
 }
 
 fn evaluate(graph: &Graph, threads: usize) -> Evaluation {
@@ -206,7 +207,7 @@ fn a_port_takes_many_links_an_optional_one_and_nodes_have_several_outputs() {
     assert_eq!(number(&evaluation, &graph, "none", "sum"), 0.0);
     assert_eq!(number(&evaluation, &graph, "again", "sum"), 7.5);
     let warnings: Vec<_> =
-        evaluation.problems().into_iter().map(|problem| problem.message).collect();
+        evaluation.diagnostics().into_iter().map(|problem| problem.message).collect();
     assert!(warnings.contains(&"`all`: half of 4 is 2".to_owned()), "{warnings:?}");
 }
 
@@ -235,14 +236,14 @@ fn a_panic_is_caught_at_its_node_and_reported_as_a_bug() {
     );
     let evaluation = evaluate(&graph, 2);
     expect![[r#"
-        failed   bad    it panicked: nobody expected this
-        skipped  after  hangs on `bad`
+        failed   bad    panicked: nobody expected this
+        skipped  after  depends on `bad`
         computed good   not computed before
         computed fine   not computed before
     "#]]
     .assert_eq(&evaluation.trace().to_string());
-    let bug = evaluation.problems().into_iter().find(|problem| problem.code == "G018").unwrap();
-    assert_eq!(bug.message, "`bad` cannot be computed: it panicked: nobody expected this");
+    let bug = evaluation.diagnostics().into_iter().find(|problem| problem.code == "G018").unwrap();
+    assert_eq!(bug.message, "`bad` cannot be computed: panicked: nobody expected this");
     assert!(bug.help.contains("bug"));
 }
 
@@ -250,7 +251,7 @@ fn a_panic_is_caught_at_its_node_and_reported_as_a_bug() {
 fn a_cancelled_evaluation_stops_within_a_tenth_of_a_second() {
     struct Canceller(CancelToken);
     impl Observer for Canceller {
-        fn progress(&self, _: &str, share: f64) {
+        fn on_progress(&self, _: &str, share: f64) {
             if share > 0.001 {
                 self.0.cancel();
             }
@@ -263,7 +264,7 @@ fn a_cancelled_evaluation_stops_within_a_tenth_of_a_second() {
     let evaluation = evaluator.evaluate_all_nodes(&graph, &observer, &observer.0);
     assert_eq!(evaluation.trace().to_string(), "failed   long  cancelled\n");
     assert!(start.elapsed() < Duration::from_secs(5), "the work takes 30 s");
-    // Nothing of it is remembered.
+    // The cancelled evaluation has left nothing in the cache.
     let again = evaluator.evaluate_all_nodes(
         &load(r#""n": Give(number: 1)"#),
         &(),
@@ -281,12 +282,12 @@ fn a_long_chain_is_evaluated_without_a_deep_stack() {
     assert_eq!(number(&evaluation, &graph, "n19999", "sum"), 3.0);
 }
 
-/// While the first nodes were started, those that they made ready were started a second time.
+/// Regression test: nodes that became ready while the first nodes were still being started were started twice.
 #[test]
 fn each_node_is_visited_once_however_early_it_becomes_ready() {
     struct Ends(AtomicUsize);
     impl Observer for Ends {
-        fn finished(&self, _: &str, _: State, _: f64) {
+        fn on_finish(&self, _: &str, _: State, _: f64) {
             self.0.fetch_add(1, Ordering::Relaxed);
         }
     }

@@ -1,34 +1,34 @@
-//! Edits that make problems go away, where there is one answer: each makes its own go away and brings no other.
+//! Tests the fixes of diagnostics that have exactly one possible fix: each fix removes its own diagnostic and causes no other.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use maquette::{Catalog, Graph, Options, Problem};
+use maquette::{Catalog, Diagnostic, Graph, Options};
 
-use crate::beside::beside;
+use crate::beside::shared_folder;
 
-fn problems(path: &Path, text: &str, catalog: &Catalog) -> Vec<Problem> {
+fn problems(path: &Path, text: &str, catalog: &Catalog) -> Vec<Diagnostic> {
     let options = Options { pins: true, ..Options::default() };
     let checked = Graph::load_text(path, text.to_owned(), catalog, &options);
-    let unused = checked.graph.as_ref().map(Graph::unused).unwrap_or_default();
-    [&checked.problems[..], unused].concat()
+    let unused = checked.graph.as_ref().map(Graph::unused_warnings).unwrap_or_default();
+    [&checked.diagnostics[..], unused].concat()
 }
 
-/// Whether something could not be told as long as something else was wrong: what a node of an unknown type lacks, and where a name that
-/// was carried leads to.
-fn was_hidden(shown: &Problem, by: &Problem) -> bool {
+/// Returns true if the diagnostic `shown` could only be reported after `by` was fixed: missing fields, once the node's type is known, and
+/// the target of a name, once that name is corrected.
+fn was_hidden(shown: &Diagnostic, by: &Diagnostic) -> bool {
     let is_carried = by.message.ends_with(" to carry");
     by.code == "G003" && shown.code == "G005" || is_carried && shown.code == "G007"
 }
 
-/// How often each thing is told.
-fn told(problems: &[Problem]) -> BTreeMap<(&str, &str), i32> {
+/// Counts the occurrences of each diagnostic.
+fn count_diagnostics(problems: &[Diagnostic]) -> BTreeMap<(&str, &str), i32> {
     let mut told = BTreeMap::new();
     problems.iter().for_each(|it| *told.entry((it.code, &it.message[..])).or_insert(0) += 1);
     told
 }
 
-/// The graph files of a folder.
+/// Returns the graph files of a folder.
 fn graphs(folder: &Path) -> Vec<PathBuf> {
     let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
     let mut paths: Vec<_> = entries.map(|entry| entry.unwrap().path()).collect();
@@ -44,7 +44,7 @@ fn graphs(folder: &Path) -> Vec<PathBuf> {
 fn each_fix_makes_its_problem_go_away_and_brings_no_other() {
     let catalog = Catalog::new(maquette_nodes::PACKS);
     let root = &Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let shared = beside("graphs/bad").map_or_else(Vec::new, |folder| graphs(&folder));
+    let shared = shared_folder("graphs/bad").map_or_else(Vec::new, |folder| graphs(&folder));
     let own = graphs(&root.join("tests/bad"));
     assert!(!own.is_empty());
     let mut fixes = 0;
@@ -52,12 +52,12 @@ fn each_fix_makes_its_problem_go_away_and_brings_no_other() {
         let text = std::fs::read_to_string(path).unwrap();
         let before = problems(path, &text, &catalog);
         for problem in before.iter().filter(|problem| !problem.fix.is_empty()) {
-            let fixed = problem.fixed().expect("the edits fit into the text");
+            let fixed = problem.apply_fix().expect("the edits fit into the text");
             let now = problems(path, &fixed, &catalog);
-            let mut expected = told(&before);
+            let mut expected = count_diagnostics(&before);
             *expected.get_mut(&(problem.code, &problem.message[..])).unwrap() -= 1;
             let shown = now.iter().filter(|it| !was_hidden(it, problem));
-            for (what, count) in told(&shown.cloned().collect::<Vec<_>>()) {
+            for (what, count) in count_diagnostics(&shown.cloned().collect::<Vec<_>>()) {
                 let before = expected.get(&what).copied().unwrap_or_default();
                 let name = path.display();
                 assert!(count <= before, "{name}: {}: {what:?}\n{fixed}", problem.message);
@@ -68,19 +68,19 @@ fn each_fix_makes_its_problem_go_away_and_brings_no_other() {
     assert!(fixes >= 15, "only {fixes} fixes");
 }
 
-/// What becomes of a text in which problems with one answer are put right.
-fn fixed(text: &str) -> (String, Vec<String>) {
+/// Applies all fixes to a text; returns the fixed text and the messages of the diagnostics that were fixed.
+fn apply_fixes(text: &str) -> (String, Vec<String>) {
     let catalog = Catalog::new(maquette_nodes::PACKS);
     let folder = tempfile::tempdir().unwrap();
     let mesh = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
     std::fs::write(folder.path().join("doll.obj"), mesh).unwrap();
     let path = folder.path().join("graph.ron");
     std::fs::write(&path, text).unwrap();
-    let (fixed, mended) = maquette::edit::fixed(&path, text, &catalog, &Options::default());
+    let (fixed, mended) = maquette::edit::apply_fixes(&path, text, &catalog, &Options::default());
     (fixed, mended.into_iter().map(|problem| problem.message).collect())
 }
 
-/// A graph with one node more.
+/// Returns a graph with an additional node.
 fn graph(node: &str) -> String {
     format!(
         "Graph(\n    format: 1,\n    nodes: {{\n        \"doll\": ReadMesh(path: \"doll.obj\"),\n        {node}\n    }},\n    outputs: {{ \"end.ply\": \"end\" }},\n)\n"
@@ -90,7 +90,7 @@ fn graph(node: &str) -> String {
 #[test]
 fn what_has_one_answer_is_put_right() {
     for (wrong, right) in [
-        // Names of types, fields, choices, links, outputs, files.
+        // Corrected names: of types, fields, variants, links, outputs, and files.
         (
             r#""end": Subdivde(mesh: "doll", scheme: Loop),"#,
             r#""end": Subdivide(mesh: "doll", scheme: Loop),"#,
@@ -112,7 +112,7 @@ fn what_has_one_answer_is_put_right() {
             r#""end": Subdivide(mesh: "doll.mesh", scheme: Loop),"#,
         ),
         (r#""end": ReadMesh(path: "dol.obj"),"#, r#""end": ReadMesh(path: "doll.obj"),"#),
-        // Commas, and parentheses where the lines tell.
+        // Missing commas, and missing parentheses if the line breaks show their positions.
         (
             r#""end": Subdivide(mesh: "doll" scheme: Loop),"#,
             r#""end": Subdivide(mesh: "doll", scheme: Loop),"#,
@@ -125,16 +125,16 @@ fn what_has_one_answer_is_put_right() {
             r#""end": Subdivide(mesh: "doll", scheme: Loop,"#,
             r#""end": Subdivide(mesh: "doll", scheme: Loop),"#,
         ),
-        // The only link that can be meant.
+        // A missing link that has only one possible source.
         (r#""end": Subdivide(scheme: Loop),"#, r#""end": Subdivide(mesh: "doll", scheme: Loop),"#),
         (r#""end": Texture(mesh: "doll", image: "doll"),"#, ""),
-        // A unit where there is none.
+        // A unit where no unit is allowed.
         (
             r#""end": Transform(mesh: "doll", scale: (cm(2), 1, 1)),"#,
             r#""end": Transform(mesh: "doll", scale: (2, 1, 1)),"#,
         ),
     ] {
-        let (found, mended) = fixed(&graph(wrong));
+        let (found, mended) = apply_fixes(&graph(wrong));
         match right {
             "" => assert_eq!((&found, &mended[..]), (&graph(wrong), &[][..]), "nobody knows"),
             right => {
@@ -153,7 +153,7 @@ fn several_problems_are_put_right_one_after_the_other() {
     let right = graph(
         "\"soft\": Subdivide(mesh: \"doll\", scheme: Loop),\n        \"end\": Transform(mesh: \"soft\", scale: (1, Expr(\"max(1, 2)\"), 1)),",
     );
-    let (found, mended) = fixed(&wrong);
+    let (found, mended) = apply_fixes(&wrong);
     assert_eq!(found, right, "{mended:?}");
 }
 
@@ -174,7 +174,7 @@ fn a_value_of_another_type_goes_through_the_only_node_that_makes_it_fit() {
 "#
         )
     }
-    let (found, mended) = fixed(&text("", "skin"));
+    let (found, mended) = apply_fixes(&text("", "skin"));
     let between = "\"skin-tessellate\": Tessellate(surface: \"skin\"),\n        ";
     assert_eq!(found, text(between, "skin-tessellate"), "{mended:?}");
 }

@@ -1,5 +1,4 @@
-//! Every graph of the project gives what it gave when somebody looked: the tests that `maquette test graphs` runs, by the same
-//! code.
+//! Checks that every graph of the project produces its golden results, with the code of `maquette test graphs`.
 
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -13,15 +12,15 @@ fn run(folder: &Path, threads: usize) -> TestRun {
     test_graphs(folder, &catalog, threads).unwrap()
 }
 
-/// The results of the tests of all graphs.
+/// The results of the golden tests of all graphs.
 struct Results {
     passed: usize,
     graphs: Vec<PathBuf>,
     failures: Vec<String>,
 }
 
-/// Runs the tests of all graphs once, and writes their reports to `target/tmp`.
-fn all() -> &'static Results {
+/// Runs the golden tests of all graphs once and writes their reports to `target/tmp`.
+fn all_results() -> &'static Results {
     static ALL: OnceLock<Results> = OnceLock::new();
     ALL.get_or_init(|| {
         let run = run(Path::new(GRAPHS), 2);
@@ -35,7 +34,7 @@ fn all() -> &'static Results {
 
 #[test]
 fn every_graph_gives_what_it_gave() {
-    let run = all();
+    let run = all_results();
     let page = concat!(env!("CARGO_TARGET_TMPDIR"), "/graph-tests.html");
     assert!(run.failures.is_empty(), "{}\nsee {page}", run.failures.join("\n"));
     assert!(run.passed >= 50, "{} cases", run.passed);
@@ -47,7 +46,7 @@ fn every_graph_has_a_test() {
         let files = std::fs::read_dir(folder).unwrap().map(|file| file.unwrap().path());
         files.filter(|path| path.extension().is_some_and(|ending| ending == "ron")).collect()
     }
-    let run = all();
+    let run = all_results();
     for folder in ["", "/nodes", "/checks"].map(|room| format!("{GRAPHS}{room}")) {
         let graphs = names(Path::new(&folder)).into_iter();
         for graph in graphs.filter(|path| !path.to_string_lossy().ends_with(".test.ron")) {
@@ -56,7 +55,7 @@ fn every_graph_has_a_test() {
     }
 }
 
-/// The doll's graph with its test and goldens, to be changed.
+/// Copies the doll's graph, its test and its goldens to a folder where they can be changed.
 fn copy() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     fn copy(from: &Path, to: &Path) {
@@ -79,7 +78,7 @@ fn copy() -> tempfile::TempDir {
     folder
 }
 
-/// The failures of the doll's test after a change of its files.
+/// Changes a copy of the doll's files and returns the failures of its test.
 fn failures(change: impl Fn(&Path)) -> String {
     let folder = copy();
     change(folder.path());
@@ -107,7 +106,7 @@ fn a_longer_nose_is_found_with_its_place() {
     assert!(!found.contains("doll.ron long"), "{found}");
 }
 
-/// Another golden of the same content: a text of its own would be nobody's golden.
+/// Writes a copy of a golden under another name, which no test uses.
 fn copy_golden(folder: &Path, to: &str) {
     std::fs::copy(folder.join("goldens/doll/long/red.txt"), folder.join(to)).unwrap();
 }

@@ -1,20 +1,20 @@
-//! Graph files that are wrong: every problem at once, each at its place, in words that help.
+//! Invalid graph files: the check reports every error at once, each at its position and with a helpful message.
 
 use std::path::Path;
 
 use expect_test::{Expect, expect};
-use maquette::{Catalog, Graph, Options, Place, Problem, Severity};
+use maquette::{Catalog, Diagnostic, Graph, Options, Position, Severity};
 
-use crate::beside::beside;
+use crate::beside::shared_folder;
 
 pub(crate) fn problems(path: &Path) -> String {
     let catalog = Catalog::new(maquette_nodes::PACKS);
     let checked = Graph::load(path, &catalog, &Options { pins: true, ..Options::default() });
-    let is_error = |problem: &Problem| problem.severity == Severity::Error;
-    assert_eq!(checked.graph.is_none(), checked.problems.iter().any(is_error));
-    let lines = checked.problems.iter().map(|problem| {
-        let start = Place::of(&problem.source.text, problem.span.start);
-        let end = Place::of(&problem.source.text, problem.span.end);
+    let is_error = |problem: &Diagnostic| problem.severity == Severity::Error;
+    assert_eq!(checked.graph.is_none(), checked.diagnostics.iter().any(is_error));
+    let lines = checked.diagnostics.iter().map(|problem| {
+        let start = Position::from_offset(&problem.source.text, problem.span.start);
+        let end = Position::from_offset(&problem.source.text, problem.span.end);
         let help =
             if problem.help.is_empty() { String::new() } else { format!(" ({})", problem.help) };
         let (code, message) = (problem.code, &problem.message);
@@ -32,7 +32,7 @@ fn check(text: &str, expected: Expect) {
     expected.assert_eq(&problems(&path).replace(root.to_str().unwrap(), "ROOT"));
 }
 
-/// A graph with these nodes and outputs.
+/// Checks a graph with these nodes and outputs.
 fn check_nodes(nodes: &str, outputs: &str, expected: Expect) {
     check(
         &format!("Graph(format: 1, nodes: {{\n{nodes}\n}}, outputs: {{\n{outputs}\n}})"),
@@ -75,7 +75,7 @@ fn a_set_that_leads_nowhere_is_told() {
         let set = vec![(target.to_owned(), "4".to_owned())];
         let options = Options { set, ..Options::default() };
         let checked = Graph::load(&path, &Catalog::new(maquette_nodes::PACKS), &options);
-        let told = checked.problems.iter().map(|it| format!("{} ({})\n", it.message, it.help));
+        let told = checked.diagnostics.iter().map(|it| format!("{} ({})\n", it.message, it.help));
         String::from_iter(told)
     };
     assert_eq!(told("turned.translate.2"), "");
@@ -98,12 +98,12 @@ fn values_of_the_wrong_kind_or_out_of_range_are_explained() {
 "plate": Primitive(shape: Box(size: (4, 0, 4))),"#,
         r#""soft.ply": "soft", "half.ply": "half", "turned.ply": "turned", "plate.ply": "plate""#,
         expect![[r#"
-            3:25-29 G009 port `mesh` of Subdivide wants a link, not `doll` (write the name of a node that gives a Mesh: "node")
+            3:25-29 G009 port `mesh` of Subdivide: expected a link, found `doll` (write the name of a node that gives a Mesh: "node")
             3:53-55 G010 field `levels` of Subdivide is 40, but must be at least 0 and at most 12 (8 levels make 65536 faces of one already)
-            4:55-58 G009 field `levels` of Subdivide wants a number without fraction, not the number 1.5
-            4:67-72 G009 field `limit` of Subdivide wants true or false, not the text "yes"
-            5:43-49 G009 field `rotate` of Transform wants 3 values, not 2
-            5:62-66 G009 field `scale` of Transform wants a number, not true
+            4:55-58 G009 field `levels` of Subdivide: expected a number without fraction, found the number 1.5
+            4:67-72 G009 field `limit` of Subdivide: expected true or false, found the text "yes"
+            5:43-49 G009 field `rotate` of Transform: expected 3 values, found 2
+            5:62-66 G009 field `scale` of Transform: expected a number, found true
             6:41-42 G010 field `size` of Primitive is 0, but must be more than 0
         "#]],
     );
@@ -121,7 +121,7 @@ fn links_must_lead_somewhere_and_fit() {
         expect![[r#"
             3:22-28 G012 port `mask` of Label wants a Mask, but `doll` is a Mesh
             4:10-33 G005 Subdivide needs a link at its port `mesh` (write `mesh: "node"` with a node that gives a Mesh)
-            5:1-4 G008 nodes hang on each other in a circle: a <- b <- a (a node cannot need its own result: break one of these links)
+            5:1-4 G008 cycle: a <- b <- a (a node cannot need its own result: break one of these links)
         "#]],
     );
 }
@@ -138,9 +138,9 @@ fn files_stay_in_the_project_and_outputs_in_their_folder() {
             3:21-34 G014 `/etc/passwd` is an absolute path, which leads outside of the project (write the path relative to the graph's file)
             3:57-59 G013 field `path` of ReadMesh names no file (write the path of a file)
             3:82-85 G013 `.` is not a file
-            5:1-11 G014 output `../a.ply` lies outside of the folder of outputs (name a file, such as "model.ply"; --out chooses the folder)
+            5:1-11 G014 output `../a.ply` is outside the output folder (name a file, such as "model.ply"; --out chooses the folder)
             5:18-26 G015 a Mesh cannot be written to a `.docx` file (a Mesh can be written to: 3mf, glb, obj, ply, png, stl)
-            5:33-36 G015 output `c` has no ending that says how to write a Mesh (a Mesh can be written to: 3mf, glb, obj, ply, png, stl)
+            5:33-36 G015 output `c` has no extension that determines how to write a Mesh (a Mesh can be written to: 3mf, glb, obj, ply, png, stl)
         "#]],
     );
 }
@@ -181,16 +181,16 @@ fn parameters_and_expressions_are_checked() {
 )"#,
         expect![[r##"
             4:35-39 G010 parameter `growth` is 12, but must be at least 0 and at most 10
-            5:35-38 G009 parameter `steps` wants a number without fraction, not the number 1.5
-            6:31-36 G009 parameter `hue` wants a color as in "#c33923", not the text "red"
-            7:33-35 G009 parameter `side` wants one of Left, Right, not `Up`
-            8:17-22 G009 there is no type of parameters `Numbr` (did you mean `Number`?)
+            5:35-38 G009 parameter `steps`: expected a number without fraction, found the number 1.5
+            6:31-36 G009 parameter `hue`: expected a color as in "#c33923", found the text "red"
+            7:33-35 G009 parameter `side`: expected one of Left, Right, found `Up`
+            8:17-22 G009 unknown parameter type `Numbr` (did you mean `Number`?)
             9:17-25 G005 parameter `none` has no default (write `default: ..`)
             14:63-78 G010 field `levels` of Subdivide is 13, but must be at least 0 and at most 12 (8 levels make 65536 faces of one already)
             15:59-70 G011 the expression ends where a number or a name should be
             15:78-85 G011 the graph has no parameter `lvels` (did you mean `levels`?)
             15:94-101 G011 the graph has no parameter `level` (did you mean `levels`?)
-            16:63-81 G009 field `levels` of Subdivide wants a number without fraction, not the number 6.5
+            16:63-81 G009 field `levels` of Subdivide: expected a number without fraction, found the number 6.5
         "##]],
     );
 }
@@ -218,7 +218,7 @@ fn a_file_of_a_newer_format_is_not_judged() {
     check(
         "Graph(format: 99, meshes: {)",
         expect![[r#"
-        1:15-17 G002 format 99 is unknown: this program reads format 1 (use a newer program, or the graph's older version)
+        1:15-17 G002 format 99 is unknown: this program reads format 1 (use a newer program, or an older version of the graph)
     "#]],
     );
 }
@@ -228,13 +228,13 @@ fn a_broken_text_says_where() {
     check(
         "Graph(format: 1, nodes: { \"a\": ReadMesh(path: \"x\" }, outputs: {})",
         expect![[r#"
-            1:40-41 G001 this `(` is not closed before the `}` at 1:51 (put a `)` where it ends)
+            1:40-41 G001 this `(` is not closed before the `}` at 1:51 (add the missing `)`)
         "#]],
     );
     check(
         "Graph(format: 1, nodes: {}, outputs: {})\nGraph()",
         expect![[r#"
-        2:1-8 G001 there is something behind the end of the graph (a file holds one `Graph(..)` and nothing behind it)
+        2:1-8 G001 unexpected text after the end of the graph (a file contains a single `Graph(..)`)
     "#]],
     );
     check(
@@ -246,7 +246,7 @@ fn a_broken_text_says_where() {
     check(
         "42",
         expect![[r#"
-        1:1-3 G001 a graph file holds Graph(..), not the number 42 (begin with `Graph(format: 1, nodes: {..}, outputs: {..})`)
+        1:1-3 G001 expected Graph(..), found the number 42 (begin with `Graph(format: 1, nodes: {..}, outputs: {..})`)
     "#]],
     );
     check(
@@ -255,7 +255,7 @@ fn a_broken_text_says_where() {
             1:31-32 G009 node `a` is the number 5, not a node (write `Type(field: value, ..)`)
             1:34-35 G006 the name of a node is a text in double quotes, not `b`
             1:65-68 G006 there is already a node `a` (give one of them another name)
-            1:84-86 G009 field `outputs` of Graph wants a map: {"name": .., ..}, not a list
+            1:84-86 G009 field `outputs` of Graph: expected a map: {"name": .., ..}, found a list
             1:88-93 G004 Graph has no field `extra` (its fields: format, version, doc, packs, use, inputs, params, nodes, outputs, promises, expect)
         "#]],
     );
@@ -268,7 +268,7 @@ fn what_is_wrong_in_a_circle_is_told_of_each_node_in_it() {
 "y": Triangulate(range: "x"),"#,
         r#""x.ply": "x""#,
         expect![[r#"
-            2:1-4 G008 nodes hang on each other in a circle: x <- y <- x (a node cannot need its own result: break one of these links)
+            2:1-4 G008 cycle: x <- y <- x (a node cannot need its own result: break one of these links)
             2:25-28 G012 port `range` of Triangulate wants a RangeImage, but `y` is a Mesh
             3:25-28 G012 port `range` of Triangulate wants a RangeImage, but `x` is a Mesh
         "#]],
@@ -288,10 +288,10 @@ fn choices_are_words_and_ranges_hold_something() {
         expect![[r#"
             2:32-35 G009 a choice is a bare word, not the text "a" (write a without quotes)
             2:37-40 G009 a choice is a bare word, not the text "b" (write b without quotes)
-            3:22-25 G009 parameter `b` wants one of a, b, not the text "b" (write b without quotes)
+            3:22-25 G009 parameter `b`: expected one of a, b, found the text "b" (write b without quotes)
             4:6-24 G005 parameter `c` has no choices (write `of: [Left, Right]`)
             5:29-31 G009 there is nothing to choose from
-            6:6-41 G009 parameter `e` has a `min`, 40, above its `max`, 0 (no value is in between: swap them?)
+            6:6-41 G009 parameter `e` has a `min`, 40, above its `max`, 0 (swap them)
         "#]],
     );
 }
@@ -301,16 +301,16 @@ fn a_missing_comma_and_a_missing_choice_are_named() {
     check(
         "Graph(format: 1, nodes: {\"a\": ReadMesh(path: \"doll.obj\") \"b\": 1}, outputs: {})",
         expect![[r#"
-            1:58-61 G001 there is no comma before `"b"` (put one between this and what stands before it)
+            1:58-61 G001 missing comma before `"b"` (add a comma before it)
             1:63-64 G009 node `b` is the number 1, not a node (write `Type(field: value, ..)`)
         "#]],
     );
-    // A strange space elsewhere hides nothing; what only follows from a forgotten comma is not told.
+    // An unusual space in another position hides no error. Errors that only follow from a missing comma are not reported.
     check(
         "Graph(format: 1, nodes: {\"b\"},\u{2003}outputs: {})",
         expect![[r#"
             1:26-29 G001 this key of a map has no value (write `key: value`)
-            1:31-32 G001 RON knows no such space (write a plain one)
+            1:31-32 G001 unsupported space character (use a plain space instead)
         "#]],
     );
     check_nodes(
@@ -338,15 +338,15 @@ fn files_that_no_reader_takes_are_refused_before_anything_runs() {
 }, outputs: {})"#;
     std::fs::write(&path, text).unwrap();
     expect![[r#"
-        2:21-31 G009 ReadMesh reads no `.fbx` files (it reads: obj, ply, stl, glb, gltf, 3mf)
-        3:21-27 G009 `doll` has no ending that says how ReadMesh reads it (it reads: obj, ply, stl, glb, gltf, 3mf)
-        5:40-50 G009 ReadCapture reads no `.xyz` files (it reads: pcd, ply, ptx, abs, png, tiff, tif, exr)
-        6:21-29 G009 ReadMesh reads no `.fbx` files (it reads: obj, ply, stl, glb, gltf, 3mf)
+        2:21-31 G009 ReadMesh cannot read `.fbx` files (supported extensions: obj, ply, stl, glb, gltf, 3mf)
+        3:21-27 G009 `doll` has no extension that tells ReadMesh how to read it (supported extensions: obj, ply, stl, glb, gltf, 3mf)
+        5:40-50 G009 ReadCapture cannot read `.xyz` files (supported extensions: pcd, ply, ptx, abs, png, tiff, tif, exr)
+        6:21-29 G009 ReadMesh cannot read `.fbx` files (supported extensions: obj, ply, stl, glb, gltf, 3mf)
     "#]]
     .assert_eq(&problems(&path));
 }
 
-/// A stranger's node that reads one kind of files.
+/// A third-party node that reads files with one extension.
 #[derive(serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 struct ReadCloud {
     /// The file.
@@ -359,7 +359,7 @@ impl maquette::Node for ReadCloud {
     const OUTPUTS: [&'static str; 1] = ["mask"];
 
     fn eval(&self, _: &maquette::Context<'_>) -> Result<Self::Outputs, maquette::Error> {
-        Ok((maquette::value::Mask::drawn(&["#"]),))
+        Ok((maquette::value::Mask::from_rows(&["#"]),))
     }
 }
 
@@ -379,11 +379,11 @@ fn the_node_of_a_strangers_pack_says_which_files_it_reads() {
         std::fs::write(folder.path().join(file), "").unwrap();
         std::fs::write(&path, text(file)).unwrap();
         let checked = Graph::load(&path, &Catalog::new(&[&PACK]), &Options::default());
-        assert_eq!(checked.problems.len(), expected, "{:?}", checked.problems);
+        assert_eq!(checked.diagnostics.len(), expected, "{:?}", checked.diagnostics);
     }
 }
 
-/// Long files take about as long as they are long: each of these took from half a minute to one and a half.
+/// Checking takes time proportional to the file's length. Each of these long files once took from 30 to 90 seconds.
 #[test]
 fn long_files_are_checked_in_seconds() {
     let folder = tempfile::tempdir().unwrap();
@@ -394,12 +394,12 @@ fn long_files_are_checked_in_seconds() {
             "Graph(format: 1, nodes: {{\"m\": ReadMesh(path: \"doll.obj\"), {nodes}}}, outputs: {{{outputs}}})"
         )
     }
-    fn all(count: usize, one: fn(usize) -> String) -> String {
+    fn repeat(count: usize, one: fn(usize) -> String) -> String {
         String::from_iter((0..count).map(one))
     }
-    let links = all(10_000, |k| format!("\"n{k}\": Transform(mesh: \"n{k}x\"),"));
-    let outputs = all(100_000, |k| format!("\"f{k}.ply\": \"m\","));
-    let cases = all(100_000, |k| format!("\"c{k}\": \"m\","));
+    let links = repeat(10_000, |k| format!("\"n{k}\": Transform(mesh: \"n{k}x\"),"));
+    let outputs = repeat(100_000, |k| format!("\"f{k}.ply\": \"m\","));
+    let cases = repeat(100_000, |k| format!("\"c{k}\": \"m\","));
     let switch = format!("\"s\": Switch(cases: {{{cases}}}, choose: c99999),");
     let words = graph("", "") + &"stray ".repeat(200_000);
     let inside = graph(&format!("\"s\": [{}]", "stray ".repeat(200_000)), "");
@@ -413,16 +413,16 @@ fn long_files_are_checked_in_seconds() {
         std::fs::write(&path, text).unwrap();
         let start = std::time::Instant::now();
         let checked = Graph::load(&path, &Catalog::new(maquette_nodes::PACKS), &Options::default());
-        assert_eq!(checked.problems.len(), expected);
+        assert_eq!(checked.diagnostics.len(), expected);
         let seconds = start.elapsed().as_secs_f64();
         assert!(seconds < 60.0, "{expected} problems took {seconds:.1} s");
     }
 }
 
-/// The graphs that the project's design says must be refused, where the checkout has them beside it.
+/// Checks that the graphs which the project's design declares invalid are refused. They are in a folder beside the checkout, if it exists.
 #[test]
 fn the_graphs_of_the_design_are_refused_as_it_says() {
-    let Some(folder) = beside("graphs/bad") else { return };
+    let Some(folder) = shared_folder("graphs/bad") else { return };
     let expected = std::fs::read_to_string(folder.join("expected.json")).unwrap();
     let expected: serde_json::Map<String, serde_json::Value> =
         serde_json::from_str(&expected).unwrap();
@@ -431,8 +431,8 @@ fn the_graphs_of_the_design_are_refused_as_it_says() {
         let path = folder.join(name);
         let checked = Graph::load(&path, &catalog, &Options::default());
         let entries = entries.as_array().unwrap();
-        fn fits(entry: &serde_json::Value, problem: &Problem) -> bool {
-            let place = Place::of(&problem.source.text, problem.span.start);
+        fn fits(entry: &serde_json::Value, problem: &Diagnostic) -> bool {
+            let place = Position::from_offset(&problem.source.text, problem.span.start);
             let lines: Vec<u64> = match &entry["line"] {
                 serde_json::Value::Array(lines) => {
                     lines.iter().filter_map(|line| line.as_u64()).collect()
@@ -451,11 +451,11 @@ fn the_graphs_of_the_design_are_refused_as_it_says() {
                 })
         }
         for entry in entries {
-            let found = checked.problems.iter().any(|problem| fits(entry, problem));
+            let found = checked.diagnostics.iter().any(|problem| fits(entry, problem));
             assert!(found, "{name}: nothing fits {entry}\n{}", problems(&path));
         }
         if name != "syntax.ron" {
-            assert_eq!(checked.problems.len(), entries.len(), "{name}:\n{}", problems(&path));
+            assert_eq!(checked.diagnostics.len(), entries.len(), "{name}:\n{}", problems(&path));
         }
     }
     assert!(expected.len() >= 10, "only {} graphs were judged", expected.len());

@@ -1,14 +1,14 @@
-//! Spoiled files make errors: no reader panics, hangs or takes much memory. `fuzz/` does the same for longer.
+//! Damaged files cause errors: no reader panics, hangs or uses much memory. The fuzz targets in `fuzz/` test this for longer.
 
 use std::time::{Duration, Instant};
 
 mod readers;
-use readers::{READERS, spoiled};
+use readers::{READERS, spoil};
 
-/// Files spoiled for each reader: a few seconds for all.
+/// Number of damaged files per reader. All readers together take a few seconds.
 const CASES: u64 = 1500;
 
-/// What no small file may take. Some hundred times what the slowest does, for machines that are busy.
+/// Maximum time for a small file: some hundred times the time of the slowest file, to allow for busy machines.
 const LONG: Duration = Duration::from_secs(5);
 
 #[test]
@@ -16,7 +16,7 @@ fn spoiled_files_give_errors_and_take_no_time() {
     for reader in READERS {
         reader.seeds.iter().for_each(|seed| (reader.read)(seed));
         for case in 0..CASES {
-            let file = spoiled(reader, case);
+            let file = spoil(reader, case);
             let start = Instant::now();
             (reader.read)(&file);
             let time = start.elapsed();

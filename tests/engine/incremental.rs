@@ -1,4 +1,4 @@
-//! What runs again after a change: the trace is the expectation.
+//! Checks by the trace which nodes run again after a change.
 
 use std::path::{Path, PathBuf};
 
@@ -7,7 +7,7 @@ use maquette::{AnyValue, CancelToken, Catalog, Evaluation, Evaluator, Graph, Opt
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../graphs");
 
-/// The doll's graph, with one evaluator from one evaluation to the next.
+/// Evaluates the doll's graph repeatedly with one evaluator.
 struct Session {
     catalog: Catalog,
     evaluator: Evaluator,
@@ -28,7 +28,7 @@ impl Session {
         let options =
             Options { set: set.collect(), roots: vec![GRAPHS.into()], ..Options::default() };
         let checked = Graph::load(&self.path, &self.catalog, &options);
-        let messages: Vec<_> = checked.problems.iter().map(|problem| &problem.message).collect();
+        let messages: Vec<_> = checked.diagnostics.iter().map(|problem| &problem.message).collect();
         checked.graph.unwrap_or_else(|| panic!("{messages:?}"))
     }
 
@@ -143,7 +143,7 @@ fn comments_names_and_order_do_not_matter() {
     assert_eq!(moved.trace().count(State::Cached), moved.trace().0.len(), "{}", moved.trace());
 }
 
-/// A copy of the doll's graph and files, to be changed.
+/// A copy of the doll's graph and files that a test may change.
 struct Copy {
     session: Session,
     folder: tempfile::TempDir,
@@ -174,7 +174,8 @@ impl Copy {
         std::fs::write(&self.session.path, text.replace(from, to)).unwrap();
     }
 
-    /// What became of each node, in words: `red: computed, ..`; those that were cached are left out.
+    /// Lists the nodes that were not cached, with their states, such as `scan computed the same`, where `the same` means an unchanged
+    /// result.
     fn states(&mut self) -> String {
         let trace = self.session.run(&[]).trace();
         let touched = trace.0.iter().filter(|node| node.state != State::Cached);
@@ -224,7 +225,7 @@ fn another_file_says_so() {
     let mut copy = Copy::new();
     let path = copy.path("doll/range.pcd");
     let mut bytes = std::fs::read(&path).unwrap();
-    // The last point's x, or part of it: a little off.
+    // Slightly changes the x coordinate of the last point.
     let place = bytes.len() - 13;
     bytes[place] ^= 1;
     std::fs::write(&path, bytes).unwrap();
@@ -305,16 +306,16 @@ fn an_error_stops_only_what_hangs_on_it() {
             computed red      not computed before
             computed spots    not computed before
             failed   nose     there is no rank 99: the labels have 1 parts, numbered from 1
-            skipped  normal   hangs on `nose`
-            skipped  net      hangs on `nose`
-            skipped  raised   hangs on `net`
-            skipped  knots-u  hangs on `raised`
-            skipped  knots-v  hangs on `raised`
-            skipped  surface  hangs on `raised`
-            skipped  blended  hangs on `nose`
-            skipped  grid     hangs on `blended`
-            skipped  skin     hangs on `grid`
-            skipped  model    hangs on `skin`
+            skipped  normal   depends on `nose`
+            skipped  net      depends on `nose`
+            skipped  raised   depends on `net`
+            skipped  knots-u  depends on `raised`
+            skipped  knots-v  depends on `raised`
+            skipped  surface  depends on `raised`
+            skipped  blended  depends on `nose`
+            skipped  grid     depends on `blended`
+            skipped  skin     depends on `grid`
+            skipped  model    depends on `skin`
         "#]],
     );
 }

@@ -1,4 +1,4 @@
-//! The language of graphs: what is written wrongly is told once for each mistake, at its place.
+//! The graph language: each error is reported once, at its position.
 
 mod merge_sample;
 mod merged_comments;
@@ -36,7 +36,7 @@ mod vectors;
 mod verdicts;
 mod zeros;
 
-/// Each graph in `tests/bad` has two mistakes of one kind; the text beside it, `NAME.txt`, says what is told of them.
+/// Each graph in `tests/bad` has two errors of one kind. The file `NAME.txt` beside it lists the expected diagnostics.
 #[test]
 fn each_mistake_is_told_once_at_its_place() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/bad");

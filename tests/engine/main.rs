@@ -1,4 +1,4 @@
-//! The engine as the packs and a host see it: one program, because each of them is linked anew.
+//! Tests of the engine as packs and hosts see it. They are one binary, because linking each test takes long.
 
 mod builds;
 mod cache;

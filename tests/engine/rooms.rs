@@ -1,5 +1,5 @@
-//! Which file of the sources names which, read from their `use` lines and paths: no file depends on itself round others, and
-//! the file of a node is named by the root of its pack alone.
+//! Checks the dependencies between source files, found from `use` lines and paths: they have no cycles in packs, and only the root file of
+//! a pack names the file of a node.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ use sources::{Arrow, Sources};
 fn no_file_of_the_nodes_depends_on_itself_round_others() {
     let mut count = 0;
     for pack in packs() {
-        let arrows = between(Sources::read(&pack).arrows(), |file| file.to_owned());
+        let arrows = arrows_between(Sources::read(&pack).arrows(), |file| file.to_owned());
         let circles = circles(&arrows);
         assert!(circles.is_empty(), "{}:\n{}", pack.display(), circles.join("\n"));
         count += arrows.len();
@@ -32,7 +32,7 @@ fn nobody_but_the_root_of_its_pack_names_the_file_of_a_node() {
     assert!(count > 40, "only {count} nodes were found");
 }
 
-/// What each crate of the engine may stand on. Arrows lead downwards: to what knows less.
+/// The crates that each crate of the engine may depend on.
 const CRATES: [(&str, &[&str]); 16] = [
     ("value", &[]),
     ("syntax", &["value"]),
@@ -67,7 +67,7 @@ const CRATES: [(&str, &[&str]); 16] = [
     ("program", &["cli", "engine", "nodes"]),
 ];
 
-/// How many files of a crate may depend on each other in circles at most, its root left out. No number may grow.
+/// For each crate, the maximum number of files (without the root) that depend on each other in a cycle. These numbers must not grow.
 const KNOTS: [(&str, usize); 16] = [
     ("value", 24),
     ("syntax", 7),
@@ -111,7 +111,7 @@ fn few_files_of_a_crate_depend_on_each_other_in_circles() {
     for (name, most) in KNOTS {
         let root = if name == "program" { "main.rs" } else { "lib.rs" };
         let sources = Sources::read_from(&folder().join("src").join(name), root);
-        let arrows = between(sources.arrows(), |file| file.to_owned());
+        let arrows = arrows_between(sources.arrows(), |file| file.to_owned());
         let arrows = arrows.into_iter().filter(|arrow| arrow.from != root && arrow.to != root);
         let arrows = Vec::from_iter(arrows);
         let knot = largest_knot(&arrows);
@@ -122,7 +122,7 @@ fn few_files_of_a_crate_depend_on_each_other_in_circles() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// The largest set of files that all depend on each other, round others; empty if none do.
+/// Returns the largest set of files that all depend on each other, or an empty set if no such files exist.
 fn largest_knot(arrows: &[Arrow]) -> BTreeSet<&str> {
     let reached = |from: &str| {
         let (mut seen, mut next) = (BTreeSet::new(), vec![from.to_owned()]);
@@ -164,10 +164,10 @@ fn a_circle_is_found_however_it_is_written() {
         "#[cfg(test)] mod tests { use super::*; } pub fn x() { super::Left::new() }",
     ] {
         let sources = pack(left, &format!("pub struct Right; {back}"));
-        let arrows = between(sources.arrows(), |file| file.to_owned());
+        let arrows = arrows_between(sources.arrows(), |file| file.to_owned());
         assert_eq!(circles(&arrows), ["pack/a.rs -> pack/b.rs -> pack/a.rs"], "{back}");
-        // In one room there is none.
-        let rooms = between(sources.arrows(), |file| file[..4].to_owned());
+        // Both files are in one module folder, and dependencies inside of a folder do not count.
+        let rooms = arrows_between(sources.arrows(), |file| file[..4].to_owned());
         assert_eq!(circles(&rooms), [""; 0], "{back}");
     }
     for harmless in [
@@ -180,7 +180,7 @@ fn a_circle_is_found_however_it_is_written() {
         "use std::collections::BTreeMap; use pack::Left;",
     ] {
         let sources = pack(left, &format!("pub struct Right; {harmless}"));
-        let arrows = between(sources.arrows(), |file| file.to_owned());
+        let arrows = arrows_between(sources.arrows(), |file| file.to_owned());
         assert_eq!(circles(&arrows), [""; 0], "{harmless}");
     }
 }
@@ -188,19 +188,19 @@ fn a_circle_is_found_however_it_is_written() {
 #[test]
 fn who_names_a_node_is_found_however_it_is_written() {
     let node = "pub struct Left; impl Node for Left {}";
-    fn named(other: &str, node: &str) -> Vec<String> {
+    fn arrows_of(other: &str, node: &str) -> Vec<String> {
         let root = "mod a; mod b; pub use {a::Left, b::Right as Other};";
         let right = format!("pub struct Right; {other}");
         let files = [("lib.rs", root), ("a.rs", node), ("b.rs", &right)];
         named_nodes(&sources(&files))
     }
     for bad in ["use super::Left;", "pub use super::a::Left;", "fn f(_: crate::Left) {}"] {
-        assert_eq!(named(bad, node).len(), 1, "{bad}");
+        assert_eq!(arrows_of(bad, node).len(), 1, "{bad}");
     }
-    assert_eq!(named("#[cfg(test)] mod tests { use super::super::Left; }", node), [""; 0]);
+    assert_eq!(arrows_of("#[cfg(test)] mod tests { use super::super::Left; }", node), [""; 0]);
 }
 
-/// A crate with two files in a pack, which hands on both.
+/// Returns a crate with a module `pack` that re-exports items of its two files.
 fn pack(left: &str, right: &str) -> Sources {
     let files = [
         ("lib.rs", "pub mod pack; const A: char = '{';"),
@@ -212,10 +212,10 @@ fn pack(left: &str, right: &str) -> Sources {
 }
 
 fn sources(files: &[(&str, &str)]) -> Sources {
-    Sources::of(&|name| files.iter().find(|file| file.0 == name).map(|file| file.1.to_owned()))
+    Sources::parse(&|name| files.iter().find(|file| file.0 == name).map(|file| file.1.to_owned()))
 }
 
-/// The folders of the packs, and of what they stand on.
+/// Returns the folders of the packs and of the libraries that they use.
 fn packs() -> Vec<PathBuf> {
     let inside = std::fs::read_dir(folder().join("nodes")).unwrap();
     let mut packs: Vec<_> = inside.map(|entry| entry.unwrap().path()).collect();
@@ -224,10 +224,10 @@ fn packs() -> Vec<PathBuf> {
     packs
 }
 
-/// What the file of a node has.
+/// The tokens by which the file of a node is recognized.
 const NODE: [&str; 3] = ["impl", "Node", "for"];
 
-/// Who names the file of a node and is not the root of its pack.
+/// Lists the files that name the file of a node but are not the root of its pack.
 fn named_nodes(sources: &Sources) -> Vec<String> {
     let nodes = Vec::from_iter(sources.files_with(&NODE));
     let mut named = Vec::from_iter(sources.arrows_with_reexports());
@@ -240,15 +240,18 @@ fn named_nodes(sources: &Sources) -> Vec<String> {
         .collect()
 }
 
-/// The arrows that lead from one room to another, where `room` says in which room a file stands.
-fn between(arrows: impl Iterator<Item = Arrow>, room: impl Fn(&str) -> String) -> Vec<Arrow> {
+/// Returns the dependencies between different groups of files; `room` maps a file to the name of its group.
+fn arrows_between(
+    arrows: impl Iterator<Item = Arrow>,
+    room: impl Fn(&str) -> String,
+) -> Vec<Arrow> {
     arrows
         .map(|arrow| Arrow { from: room(&arrow.from), to: room(&arrow.to), ..arrow })
         .filter(|arrow| arrow.from != arrow.to)
         .collect()
 }
 
-/// The shortest way round from each room that lies on one, each circle once.
+/// Returns the shortest cycle through each node that is on a cycle, and each cycle once.
 fn circles(arrows: &[Arrow]) -> Vec<String> {
     let mut found = Vec::new();
     let mut told = BTreeSet::new();
@@ -278,7 +281,7 @@ fn circles(arrows: &[Arrow]) -> Vec<String> {
     found
 }
 
-/// The workspace's folder.
+/// Returns the workspace's folder.
 fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }

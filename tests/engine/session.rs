@@ -1,4 +1,4 @@
-//! What every host asks of a session: unsaved texts, inputs from memory and from files, problems as data.
+//! Requests that hosts send to a session: unsaved texts, inputs from memory and from files, and diagnostics as data.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use maquette::value::{Image, Mesh, RangeImage};
 use maquette::{
     AnyValue, CancelToken, Graph, Options, OutputFolder, Run, RunTrace, Session, Settings, State,
-    Wanted, code,
+    Targets, code,
 };
 use maquette_nodes::PACKS;
 
@@ -18,12 +18,12 @@ fn graphs() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs")
 }
 
-fn loaded(session: &Session, path: &Path, options: &Options) -> Graph {
+fn load(session: &Session, path: &Path, options: &Options) -> Graph {
     let checked = session.load(path, options);
-    checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems))
+    checked.graph.unwrap_or_else(|| panic!("{:?}", checked.diagnostics))
 }
 
-/// `Feature` in a graph of its own, on the doll's front.
+/// A graph that uses `lib/feature.ron` on the front scan of the doll.
 const USE: &str = r#"Graph(
     format: 1,
     use: { "Feature": "lib/feature.ron" },
@@ -34,13 +34,13 @@ const USE: &str = r#"Graph(
     outputs: { "nose.pcd": "nose.range", "nose.ply": "nose.region" },
 )"#;
 
-fn inputs(run: &maquette::Finished) -> BTreeMap<String, AnyValue> {
+fn inputs(run: &maquette::RunResult) -> BTreeMap<String, AnyValue> {
     ["color", "range"]
         .map(|name| (name.to_owned(), run.value(&format!("scan.{name}")).unwrap().clone()))
         .into()
 }
 
-fn computed(trace: &RunTrace) -> Vec<String> {
+fn computed_nodes(trace: &RunTrace) -> Vec<String> {
     let computed = trace.0.iter().filter(|node| node.state == State::Computed);
     computed.map(|node| node.name.clone()).collect()
 }
@@ -49,44 +49,44 @@ fn computed(trace: &RunTrace) -> Vec<String> {
 fn a_graph_that_is_called_gives_what_its_use_gives_from_the_same_cache() {
     let mut session = session();
     let path = graphs().join("unsaved.ron");
-    let used = loaded(&session, &path, &Options::default().with_text(&path, USE));
-    let used = session.run(&used, &Run { wanted: Wanted::Everything, ..Run::default() }).unwrap();
-    assert!(used.problems().is_empty(), "{:?}", used.problems());
+    let used = load(&session, &path, &Options::default().with_text(&path, USE));
+    let used = session.run(&used, &Run { targets: Targets::Everything, ..Run::default() }).unwrap();
+    assert!(used.diagnostics().is_empty(), "{:?}", used.diagnostics());
 
-    let feature = loaded(&session, &graphs().join("lib/feature.ron"), &Options::default());
+    let feature = load(&session, &graphs().join("lib/feature.ron"), &Options::default());
     let wants: Vec<_> = feature.inputs().iter().map(|it| (&it.name[..], it.kind.name)).collect();
     assert_eq!(wants, [("color", "Image"), ("range", "RangeImage")]);
     let called = session.run(&feature, &Run { inputs: inputs(&used), ..Run::default() }).unwrap();
-    assert!(called.problems().is_empty(), "{:?}", called.problems());
+    assert!(called.diagnostics().is_empty(), "{:?}", called.diagnostics());
     for output in ["range", "region"] {
         let [a, b] = [used.value(&format!("nose.{output}")), called.value(output)];
         assert_eq!(a.unwrap().hash(), b.unwrap().hash(), "{output}");
     }
-    // Nothing but the inputs themselves is computed a second time.
-    assert_eq!(computed(&called.trace()), ["color", "range"]);
+    // Only the inputs are computed again; all other results are cached.
+    assert_eq!(computed_nodes(&called.trace()), ["color", "range"]);
 }
 
 #[test]
 fn files_become_inputs_and_outputs_become_files() {
     let mut session = session();
-    let feature = loaded(&session, &graphs().join("lib/feature.ron"), &Options::default());
+    let feature = load(&session, &graphs().join("lib/feature.ron"), &Options::default());
     let doll = graphs().join("doll");
     let files = [("color", "color.png"), ("range", "range.pcd")]
         .map(|(name, file)| (name.to_owned(), doll.join(file)));
     let (inputs, doubts) = session.read_inputs(&feature, &files).unwrap();
     assert!(doubts.is_empty());
-    // They are what a capture is read as.
+    // The inputs equal those of a capture that a graph reads from the same files.
     let path = graphs().join("unsaved.ron");
-    let used = loaded(&session, &path, &Options::default().with_text(&path, USE));
-    let wanted = Wanted::Named(vec!["scan".into()]);
-    let scan = session.run(&used, &Run { wanted, ..Run::default() }).unwrap();
+    let used = load(&session, &path, &Options::default().with_text(&path, USE));
+    let wanted = Targets::Named(vec!["scan".into()]);
+    let scan = session.run(&used, &Run { targets: wanted, ..Run::default() }).unwrap();
     fn hashes(inputs: &BTreeMap<String, AnyValue>) -> Vec<maquette::Hash> {
         inputs.values().map(AnyValue::hash).collect::<Vec<_>>()
     }
     assert_eq!(hashes(&inputs), hashes(&self::inputs(&scan)));
     let folder = tempfile::tempdir().unwrap();
     let run = session.run(&feature, &Run { inputs, ..Run::default() }).unwrap();
-    assert!(run.problems().is_empty(), "{:?}", run.problems());
+    assert!(run.diagnostics().is_empty(), "{:?}", run.diagnostics());
     let into = OutputFolder::new(Some(folder.path()), Path::new("feature.ron"));
     let (written, problems) = session.write(&run, &[], &into, &CancelToken::default());
     assert!(problems.is_empty());
@@ -109,7 +109,7 @@ fn files_become_inputs_and_outputs_become_files() {
 #[test]
 fn a_value_of_a_wrong_type_is_refused_with_its_place_and_one_that_is_missing_fails_alone() {
     let mut session = session();
-    let feature = loaded(&session, &graphs().join("lib/feature.ron"), &Options::default());
+    let feature = load(&session, &graphs().join("lib/feature.ron"), &Options::default());
     let image = AnyValue::new(Image::new(1, 1, vec![[0xc3, 0x39, 0x23]]).unwrap());
     let wrong = BTreeMap::from([("range".to_owned(), image.clone())]);
     let problems = session.run(&feature, &Run { inputs: wrong, ..Run::default() }).err().unwrap();
@@ -120,7 +120,7 @@ fn a_value_of_a_wrong_type_is_refused_with_its_place_and_one_that_is_missing_fai
 
     let some = BTreeMap::from([("color".to_owned(), image)]);
     let run = session.run(&feature, &Run { inputs: some, ..Run::default() }).unwrap();
-    let told: Vec<_> = run.problems().into_iter().map(|problem| problem.message).collect();
+    let told: Vec<_> = run.diagnostics().into_iter().map(|problem| problem.message).collect();
     let expected = "`range` cannot be computed: it is an input without a value: `maquette run --input range=FILE` gives it one, \
         as does a graph that uses this one";
     assert_eq!(told, [expected]);
@@ -144,12 +144,12 @@ fn texts_that_nobody_saved_stand_in_place_of_files() {
     std::fs::write(folder.path().join("lib/a.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
         .unwrap();
     for scale in [2.0, 3.0] {
-        let graph = loaded(&session, &outer, &text(scale, &outer, &inner));
+        let graph = load(&session, &outer, &text(scale, &outer, &inner));
         let run = session.run(&graph, &Run::default()).unwrap();
         let mesh = run.get::<Mesh>("big.ply").unwrap();
         assert_eq!(mesh.positions()[1].x, scale);
         let same = run.get::<Mesh>("big").unwrap();
-        // What a host reads is what the graph holds: no copy was made.
+        // The host gets a reference to the mesh in the session's memory, not a copy.
         assert!(std::ptr::eq(mesh.positions().as_ptr(), same.positions().as_ptr()));
         assert!(run.get::<Image>("big").unwrap_err().contains("`big` is a Mesh, not an Image"));
     }
@@ -170,7 +170,7 @@ fn a_stranger_s_format_becomes_an_input_and_can_be_compared() {
         nodes: { "few": ApplyPalette(image: "image", palette: "colors") },
         outputs: { "image": "few" },
     )"#;
-    let graph = loaded(&session, &path, &Options::default().with_text(&path, text));
+    let graph = load(&session, &path, &Options::default().with_text(&path, text));
     let (mut inputs, _) =
         session.read_inputs(&graph, &[("colors".into(), colors.clone())]).unwrap();
     let gray = Image::new(2, 1, vec![[90; 3], [200; 3]]).unwrap();
@@ -194,13 +194,13 @@ fn a_large_file_that_is_written_again_and_again_is_what_a_new_session_writes() {
         growth: f64,
         levels: &str,
         path: &Path,
-    ) -> Vec<maquette::Written> {
+    ) -> Vec<maquette::OutputFile> {
         let set = [("growth", format!("{growth}")), ("levels", levels.to_owned())];
         let set = set.map(|(name, value)| (name.to_owned(), value)).into();
-        let graph = loaded(session, path, &Options { set, ..Options::default() });
+        let graph = load(session, path, &Options { set, ..Options::default() });
         let wanted = ["model.glb", "model.ply"].map(str::to_owned);
         let made = session.produce(&graph, &wanted, into, &(), &CancelToken::default()).unwrap();
-        assert!(made.complete, "{:?}", made.problems);
+        assert!(made.complete, "{:?}", made.diagnostics);
         made.written
     }
     let mut long = session();

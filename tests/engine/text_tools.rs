@@ -1,16 +1,16 @@
-//! Tools on the text of graphs: what they may change, and that they change nothing else.
+//! Tools that change graph texts: they make the allowed changes and change nothing else.
 
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use expect_test::{Expect, expect};
-use maquette::random::Random;
-use maquette::{Catalog, Graph, Options, Problem, Source};
+use maquette::rng::Random;
+use maquette::{Catalog, Diagnostic, Graph, Options, Source};
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 use ron::Value;
 
-use crate::beside::beside;
+use crate::beside::shared_folder;
 use crate::ron_files::ron_files;
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
@@ -20,11 +20,11 @@ fn catalog() -> &'static Catalog {
     CATALOG.get_or_init(|| Catalog::new(maquette_nodes::PACKS))
 }
 
-/// All graphs of the project, and those of the folder beside it if it is there.
+/// Returns all graphs of the project, and the graphs of the folder beside the checkout if it exists.
 fn corpus() -> Vec<(PathBuf, String)> {
     let root = Path::new(ROOT);
     let own = ["graphs", "tests/third_party/graphs"].map(|folder| root.join(folder));
-    let folders = own.into_iter().chain(beside("graphs"));
+    let folders = own.into_iter().chain(shared_folder("graphs"));
     let mut files: Vec<_> = folders.flat_map(|folder| ron_files(&folder)).collect();
     files.retain(|path| !path.to_string_lossy().ends_with(".lock.ron"));
     assert!(files.len() > 30);
@@ -38,20 +38,20 @@ fn corpus() -> Vec<(PathBuf, String)> {
         .collect()
 }
 
-/// The text with some bytes taken out, doubled, or replaced by pieces that graphs are made of.
-fn spoiled(text: &str, dice: &mut Random) -> String {
+/// Returns the text with some bytes removed, duplicated, or replaced by fragments of graphs.
+fn spoil(text: &str, dice: &mut Random) -> String {
     const PIECES: [&str; 18] = [
         "(", ")", "[", "]", "{", "}", ",", ":", "\"", "\\", "// a\n", "/* b", "*/", "\r\n", "\n\n",
         "ä", "#", "-1.",
     ];
     let mut bytes = text.as_bytes().to_vec();
-    for _ in 0..=dice.below(4) {
-        let at = dice.below(bytes.len().max(1)).min(bytes.len());
-        let end = (at + dice.below(12)).min(bytes.len());
-        match dice.below(3) {
+    for _ in 0..=dice.next_below(4) {
+        let at = dice.next_below(bytes.len().max(1)).min(bytes.len());
+        let end = (at + dice.next_below(12)).min(bytes.len());
+        match dice.next_below(3) {
             0 => drop(bytes.drain(at..end)),
             1 => {
-                let piece = PIECES[dice.below(PIECES.len())];
+                let piece = PIECES[dice.next_below(PIECES.len())];
                 drop(bytes.splice(at..at, piece.bytes()));
             }
             _ => {
@@ -70,9 +70,9 @@ fn comments(text: &str) -> Vec<&str> {
     found
 }
 
-fn formatted(text: &str) -> Option<String> {
-    let form = maquette::edit::formatted(Path::new("graph.ron"), text);
-    let is_fault = |problem: &Problem| problem.message.contains("canonical form");
+fn format_text(text: &str) -> Option<String> {
+    let form = maquette::edit::format_text(Path::new("graph.ron"), text);
+    let is_fault = |problem: &Diagnostic| problem.message.contains("canonical form");
     assert!(!form.as_ref().is_err_and(|problems| problems.iter().any(is_fault)), "{text}");
     form.ok()
 }
@@ -85,18 +85,18 @@ fn differences(old: &str, new: &str) -> Vec<String> {
     found.iter().map(ToString::to_string).collect()
 }
 
-/// That all that a tool may do with a text keeps what it must.
+/// Checks that printing reproduces the text, and that formatting is idempotent and keeps the meaning.
 fn check_text(text: &str, what: &str) {
-    assert_eq!(maquette::edit::printed(text), text, "{what}");
-    let Some(form) = formatted(text) else { return };
-    assert_eq!(formatted(&form).as_deref(), Some(&form[..]), "{what}: not idempotent");
+    assert_eq!(maquette::edit::reprint(text), text, "{what}");
+    let Some(form) = format_text(text) else { return };
+    assert_eq!(format_text(&form).as_deref(), Some(&form[..]), "{what}: not idempotent");
     assert_eq!(differences(text, &form), [""; 0], "{what}");
     assert_eq!(to_ron(text), to_ron(&form), "{what}");
 }
 
-/// What the reference of the grammar reads in a text that we can read, or have written.
+/// Parses a text with the `ron` crate, the reference implementation of the grammar. The text is valid for our parser or was written by it.
 fn to_ron(text: &str) -> Value {
-    // Which wants a name before the path of a used graph.
+    // The `ron` crate requires a field name before the path of a used graph.
     let mut pieces = text.split("Graph(");
     let mut text = pieces.next().unwrap_or_default().to_owned();
     for piece in pieces {
@@ -111,7 +111,7 @@ fn to_ron(text: &str) -> Value {
 fn every_graph_is_printed_as_it_stands_and_keeps_its_meaning_and_comments_when_formatted() {
     for (path, text) in corpus() {
         check_text(&text, &path.display().to_string());
-        let Some(form) = formatted(&text) else { continue };
+        let Some(form) = format_text(&text) else { continue };
         assert_eq!(comments(&text), comments(&form), "{}", path.display());
     }
 }
@@ -120,7 +120,7 @@ fn every_graph_is_printed_as_it_stands_and_keeps_its_meaning_and_comments_when_f
 fn the_graphs_of_the_project_are_in_their_canonical_form() {
     for (path, text) in corpus() {
         if path.starts_with(Path::new(ROOT).join("graphs")) {
-            assert_eq!(formatted(&text).as_ref(), Some(&text), "{}", path.display());
+            assert_eq!(format_text(&text).as_ref(), Some(&text), "{}", path.display());
         }
     }
 }
@@ -130,7 +130,7 @@ fn spoiled_graphs_are_printed_as_they_stand_and_those_that_can_be_read_are_forma
     let mut dice = Random(6);
     for (path, text) in corpus() {
         for round in 0..100 {
-            check_text(&spoiled(&text, &mut dice), &format!("{} {round}", path.display()));
+            check_text(&spoil(&text, &mut dice), &format!("{} {round}", path.display()));
         }
     }
 }
@@ -139,8 +139,8 @@ fn spoiled_graphs_are_printed_as_they_stand_and_those_that_can_be_read_are_forma
 fn the_form_does_not_hang_on_how_lines_are_broken() {
     let mut dice = Random(7);
     for (path, text) in corpus() {
-        let Some(form) = formatted(&text) else { continue };
-        // Comments end lines, and blank lines are kept.
+        let Some(form) = format_text(&text) else { continue };
+        // A line comment ends at its line, and blank lines are kept, so the lines of these graphs cannot be rearranged.
         if text.contains("//") || text.contains("\n\n") {
             continue;
         }
@@ -153,15 +153,15 @@ fn the_form_does_not_hang_on_how_lines_are_broken() {
                 match c {
                     ' ' | '\n' if !in_text => {}
                     _ if is_edge => {
-                        mixed.push_str(["", " ", "\n", "\t"][dice.below(4)]);
+                        mixed.push_str(["", " ", "\n", "\t"][dice.next_below(4)]);
                         mixed.push(c);
-                        mixed.push_str(["", "  ", "\r", ""][dice.below(4)]);
+                        mixed.push_str(["", "  ", "\r", ""][dice.next_below(4)]);
                     }
                     _ => mixed.push(c),
                 }
             }
-            // By chance, all lines may end as on Windows or on an old Macintosh.
-            let found = formatted(&mixed);
+            // By chance, `mixed` may have only Windows or only old Macintosh line endings, which formatting keeps.
+            let found = format_text(&mixed);
             let found = found.map(|form| form.replace("\r\n", "\n").replace('\r', "\n"));
             assert_eq!(found.as_ref(), Some(&form), "{}", path.display());
         }
@@ -169,8 +169,8 @@ fn the_form_does_not_hang_on_how_lines_are_broken() {
 }
 
 fn check_form(text: &str, expected: Expect) {
-    let form = formatted(text).expect("the text can be read");
-    assert_eq!(formatted(&form).as_ref(), Some(&form), "not idempotent");
+    let form = format_text(text).expect("the text can be read");
+    assert_eq!(format_text(&form).as_ref(), Some(&form), "not idempotent");
     expected.assert_eq(&form);
 }
 
@@ -252,9 +252,9 @@ fn a_file_with_mistakes_has_no_form() {
     for broken in
         ["Graph(format: 1,", "Graph(format 1)", "(a: 1,, b: 2)", "[1 2]", "[, 1]", "{ : 1 }"]
     {
-        assert_eq!(formatted(broken), None, "{broken}");
+        assert_eq!(format_text(broken), None, "{broken}");
     }
-    assert_eq!(formatted(""), None);
+    assert_eq!(format_text(""), None);
 }
 
 const DOLL: &str = include_str!("../../graphs/doll.ron");
@@ -263,7 +263,7 @@ fn set(text: &str, values: &[(&str, &str)]) -> Result<String, String> {
     let values: Vec<(String, String)> =
         values.iter().map(|&(target, value)| (target.to_owned(), value.to_owned())).collect();
     let path = Path::new("nowhere/graph.ron");
-    let edited = maquette::edit::edited(path, text, &values, catalog(), &Options::default());
+    let edited = maquette::edit::set_values(path, text, &values, catalog(), &Options::default());
     edited.map(|edited| edited.text).map_err(|problems| {
         let problem = &problems[0];
         format!("{} {} ({})", problem.code, problem.message, problem.help)
@@ -334,11 +334,11 @@ fn a_field_that_is_not_there_is_added_as_its_author_writes_fields() {
     );
 }
 
-/// Values that fit, each with its target and its way through the file.
+/// Random valid values: the target, the keys that lead to it in the file, and the value.
 fn edits() -> impl Strategy<Value = (&'static str, &'static [&'static str], String)> {
     let number = prop_oneof![(0..40i32).prop_map(|x| x.to_string()), "[0-3]?[0-9]\\.[0-9]{1,9}"];
     let color = "#[0-9a-f]{6}".prop_map(|color| format!("\"{color}\""));
-    // What a file may be called, as the author of a graph may write it.
+    // A file name with an escaped character, as the author of a graph may write it.
     let file =
         "[a-z ä'(]{1,9}".prop_map(|name| format!("\"{}.png\"", name.replace('ä', "\\u{e4}")));
     prop_oneof![
@@ -361,7 +361,7 @@ fn any_value_that_is_set_is_read_back_by_ron() {
         let options = Options { files: maquette::Files::Ignored, ..Options::default() };
         let values = [(target.to_owned(), value.clone())];
         let edited =
-            maquette::edit::edited(Path::new("graph.ron"), DOLL, &values, catalog(), &options);
+            maquette::edit::set_values(Path::new("graph.ron"), DOLL, &values, catalog(), &options);
         let text =
             edited.map_err(|problems| TestCaseError::fail(problems[0].message.clone()))?.text;
         let mut found = to_ron(&text);
@@ -413,14 +413,14 @@ fn what_would_make_a_new_problem_is_refused() {
         "spots.mask",
         "nose",
         expect![
-            "G008 nodes hang on each other in a circle: spots <- nose <- spots (a node cannot need its own result: break one of these links)"
+            "G008 cycle: spots <- nose <- spots (a node cannot need its own result: break one of these links)"
         ],
     );
     check(
         "surface.order.1",
         "2",
         expect![
-            "G004 surface.order.1=2: `order` is not there, so that it has no items to set (give all of `order`)"
+            "G004 surface.order.1=2: `order` does not exist, so it has no items to set (give all of `order`)"
         ],
     );
     check(
@@ -465,9 +465,9 @@ fn setting_a_value_and_setting_it_back_gives_the_same_bytes() {
                 value: &str,
                 path: &Path,
                 target: &str,
-            ) -> Result<maquette::Edited, Vec<Problem>> {
+            ) -> Result<maquette::EditedText, Vec<Diagnostic>> {
                 let set = [(target.to_owned(), value.to_owned())];
-                maquette::edit::edited(path, text, &set, catalog(), &Options::default())
+                maquette::edit::set_values(path, text, &set, catalog(), &Options::default())
             }
             let Ok(new) = put(&text, other, &path, target) else { continue };
             let Some(before) = &new.changes[0].before else { continue };
@@ -546,7 +546,7 @@ fn a_chain_of_renamed_nodes_is_no_more_than_renamed() {
 #[test]
 fn the_form_of_a_text_keeps_the_ends_of_its_lines() {
     const TEXT: &str = "\u{feff}Graph(\n  format: 1, // a\n  /* b\n  c */ doc: \"d\ne\",\n)\n";
-    let form = formatted(TEXT).unwrap();
+    let form = format_text(TEXT).unwrap();
     assert!(
         form.starts_with("Graph(\n    format: 1, // a\n") && form.contains("\"d\ne\""),
         "{form}"
@@ -554,8 +554,8 @@ fn the_form_of_a_text_keeps_the_ends_of_its_lines() {
     fn windows(text: &str) -> String {
         text.replace('\n', "\r\n")
     }
-    assert_eq!(formatted(&windows(TEXT)), Some(windows(&form)));
-    assert_eq!(formatted(&windows(&form)), Some(windows(&form)));
-    // Where lines end differently, they end with a line feed alone.
-    assert_eq!(formatted(&TEXT.replacen('\n', "\r\n", 1)), Some(form));
+    assert_eq!(format_text(&windows(TEXT)), Some(windows(&form)));
+    assert_eq!(format_text(&windows(&form)), Some(windows(&form)));
+    // If a text has different line endings, the formatted text has line feeds only.
+    assert_eq!(format_text(&TEXT.replacen('\n', "\r\n", 1)), Some(form));
 }

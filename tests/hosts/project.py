@@ -1,4 +1,4 @@
-"""The project whose graphs all hosts run: small files that use every kind of parameter, an input, a draft and a used graph."""
+"""The project for the comparison of hosts: small files with every kind of parameter, an input, a draft and a used graph."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ PART = """Graph(
     outputs: { "out": "moved" },
 )
 """
-# A node of it fails, and what is expected of it does not hold.
+# A graph with a node that fails and an expectation that is not met.
 WRONG = """Graph(
     format: 1,
     nodes: {
@@ -81,7 +81,7 @@ def picture() -> bytes:
 
 
 def make(folder: pathlib.Path) -> pathlib.Path:
-    """Writes the project into a new folder, beside one that it may not read, and returns it."""
+    """Writes the project into a new folder, next to a folder that it may not read, and returns the project's folder."""
     project, outside = folder / "project", folder / "outside"
     project.mkdir(parents=True)
     outside.mkdir()

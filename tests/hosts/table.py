@@ -1,6 +1,7 @@
-"""The options of a run, one row each: how it is asked for in no host's words, and what it comes to. Every row is run by every host.
+"""The options of a run, one row each, with the expected outcome. Every row is run by every host.
 
-`LACKS` has the options that a host does not have, with the reason: such a row is tried there, and must be refused by the name of the option.
+`LACKS` has the options that a host does not have, with the reason: such a row is tried there, too, and must be refused with the option's
+name.
 """
 
 from __future__ import annotations
@@ -15,31 +16,31 @@ from outcome import DONE, FAILED, STOPPED, USAGE
 Run = Callable[..., object]
 
 
-def nothing(_project: pathlib.Path, _run: Run) -> None:
-    """Leaves the project as it is."""
+def leave_unchanged(_project: pathlib.Path, _run: Run) -> None:
+    """Leaves the project unchanged."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """An option, or some together."""
+    """An option, or a combination of options."""
 
     name: str
     options: Mapping[str, Any] = field(default_factory=dict)
     end: str = DONE
     codes: Sequence[str] = ()
-    """Codes of problems that must be told."""
-    before: Callable[[pathlib.Path, Run], object] = nothing
-    """Prepares the project; it gets the folder and the command line."""
+    """Codes of problems that must be reported."""
+    before: Callable[[pathlib.Path, Run], object] = leave_unchanged
+    """Prepares the project; is called with the folder and a function that runs the command line."""
     state: str = ""
-    """A state that some node must have."""
+    """A state that at least one node must have."""
     ends: Mapping[str, str] = field(default_factory=dict)
-    """The hosts in which it ends otherwise."""
+    """The verdicts of hosts that differ from `end`."""
     other_words: Mapping[str, str] = field(default_factory=dict)
-    """The hosts that have another message for it, and why."""
+    """The hosts that have another message, and why."""
 
 
-def edited(name: str, old: str, new: str) -> Callable[[pathlib.Path, Run], object]:
-    """Changes the text of a file."""
+def edit_file(name: str, old: str, new: str) -> Callable[[pathlib.Path, Run], object]:
+    """Returns a step that replaces a text in a file."""
 
     def edit(project: pathlib.Path, _run: Run) -> None:
         path = project / name
@@ -50,8 +51,8 @@ def edited(name: str, old: str, new: str) -> Callable[[pathlib.Path, Run], objec
     return edit
 
 
-def words(*commands: str) -> Callable[[pathlib.Path, Run], object]:
-    """Runs commands."""
+def run_commands(*commands: str) -> Callable[[pathlib.Path, Run], object]:
+    """Returns a step that runs commands."""
 
     def run_all(_project: pathlib.Path, run: Run) -> None:
         for command in commands:
@@ -60,8 +61,8 @@ def words(*commands: str) -> Callable[[pathlib.Path, Run], object]:
     return run_all
 
 
-def both(*steps: Callable[[pathlib.Path, Run], object]) -> Callable[[pathlib.Path, Run], object]:
-    """Does one after the other."""
+def in_order(*steps: Callable[[pathlib.Path, Run], object]) -> Callable[[pathlib.Path, Run], object]:
+    """Returns a step that performs several steps in order."""
 
     def do(project: pathlib.Path, run: Run) -> None:
         for step in steps:
@@ -70,78 +71,78 @@ def both(*steps: Callable[[pathlib.Path, Run], object]) -> Callable[[pathlib.Pat
     return do
 
 
-def someones_folder(project: pathlib.Path, _run: Run) -> None:
-    """A folder that is no cache."""
+def foreign_folder(project: pathlib.Path, _run: Run) -> None:
+    """Creates a folder with files that is not a cache."""
     (project / "mine").mkdir()
     (project / "mine/letter.txt").write_text("dear")
 
 
 def a_file(project: pathlib.Path, _run: Run) -> None:
-    """A file where a folder should be."""
+    """Creates a file where a folder is expected."""
     (project / "mine").write_text("dear")
 
 
-PINNED = both(words("pin it.ron skin"))
-STALE = both(PINNED, edited("it.ron", '"levels": Integer(default: 1', '"levels": Integer(default: 2'))
-UNLOCKED = both(words("lock it.ron"), edited("part.ron", "(1, 0, 0)", "(2, 0, 0)"))
-WARM = words("run it.ron --out warm")
+PINNED = in_order(run_commands("pin it.ron skin"))
+STALE = in_order(PINNED, edit_file("it.ron", '"levels": Integer(default: 1', '"levels": Integer(default: 2'))
+UNLOCKED = in_order(run_commands("lock it.ron"), edit_file("part.ron", "(1, 0, 0)", "(2, 0, 0)"))
+WARM = run_commands("run it.ron --out warm")
 
 
-def given(**values: Any) -> Dict[str, Any]:
-    """Values of parameters, by name."""
+def parameters(**values: Any) -> Dict[str, Any]:
+    """Options with values of parameters, by name."""
     return {"set": {name: value if isinstance(value, Value) else Value(value) for name, value in values.items()}}
 
 
 def field_of(name: str, value: Any, text: str) -> Dict[str, Any]:
-    """A value of a field or a parameter whose name is no word of Python."""
+    """Options with a value of a field, or of a parameter whose name is not a Python identifier."""
     return {"set": {name: Value(value, text)}}
 
 
 ROWS = [
     Row("nothing", state="computed"),
     # Values of parameters.
-    Row("an integer", given(levels=2)),
-    Row("a number", given(move=0.1)),
-    Row("a number that is an integer", given(move=7)),
+    Row("an integer", parameters(levels=2)),
+    Row("a number", parameters(move=0.1)),
+    Row("a number that is an integer", parameters(move=7)),
     Row("a number with a unit", field_of("move", "1.5cm", "1.5cm"), FAILED),
-    Row("a vector", given(turn=Value((10, 20.5, -30), "(10, 20.5, -30)"))),
-    Row("a toggle", given(invert=Value(True, "true"))),
-    Row("a color", given(paint="#ffffff")),
-    Row("a choice", given(scheme=Value("CatmullClark", "CatmullClark"))),
-    Row("a text", given(file="open.obj")),
+    Row("a vector", parameters(turn=Value((10, 20.5, -30), "(10, 20.5, -30)"))),
+    Row("a toggle", parameters(invert=Value(True, "true"))),
+    Row("a color", parameters(paint="#ffffff")),
+    Row("a choice", parameters(scheme=Value("CatmullClark", "CatmullClark"))),
+    Row("a text", parameters(file="open.obj")),
     Row("a name with a hyphen", field_of("eye-step", 3, "3")),
-    Row("two values", given(levels=0, move=3)),
+    Row("two values", parameters(levels=0, move=3)),
     Row("a field", field_of("skin.levels", 0, "0")),
-    Row("a number below its range", given(levels=-1), FAILED, ["G010"]),
-    Row("a number above its range", given(move=91), FAILED, ["G010"]),
-    Row("a number for an integer", given(levels=1.5), FAILED),
-    Row("a text for a number", given(move="much"), FAILED),
-    Row("a text for a toggle", given(invert="maybe"), FAILED),
-    Row("an unknown color", given(paint="reddish"), FAILED),
-    Row("an unknown choice", given(scheme=Value("Loop", "Loop")), FAILED),
-    Row("a short vector", given(turn=Value((1, 2), "(1, 2)")), FAILED),
-    Row("an unknown parameter", given(level=2), FAILED),
+    Row("a number below its range", parameters(levels=-1), FAILED, ["G010"]),
+    Row("a number above its range", parameters(move=91), FAILED, ["G010"]),
+    Row("a number for an integer", parameters(levels=1.5), FAILED),
+    Row("a text for a number", parameters(move="much"), FAILED),
+    Row("a text for a toggle", parameters(invert="maybe"), FAILED),
+    Row("an unknown color", parameters(paint="reddish"), FAILED),
+    Row("an unknown choice", parameters(scheme=Value("Loop", "Loop")), FAILED),
+    Row("a short vector", parameters(turn=Value((1, 2), "(1, 2)")), FAILED),
+    Row("an unknown parameter", parameters(level=2), FAILED),
     Row("an unknown field", field_of("skin.level", 2, "2"), FAILED),
     Row("an unknown node", field_of("skim.levels", 2, "2"), FAILED),
-    Row("a missing file", given(file="boks.obj"), FAILED, ["G013"]),
-    # How the graph is read.
+    Row("a missing file", parameters(file="boks.obj"), FAILED, ["G013"]),
+    # Reading of the graph.
     Row("a draft", {"draft": True}),
-    Row("a draft with a value", {"draft": True, **given(levels=3, move=2)}),
+    Row("a draft with a value", {"draft": True, **parameters(levels=3, move=2)}),
     Row("a folder that may be read", {"graph": "outside.ron", "roots": ["../outside"]}),
     Row("a folder that may not be read", {"graph": "outside.ron"}, FAILED, ["G014"]),
     Row("a pin", {}, before=PINNED),
     Row("a stale pin", {}, codes=["G033"], before=STALE),
     Row("no pins", {"pins": False}, before=STALE),
     Row("a stale pin and a draft", {"draft": True}, before=STALE),
-    Row("a lock", {"locked": True}, before=words("lock it.ron")),
+    Row("a lock", {"locked": True}, before=run_commands("lock it.ron")),
     Row("no lock", {"locked": True}, FAILED),
     Row("a lock that does not fit", {"locked": True}, FAILED, before=UNLOCKED),
     Row("a lock that nobody asks for", {}, before=UNLOCKED),
     Row("a missing graph", {"graph": "none.ron"}, FAILED, other_words={PYTHON: "as `open` has it, FileNotFoundError"}),
-    Row("a graph with mistakes", {}, FAILED, before=edited("it.ron", "ReadMesh", "ReedMesh")),
-    Row("a graph with a syntax error", {}, FAILED, before=edited("it.ron", "nodes: {", "nodes: {{")),
-    Row("a graph with a warning", {}, before=edited("it.ron", '"idle": Primitive', '"idel": Primitive')),
-    Row("a mistake in a used graph", {}, FAILED, before=edited("part.ron", "Transform", "Transfrom")),
+    Row("a graph with mistakes", {}, FAILED, before=edit_file("it.ron", "ReadMesh", "ReedMesh")),
+    Row("a graph with a syntax error", {}, FAILED, before=edit_file("it.ron", "nodes: {", "nodes: {{")),
+    Row("a graph with a warning", {}, before=edit_file("it.ron", '"idle": Primitive', '"idel": Primitive')),
+    Row("a mistake in a used graph", {}, FAILED, before=edit_file("part.ron", "Transform", "Transfrom")),
     # Inputs.
     Row("an input", {"graph": "part.ron", "input_values": {"mesh": "box.obj"}}),
     Row("a file at an input", {"graph": "part.ron", "input_files": {"mesh": "box.obj"}}),
@@ -151,12 +152,12 @@ ROWS = [
     Row("a missing file at an input", {"graph": "part.ron", "input_files": {"mesh": "boks.obj"}}, FAILED),
     Row("a value at an unknown input", {"graph": "part.ron", "input_values": {"mash": "box.obj"}}, FAILED),
     Row("a file at an unknown input", {"graph": "part.ron", "input_files": {"mash": "box.obj"}}, FAILED),
-    # Results that are kept.
+    # Caches and limits.
     Row("a cache of its own", {"cache": "mine"}),
     Row("no cache", {"cache": None}),
     Row("a cache that is warm", {}, before=WARM, state="cached"),
     Row("a warm cache that is left alone", {"cache": None}, before=WARM, state="computed"),
-    Row("a folder that is no cache", {"cache": "mine"}, USAGE, before=someones_folder),
+    Row("a folder that is no cache", {"cache": "mine"}, USAGE, before=foreign_folder),
     Row("a file in the place of the cache", {"cache": "mine"}, before=a_file),
     Row("a server that is not there", {"cache_remote": "http://127.0.0.1:9/results"}),
     Row("a server that is none", {"cache_remote": "gopher://host"}, USAGE),
@@ -173,10 +174,10 @@ ROWS = [
     Row("one thread", {"threads": 1}),
     Row("three threads", {"threads": 3}),
     Row("fewer threads than none", {"threads": -1}, USAGE),
-    # What is asked for.
+    # Requested results.
     Row("an output", {"outputs": ["red.png"]}),
     Row("some outputs", {"outputs": ["sub/skin.glb", "skin.ply"]}),
-    # What a server is asked for may be a node, too: it answers with a problem of the graph that says what there is.
+    # A request to a server may name a node, so an unknown name is a problem of the graph, not wrong usage.
     Row("an unknown output", {"outputs": ["blue.png"]}, USAGE, ends={SERVE: FAILED, ADDON: FAILED}),
     Row("a node", {"outputs": [], "nodes": ["idle"]}),
     Row("progress", {"progress": True}),
@@ -185,27 +186,27 @@ ROWS = [
     Row("a forecast", {"dry_run": True}),
     Row("a report", {"report": "it.html"}),
     Row("times and sizes", {"profile": True}),
-    # What is written.
+    # Written files.
     Row("a folder", {"out": "there/it"}),
     Row("a folder of a draft", {"out": "there", "draft": True}),
     Row("a file in the place of the folder", {"out": "mine"}, FAILED, before=a_file),
     Row("no provenance", {"provenance": False}),
-    # What goes wrong.
+    # Failures.
     Row("a failing node and an expectation", {"graph": "wrong.ron"}, FAILED, ["G016", "G020"], state="failed"),
     Row("a failing node beside others", {"graph": "wrong.ron", "outputs": ["box.ply"]}),
 ]
 
-_HOST_HAS_VALUES = "a host is given values, and writes its own files"
+_HOST_HAS_VALUES = "a host gets values and writes files itself"
 LACKS: Dict[Tuple[str, str], str] = {
     (COMMAND_LINE, "nodes"): "it writes outputs; `maquette inspect` shows nodes",
-    (COMMAND_LINE, "timeout"): "systems have one: `timeout 60 maquette run it.ron`",
-    (PYTHON, "dry_run"): "`Graph.why` says it of each node",
+    (COMMAND_LINE, "timeout"): "the system has a command: `timeout 60 maquette run it.ron`",
+    (PYTHON, "dry_run"): "`Graph.why` explains each node",
     (PYTHON, "profile"): "`Run.trace` has times and sizes",
-    **{(host, "timeout"): "a host has a clock of its own, and `cancel`" for host in (SERVE, ADDON)},
+    **{(host, "timeout"): "a host can measure the time itself and use `cancel`" for host in (SERVE, ADDON)},
     **{(host, "out"): _HOST_HAS_VALUES for host in (SERVE, ADDON)},
     **{(host, "provenance"): _HOST_HAS_VALUES for host in (SERVE, ADDON)},
-    **{(host, "input_files"): "a host reads its files, and gives columns of values" for host in (SERVE, ADDON)},
-    **{(host, "dry_run"): "the request `why` says it of each node" for host in (SERVE, ADDON)},
+    **{(host, "input_files"): "a host reads files itself and passes columns of values" for host in (SERVE, ADDON)},
+    **{(host, "dry_run"): "the request `why` explains each node" for host in (SERVE, ADDON)},
     **{(host, "profile"): "the answer has times and sizes in `nodes`" for host in (SERVE, ADDON)},
-    **{(host, "report"): "`maquette batch` and `maquette test` write reports, of many runs" for host in (COMMAND_LINE, PYTHON, SERVE, ADDON)},
+    **{(host, "report"): "`maquette batch` and `maquette test` write reports of many runs" for host in (COMMAND_LINE, PYTHON, SERVE, ADDON)},
 }

@@ -1,10 +1,10 @@
-"""Puts faults into what the evaluator remembers, one at a time, and asks the law (src/engine/eval/law.rs) whether it notices.
+"""Inserts faults into the evaluator's cache, one at a time, and checks that the law of memory (src/engine/eval/law.rs) notices them.
 
 usage: law.py [COPY] [NUMBER]...
 
-Works in a copy of the tree (made in COPY, a new folder of the system's if left out) that needs no node packs. Tries the faults of
-these numbers; all if left out. Before the faults the tree is tried as it is, and must keep the law. Prints for each fault after
-how many of SEQUENCES random sequences (environment; 20 000 if it says nothing) it was noticed; exits 1 if one was not. About
+Works in a copy of the sources without node packs, in COPY or, by default, in a new temporary folder. Tests the faults with these numbers,
+by default all. First runs the test without a fault, which must pass. Prints for each fault after how many random sequences it was noticed;
+exits with 1 if a fault was missed. The environment variable SEQUENCES is the maximum number of sequences, by default 20 000. Takes about
 half an hour on two cores.
 """
 
@@ -21,88 +21,88 @@ from run import copy
 SEQUENCES = os.environ.get("SEQUENCES", "20000")
 SEED = "20070115"
 
-# What is forgotten, and the changes that make it so: file, what stands there, what is put there.
+# Each fault has a name, which says what the evaluator ignores then, and the changes that cause it: file, old text, new text.
 FAULTS = [
-    ("whether the files of a node are as they were", [
+    ("changes of the files of a node", [
         ("src/engine/eval/plan.rs",
-         "        let files = graph.nodes()[index].files.iter();\n        files.map",
-         "        let files = graph.nodes()[index].files.iter();\n        true || files.map"),
+         "        let files = graph.nodes()[index].files.iter();\n        files\n            .map",
+         "        let files = graph.nodes()[index].files.iter();\n        true || files\n            .map"),
     ]),
-    ("whether a node's inputs are the same values", [
+    ("changes of the input values of a node", [
         ("src/engine/eval/plan.rs",
          "inputs.eq(parts.inputs.iter().map(|hash| Some(*hash)))",
          "inputs.count() == parts.inputs.len()"),
     ]),
-    ("whether a node has the same parameters", [
+    ("changes of the parameters of a node", [
         ("src/engine/eval/plan.rs",
          "parts.recipe.identity == node.recipe.identity",
          "parts.recipe.kind == node.recipe.kind"),
     ]),
-    ("whether a node is of the same type", [
+    ("changes of the type of a node", [
         ("src/engine/eval/plan.rs",
          "parts.recipe.identity == node.recipe.identity",
          "(parts.recipe.identity == node.recipe.identity || parts.recipe.kind != node.recipe.kind)"),
     ]),
-    ("the files, where nothing else changed", [
+    ("changes of files if nothing else changed", [
         ("src/engine/eval/plan.rs",
          "readers.all(|&index| {",
          "readers.all(|&index| true || {"),
     ]),
-    ("which nodes the last evaluation found, where nothing else changed", [
+    ("nodes that the last evaluation has not evaluated, if nothing else changed", [
         ("src/engine/eval/plan.rs",
          "all(|(wanted, found)| found | !wanted)",
          "all(|_| true)"),
         ("src/engine/eval/snapshot.rs",
-         "self.results[index].as_ref().filter(|_| self.found[index])",
+         "self.results[index].as_ref().filter(|_| self.is_current[index])",
          "self.results[index].as_ref()"),
     ]),
-    ("whether the graph is the same", [
+    ("changes of the graph", [
         ("src/engine/eval/plan.rs",
-         "let same = last.shape == graph.shape().identity;",
+         "let same = last.shape == graph.topology().identity;",
          "let same = last.names.len() == graph.nodes().len();"),
     ]),
-    ("whether a node is the same as the one that was at its place", [
+    ("changes of a node at the same index", [
         ("src/engine/eval/snapshot.rs",
-         "self.current(index).filter(|_| *identity == graph.shape().identities[index])",
-         "self.current(index).filter(|_| identity.0.len() == graph.shape().identity.0.len())"),
+         "self.current(index).filter(|_| *identity == graph.topology().identities[index])",
+         "self.current(index).filter(|_| identity.0.len() == graph.topology().identity.0.len())"),
     ]),
-    ("whether all that it hangs on is the same, where a node is", [
+    ("changes of the dependencies of an unchanged node", [
         ("src/engine/eval/plan.rs",
          "shape.sources(index).all(|source| same[source])",
          "shape.sources(index).all(|source| same[source] || true)"),
     ]),
-    ("the files of a node that is the same", [
+    ("changes of the files of an unchanged node", [
         ("src/engine/eval/plan.rs",
          "!shape.reads_files(index) || self.has_files(",
          "!shape.reads_files(index) || true || self.has_files("),
     ]),
-    ("which results are of this evaluation", [
+    ("the difference between results of this evaluation and older ones", [
         ("src/engine/eval/plan.rs",
-         "Vec::from_iter(results.iter().map(Option::is_some));",
-         "Vec::from_iter(results.iter().map(|_| true));"),
+         "results.iter().map(Option::is_some).collect();",
+         "results.iter().map(|_| true).collect();"),
     ]),
-    ("the last results of nodes that nobody wants now", [
+    ("the last results of nodes that are not wanted now", [
         ("src/engine/eval/plan.rs",
-         "*result = last.before(&shape.names[index], index).cloned();",
-         "*result = last.before(&shape.names[index], index).filter(|_| false).cloned();"),
+         "*result = last.last_result(&shape.names[index], index).cloned();",
+         "*result = last.last_result(&shape.names[index], index).filter(|_| false).cloned();"),
     ]),
-    ("that nodes of one place may have different names", [
+    ("different names of nodes at the same index", [
         ("src/engine/eval/snapshot.rs",
          "Some(there) if there == name => near,",
          "Some(_) => near,"),
     ]),
     ("the links in a graph's identity", [
-        ("src/graph/shape.rs",
+        ("src/graph/topology.rs",
          "content.extend_from_slice(&(link.node as u64).to_le_bytes());",
          ""),
     ]),
-    ("the outputs that links take, in a graph's identity", [
-        ("src/graph/shape.rs",
+    ("the outputs of links in a graph's identity", [
+        ("src/graph/topology.rs",
          "content.extend_from_slice(&(link.output as u64).to_le_bytes());",
          ""),
     ]),
     ("the recipes in a graph's identity", [
-        ("src/graph/shape.rs",
+        ("src/graph/topology.rs",
          "content.extend_from_slice(&node.recipe.identity.0);",
          ""),
     ]),
@@ -126,25 +126,22 @@ FAULTS = [
          "let content = json!([kind, without_paths(&parameters), Vec::from_iter(optional)]);",
          "let content = json!([kind, Vec::from_iter(optional)]);"),
     ]),
-    ("the clock's grain: a file is believed however new it is", [
-        ("src/graph/stamp.rs",
+    ("the resolution of the clock: even just written files count as unchanged", [
+        ("src/graph/file_stat.rs",
          "i128::try_from(now.saturating_sub(grain).as_nanos()).is_ok_and(|limit| last < limit)",
          "i128::try_from(now.saturating_sub(grain).as_nanos()).is_ok_and(|limit| last < limit.max(i128::MAX))"),
     ]),
-    ("a file's time", [
+    ("the modification time of a file", [
         ("src/graph/files.rs",
-         "stamp == self.stamp && ",
-         "stamp.size() == self.stamp.size() && "),
-        ("src/graph/stamp.rs",
-         "    /// Whether a write after this moment",
-         "    pub(crate) fn size(&self) -> u64 {\n        self.size\n    }\n\n    /// Whether a write after this moment"),
+         "stamp == self.stamp\n",
+         "stamp.size() == self.stamp.size()\n"),
     ]),
-    ("whether a node had the same parameters when it gave what is updated", [
+    ("changes of parameters since the result that is updated", [
         ("src/engine/eval/compute.rs",
          "before.parts.recipe.identity != parts.recipe.identity",
          "before.parts.recipe.kind != parts.recipe.kind"),
     ]),
-    ("whether the values before are those of which a node made what is updated", [
+    ("changes of inputs since the result that is updated", [
         ("src/engine/eval/compute.rs",
          "values.get(link.output).filter(|value| value.hash() == *hash).cloned()",
          "values.get(link.output).filter(|value| value.hash() == *hash || true).cloned()"),
@@ -163,7 +160,10 @@ FAULTS = [
 
 
 def law(tree):
-    """What the law says: whether it was kept, after how many sequences, and in what words; none if it does not compile."""
+    """Runs the test; returns the number of sequences after which it failed (None if it passed) and its message.
+
+    Returns None if the code does not compile.
+    """
     command = ["cargo", "test", "--quiet", "--package", "maquette-engine", "--lib"]
     environment = os.environ | {
         "CARGO_PROFILE_DEV_DEBUG": "0",
@@ -186,12 +186,12 @@ def main():
     wanted = [int(number) for number in sys.argv[2:]] or range(1, len(FAULTS) + 1)
     copy(tree)
     for file in {file for _, changes in FAULTS for file, _, _ in changes}:
-        # Newer than what was built of it: a copy that was used before may have been left with a fault.
+        # Newer than their build: a copy from an earlier run may have been built with a fault.
         (tree / file).touch()
     start = time.monotonic()
     found = law(tree)
-    assert found == (None, ""), f"the law is broken without a fault: {found}"
-    print(f"kept without a fault, in {time.monotonic() - start:.0f} s with the build", flush=True)
+    assert found == (None, ""), f"the test fails without a fault: {found}"
+    print(f"passes without a fault, in {time.monotonic() - start:.0f} s with the build", flush=True)
     missed = 0
     for number, (name, changes) in enumerate(FAULTS, 1):
         if number not in wanted:
@@ -199,7 +199,7 @@ def main():
         texts = {tree / file: (tree / file).read_text() for file, _, _ in changes}
         for file, old, new in changes:
             text = (tree / file).read_text()
-            assert text.split("#[cfg(test)]")[0].count(old) == 1, f"{file}: `{old}` does not stand there once"
+            assert text.split("#[cfg(test)]")[0].count(old) == 1, f"{file}: expected `{old}` once"
             (tree / file).write_text(text.replace(old, new, 1))
         try:
             found = law(tree)

@@ -1,11 +1,11 @@
-"""Puts faults into the program, one at a time, and asks the graph tests whether they notice.
+"""Inserts faults into the program, one at a time, and checks that the graph tests notice them.
 
 usage: run.py [COPY] [NUMBER]...
 
-Works in a copy of the tree (made in COPY, a new folder of the system's if left out), never in the tree itself; the copy keeps a
-build folder of its own, so that each fault costs one incremental build. Tries the faults of these numbers; all if left out. Before the faults three things that are no
-faults are tried, and must not be noticed: nothing at all, one thread, and (by the copy itself) another build folder.
-Prints one line a fault, then `N passed, N failed`; exits 1 if fewer than 57 of 60 are noticed. About an hour on two cores.
+Works in a copy of the sources in COPY or, by default, in a new temporary folder, never in the sources themselves. The copy has its own
+build folder, so that each fault costs one incremental build. Tests the faults with these numbers, by default all. First runs the tests
+without a fault, also with one thread, which must pass. Prints one line for each fault, then `N passed, N failed`; exits with 1 if fewer
+than 57 of 60 are noticed. Takes about an hour on two cores.
 """
 
 import os
@@ -32,7 +32,7 @@ def copy(to):
 
 def build(tree):
     command = ["cargo", "build", "--quiet", "--package", "maquette-program", "--bin", "maquette"]
-    # No debug information: half of a build's time.
+    # Without debug information, which would take half of the build time.
     environment = os.environ | {"CARGO_PROFILE_DEV_DEBUG": "0"}
     return subprocess.run(command, cwd=tree, capture_output=True, text=True, env=environment)
 
@@ -67,7 +67,7 @@ def main():
         path = tree / name
         text = path.read_text()
         tested = text.split("#[cfg(test)]")[0]
-        assert tested.count(old) == 1, f"{name}: `{old}` stands there {tested.count(old)} times"
+        assert tested.count(old) == 1, f"{name}: expected `{old}` once, found it {tested.count(old)} times"
         path.write_text(text.replace(old, new, 1))
         start = time.monotonic()
         made = build(tree)
@@ -81,7 +81,7 @@ def main():
                 result = test(tree)
                 noticed, by = result.returncode != 0, noticed_by(result.stdout)
             except subprocess.TimeoutExpired:
-                noticed, by = True, "it never ended"
+                noticed, by = True, "timeout"
             passed, failed = passed + noticed, failed + (not noticed)
             word = "noticed" if noticed else "MISSED "
             seconds = f"{middle - start:.0f} + {time.monotonic() - middle:.0f} s"

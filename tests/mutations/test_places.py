@@ -1,4 +1,4 @@
-"""Where faults are to be put: what moves in the program must be found there again."""
+"""Tests that the texts that faults replace exist in the program; they must be adapted when code changes."""
 
 import unittest
 from pathlib import Path
@@ -10,7 +10,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 class Places(unittest.TestCase):
-    def test_what_a_fault_replaces_stands_there_once(self):
+    def test_the_old_text_of_a_fault_occurs_once(self):
         changes = [change for _, changes in FAULTS for change in changes]
         changes += [(file, old, new) for file, old, new, _ in MUTATIONS]
         for file, old, new in changes:

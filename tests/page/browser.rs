@@ -1,4 +1,4 @@
-//! A real browser without a window, driven by the DevTools protocol.
+//! A real browser without a window, controlled through the DevTools protocol.
 
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::net::TcpStream;
@@ -8,14 +8,14 @@ use std::time::{Duration, Instant};
 use serde_json::{Value as Json, json};
 use tungstenite::{Message, WebSocket};
 
-/// Longer than anything takes on a busy machine; only a failing test waits that long.
+/// Timeout for answers; only a failing test waits this long.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Names of the browsers that speak the protocol.
+/// Names of the browsers that support the protocol.
 const BROWSERS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "chrome"];
 
-/// What gives a browser WebGL on any machine, and the same colors on all. All else it draws without WebGL, as it does without a card:
-/// Debian's asks for the card.
+/// Arguments that provide WebGL on any machine, with the same colors everywhere. Only WebGL is drawn this way: everything else is drawn as
+/// on a machine without a graphics card. Debian's Chromium requires a card otherwise.
 const DRAWN: [&str; 4] = [
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
@@ -23,33 +23,33 @@ const DRAWN: [&str; 4] = [
     "--force-color-profile=srgb",
 ];
 
-/// A tab of a browser.
+/// A tab of the browser, by the id of its session.
 pub(crate) struct Tab(String);
 
-/// A browser, which has one tab at first. It is killed at the end.
+/// A browser, which begins with one tab. It is killed when this value is dropped.
 pub(crate) struct Browser {
     process: Child,
     socket: WebSocket<Socket>,
     session: String,
     last: u64,
-    /// What pages have written to the console as errors.
+    /// The errors that pages have written to the browser's console.
     pub(crate) complaints: Vec<String>,
     _profile: tempfile::TempDir,
 }
 
 impl Browser {
-    /// Starts a browser that draws with WebGL, without a graphics card. Where there is no browser says so and gives nothing; where
-    /// checks are made for everybody that is a failure.
+    /// Starts a browser that draws with WebGL, without a graphics card. If no browser is installed, prints a line and returns `None`, or
+    /// fails in CI.
     pub(crate) fn start() -> Option<Self> {
         Self::start_with(&[])
     }
 
-    /// The same with these arguments.
+    /// Starts a browser with these additional arguments.
     pub(crate) fn start_with(more: &[&str]) -> Option<Self> {
         Self::start_only(&[&DRAWN[..], more].concat())
     }
 
-    /// A browser that has no WebGL.
+    /// Starts a browser without WebGL.
     pub(crate) fn without_webgl() -> Option<Self> {
         Self::start_only(&["--disable-gpu", "--disable-3d-apis"])
     }
@@ -78,7 +78,7 @@ impl Browser {
         Some(browser)
     }
 
-    /// Opens another tab, in a window of its own, and goes to it.
+    /// Opens another tab in its own window and switches to it.
     pub(crate) fn add_tab(&mut self) -> Tab {
         self.session.clear();
         let wanted = json!({ "url": "about:blank", "newWindow": true });
@@ -91,17 +91,17 @@ impl Browser {
         Tab(self.session.clone())
     }
 
-    /// What is asked from now on is asked of this tab.
+    /// Switches to this tab.
     pub(crate) fn go_to(&mut self, Tab(session): &Tab) {
         self.session.clone_from(session);
     }
 
-    /// The answer to a command.
+    /// Sends a command to the browser and returns the answer.
     pub(crate) fn call(&mut self, method: &str, parameters: Json) -> Json {
         self.try_call(method, parameters).unwrap_or_else(|error| panic!("{method}: {error}"))
     }
 
-    /// The same, or what the browser says against it.
+    /// Sends a command to the browser and returns the answer, or the browser's error.
     fn try_call(&mut self, method: &str, parameters: Json) -> Result<Json, Json> {
         self.last += 1;
         let mut command = json!({ "id": self.last, "method": method, "params": parameters });
@@ -129,19 +129,19 @@ impl Browser {
         self.call("Page.navigate", json!({ "url": link }));
     }
 
-    /// Loads the page again, and waits till it is another one.
+    /// Reloads the page and waits until the new page is loaded.
     pub(crate) fn reload(&mut self) {
         self.ask("window.before = 1");
         self.call("Page.reload", json!({}));
         self.wait("window.before === undefined && document.readyState === 'complete'");
     }
 
-    /// What an expression of JavaScript is.
+    /// Returns the value of a JavaScript expression in the page.
     pub(crate) fn ask(&mut self, expression: &str) -> Json {
         self.try_ask(expression).unwrap_or_else(|error| panic!("{expression}: {error}"))
     }
 
-    /// The same, or that the page was left while it was asked.
+    /// Returns the value of a JavaScript expression, or an error if the page was left meanwhile.
     fn try_ask(&mut self, expression: &str) -> Result<Json, Json> {
         let asked =
             json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
@@ -150,7 +150,7 @@ impl Browser {
         Ok(answer["result"]["value"].take())
     }
 
-    /// Waits until an expression is true, be it of another page that comes meanwhile; how long it took.
+    /// Waits until an expression is true, even if another page is loaded meanwhile; returns the waiting time.
     #[track_caller]
     pub(crate) fn wait(&mut self, expression: &str) -> Duration {
         let start = Instant::now();
@@ -162,7 +162,7 @@ impl Browser {
         start.elapsed()
     }
 
-    /// Presses a key, with the modifiers of the protocol (2 is Ctrl), where the focus is.
+    /// Presses a key at the focused element. `modifiers` are those of the protocol; 2 is Ctrl.
     pub(crate) fn press(&mut self, key: &str, modifiers: u32) {
         let code = match key {
             "Enter" => 13,
@@ -184,7 +184,7 @@ impl Browser {
         }
     }
 
-    /// Writes into a field, as somebody would who selects what stands there first.
+    /// Selects the content of a field and types a text in its place.
     pub(crate) fn write(&mut self, field: &str, text: &str) {
         self.ask(&format!(
             "document.querySelector('{field}').focus(), document.querySelector('{field}').select()"
@@ -193,7 +193,7 @@ impl Browser {
     }
 }
 
-/// Starts a browser that listens to commands.
+/// Starts a browser that accepts commands; returns `None` if it is not installed.
 fn launch(name: &str, profile: &std::path::Path, more: &[&str]) -> Option<Child> {
     let mut command = Command::new(name);
     command.args(["--headless=new", "--no-sandbox", "--remote-debugging-port=0"]);
@@ -205,7 +205,7 @@ fn launch(name: &str, profile: &std::path::Path, more: &[&str]) -> Option<Child>
     command.args(["--disable-sync", "--hide-scrollbars", "--force-device-scale-factor=1"]);
     command.arg(format!("--user-data-dir={}", profile.display())).arg("--window-size=1400,900");
     command.args(more);
-    // What it leaves when it is killed goes with the profile.
+    // Files that a killed browser leaves behind are removed with the profile's folder.
     command.env("TMPDIR", profile);
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().ok()
 }
@@ -217,27 +217,27 @@ impl Drop for Browser {
     }
 }
 
-/// A TCP connection whose reads and writes go on when a signal interrupts them, as reads with a timeout are when the process is stopped and
+/// A TCP connection that repeats a read or write after a signal. A read with a timeout is interrupted if the process is stopped and
 /// continued.
 pub(crate) struct Socket(pub(crate) TcpStream);
 
 impl Read for Socket {
     fn read(&mut self, into: &mut [u8]) -> std::io::Result<usize> {
-        uninterrupted(|| self.0.read(into))
+        retry_interrupted(|| self.0.read(into))
     }
 }
 
 impl Write for Socket {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        uninterrupted(|| self.0.write(bytes))
+        retry_interrupted(|| self.0.write(bytes))
     }
 
     fn flush(&mut self) -> std::io::Result<()> {
-        uninterrupted(|| self.0.flush())
+        retry_interrupted(|| self.0.flush())
     }
 }
 
-fn uninterrupted<T>(mut act: impl FnMut() -> std::io::Result<T>) -> std::io::Result<T> {
+fn retry_interrupted<T>(mut act: impl FnMut() -> std::io::Result<T>) -> std::io::Result<T> {
     loop {
         match act() {
             Err(error) if error.kind() == ErrorKind::Interrupted => {}

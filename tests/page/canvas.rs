@@ -1,15 +1,15 @@
-//! What the live page draws itself, in a real browser, beside what `render` draws; and what hands do with it.
+//! Compares what the live page draws in a real browser with `render`, and tests interaction with the drawing.
 
 use maquette::format::png;
 use maquette::value::Image;
 use serde_json::json;
 
 use crate::browser::Browser;
-use crate::preview::Served;
+use crate::preview::Server;
 use crate::project::Project;
-use crate::seen::{Apart, ROUNDED, SIZE, Seen, columns};
+use crate::visible_page::{ImageDifference, ROUNDED, SIZE, VisiblePage, columns};
 
-/// A wave of squares with a color at each vertex and an end that is raised, as PLY.
+/// Returns a wavy surface of quads with vertex colors as a PLY file. Its columns above 18 are raised.
 fn wave(raised: f64) -> String {
     let side = 24;
     let mut text = format!(
@@ -32,7 +32,7 @@ fn wave(raised: f64) -> String {
     text
 }
 
-/// Small values of the types that the doll has not.
+/// Makes a project with small values of the types that the doll's graph lacks.
 fn shapes() -> Project {
     let project = Project::new(
         "Graph(format: 1, nodes: { \"wave\": ReadMesh(path: \"wave.ply\"), \"points\": ReadPoints(path: \"points.xyz\"), \
@@ -62,7 +62,7 @@ fn shapes() -> Project {
     write("wave.ply", wave(0.0).as_bytes(), &project);
     write("points.xyz", String::from_iter(points).as_bytes(), &project);
     write("curve.obj", curve.as_bytes(), &project);
-    // Three squares: a picture that goes on beyond its border, a color, and another picture.
+    // Three squares with different materials: a texture that repeats beyond its border, a color, and another texture.
     let squares = "mtllib materials.mtl\nv 0 0 0\nv 1 0 0\nv 2 0 0\nv 3 0 0\nv 0 1 0\nv 1 1 0\nv 2 1 0\nv 3 1 0\nvt 0.5 0.5\nvt 2.5 0.5\n\
                    vt 2.5 1.5\nvt 0.5 1.5\nusemtl a\nf 1/1 2/2 6/3 5/4\nusemtl b\nf 2/1 3/2 7/3 6/4\nusemtl c\nf 3/1 4/2 8/3 7/4\n";
     write("materials.obj", squares.as_bytes(), &project);
@@ -72,7 +72,7 @@ fn shapes() -> Project {
         &project,
     );
     for (name, blue) in [("a.png", 30), ("c.png", 230)] {
-        // What is at one border is at the other one.
+        // The texture is periodic, so its repetitions fit together.
         fn level(k: usize) -> u8 {
             let angle = (k as f64 + 0.5) * std::f64::consts::TAU / 16.0;
             (127.5 + 120.0 * libm::cos(angle)) as u8
@@ -84,29 +84,30 @@ fn shapes() -> Project {
     project
 }
 
-/// How far what is drawn may be from what is rendered: some two times what it is. Edges are softened in another way, which is most of it
-/// where there is little but edges.
-const FACES: Apart = Apart { mean: 0.4, other: 0.002 };
-const PIXELS: Apart = Apart { mean: 1.0, other: 0.01 };
-const THIN: Apart = Apart { mean: 0.6, other: 0.01 };
-const NET: Apart = Apart { mean: 2.2, other: 0.035 };
+/// Maximum differences between the page and `render`, about twice the real ones. Edges are antialiased differently, which dominates in
+/// pictures that mostly show edges.
+const FACES: ImageDifference = ImageDifference { mean: 0.4, other: 0.002 };
+const PIXELS: ImageDifference = ImageDifference { mean: 1.0, other: 0.01 };
+const THIN: ImageDifference = ImageDifference { mean: 0.6, other: 0.01 };
+const NET: ImageDifference = ImageDifference { mean: 2.2, other: 0.035 };
 
-/// An output lies in space and is drawn as it is rendered, from the front and from another side, and seen from ten degrees farther it would
-/// not be the same.
-fn assert_is_as_rendered(seen: &mut Seen, node: &str, output: &str, limit: Apart) {
+/// Checks that the page draws a value in space like `render`, from the front and from another side. A rendering that is rotated by ten
+/// degrees must differ.
+fn assert_is_as_rendered(seen: &mut VisiblePage, node: &str, output: &str, limit: ImageDifference) {
     seen.view(node, output);
     for keys in [&["0"][..], &["ArrowRight", "ArrowRight", "ArrowUp", "f"]] {
         seen.press(keys);
         let canvas = seen.canvas();
-        let [apart, aside] = [0.0, 10.0].map(|aside| Apart::of(&canvas, &seen.rendered(aside)));
-        assert!(apart.within(limit), "{node}.{output} {keys:?}: {apart:?}");
-        assert!(!aside.within(limit), "{node}.{output} {keys:?}, from aside: {aside:?}");
+        let [apart, aside] =
+            [0.0, 10.0].map(|aside| ImageDifference::between(&canvas, &seen.render_view(aside)));
+        assert!(apart.is_within(limit), "{node}.{output} {keys:?}: {apart:?}");
+        assert!(!aside.is_within(limit), "{node}.{output} {keys:?}, from aside: {aside:?}");
     }
 }
 
 #[test]
 fn the_doll_is_drawn_as_it_is_rendered() {
-    let Some(mut seen) = Seen::of(Project::doll()) else { return };
+    let Some(mut seen) = VisiblePage::open(Project::doll()) else { return };
     assert_is_as_rendered(&mut seen, "model", "mesh", FACES);
     assert_is_as_rendered(&mut seen, "grid", "mesh", FACES);
     assert_is_as_rendered(&mut seen, "surface", "surface", NET);
@@ -119,8 +120,8 @@ fn the_doll_is_drawn_as_it_is_rendered() {
         ("nose", "region"),
     ] {
         seen.view(node, output);
-        let apart = Apart::of(&seen.canvas(), &seen.rendered(0.0));
-        assert!(apart.within(PIXELS), "{node}.{output}: {apart:?}");
+        let apart = ImageDifference::between(&seen.canvas(), &seen.render_view(0.0));
+        assert!(apart.is_within(PIXELS), "{node}.{output}: {apart:?}");
     }
     let flat = seen.canvas();
     seen.press(&["m"]);
@@ -131,7 +132,7 @@ fn the_doll_is_drawn_as_it_is_rendered() {
 
 #[test]
 fn colors_points_curves_and_surfaces_are_drawn_as_they_are_rendered() {
-    let Some(mut seen) = Seen::of(shapes()) else { return };
+    let Some(mut seen) = VisiblePage::open(shapes()) else { return };
     assert_is_as_rendered(&mut seen, "wave", "mesh", FACES);
     assert_is_as_rendered(&mut seen, "points", "points", THIN);
     assert_is_as_rendered(&mut seen, "curve", "curve", THIN);
@@ -141,25 +142,28 @@ fn colors_points_curves_and_surfaces_are_drawn_as_they_are_rendered() {
 
 #[test]
 fn what_grows_is_drawn_as_it_is_rendered() {
-    let Some(mut seen) = Seen::of(Project::doll()) else { return };
+    let Some(mut seen) = VisiblePage::open(Project::doll()) else { return };
     seen.view("model", "mesh");
     seen.press(&["0", "ArrowRight"]);
     let mut before = seen.canvas();
-    // Back and forth, from flat to so steep that faces get vertices of their own, and to what was there already.
+    // The growth goes up and down: from flat to so steep that faces get vertices of their own, and back to earlier values.
     for (edit, growth) in [13.0, 40.0, 0.0, 39.0, 12.5, 13.0].into_iter().enumerate() {
         seen.project.save(&seen.project.doll_text(growth));
         seen.drawn_of(2 + edit);
-        // What is rendered is aimed at the middle of the new value.
+        // Fits the view to the new value, because the rendering is fitted to it, too.
         seen.press(&["f"]);
         let canvas = seen.canvas();
-        let apart = Apart::of(&canvas, &seen.rendered(0.0));
-        assert!(apart.within(FACES), "{growth}: {apart:?}");
-        assert!(!Apart::of(&canvas, &before).within(ROUNDED), "nothing has grown to {growth}");
+        let apart = ImageDifference::between(&canvas, &seen.render_view(0.0));
+        assert!(apart.is_within(FACES), "{growth}: {apart:?}");
+        assert!(
+            !ImageDifference::between(&canvas, &before).is_within(ROUNDED),
+            "nothing has grown to {growth}"
+        );
         before = canvas;
     }
 }
 
-/// A red mark before a blue wall.
+/// Makes a project with a mesh of a red mark in front of a blue wall.
 fn mark() -> Project {
     let project = Project::new(
         "Graph(format: 1, nodes: { \"mark\": ReadMesh(path: \"mark.ply\") }, outputs: { \"mark.ply\": \"mark\" })",
@@ -173,7 +177,7 @@ fn mark() -> Project {
     project
 }
 
-/// Where the middle of what is red lies.
+/// Returns the center of the red pixels.
 fn middle_of_red(image: &Image) -> [f64; 2] {
     let pixels = image.pixels().iter().enumerate();
     let red = pixels.filter(|(_, [r, g, b])| *r > 90 && *r > 2 * g.max(b).min(&120));
@@ -184,13 +188,13 @@ fn middle_of_red(image: &Image) -> [f64; 2] {
 
 #[test]
 fn what_is_clicked_twice_stays_in_the_middle_whatever_is_turned() {
-    let Some(mut seen) = Seen::of(mark()) else { return };
+    let Some(mut seen) = VisiblePage::open(mark()) else { return };
     let [x, y] = middle_of_red(&seen.canvas());
     assert!(libm::hypot(x - 240.0, y - 180.0) > 50.0, "{x}, {y}");
     let before = seen.word("camera");
     seen.double_click([x, y]);
     seen.browser.wait(&format!("!location.hash.endsWith('={before}')"));
-    seen.drawn();
+    seen.wait_for_frame();
     for keys in
         [&[][..], &["ArrowRight", "ArrowRight"], &["ArrowUp"], &["ArrowLeft"; 4], &["+", "+"]]
     {
@@ -205,7 +209,7 @@ fn what_is_clicked_twice_stays_in_the_middle_whatever_is_turned() {
 
 #[test]
 fn a_scan_turns_about_the_place_that_is_clicked_twice() {
-    let Some(mut seen) = Seen::of(Project::doll()) else { return };
+    let Some(mut seen) = VisiblePage::open(Project::doll()) else { return };
     seen.double_click([250.0, 170.0]);
     seen.browser.wait("location.hash.split(',').length === 8");
     let camera = seen.word("camera");
@@ -218,7 +222,7 @@ fn a_scan_turns_about_the_place_that_is_clicked_twice() {
         seen.mouse("mouseMoved", [240.0, 180.0], 0);
         seen.browser.wait("document.querySelector('.probe').textContent.startsWith('at ')");
         let told = seen.browser.ask("document.querySelector('.probe').textContent.match(/-?[\\d.]+/g).slice(0, 3).map(Number)");
-        // The sensor's axes: y down, z away.
+        // The page's text uses the sensor's axes: y points down and z away from the sensor.
         for (k, sign) in [1.0, -1.0, -1.0].into_iter().enumerate() {
             let place = sign * told[k].as_f64().unwrap();
             assert!((place - target[k]).abs() < 0.01, "{keys:?}: {told} is not {target:?}");
@@ -228,7 +232,7 @@ fn a_scan_turns_about_the_place_that_is_clicked_twice() {
 
 #[test]
 fn a_new_value_and_a_resize_move_nothing() {
-    let Some(mut seen) = Seen::of(shapes()) else { return };
+    let Some(mut seen) = VisiblePage::open(shapes()) else { return };
     seen.view("wave", "mesh");
     seen.press(&["0", "ArrowUp"]);
     let painted = seen.paint("normal");
@@ -238,15 +242,16 @@ fn a_new_value_and_a_resize_move_nothing() {
     std::fs::write(seen.project.folder().join("wave.ply"), wave(4.0)).unwrap();
     seen.drawn_of(2);
     let after = seen.canvas();
-    let [left, right] = [[0, 240], [240, 480]]
-        .map(|[from, to]| Apart::of(&columns(&before, from, to), &columns(&after, from, to)));
+    let [left, right] = [[0, 240], [240, 480]].map(|[from, to]| {
+        ImageDifference::between(&columns(&before, from, to), &columns(&after, from, to))
+    });
     assert!(
-        left.within(Apart { mean: 0.1, other: 0.001 }),
+        left.is_within(ImageDifference { mean: 0.1, other: 0.001 }),
         "what did not grow is elsewhere: {left:?}"
     );
     assert!(right.mean > 1.0, "nothing has grown: {right:?}");
     seen.resize(600, 300);
-    seen.drawn();
+    seen.wait_for_frame();
     assert_eq!(seen.browser.ask("location.href"), address);
     assert_eq!(seen.browser.ask("document.querySelector('[data-key=paint]').value"), "normal");
     assert_eq!(seen.browser.ask("document.querySelector('[data-key=w]').ariaPressed"), "true");
@@ -256,7 +261,7 @@ fn a_new_value_and_a_resize_move_nothing() {
 
 #[test]
 fn a_picture_that_is_looked_at_in_space_stays_there_and_so_does_the_tab() {
-    let Some(mut seen) = Seen::of(Project::doll()) else { return };
+    let Some(mut seen) = VisiblePage::open(Project::doll()) else { return };
     let text = std::fs::read_to_string(seen.project.graph()).unwrap();
     seen.view("nose", "region");
     let flat = seen.canvas();
@@ -279,7 +284,7 @@ fn a_picture_that_is_looked_at_in_space_stays_there_and_so_does_the_tab() {
 
 #[test]
 fn every_output_of_every_node_is_seen() {
-    let Some(mut seen) = Seen::of(Project::doll()) else { return };
+    let Some(mut seen) = VisiblePage::open(Project::doll()) else { return };
     let nodes =
         "[...document.querySelectorAll('svg .node:has(.state)')].map((node) => node.dataset.name)";
     let nodes = seen.browser.ask(nodes);
@@ -304,7 +309,7 @@ fn every_output_of_every_node_is_seen() {
                 .iter()
                 .filter(|pixel| (0..3).any(|k| pixel[k].abs_diff(first[k]) > 40));
             assert!(seen.count() > 200, "there is nothing to be seen of {node}.{output}");
-            // `knots-u` and `knots-v` of a doll may look alike.
+            // Successive values look different, except for the knots `knots-u` and `knots-v`.
             assert!(
                 canvas != last || node.starts_with("knots"),
                 "{node}.{output} is the one before"
@@ -318,21 +323,21 @@ fn every_output_of_every_node_is_seen() {
 
 #[test]
 fn an_output_is_pinned_beside_another_and_both_are_turned() {
-    let Some(mut seen) = Seen::of(Project::doll()) else { return };
+    let Some(mut seen) = VisiblePage::open(Project::doll()) else { return };
     let text = std::fs::read_to_string(seen.project.graph()).unwrap();
     seen.press(&["p"]);
     fn halves(image: &Image) -> [Image; 2] {
         [columns(image, 0, 240), columns(image, 240, 480)]
     }
-    // What is rounded may be so in another way in another place of the canvas.
-    fn same([left, right]: &[Image; 2]) -> bool {
-        Apart::of(left, right).within(ROUNDED)
+    // The left and the right half may be rounded differently.
+    fn are_similar([left, right]: &[Image; 2]) -> bool {
+        ImageDifference::between(left, right).is_within(ROUNDED)
     }
     let before = halves(&seen.canvas());
-    assert!(same(&before), "the same is seen twice");
+    assert!(are_similar(&before), "the same is seen twice");
     seen.press(&["ArrowRight"]);
     let after = halves(&seen.canvas());
-    assert!(same(&after) && after != before, "both are turned");
+    assert!(are_similar(&after) && after != before, "both are turned");
     let [turned, _] = after;
     seen.view("grid", "mesh");
     let both = seen.canvas();
@@ -343,7 +348,7 @@ fn an_output_is_pinned_beside_another_and_both_are_turned() {
     seen.reload();
     seen.becomes(&both);
     assert_eq!(seen.browser.ask("location.href"), address);
-    // A pinned output is as live as the other.
+    // The value of a pinned output is updated after a save, too.
     seen.project.save(&text.replace("default: 12.0", "default: 24.0"));
     seen.browser
         .wait("document.querySelector('.pin').textContent.startsWith('model.mesh of run 2')");
@@ -354,7 +359,7 @@ fn an_output_is_pinned_beside_another_and_both_are_turned() {
 
 #[test]
 fn all_of_it_is_seen_in_the_half_beside_a_pinned_output() {
-    let Some(mut seen) = Seen::of(mark()) else { return };
+    let Some(mut seen) = VisiblePage::open(mark()) else { return };
     fn ends_of_blue(image: &Image) -> [usize; 2] {
         let at =
             |(at, [r, _, b]): (usize, &[u8; 3])| (*b > 100 && b > r).then_some(at % image.width());
@@ -371,7 +376,7 @@ fn all_of_it_is_seen_in_the_half_beside_a_pinned_output() {
 
 #[test]
 fn a_result_is_held_and_later_ones_are_compared_with_it() {
-    let Some(mut seen) = Seen::of(Project::doll()) else { return };
+    let Some(mut seen) = VisiblePage::open(Project::doll()) else { return };
     seen.press(&["ArrowRight"]);
     let old = seen.canvas();
     seen.press(&["h"]);
@@ -380,12 +385,12 @@ fn a_result_is_held_and_later_ones_are_compared_with_it() {
     seen.project.save(&text);
     seen.drawn_of(2);
     let middle = seen.canvas();
-    // The line between both is taken by the mouse.
+    // The line between the old and the new picture is dragged by the mouse.
     seen.mouse("mouseMoved", [243.0, 100.0], 0);
     seen.mouse("mousePressed", [243.0, 100.0], 1);
     seen.mouse("mouseMoved", [228.0, 110.0], 1);
     seen.mouse("mouseReleased", [228.0, 110.0], 1);
-    seen.drawn();
+    seen.wait_for_frame();
     let moved = seen.canvas();
     seen.press(&["u"]);
     let new = seen.canvas();
@@ -402,7 +407,7 @@ fn a_result_is_held_and_later_ones_are_compared_with_it() {
 
 #[test]
 fn the_edges_of_small_faces_do_not_cover_them() {
-    let Some(mut seen) = Seen::of(Project::doll()) else { return };
+    let Some(mut seen) = VisiblePage::open(Project::doll()) else { return };
     let before = seen.canvas();
     seen.press(&["w"]);
     let after = seen.canvas_after(&before);
@@ -415,7 +420,7 @@ fn the_edges_of_small_faces_do_not_cover_them() {
 
 #[test]
 fn a_lost_context_comes_back_with_the_same_pixels() {
-    let Some(mut seen) = Seen::of(shapes()) else { return };
+    let Some(mut seen) = VisiblePage::open(shapes()) else { return };
     seen.view("wave", "mesh");
     seen.press(&["ArrowRight", "f"]);
     let plain = seen.canvas();
@@ -424,21 +429,21 @@ fn a_lost_context_comes_back_with_the_same_pixels() {
     seen.browser.ask(
         "window.card = document.querySelector('.frame canvas').getContext('webgl2').getExtension('WEBGL_lose_context'), 0",
     );
-    fn told(what: &str, act: &str) -> String {
+    fn wait_for_context_event(what: &str, act: &str) -> String {
         format!(
             "new Promise((done) => {{ document.querySelector('.frame canvas').addEventListener('webglcontext{what}', \
              () => setTimeout(done, 0, 1), {{ once: true }}); window.card.{act}(); }})"
         )
     }
-    seen.browser.ask(&told("lost", "loseContext"));
-    seen.browser.ask(&told("restored", "restoreContext"));
-    seen.drawn();
+    seen.browser.ask(&wait_for_context_event("lost", "loseContext"));
+    seen.browser.ask(&wait_for_context_event("restored", "restoreContext"));
+    seen.wait_for_frame();
     assert!(seen.canvas() == before, "what comes back is something else");
-    // A value that comes meanwhile is there as well.
-    seen.browser.ask(&told("lost", "loseContext"));
+    // A value that arrives while the WebGL context is lost is drawn after the context is restored.
+    seen.browser.ask(&wait_for_context_event("lost", "loseContext"));
     std::fs::write(seen.project.folder().join("wave.ply"), wave(4.0)).unwrap();
     seen.browser.wait("document.querySelector('.caption').textContent === 'wave.mesh of run 2'");
-    seen.browser.ask(&told("restored", "restoreContext"));
+    seen.browser.ask(&wait_for_context_event("restored", "restoreContext"));
     seen.drawn_of(2);
     let after = seen.canvas();
     assert!(after != before);
@@ -451,7 +456,7 @@ fn a_lost_context_comes_back_with_the_same_pixels() {
 fn without_webgl_the_watch_draws() {
     let Some(mut browser) = Browser::without_webgl() else { return };
     let project = Project::doll();
-    let mut served = Served::new(&project);
+    let mut served = Server::new(&project);
     served.watch.run_until_ok();
     browser.open(&served.link());
     browser.wait("document.querySelector('.frame img')?.naturalWidth > 100");
@@ -476,7 +481,7 @@ fn without_webgl_the_watch_draws() {
 
 #[test]
 fn the_address_brings_pin_paint_camera_and_wipe_back() {
-    let Some(mut seen) = Seen::of(shapes()) else { return };
+    let Some(mut seen) = VisiblePage::open(shapes()) else { return };
     seen.view("wave", "mesh");
     seen.press(&["0", "ArrowRight", "ArrowUp", "+"]);
     seen.paint("normal");
@@ -491,14 +496,14 @@ fn the_address_brings_pin_paint_camera_and_wipe_back() {
     }
     seen.browser.open("about:blank");
     seen.browser.wait("location.href === 'about:blank'");
-    seen.open(address);
+    seen.go_to(address);
     seen.becomes(&canvas);
     assert_eq!(seen.browser.ask("location.href"), address);
 }
 
 #[test]
 fn one_finger_turns_and_two_enlarge() {
-    let Some(mut seen) = Seen::of(shapes()) else { return };
+    let Some(mut seen) = VisiblePage::open(shapes()) else { return };
     seen.browser.call("Emulation.setTouchEmulationEnabled", json!({ "enabled": true }));
     seen.view("wave", "mesh");
     seen.press(&["0"]);
@@ -517,7 +522,7 @@ fn one_finger_turns_and_two_enlarge() {
 
 #[test]
 fn a_label_says_what_is_seen_and_from_where() {
-    let Some(mut seen) = Seen::of(shapes()) else { return };
+    let Some(mut seen) = VisiblePage::open(shapes()) else { return };
     seen.view("wave", "mesh");
     for (keys, label) in [
         (&["0"][..], "from the front"),
@@ -532,11 +537,11 @@ fn a_label_says_what_is_seen_and_from_where() {
     }
 }
 
-/// A page of the doll as it lies in its window.
-fn page() -> Option<(Project, Served, Browser)> {
+/// Opens a page of the doll; unlike `VisiblePage`, it keeps the layout of the window.
+fn page() -> Option<(Project, Server, Browser)> {
     let mut browser = Browser::start()?;
     let project = Project::doll();
-    let mut served = Served::new(&project);
+    let mut served = Server::new(&project);
     served.watch.run_until_ok();
     browser.open(&served.link());
     browser.wait("document.querySelector('.frame canvas')?.dataset.shown");

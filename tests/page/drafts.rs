@@ -1,7 +1,7 @@
-//! Who shows a graph is told which parameters have another value in drafts, and whether drafts are shown.
+//! Pages learn which parameters have a draft value, and whether drafts are shown.
 
 use crate::browser::Browser;
-use crate::preview::Served;
+use crate::preview::Server;
 use crate::project::Project;
 
 const GRAPH: &str = r#"Graph(
@@ -33,7 +33,7 @@ fn a_page_says_what_drafts_have_and_whether_it_shows_drafts() {
         (&["--preview", "--draft"], "doll.ron (draft) - maquette", "0"),
     ] {
         let project = project();
-        let mut served = Served::with(&project, more, &[]);
+        let mut served = Server::start_with(&project, more, &[]);
         served.watch.run_until_ok();
         browser.open(&served.link());
         browser.wait("document.querySelector('#parameter-levels')");
@@ -46,7 +46,7 @@ fn a_page_says_what_drafts_have_and_whether_it_shows_drafts() {
         assert_eq!(browser.ask(marks), "final 2, draft 0|");
         browser.wait("document.querySelector('#node table')");
         let told = "[...document.querySelectorAll('#node .draft')].map((it) => it.closest('tr').textContent).join('|')";
-        let shown = if is_draft { "|shownwhat drafts give, no final results" } else { "" };
+        let shown = if is_draft { "|showna draft, not the final result" } else { "" };
         assert_eq!(browser.ask(told), format!("limitfinal true, draft false{shown}"));
         if let Some(path) = std::env::var_os("LOOK") {
             let shot = browser.call("Page.captureScreenshot", serde_json::json!({}));

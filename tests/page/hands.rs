@@ -1,14 +1,14 @@
-//! What hands do on the live page: drag, type, point and pick, in a real browser that draws by itself.
+//! Interaction with the live page in a real browser that draws without a graphics card: dragging, typing, pointing and picking.
 
 use serde_json::{Value as Json, json};
 
 use crate::browser::Browser;
-use crate::preview::{Served, mesh_of};
+use crate::preview::{Server, mesh_of};
 use crate::project::Project;
 
 mod picking;
 
-/// The hash of what is drawn.
+/// The hash of the value that is drawn.
 const SHOWN: &str = "document.querySelector('canvas[tabindex]').dataset.shown";
 
 const CAPTION: &str = "document.querySelector('.caption').textContent";
@@ -19,21 +19,21 @@ const FIELD: &str = "document.querySelector('#parameter-growth').value";
 
 const SLIDER: &str = "input[aria-label=growth]";
 
-/// What is dragged is seen.
+/// True while a dragged value is shown that is not saved yet.
 const LIVE: &str = "document.querySelector('.caption').textContent.includes('not in the file yet')";
 
-/// A page of the doll that has drawn its last node; none without a browser.
-fn doll() -> Option<(Project, Served, Browser)> {
+/// Opens a page of the doll and waits until its last node is drawn. Returns `None` without a browser.
+fn doll() -> Option<(Project, Server, Browser)> {
     let project = Project::doll();
     let text = project.doll_text(12.0);
     page(project, &text)
 }
 
-/// The same of another graph.
-fn page(project: Project, text: &str) -> Option<(Project, Served, Browser)> {
+/// Opens a page of another graph and waits until its last node is drawn.
+fn page(project: Project, text: &str) -> Option<(Project, Server, Browser)> {
     let mut browser = Browser::start()?;
     project.save(text);
-    let mut served = Served::new(&project);
+    let mut served = Server::new(&project);
     served.watch.run_until_ok();
     browser.open(&served.link());
     browser.wait(&format!("document.querySelector('canvas[tabindex]') && {SHOWN}"));
@@ -44,7 +44,7 @@ fn file(project: &Project) -> String {
     std::fs::read_to_string(project.graph()).unwrap()
 }
 
-/// Looks at an output of a node, and waits until it is drawn.
+/// Selects an output of a node and waits until it is drawn.
 fn look(browser: &mut Browser, node: &str, output: &str) {
     let block = format!("document.querySelector('svg .node[aria-label^=\"{node},\"]')");
     browser.ask(&format!("{block}.dispatchEvent(new MouseEvent('click'))"));
@@ -52,12 +52,12 @@ fn look(browser: &mut Browser, node: &str, output: &str) {
         "[...document.querySelectorAll('.tabs button')].find((tab) => tab.textContent.startsWith('{output}:'))"
     );
     browser.wait(&tab);
-    // What was drawn before does not count.
+    // Clears the hash, so only a new drawing counts.
     browser.ask(&format!("{tab}.click(), {SHOWN} = ''"));
     browser.wait(&format!("{CAPTION}.startsWith('{node}.{output} of') && {SHOWN}"));
 }
 
-/// Left, top, width and height of an element.
+/// Scrolls an element into view and returns its left, top, width and height.
 fn area(browser: &mut Browser, selector: &str) -> [f64; 4] {
     let area = browser.ask(&format!(
         "(() => {{ const place = document.querySelector('{selector}'); place.scrollIntoView({{ block: 'nearest' }}); \
@@ -66,7 +66,7 @@ fn area(browser: &mut Browser, selector: &str) -> [f64; 4] {
     serde_json::from_value(area).unwrap()
 }
 
-/// The mouse, whose button may be down.
+/// Sends a mouse event. The kind `Dragged` is a move with the button down.
 fn mouse(browser: &mut Browser, kind: &str, [x, y]: [f64; 2]) {
     let (button, buttons) = match kind {
         "Moved" => ("none", 0),
@@ -85,14 +85,14 @@ fn click(browser: &mut Browser, place: [f64; 2]) {
     }
 }
 
-/// Where the thumb of the slider is, which is 16 pixels wide.
+/// Returns the center of the slider's thumb, which is 16 pixels wide.
 fn thumb(browser: &mut Browser) -> [f64; 2] {
     let [left, top, width, height] = area(browser, SLIDER);
     let share = browser.ask(&format!("document.querySelector('{SLIDER}').value / 40"));
     [left + 8.0 + (width - 16.0) * share.as_f64().unwrap(), top + height / 2.0]
 }
 
-/// Notes every value that is drawn from now on.
+/// Records the hash of every value that is drawn from now on.
 fn note(browser: &mut Browser) {
     browser.ask(
         "(() => { const canvas = document.querySelector('canvas[tabindex]'); window.seen = []; \
@@ -101,7 +101,7 @@ fn note(browser: &mut Browser) {
     );
 }
 
-/// The file's value is seen, and nothing else.
+/// Returns an expression that is true if the saved value with this hash is shown, and no dragged value.
 fn at_rest(hash: &Json) -> String {
     format!("{SHOWN} === {hash} && !{LIVE}")
 }
@@ -124,7 +124,7 @@ fn a_slider_is_dragged_by_the_mouse_and_the_file_waits_until_it_is_let_go() {
         assert_eq!(file(&project), before);
     }
     assert_eq!(browser.ask(LIVE), true);
-    // Nor does it matter where the mouse is meanwhile.
+    // During a drag, the mouse may leave the slider.
     mouse(&mut browser, "Dragged", [start + 20.0, y + 200.0]);
     let value = browser.ask(FIELD);
     let value = value.as_str().unwrap();
@@ -157,19 +157,19 @@ fn a_drag_is_given_up_with_escape_and_ends_where_it_began() {
     browser.wait(&format!("{LIVE} && {SHOWN} !== {first}"));
     browser.press("Escape", 0);
     browser.wait(&at_rest(&first));
-    // The hand trembles before it lets go.
+    // A small movement before the button is released does not continue the cancelled drag.
     mouse(&mut browser, "Dragged", [x + 21.0, y]);
     mouse(&mut browser, "Released", [x + 21.0, y]);
     assert_eq!(
         browser.ask(&format!("[{FIELD}, document.querySelector('{SLIDER}').value].join()")),
         "12,12"
     );
-    // The next drag is one again, and comes back to where it began.
+    // The next drag works normally; it ends at its start.
     mouse(&mut browser, "Pressed", [x, y]);
     let begun = browser.ask(FIELD);
     mouse(&mut browser, "Dragged", [x + 20.0, y]);
     browser.wait(&format!("{LIVE} && {SHOWN} !== {first}"));
-    // A slider has fewer places than values: some fraction of a pixel is where it began.
+    // Moves back to the start: a slider has fewer positions than values, so positions a fraction of a pixel apart are tried.
     let back = (0..24).map(|k| [x - 3.0 + 0.25 * f64::from(k), y]).find(|place| {
         mouse(&mut browser, "Dragged", *place);
         browser.ask(FIELD) == begun
@@ -177,7 +177,7 @@ fn a_drag_is_given_up_with_escape_and_ends_where_it_began() {
     mouse(&mut browser, "Released", back.unwrap());
     browser.wait(&at_rest(&first));
     assert_eq!(file(&project), before);
-    // It is over: what somebody else saves is no conflict.
+    // The drag has ended, so the save of another program does not conflict with it.
     project.save(&project.doll_text(14.0));
     browser.wait(&format!("{FIELD} === '14' && {SHOWN} !== {first} && !{LIVE}"));
     assert_eq!(browser.ask("document.querySelector('#refused').textContent"), "");
@@ -207,7 +207,7 @@ fn a_field_and_its_slider_agree_and_nothing_is_lost_while_somebody_types() {
     at(&mut browser, "20");
     browser.press("ArrowUp", 0);
     at(&mut browser, "21");
-    // All the way to the left is 0, and 0 is no missing value.
+    // The left end of the slider is 0, which must not be taken for a missing value.
     let [x, y] = thumb(&mut browser);
     mouse(&mut browser, "Pressed", [x, y]);
     mouse(&mut browser, "Dragged", [x - 200.0, y]);
@@ -221,14 +221,14 @@ fn a_field_and_its_slider_agree_and_nothing_is_lost_while_somebody_types() {
     browser.write("#parameter-growth", "0");
     browser.press("Enter", 0);
     at(&mut browser, "0");
-    // What cannot be is refused and said; what is in the file comes back.
+    // An invalid value is refused with a message, and Escape restores the saved value.
     browser.write("#parameter-growth", "100");
     browser.press("Enter", 0);
     browser.wait("document.querySelector('#refused').textContent.includes('growth')");
     browser.press("Escape", 0);
     assert_eq!(browser.ask(&both), "0,0");
     assert_eq!(file(&project), says("0", &before));
-    // A field that has the focus is the hand's alone once somebody types; else it follows, and its slider, too.
+    // A focused field and its slider follow changes of the file until the user types.
     project.save(&says("7", &before));
     at(&mut browser, "7");
     browser.write("#parameter-growth", "33");
@@ -241,13 +241,13 @@ fn a_field_and_its_slider_agree_and_nothing_is_lost_while_somebody_types() {
     served.watch.end();
 }
 
-/// Bytes that the last value took from the watch.
+/// The number of bytes that the page received for the last value.
 const MOVED: &str = "performance.getEntriesByName('value')[0].detail.bytes";
 
-/// The pixels of the canvas.
+/// Returns a screenshot of the canvas.
 fn pixels(browser: &mut Browser) -> Json {
     let [x, y, width, height] = area(browser, "canvas[tabindex]");
-    // What was drawn last has to be on the screen.
+    // Waits for two frames; then the last drawing is on the screen.
     browser.ask(
         "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(0))))",
     );
@@ -271,8 +271,8 @@ fn a_small_change_moves_few_bytes_and_a_change_that_is_taken_back_brings_the_sam
     served.watch.end();
 }
 
-/// How many columns the page has, their bytes, and bytes of all its objects and buffers.
-fn held(browser: &mut Browser) -> [f64; 3] {
+/// Returns the number of columns in the page, their size in bytes, and the bytes of all its objects and buffers.
+fn heap_size(browser: &mut Browser) -> [f64; 3] {
     let class = json!({ "expression": "import('/columns.js').then((it) => it.Columns.prototype)", "awaitPromise": true });
     let class = browser.call("Runtime.evaluate", class)["result"]["objectId"].take();
     let found = browser.call("Runtime.queryObjects", json!({ "prototypeObjectId": class }));
@@ -299,9 +299,9 @@ fn many_changes_leave_the_memory_of_the_page_where_it_was() {
         }
     }
     edits(&mut browser, 0..5, &project);
-    let [columns, bytes, heap] = held(&mut browser);
+    let [columns, bytes, heap] = heap_size(&mut browser);
     edits(&mut browser, 5..45, &project);
-    let [columns_then, bytes_then, heap_then] = held(&mut browser);
+    let [columns_then, bytes_then, heap_then] = heap_size(&mut browser);
     assert_eq!((columns, bytes), (columns_then, bytes_then));
     assert!(heap_then < heap + 2e6, "{heap} bytes became {heap_then}");
     served.watch.end();
@@ -310,7 +310,7 @@ fn many_changes_leave_the_memory_of_the_page_where_it_was() {
 #[test]
 fn keys_act_on_what_is_seen_before_anybody_has_clicked() {
     let Some((_project, mut served, mut browser)) = doll() else { return };
-    fn pressed(browser: &mut Browser, label: &str) -> Json {
+    fn is_pressed(browser: &mut Browser, label: &str) -> Json {
         browser.ask(&format!(
             "[...document.querySelectorAll('.tools button')].find((it) => it.textContent === '{label}').ariaPressed"
         ))
@@ -318,27 +318,27 @@ fn keys_act_on_what_is_seen_before_anybody_has_clicked() {
     let side = "document.querySelector('.side').textContent";
     assert_eq!(browser.ask("document.activeElement === document.body"), true);
     browser.press("w", 0);
-    assert_eq!(pressed(&mut browser, "edges"), "true");
+    assert_eq!(is_pressed(&mut browser, "edges"), "true");
     browser.press("ArrowRight", 0);
     browser.wait(&format!("{side} !== 'from the front'"));
     browser.press("0", 0);
     browser.wait(&format!("{side} === 'from the front'"));
-    // Beside what is seen letters act, and arrows scroll.
+    // If the focus is outside of the canvas, letter keys still act, but arrow keys scroll.
     browser.ask("document.querySelector('svg .node').focus()");
     browser.press("w", 0);
     browser.press("ArrowRight", 0);
-    assert_eq!(pressed(&mut browser, "edges"), "false");
+    assert_eq!(is_pressed(&mut browser, "edges"), "false");
     assert_eq!(browser.ask(side), "from the front");
-    // What somebody types is typed, and the help has its own keys.
+    // Letter keys do not act while the user types in a field or the help is open.
     browser.write("#parameter-growth", "5");
     browser.press("w", 0);
-    assert_eq!(pressed(&mut browser, "edges"), "false");
+    assert_eq!(is_pressed(&mut browser, "edges"), "false");
     browser.press("Escape", 0);
     browser.ask("document.activeElement.blur()");
     browser.press("?", 0);
     browser.wait("document.querySelector('#help').open");
     browser.press("w", 0);
-    assert_eq!(pressed(&mut browser, "edges"), "false");
+    assert_eq!(is_pressed(&mut browser, "edges"), "false");
     assert!(browser.complaints.is_empty(), "{:?}", browser.complaints);
     served.watch.end();
 }
@@ -362,7 +362,7 @@ fn eight_tabs_follow_a_save() {
         browser.wait(&at_rest(&last));
         assert_eq!(browser.ask("document.querySelector('#link').textContent"), "live");
     }
-    // A change made in one of them is one in all of them.
+    // A change made in one tab is visible in all tabs.
     browser.write("#parameter-growth", "15");
     browser.press("Enter", 0);
     for tab in &tabs {

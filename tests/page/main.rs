@@ -1,10 +1,10 @@
-//! The live page: its server as programs meet it, and what people see and do in a real browser.
+//! The live page: its server as other programs see it, and its user interface in a real browser.
 //!
-//! Not asked by `cargo test`, because a browser draws without a graphics card here: `.ci/run` asks the server and a few of the page,
-//! `just nightly page` all.
+//! These tests are not part of `cargo test`, because the browser draws without a graphics card, which is slow. `.ci/run` tests the server
+//! and a few interactions, and `just nightly page` tests everything.
 //!
-//! The browser took half of the time of all tests of commands. Without it, and with a part of the random cases (all with `TESTS=all`), a
-//! run of all tests takes 573 s instead of 973 s.
+//! The browser took half of the time of the tests of commands. Without it, and with only a part of the random cases (all of them with
+//! `TESTS=all`), a run of all tests takes 573 s instead of 973 s.
 
 mod canvas;
 mod drafts;
@@ -17,4 +17,4 @@ mod browser;
 #[path = "../common/project.rs"]
 #[allow(dead_code, reason = "some of it is for the tests of commands")]
 mod project;
-mod seen;
+mod visible_page;

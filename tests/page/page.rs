@@ -1,4 +1,4 @@
-//! The live page in a real browser.
+//! Tests of the live page in a real browser.
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -7,21 +7,21 @@ use std::time::Duration;
 use serde_json::json;
 
 use crate::browser::Browser;
-use crate::preview::Served;
+use crate::preview::Server;
 use crate::project::Project;
 
-/// A page of the doll that shows its first values; none without a browser.
-fn doll() -> Option<(Project, Served, Browser)> {
+/// Opens a page of the doll and waits until it shows a value. Returns `None` without a browser.
+fn doll() -> Option<(Project, Server, Browser)> {
     let mut browser = Browser::start()?;
     let project = Project::doll();
-    let mut served = Served::new(&project);
+    let mut served = Server::new(&project);
     served.watch.run_until_ok();
     browser.open(&served.link());
     browser.wait(SEEN);
     Some((project, served, browser))
 }
 
-/// A value is drawn.
+/// An expression that gives the hash of the drawn value, if there is one.
 const SEEN: &str = "document.querySelector('.frame canvas')?.dataset.shown";
 
 const CAPTION: &str = "document.querySelector('.caption').textContent";
@@ -47,7 +47,7 @@ fn a_value_is_typed_seen_and_taken_back() {
     let before = std::fs::read_to_string(project.graph()).unwrap();
     let old = browser.ask(SEEN);
     browser.write("#parameter-growth", "20");
-    // The wheel over a field scrolls; it changes nothing.
+    // The wheel over a focused field scrolls the page and does not change the number.
     let wheel = "(() => { const field = document.querySelector('#parameter-growth'); const event = \
                  new WheelEvent('wheel', { deltaY: 100, cancelable: true, bubbles: true }); field.dispatchEvent(event); \
                  return [field.value, event.defaultPrevented].join(); })()";
@@ -62,7 +62,7 @@ fn a_value_is_typed_seen_and_taken_back() {
     browser.wait("document.querySelector('#parameter-growth').value === '12'");
     assert_eq!(std::fs::read_to_string(project.graph()).unwrap(), before);
     browser.wait(&format!("{SEEN} === {old}"));
-    // What is being typed stays while the file changes, and can still be given up.
+    // Text that is being typed stays while the file changes, and Escape can still discard it.
     browser.write("#parameter-growth", "33");
     project.save(&project.doll_text(14.0));
     browser.wait("document.querySelector('.caption').textContent.endsWith('run 4')");
@@ -142,7 +142,7 @@ fn an_open_page_finds_a_watch_that_is_started_again() {
     browser.ask("window.before = 1");
     served.watch.end();
     browser.wait(LOST);
-    let mut served = Served::new(&project);
+    let mut served = Server::new(&project);
     let back = browser.wait(LIVE);
     assert!(back < Duration::from_secs(2), "{back:?}");
     project.save(&project.doll_text(16.0));
@@ -157,11 +157,11 @@ fn an_open_page_finds_a_watch_that_is_started_again() {
 fn a_page_that_is_looked_at_again_asks_at_once() {
     let Some((project, mut served, mut browser)) = doll() else { return };
     for event in ["new Event('online')", "new Event('visibilitychange', { bubbles: true })"] {
-        // Nothing but the event can bring it back.
+        // Without timers, only the event can make the page reconnect.
         browser.ask("window.setTimeout = () => 0");
         served.watch.end();
         browser.wait(LOST);
-        served = Served::new(&project);
+        served = Server::new(&project);
         std::thread::sleep(Duration::from_millis(1500));
         assert_eq!(browser.ask(LOST), true);
         browser.ask(&format!("document.dispatchEvent({event}), window.dispatchEvent({event}), 0"));
@@ -177,7 +177,7 @@ fn the_page_of_another_program_is_loaded_anew_once() {
     browser.press("ArrowRight", 0);
     browser.wait("location.hash.includes('camera=15,')");
     let address = browser.ask("location.href");
-    // Whatever page comes now is of another program than the one that runs, and counts how often it is loaded.
+    // Every newly loaded page claims to be from another program than the server, and counts how often it is loaded.
     let other = "document.addEventListener('readystatechange', () => { \
                  document.querySelector('meta[name=page]').content = 'other'; }, { once: true }); \
                  sessionStorage.loads = Number(sessionStorage.loads ?? 0) + 1;";
@@ -186,16 +186,16 @@ fn the_page_of_another_program_is_loaded_anew_once() {
     browser.ask("document.querySelector('meta[name=page]').content = 'other', window.before = 1");
     served.watch.end();
     browser.wait(LOST);
-    let mut served = Served::new(&project);
+    let mut served = Server::new(&project);
     browser.wait("window.before === undefined && document.readyState === 'complete'");
     browser.wait(SEEN);
     browser.wait(LIVE);
     assert_eq!(browser.ask("document.querySelector('meta[name=page]').content"), "other");
     assert_eq!(browser.ask("location.href"), address);
-    // It is told of the program again, and stays.
+    // The server announces its program again, but the page is not loaded again.
     served.watch.end();
     browser.wait(LOST);
-    let _served = Served::new(&project);
+    let _served = Server::new(&project);
     browser.wait(LIVE);
     std::thread::sleep(Duration::from_secs(1));
     assert_eq!(browser.ask("sessionStorage.loads"), "1");
@@ -204,39 +204,39 @@ fn the_page_of_another_program_is_loaded_anew_once() {
 #[cfg(target_os = "linux")]
 #[test]
 fn nodes_and_problems_are_opened_in_the_editor() {
-    use crate::preview::link::{script, written};
+    use crate::preview::link::{read_when_written, script};
     let Some(mut browser) = Browser::start() else { return };
     let project = Project::doll();
     let told = project.folder().join("told");
     let editor = script(&project, "code", "echo \"$2\" > told.new; mv told.new told\n");
     let text = std::fs::read_to_string(project.graph()).unwrap();
     let variable = [("MAQUETTE_EDITOR", editor.as_os_str())];
-    let mut served = Served::with(&project, &["--preview"], &variable);
+    let mut served = Server::start_with(&project, &["--preview"], &variable);
     served.watch.run_until_ok();
     browser.open(&served.link());
     browser.wait(SEEN);
     let line =
         |text: &str, words: &str| text.lines().position(|line| line.contains(words)).unwrap() + 1;
-    fn opened(line: usize, told: &std::path::Path, project: &Project) {
-        let place = written(told);
+    fn assert_opened(line: usize, told: &std::path::Path, project: &Project) {
+        let place = read_when_written(told);
         std::fs::remove_file(told).unwrap();
         let expected = format!("{}:{line}:", project.graph().display());
         assert!(place.starts_with(&expected), "{place} is not {expected}");
     }
     browser.ask("document.querySelector('svg .node[data-name=nose]').focus()");
     browser.press("e", 0);
-    opened(line(&text, "ExtractRegion("), &told, &project);
+    assert_opened(line(&text, "ExtractRegion("), &told, &project);
     browser.press("Enter", 0);
     let button = "document.querySelector('#node button.place')";
     let said = format!("doll.ron:{}", line(&text, "ExtractRegion("));
     browser.wait(&format!("{button}.textContent === '{said}'"));
     browser.ask(&format!("{button}.click()"));
-    opened(line(&text, "ExtractRegion("), &told, &project);
+    assert_opened(line(&text, "ExtractRegion("), &told, &project);
     let broken = text.replace("Nurbs(", "Nurb(");
     project.save(&broken);
     browser.wait("document.querySelector('#problems button.place')");
     browser.ask("document.querySelector('#problems button.place').click()");
-    opened(line(&broken, "Nurb("), &told, &project);
+    assert_opened(line(&broken, "Nurb("), &told, &project);
     browser.ask("document.activeElement.blur()");
     browser.press("?", 0);
     let help = browser.ask("document.querySelector('#help').textContent");
@@ -253,7 +253,8 @@ fn boxes_are_colored_by_state_time_or_bytes() {
              select.dispatchEvent(new Event('change')); }})()"
         ));
     }
-    // The colors of the boxes of nodes as red, green and blue from 0 to 1; `color(srgb r g b)` or `rgb(r, g, b)`.
+    // The fill colors of the nodes' boxes, and the contrast of their texts. Colors are given as `color(srgb r g b)` from 0 to 1 or as
+    // `rgb(r, g, b)`.
     let fills = "(() => { const read = (text) => { const parts = text.match(/[\\d.]+/g).map(Number); \
                  return text.startsWith('rgb') ? parts.map((part) => part / 255) : parts; }; \
                  const light = (rgb) => { const [r, g, b] = rgb.map((c) => c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4); \
@@ -271,7 +272,7 @@ fn boxes_are_colored_by_state_time_or_bytes() {
         let least = boxes.map(|it| it["contrast"].as_f64().unwrap()).fold(f64::MAX, f64::min);
         (std::collections::BTreeSet::from_iter(fills), least)
     }
-    // To look at something is no run: times are still those of the last one.
+    // Viewing a node is not a run: the times shown are still those of the last run.
     browser.ask("document.querySelector('svg .node[data-name=grid]').focus()");
     browser.press("Enter", 0);
     browser.wait(&format!("{CAPTION}.startsWith('grid.mesh of')"));
@@ -286,13 +287,13 @@ fn boxes_are_colored_by_state_time_or_bytes() {
         for what in ["time", "bytes"] {
             choose(&mut browser, what);
             let (fills, contrast) = colors(&mut browser, fills);
-            // On a busy machine one node may take nearly all of the time.
+            // On a busy machine, one node may take nearly all of the time, so few colors are used.
             let least = if what == "time" { 2 } else { 4 };
             assert!(fills.len() >= least, "{scheme}, {what}: {fills:?}");
             assert!(contrast > 4.5, "{scheme}, {what}: {contrast}");
         }
     }
-    // The largest of all has the strongest color, and is named.
+    // The node with the largest value has the strongest color and is named in the legend.
     let shares = "Object.fromEntries([...document.querySelectorAll('svg .node:has(.state)')].map((node) => \
                   [node.dataset.name, parseFloat(node.style.getPropertyValue('--share'))]))";
     let shares = browser.ask(shares);
@@ -301,14 +302,14 @@ fn boxes_are_colored_by_state_time_or_bytes() {
     let legend = browser.ask("document.querySelector('#legend').textContent");
     let legend = legend.as_str().unwrap();
     assert!(legend.starts_with("most: ") && legend.ends_with(&format!("B, {most}")), "{legend}");
-    // The same, of the chosen node, with why it ran.
+    // The panel of the selected node shows this value, too, and the reason why the node ran.
     browser.ask(&format!("document.querySelector('svg .node[data-name=\"{most}\"]').focus()"));
     browser.press("Enter", 0);
     let panel = browser.ask("document.querySelector('#node').innerText");
     let panel = panel.as_str().unwrap();
     let size = legend.strip_prefix("most: ").unwrap().split(',').next().unwrap();
     assert!(panel.contains(size) && panel.contains("not computed before"), "{panel}");
-    // What is chosen is still so after the page is loaded anew.
+    // The selected coloring survives a reload.
     browser.reload();
     browser.wait(SEEN);
     browser.wait("document.querySelector('#profile').value === 'bytes'");
@@ -327,7 +328,7 @@ fn a_graph_that_is_used_is_measured_as_a_whole() {
     let project = Project::new("");
     std::fs::write(project.folder().join("part.ron"), part).unwrap();
     project.save(whole);
-    let mut served = Served::new(&project);
+    let mut served = Server::new(&project);
     let run = served.watch.run_until_ok();
     let nodes = run.done["nodes"].as_array().unwrap().iter();
     let inside = nodes.filter(|node| node["name"].as_str().unwrap().starts_with("used/"));
@@ -347,10 +348,10 @@ fn a_graph_that_is_used_is_measured_as_a_whole() {
 #[test]
 fn a_name_that_is_bound_to_this_machine_and_a_foreign_page_are_told_nothing() {
     let project = Project::doll();
-    let mut served = Served::new(&project);
+    let mut served = Server::new(&project);
     served.watch.run_until_ok();
     let resolver = "--host-resolver-rules=MAP evil.example 127.0.0.1";
-    // Neither a proxy nor a try with TLS in between.
+    // The browser connects directly, without a proxy or an attempt to use TLS.
     let plain = ["--no-proxy-server", "--disable-features=HttpsUpgrades,HttpsFirstBalancedMode"];
     let Some(mut browser) = Browser::start_with(&[resolver, plain[0], plain[1]]) else { return };
     let port = served.host.rsplit(':').next().unwrap();
@@ -360,10 +361,10 @@ fn a_name_that_is_bound_to_this_machine_and_a_foreign_page_are_told_nothing() {
     assert_eq!(browser.ask(status), 403);
     let text = browser.ask("document.body.innerText");
     assert!(text.as_str().unwrap().contains("to this machine alone"), "{text}");
-    // A page of somebody else's, which may do whatever browsers let it do, and even knows the token.
+    // A page of another site may do whatever browsers allow, and even knows the token.
     let foreign = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = foreign.local_addr().unwrap();
-    // A browser opens connections that it may never use.
+    // Each connection has a thread, because a browser opens connections that it may never use.
     fn answer(mut stream: TcpStream) {
         let _ = stream.read(&mut [0; 4096]);
         let page = "<!doctype html><title>foreign</title>";
@@ -396,7 +397,7 @@ fn a_name_that_is_bound_to_this_machine_and_a_foreign_page_are_told_nothing() {
             assert_eq!(browser.ask(&unread), "refused", "{host} to {to}");
         }
     }
-    // The page itself opens one: what was refused was not refused for another reason.
+    // The page itself can open such a socket, so the others were refused because of their origin.
     browser.open(&served.link());
     browser.wait(SEEN);
     assert_eq!(browser.ask(&socket(&served.host, &served.token)), "open");

@@ -1,4 +1,4 @@
-//! The live page's server as browsers and others meet it: what it tells, and whom it tells nothing.
+//! The server of the live page as browsers and other programs see it: its messages, and the requests that it refuses.
 
 use std::ffi::OsStr;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use maquette::value::Mesh;
-use maquette::{Options, Run, Session, Settings, Wanted};
+use maquette::{Options, Run, Session, Settings, Targets};
 use nalgebra::{Matrix3, Point3, Vector3};
 use serde_json::{Value as Json, json};
 use tungstenite::client::IntoClientRequest;
@@ -29,24 +29,28 @@ mod undo;
 
 pub(crate) use pointing::mesh_of;
 
-/// Longer than anything takes on a busy machine; only a failing test waits that long.
+/// Timeout for answers; only a failing test waits this long.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A watch with a live page.
-pub(crate) struct Served {
+pub(crate) struct Server {
     pub(crate) watch: Watch,
-    /// 127.0.0.1 and the port.
+    /// The server's address: 127.0.0.1 and the port.
     pub(crate) host: String,
     pub(crate) token: String,
 }
 
-impl Served {
+impl Server {
     pub(crate) fn new(project: &Project) -> Self {
-        Self::with(project, &["--preview"], &[])
+        Self::start_with(project, &["--preview"], &[])
     }
 
-    /// The same with these arguments and variables.
-    pub(crate) fn with(project: &Project, more: &[&str], variables: &[(&str, &OsStr)]) -> Self {
+    /// Starts a watch with these arguments and environment variables.
+    pub(crate) fn start_with(
+        project: &Project,
+        more: &[&str],
+        variables: &[(&str, &OsStr)],
+    ) -> Self {
         let mut watch = project.start_with(more, variables);
         let page = watch.wait(|event| event["event"] == "page");
         let link = page["link"].as_str().unwrap();
@@ -58,7 +62,7 @@ impl Served {
         format!("http://{}/#{}", self.host, self.token)
     }
 
-    /// The head and the body of the answer to a request with these headers.
+    /// Sends a request with these headers and returns the head and the body of the answer.
     pub(crate) fn ask(&self, path: &str, headers: &[(&str, &str)]) -> (String, Vec<u8>) {
         let mut stream = TcpStream::connect(&self.host).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
@@ -76,13 +80,13 @@ impl Served {
         head.split(' ').nth(1).unwrap().parse().unwrap()
     }
 
-    /// A page: its socket.
+    /// Opens the WebSocket of a page.
     fn page(&self) -> Page {
         let origin = format!("http://{}", self.host);
         self.socket(&self.host, &origin, &self.token).unwrap()
     }
 
-    /// The same of whoever says so; or the status of the refusal.
+    /// Opens a WebSocket with these headers, or returns the status of the refusal.
     fn socket(&self, host: &str, origin: &str, token: &str) -> Result<Page, u16> {
         let mut request = format!("ws://{}/socket", self.host).into_client_request().unwrap();
         fn set(name: &'static str, value: &str, request: &mut tungstenite::http::Request<()>) {
@@ -117,7 +121,7 @@ impl Page {
         }
     }
 
-    /// The next message of a kind; those before it are dropped.
+    /// Waits for a message of this kind; messages before it are dropped.
     fn wait(&mut self, event: &str) -> Json {
         loop {
             let message = self.next();
@@ -139,7 +143,7 @@ impl Page {
         self.say(&json!({ "ask": "set", "values": [[name, format!("{value:.1}")]] }));
     }
 
-    /// The next value of this hash; whether it is of a drag.
+    /// Waits for a value with this hash. Returns true if a drag caused it.
     fn wait_live(&mut self, hash: &str) -> bool {
         loop {
             let value = self.wait("value");
@@ -149,7 +153,7 @@ impl Page {
         }
     }
 
-    /// What is answered to a question about a value.
+    /// Sends a request about a value and returns the answer.
     fn ask(&mut self, ask: &str, id: u64, node: &str, output: &str, more: &Json) -> Json {
         let mut question = json!({ "ask": ask, "id": id, "node": node, "output": output });
         question.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
@@ -167,7 +171,7 @@ impl Page {
 #[test]
 fn the_page_is_whole_and_may_do_nothing_but_what_it_brings() {
     let project = Project::doll();
-    let served = Served::new(&project);
+    let served = Server::new(&project);
     let own = [("Host", &served.host[..])];
     let (head, body) = served.ask("/", &own);
     let (head, body) = (head.to_lowercase(), String::from_utf8(body).unwrap());
@@ -195,7 +199,7 @@ fn the_page_is_whole_and_may_do_nothing_but_what_it_brings() {
 #[test]
 fn no_other_site_is_told_anything() {
     let project = Project::doll();
-    let served = Served::new(&project);
+    let served = Server::new(&project);
     let port = served.host.rsplit(':').next().unwrap().to_owned();
     for host in ["evil.example", &format!("evil.example:{port}"), "127.0.0.1", "127.0.0.1:1", ""] {
         assert_eq!(served.status("/", &[("Host", host)]), 403, "{host}");
@@ -203,26 +207,26 @@ fn no_other_site_is_told_anything() {
         assert!(head.starts_with("HTTP/1.1 403"), "{host}: {head}");
     }
     let own = format!("http://{}", served.host);
-    fn refused(host: &str, origin: &str, token: &str, served: &Served) -> u16 {
+    fn connect_status(host: &str, origin: &str, token: &str, served: &Server) -> u16 {
         served.socket(host, origin, token).err().unwrap_or(101)
     }
-    assert_eq!(refused(&served.host, &own, &served.token, &served), 101);
+    assert_eq!(connect_status(&served.host, &own, &served.token, &served), 101);
     let rebound = format!("evil.example:{port}");
-    assert_eq!(refused(&rebound, &format!("http://{rebound}"), &served.token, &served), 403);
+    assert_eq!(connect_status(&rebound, &format!("http://{rebound}"), &served.token, &served), 403);
     for origin in ["http://evil.example", "null", "", "https://evil.example", "http://127.0.0.1:1"]
     {
-        assert_eq!(refused(&served.host, origin, &served.token, &served), 403, "{origin}");
+        assert_eq!(connect_status(&served.host, origin, &served.token, &served), 403, "{origin}");
     }
-    assert_eq!(refused(&served.host, &format!("{own}/"), &served.token, &served), 403);
+    assert_eq!(connect_status(&served.host, &format!("{own}/"), &served.token, &served), 403);
     for token in ["none", &served.token[1..], &"0".repeat(32)] {
-        assert_eq!(refused(&served.host, &own, token, &served), 403, "{token}");
+        assert_eq!(connect_status(&served.host, &own, token, &served), 403, "{token}");
     }
 }
 
 #[test]
 fn nothing_but_the_page_is_served() {
     let project = Project::doll();
-    let served = Served::new(&project);
+    let served = Server::new(&project);
     let own = [("Host", &served.host[..])];
     for path in [
         "/doll.ron",
@@ -238,7 +242,7 @@ fn nothing_but_the_page_is_served() {
         let status = served.status(path, &own);
         assert!((400..=404).contains(&status), "{path}: {status}");
     }
-    // Without an upgrade the socket is no page either.
+    // A request of the socket without an upgrade to WebSocket is refused, too.
     assert!((400..=426).contains(&served.status("/socket", &own)));
 }
 
@@ -246,11 +250,11 @@ fn nothing_but_the_page_is_served() {
 #[test]
 fn this_machine_alone_is_listened_to() {
     let project = Project::doll();
-    let served = Served::new(&project);
+    let served = Server::new(&project);
     let port: u16 = served.host.rsplit(':').next().unwrap().parse().unwrap();
     let tables = ["/proc/net/tcp", "/proc/net/tcp6"].map(std::fs::read_to_string);
     let lines = tables.iter().flatten().flat_map(|table| table.lines());
-    // Local address and state; 0A listens.
+    // The fields are the local address and the state; 0A means listening.
     let listening = lines.filter_map(|line| {
         let words: Vec<_> = line.split_whitespace().collect();
         let here = words.get(1)?.strip_suffix(&format!(":{port:04X}"))?;
@@ -262,7 +266,7 @@ fn this_machine_alone_is_listened_to() {
 #[test]
 fn a_page_is_told_what_is_true_and_then_what_happens() {
     let project = Project::doll();
-    let mut served = Served::new(&project);
+    let mut served = Server::new(&project);
     served.watch.run_until_ok();
     let mut page = served.page();
     let hello = page.next();
@@ -284,7 +288,7 @@ fn a_page_is_told_what_is_true_and_then_what_happens() {
 #[test]
 fn values_are_looked_at_and_outlive_an_error() {
     let project = Project::doll();
-    let mut served = Served::new(&project);
+    let mut served = Server::new(&project);
     served.watch.run_until_ok();
     let mut page = served.page();
     page.wait("done");
@@ -295,7 +299,7 @@ fn values_are_looked_at_and_outlive_an_error() {
     let asked = format!("/picture/{hash}?width=64&height=48&yaw=30&pitch=10&zoom=1&flat=false");
     let (head, picture) = served.ask(&asked, &[("Host", &served.host)]);
     assert!(head.starts_with("HTTP/1.1 200") && picture.starts_with(b"\x89PNG"), "{head}");
-    // Huge sides are cut off, and what is no number is refused.
+    // An invalid size is refused.
     let silly = asked.replace("width=64", "width=-1");
     assert_eq!(served.status(&silly, &[("Host", &served.host)]), 400);
     let own = [("Host", &served.host[..])];
@@ -305,7 +309,7 @@ fn values_are_looked_at_and_outlive_an_error() {
     fn column(
         value: &Json,
         name: &str,
-        served: &Served,
+        served: &Server,
         own: &[(&str, &str); 1],
     ) -> (Vec<u8>, String) {
         let name = value["space"]["shapes"][0][name].as_str().unwrap().to_owned();
@@ -317,7 +321,7 @@ fn values_are_looked_at_and_outlive_an_error() {
     project.save(&project.doll_text(12.5));
     let second = page.wait("value");
     assert_ne!(second["hash"], first["hash"]);
-    // Who has the old column is told what has changed, if that is less.
+    // A client that has the old column gets only the changes if they are smaller than the column.
     let (triangles, name) = column(&second, "triangle", &served, &own);
     assert_eq!(name, column(&first, "triangle", &served, &own).1);
     let same = format!("/column/{name}?from={name}");
@@ -330,7 +334,7 @@ fn values_are_looked_at_and_outlive_an_error() {
     assert!(changes == moved || changes.len() < moved.len());
     project.save(&project.doll_text(20.0).replace("Nurbs(", "Nurb("));
     while page.wait("problems")["problems"] == json!([]) {}
-    // A page that is opened now knows the error and the last good value.
+    // A page that is opened while the graph is invalid gets the error and the last valid value.
     let mut late = served.page();
     let problems = late.wait("problems");
     assert_eq!(problems["problems"][0]["severity"], "error", "{problems}");
@@ -341,7 +345,7 @@ fn values_are_looked_at_and_outlive_an_error() {
     let third = page.wait("value");
     assert_eq!(third["hash"], first["hash"]);
     assert!(third["run"].as_u64() > second["run"].as_u64());
-    // Nobody looks any more: nothing is kept for it.
+    // No page views the value any more, so the server does not keep its picture.
     drop(page);
     let mut other = served.page();
     other.say(&json!({ "ask": "views", "views": [] }));
@@ -359,7 +363,7 @@ fn looking_computes_what_no_output_needs_and_writes_nothing() {
                 outputs: { \"color.png\": \"scan.color\" })";
     let project = Project::doll();
     project.save(text);
-    let mut served = Served::new(&project);
+    let mut served = Server::new(&project);
     let run = served.watch.run_until_ok();
     assert_eq!(run.state("red"), "", "it was computed before anybody looked");
     let before = project.output_times();
@@ -370,7 +374,7 @@ fn looking_computes_what_no_output_needs_and_writes_nothing() {
     assert_eq!(value["picture"]["size"], json!([400, 400]), "it lies on the picture: {value}");
     assert_eq!(value["run"].as_u64(), Some(run.number()));
     assert_eq!(project.output_times(), before);
-    // What is not there is no reason to stop.
+    // Requests for missing nodes and invalid messages do not end the watch.
     page.look_at("blue", "mask");
     page.say(&json!({ "ask": "something newer" }));
     page.0.send(Message::text("no JSON at all")).unwrap();
@@ -382,7 +386,7 @@ fn looking_computes_what_no_output_needs_and_writes_nothing() {
 #[test]
 fn eight_pages_are_told_and_one_that_says_too_much_is_left() {
     let project = Project::doll();
-    let mut served = Served::new(&project);
+    let mut served = Server::new(&project);
     served.watch.run_until_ok();
     let mut pages: Vec<_> = (0..8).map(|_| served.page()).collect();
     pages.iter_mut().for_each(|page| drop(page.wait("done")));
@@ -405,7 +409,7 @@ fn eight_pages_are_told_and_one_that_says_too_much_is_left() {
 #[test]
 fn a_page_that_did_not_listen_comes_to_what_is_true() {
     let project = Project::doll();
-    let mut served = Served::new(&project);
+    let mut served = Server::new(&project);
     served.watch.run_until_ok();
     let mut slow = served.page();
     let mut last = 0;
@@ -420,7 +424,7 @@ fn a_page_that_did_not_listen_comes_to_what_is_true() {
 #[test]
 fn a_value_is_put_into_the_file_and_taken_back_byte_by_byte() {
     let project = Project::doll();
-    let mut served = Served::new(&project);
+    let mut served = Server::new(&project);
     served.watch.run_until_ok();
     let mut page = served.page();
     let graph = page.wait("graph");
@@ -435,14 +439,14 @@ fn a_value_is_put_into_the_file_and_taken_back_byte_by_byte() {
     page.say(&json!({ "ask": "undo" }));
     assert_eq!(page.wait("done")["ok"], true);
     assert_eq!(std::fs::read_to_string(project.graph()).unwrap(), before);
-    // What is out of range or not there is refused, and the file stays.
+    // Invalid values and unknown parameters are refused, and the file does not change.
     for (name, value) in [("growth", "100.0"), ("growth", "[1"), ("girth", "1.0")] {
         page.say(&json!({ "ask": "set", "values": [[name, value]] }));
         let refused = page.wait("refused");
         assert!(!refused["why"].as_str().unwrap().is_empty(), "{refused}");
     }
     assert_eq!(std::fs::read_to_string(project.graph()).unwrap(), before);
-    // Nobody's later change is taken back.
+    // A change that was made later by another program is not undone.
     page.say(&json!({ "ask": "set", "values": [["growth", "20.5"]] }));
     page.wait("done");
     project.save(&before.replace("default: 12.0", "default: 30.0"));
@@ -453,7 +457,7 @@ fn a_value_is_put_into_the_file_and_taken_back_byte_by_byte() {
     served.watch.end();
 }
 
-/// How much memory a process holds.
+/// Returns the resident memory of a process in bytes.
 #[cfg(target_os = "linux")]
 fn memory(process: u32) -> usize {
     let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap();
@@ -465,14 +469,15 @@ fn memory(process: u32) -> usize {
 #[test]
 fn a_page_that_never_reads_stalls_nobody_and_fills_no_memory() {
     let project = Project::doll();
-    // Each change of the graph is told with these words. No value is computed anew: of each, 7 MB of results would be kept and counted too.
+    // The long description is sent at each change of the graph. It affects no value: results of 7 MB would be kept for each change and
+    // would be counted as memory of the page.
     let words = "many words. ".repeat(1 << 17);
     fn save(index: usize, project: &Project, words: &str) {
         let text = project.doll_text(12.0).replacen("doc: \"", &format!("doc: \"{words}"), 1);
         project.save(&format!("// {index}\n{text}"));
     }
     save(0, &project, &words);
-    let mut served = Served::new(&project);
+    let mut served = Server::new(&project);
     served.watch.run_until_ok();
     let mut slow = served.page();
     let mut other = served.page();
@@ -505,7 +510,7 @@ fn a_page_that_never_reads_stalls_nobody_and_fills_no_memory() {
     let told = reader.join().unwrap();
     assert!(told > 100 << 20, "only {told} bytes were told: nobody was under pressure");
     assert!(most < before + (48 << 20), "{before} bytes became {most}");
-    // Whoever begins to read comes to what is true, or is gone.
+    // A client that reads slowly gets the current state or is disconnected.
     loop {
         match slow.0.read() {
             Ok(Message::Text(text)) => {

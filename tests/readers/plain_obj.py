@@ -1,4 +1,4 @@
-"""A reader of OBJ files for `test_check.py`: a program that needs no installing. It ends at a file with the word `crash`."""
+"""A reader of OBJ files for `test_check.py` that needs no installation. It crashes at a file with the word `crash`."""
 
 import pathlib
 import sys

@@ -1,4 +1,4 @@
-"""Whether the comparison notices what is damaged: `python3 -m unittest discover tests/readers`. Needs no program."""
+"""Tests that the comparison notices damaged data: `python3 -m unittest discover tests/readers`. Needs no other programs."""
 
 import copy
 import pathlib
@@ -18,7 +18,7 @@ from truth import in_file, outputs
 
 READER = Program("reader", str(HERE / "plain_obj.py"), ("obj",), sys.executable)
 
-# An L whose upper cap begins at a corner from which a fan is wrong, and a wall.
+# An L-shaped cap, whose first corner gives a wrong fan triangulation, and a wall.
 CAP = [[20, 0, 3], [20, 10, 3], [10, 10, 3], [10, 20, 3], [0, 20, 3], [0, 0, 3]]
 WALL = [[30, 0, 0], [30, 8, 0], [30, 8, 9]]
 COLORS = [[255, 0, 0], [10, 200, 30], [128, 64, 32], [0, 0, 255], [9, 9, 9], [0, 0, 0], [1, 2, 3], [250, 128, 5], [77, 7, 70]]
@@ -43,12 +43,12 @@ def obj(points=TRUTH["points"], faces=TRUTH["faces"], colors=COLORS, uv=TRUTH["u
     return "\n".join(lines + ["f " + " ".join(map(corner, face)) for face in faces])
 
 
-def changed(items, index, item):
+def replace_item(items, index, item):
     return [item if k == index else other for k, other in enumerate(items)]
 
 
 class Damage(unittest.TestCase):
-    """Files are read by a program of its own, as all are."""
+    """Damaged files, read by a separate program like all others."""
 
     def words(self, **files: str) -> dict:
         with tempfile.TemporaryDirectory() as folder:
@@ -64,12 +64,12 @@ class Damage(unittest.TestCase):
     def test_what_is_right_is_ok(self):
         self.assertEqual(self.cell(obj()), "ok")
         self.assertEqual(self.cell(obj(faces=TRIANGLES)), "ok")
-        # From another corner on.
+        # Starting at another corner.
         self.assertEqual(self.cell(obj(faces=[[2, 3, 4, 5, 0, 1], [8, 6, 7]])), "ok")
 
     def test_each_damage_is_a_failure(self):
         for word, text in {
-            "positions": obj(points=changed(TRUTH["points"], 3, [10, 19.9, 3])),
+            "positions": obj(points=replace_item(TRUTH["points"], 3, [10, 19.9, 3])),
             "scaled by 0.001": obj(points=[[x / 1000 for x in point] for point in TRUTH["points"]]),
             "turned": obj(points=[[x, z, -y] for x, y, z in TRUTH["points"]]),
             "moved": obj(points=[[x + 5, y, z] for x, y, z in TRUTH["points"]]),
@@ -80,10 +80,10 @@ class Damage(unittest.TestCase):
             # A fan.
             "area": obj(faces=[[0, k, k + 1] for k in range(1, 5)] + [[6, 7, 8]]),
             "no colors": obj(colors=[]),
-            "colors": obj(colors=changed(COLORS, 2, [128, 64, 40])),
+            "colors": obj(colors=replace_item(COLORS, 2, [128, 64, 40])),
             "linear colors": obj(colors=[compare.linear_color(color) for color in COLORS]),
             "no uv": obj(uv=[]),
-            "uv": obj(uv=changed(TRUTH["uv"], 1, [0.2, 0.5])),
+            "uv": obj(uv=replace_item(TRUTH["uv"], 1, [0.2, 0.5])),
             "no points": "f",
         }.items():
             self.assertEqual(self.cell(text), f"FAILED: {word}", word)
@@ -100,8 +100,8 @@ class Damage(unittest.TestCase):
         self.assertEqual(known.cell("reader", ["another"]), "-")
         self.assertIn("1 passed, 0 failed", table.text(table.Verdicts(self.words(it=obj(colors=[])), limits), {"it.obj": "Mesh"}, []))
         gone = table.Verdicts(self.words(it=obj()), limits)
-        self.assertEqual(gone.failures(), ["reader, it: `no co*` is not seen any more: take it out of limits.py"])
-        # Another fault is none that is expected.
+        self.assertEqual(gone.failures(), ["reader, it: `no co*` no longer occurs: remove it from limits.py"])
+        # A different fault is not covered by the limit.
         self.assertEqual(table.Verdicts(self.words(it=obj(uv=[])), limits).cell("reader", ["it"]), "FAILED: no uv")
 
 
@@ -117,7 +117,7 @@ class Comparison(unittest.TestCase):
         self.assertEqual(self.difference(truth, points=CAP, faces=[[0, 1, 2]]), "1 faces")
         self.assertEqual(self.difference(truth, points=CAP, normals=[]), "no normals")
         self.assertEqual(self.difference(truth, points=CAP, normals=[[0, 0, -1]] * 6), "normals")
-        self.assertEqual(self.difference(truth, points=changed(CAP, 0, [float("nan")] * 3)), "points that are not finite")
+        self.assertEqual(self.difference(truth, points=replace_item(CAP, 0, [float("nan")] * 3)), "points that are not finite")
         self.assertEqual(self.difference(truth, error="cut off"), "cut off")
 
     def test_lines_join_the_same_points(self):
@@ -153,7 +153,7 @@ class Comparison(unittest.TestCase):
         held = {ending: in_file(f"it.{ending}", copy.deepcopy(TRUTH)) for ending in ("glb", "obj", "stl", "3mf", "ply")}
         self.assertEqual([ending for ending in held if held[ending]["colors"]], ["glb", "obj", "3mf", "ply"])
         self.assertEqual([ending for ending in held if held[ending]["uv"]], ["glb", "obj"])
-        # On the plate.
+        # On the build plate.
         self.assertEqual([min(axis) for axis in zip(*held["3mf"]["points"])], [0, 0, 0])
         captured = in_file("it.obj", {**copy.deepcopy(TRUTH), "captured": True})
         self.assertEqual(captured["points"][0], [20, 0, -3])

@@ -1,10 +1,10 @@
-// Sheets of batches that were never run, with pictures made of the doll's by a browser.
+// Data of contact sheets for the tests, with pictures that the browser derives from that of the doll.
 import { readFileSync } from "node:fs";
 import { resolve } from "node:path";
 
 const DOLL = readFileSync(resolve(import.meta.dirname, "../../docs/doll.png"));
 
-/** Draws so many pictures, all different: the doll in other colors, nearer and farther. */
+/** Draws a number of different pictures: the doll in other colors and sizes. */
 export async function pictures(page, count) {
   return page.evaluate(async ([doll, count]) => {
     const image = await createImageBitmap(await (await fetch(doll)).blob());
@@ -22,7 +22,7 @@ export async function pictures(page, count) {
 
 const product = (lists) => lists.reduce((all, list) => all.flatMap((some) => list.map((one) => [...some, one])), [[]]);
 
-/** A sheet of all combinations of these values: `values` gives to each name its list. */
+/** A sheet with a task for each combination of values; `values` has the list of each name. */
 function sheet(title, values, drawn, change = () => ({})) {
   const names = Object.keys(values);
   const tasks = product(Object.values(values)).map((values, k) => {
@@ -53,14 +53,14 @@ export const thousand = (drawn) =>
     k % 97 === 5 ? failed("the mesh is not closed", "heads.ron:31:7", "fill its holes first") : {},
   );
 
-/** Names that go hand in hand, and one that does not. */
+/** A sheet whose names `growth` and `levels` vary together. */
 export const zipped = (drawn) => {
   const made = sheet("zip.sweep.ron", { scan: ["a", "b"], growth: ["5", "12", "20"], levels: ["-"] }, drawn);
   for (const task of made.tasks) task.values[2] = { 5: "0", 12: "1", 20: "1" }[task.values[1]];
   return made;
 };
 
-/** What a batch leaves whose tasks came to all ends: what there is none of is left out, or null, as records have it. */
+/** A sheet with tasks in all states; missing facts are left out or null, as in records. */
 export const partial = (drawn) => {
   const none = { state: "missing", seconds: null, nodes: null, picture: null, files: [] };
   const changes = [
@@ -91,7 +91,7 @@ export const HOSTILE = [
   "",
 ];
 
-/** Everything in it is what somebody would write who wants to break it. */
+/** A sheet whose names, paths and messages try to inject scripts or to break the layout. */
 export const hostile = (drawn) => {
   const names = ["<b>bold</b>", "__proto__", "constructor", LONG];
   const tasks = HOSTILE.flatMap((text, k) => ["one", "two"].map((other, n) => ({

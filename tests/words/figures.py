@@ -53,7 +53,7 @@ def is_no_name(word):
     """Returns true if a word is a participle or a function word, so that it names neither a thing nor an action."""
     if word in FUNCTION_WORDS or word in IRREGULAR_PARTICIPLES:
         return word not in USUAL
-    return len(word) > 3 and word.endswith("ed") and word not in NO_PARTICIPLES
+    return len(word) > 3 and word.endswith("ed") and "_" not in word and word not in NO_PARTICIPLES
 
 
 def count(text):

@@ -1,7 +1,7 @@
-"""maquette in Blender.
+"""The Blender extension of maquette.
 
-What is registered is in `MODULES`, and nowhere else; each has `register` and `unregister`. Imports are relative: Blender calls the package
-`bl_ext.user_default.maquette`, and a script that has it from its folder calls it `addon`. Scripts call its function `update`.
+Each of `MODULES` has `register` and `unregister`; nothing else is registered. Imports are relative, since the package has two names:
+`bl_ext.user_default.maquette` in Blender, and `addon` for scripts that import it from its folder. Scripts call its function `update`.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from .waiting import update
 
 __all__ = ["update"]
 
-# Each may use what those above it have registered.
+# In the order of registration: each module may use what earlier ones have registered.
 MODULES = (preferences, engine, live, waiting, nodes, tree, paths, ui, frames, tree_ui)
 
 
 def register() -> None:
-    """Registers all modules, or none: after a failure Blender tries again without calling `unregister`."""
+    """Registers all modules, or none of them: after a failure Blender tries again without calling `unregister`."""
     done = []
     try:
         for module in MODULES:
@@ -29,6 +29,6 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Leaves nothing behind."""
+    """Unregisters all modules."""
     for module in reversed(MODULES):
         module.unregister()

@@ -1,4 +1,4 @@
-"""Values of the engine as meshes of Blender: columns of numbers go from files into attributes without a copy in Python."""
+"""Writes values of the engine into meshes of Blender: columns of numbers go from mapped files into attributes, without a copy in Python."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ import bpy
 from . import returned, space
 from .returned import DOMAINS
 
-# What a mesh remembers of the columns that it was made of: their files are named by what is in them.
+# Custom properties of a mesh with the files of the columns that it was made of. The files are named by their content.
 FACES = "maquette_faces"
 FILES = "maquette_files"
 NORMALS = "maquette_normals"
 
-# The key of the positions among the files.
-PLACES = "vertex position"
+# The key of the positions in FILES.
+POSITIONS = "vertex position"
 
-# And its material, with the file of the texture that this shows; empty while there is none.
+# Custom properties of a mesh with its material, and with the file of the material's texture; empty if there is none.
 MATERIAL = "maquette_material"
 TEXTURE = "maquette_texture"
 
-# The node of a material that shows its color.
-SHOWN = "Texture"
+# The name of the shader node with the texture of a material.
+TEXTURE_NODE = "Texture"
 
-# Columns that are the mesh itself.
-OWN = {
+# Columns that are written as geometry of the mesh, not as attributes.
+MESH_COLUMNS = {
     ("vertex", "position"),
     ("corner", "corners"),
     ("face", "sides"),
@@ -36,24 +36,24 @@ OWN = {
     ("edge", "creases"),
 }
 
-# Names that Blender keeps for itself, and how many bytes of others it surely takes, with some left for what is put behind.
-TAKEN = ("position", "UVMap", "crease_edge", "id", "material_index", "sharp_edge", "sharp_face")
-LONGEST = 48
+# Names of attributes that Blender reserves, and the maximum length of other names in bytes, with room for a suffix.
+RESERVED_NAMES = ("position", "UVMap", "crease_edge", "id", "material_index", "sharp_edge", "sharp_face")
+MAX_NAME = 48
 
-# Creases of Blender are from 0 to 1, where 1 never softens; the engine counts the subdivisions that stay sharp, and 10 never soften.
-NEVER_SOFT = 10
+# Creases in Blender are from 0 to 1, where 1 is always sharp. The engine counts the subdivisions that stay sharp, and 10 is always sharp.
+MAX_CREASE = 10
 
 
 class Columns:
     """The columns of a value, mapped from the files of the engine's folder."""
 
-    def __init__(self, told: dict[str, Any], folder: pathlib.Path) -> None:
-        self.told = told
+    def __init__(self, entry: dict[str, Any], folder: pathlib.Path) -> None:
+        self.entry = entry
         self.folder = folder
-        self.own = {it["name"]: it for it in reversed(told["columns"]) if (it["on"], it["name"]) in OWN}
+        self.own = {it["name"]: it for it in reversed(entry["columns"]) if (it["on"], it["name"]) in MESH_COLUMNS}
 
     def numbers(self, column: dict[str, Any], kind: str | None = None) -> Any:
-        """The numbers one after the other; `kind` is another type of the same size."""
+        """The numbers of a column as a flat array; `kind` is another type of the same size."""
         import numpy as np
 
         if not column["count"]:
@@ -62,11 +62,11 @@ class Columns:
         return np.memmap(self.folder / column["file"], dtype=kind or kinds[column["type"]], mode="r")
 
     def rows(self, column: dict[str, Any]) -> Any:
-        """The numbers, an element a row."""
+        """The numbers of a column, one row for each element."""
         return self.numbers(column).reshape(-1, column["width"])
 
-    def named(self, name: str, kind: str | None = None) -> Any:
-        """The numbers of a column; None if there is no such column."""
+    def numbers_of(self, name: str, kind: str | None = None) -> Any:
+        """The numbers of the column `name`, or None if there is no such column."""
         column = self.own.get(name)
         return None if column is None else self.numbers(column, kind)
 
@@ -74,24 +74,24 @@ class Columns:
         """The number of corners of each face."""
         import numpy as np
 
-        sides = self.told["sides"]
+        sides = self.entry["sides"]
         if sides is None:
-            return self.named("sides", "<i4") if "sides" in self.own else np.empty(0, "i4")
+            return self.numbers_of("sides", "<i4") if "sides" in self.own else np.empty(0, "i4")
         return np.full(self.count("corners") // sides, sides, "i4")
 
     def count(self, name: str) -> int:
-        """How many elements a column has."""
+        """The number of elements of a column, 0 if there is no such column."""
         return int(self.own[name]["count"]) if name in self.own else 0
 
     def faces(self) -> str:
-        """The files that say which vertices belong together."""
+        """A key of the topology: the files of the columns with vertex indices."""
         names = ["corners", "sides", "edges"]
-        return " ".join(f"{it}={self.own[it]['file']}" for it in names if it in self.own) + f" {self.told.get('sides')}"
+        return " ".join(f"{it}={self.own[it]['file']}" for it in names if it in self.own) + f" {self.entry.get('sides')}"
 
 
-def apply(mesh: bpy.types.Mesh, told: dict[str, Any], folder: pathlib.Path) -> None:
-    """Makes the mesh what a value is; only what differs is written."""
-    columns = Columns(told, folder)
+def apply(mesh: bpy.types.Mesh, entry: dict[str, Any], folder: pathlib.Path) -> None:
+    """Updates the mesh to a value; writes only what differs."""
+    columns = Columns(entry, folder)
     faces = _faces(columns)
     if will_differ(mesh, columns):
         mesh.clear_geometry()
@@ -99,8 +99,8 @@ def apply(mesh: bpy.types.Mesh, told: dict[str, Any], folder: pathlib.Path) -> N
         mesh[FACES], mesh[FILES], mesh[NORMALS] = faces, {}, ""
     known = dict(mesh[FILES])
     mesh[FILES] = _attributes(mesh, columns, known)
-    returned.edges(mesh, columns, columns.told.get("sources", []))
-    # Edges are given, so that none has to be found.
+    returned.set_edges(mesh, columns, columns.entry.get("sources", []))
+    # The edges are written already, so Blender need not calculate them.
     mesh.update()
     _normals(mesh, columns)
 
@@ -110,16 +110,16 @@ def _faces(columns: Columns) -> str:
 
 
 def will_differ(mesh: bpy.types.Mesh, columns: Columns) -> bool:
-    """Whether other vertices belong together in the value than in the mesh."""
-    return mesh.get(FACES) != _faces(columns) or not _is_whole(mesh, columns)
+    """Returns true if the topology of the value differs from that of the mesh."""
+    return mesh.get(FACES) != _faces(columns) or not _is_unchanged(mesh, columns)
 
 
-def _is_whole(mesh: bpy.types.Mesh, columns: Columns) -> bool:
-    """Whether nobody has changed which vertices belong together since the mesh was made."""
+def _is_unchanged(mesh: bpy.types.Mesh, columns: Columns) -> bool:
+    """Returns true if the topology of the mesh is still that of the columns: users may have edited it."""
     import numpy as np
 
     def is_same(elements: Any, name: str, attribute: str) -> bool:
-        wanted = columns.named(name, "<i4")
+        wanted = columns.numbers_of(name, "<i4")
         if wanted is None or not len(elements):
             return not len(elements) and not columns.count(name)
         found = mesh.attributes[attribute].data
@@ -137,19 +137,19 @@ def _topology(mesh: bpy.types.Mesh, columns: Columns) -> None:
     import numpy as np
 
     mesh.vertices.add(columns.count("position"))
-    ends = columns.named("edges", "<i4")
+    ends = columns.numbers_of("edges", "<i4")
     if ends is not None and len(ends):
         mesh.edges.add(len(ends) // 2)
         mesh.attributes[".edge_verts"].data.foreach_set("value", ends)
-    corners = columns.named("corners", "<i4")
+    corners = columns.numbers_of("corners", "<i4")
     if corners is None or not len(corners):
         return
     mesh.loops.add(len(corners))
     mesh.attributes[".corner_vert"].data.foreach_set("value", corners)
-    mesh.attributes[".corner_edge"].data.foreach_set("value", columns.named("edge of a corner", "<i4"))
-    sides = columns.told["sides"]
+    mesh.attributes[".corner_edge"].data.foreach_set("value", columns.numbers_of("edge of a corner", "<i4"))
+    sides = columns.entry["sides"]
     if sides is None:
-        starts = np.cumsum(columns.named("sides"), dtype=np.int32)
+        starts = np.cumsum(columns.numbers_of("sides"), dtype=np.int32)
         starts = np.concatenate([np.zeros(1, np.int32), starts[:-1]])
     else:
         starts = np.arange(0, len(corners), sides, dtype=np.int32)
@@ -158,14 +158,14 @@ def _topology(mesh: bpy.types.Mesh, columns: Columns) -> None:
 
 
 def _attributes(mesh: bpy.types.Mesh, columns: Columns, known: dict[str, str]) -> dict[str, str]:
-    """Writes the positions, and the columns whose files are not known; gives the files of these."""
+    """Writes the positions, and the columns whose files differ from `known`; returns the files of all columns."""
     import numpy as np
 
     files = {}
     if len(mesh.vertices):
-        mesh.attributes["position"].data.foreach_set("vector", space.moved(mesh, columns.named("position")))
-        files[PLACES] = columns.own["position"]["file"]
-    sources = columns.told.get("sources", [])
+        mesh.attributes["position"].data.foreach_set("vector", space.transform_positions(mesh, columns.numbers_of("position")))
+        files[POSITIONS] = columns.own["position"]["file"]
+    sources = columns.entry.get("sources", [])
     uv = columns.own.get("uv")
     if uv and uv["on"] == "corner":
         name = returned.uv_name(sources)
@@ -174,7 +174,7 @@ def _attributes(mesh: bpy.types.Mesh, columns: Columns, known: dict[str, str]) -
         if layer is None or known.get(f"corner {name}") != uv["file"]:
             layer = layer or mesh.uv_layers.new(name=name, do_init=False)
             layer.uv.foreach_set("vector", columns.numbers(uv))
-    typed, used = returned.typed(columns, sources)
+    typed, used = returned.restore(columns, sources)
     elements = {"vertex": mesh.vertices, "edge": mesh.edges, "face": mesh.polygons, "corner": mesh.loops}
     for it in typed:
         its = it.record
@@ -186,16 +186,16 @@ def _attributes(mesh: bpy.types.Mesh, columns: Columns, known: dict[str, str]) -
             attribute = attribute_of(mesh, its.name, its.kind, DOMAINS[its.on])
             if attribute:
                 returned.write(attribute, its.kind, it.numbers)
-    material = next((it for it in columns.told["columns"] if (it["on"], it["name"]) == ("face", "material")), None)
-    count = len(columns.told.get("materials", ()))
+    material = next((it for it in columns.entry["columns"] if (it["on"], it["name"]) == ("face", "material")), None)
+    count = len(columns.entry.get("materials", ()))
     if material and count:
         used.add(("face", "material"))
         files["face material_index"] = material["file"]
         if known.get("face material_index") != material["file"]:
             numbers = columns.numbers(material, "<i4")
             mesh.polygons.foreach_set("material_index", np.where((0 <= numbers) & (numbers < count), numbers, 0).astype("i4"))
-    for name, column in _named(columns, used).items():
-        # Some may be on some elements only.
+    for name, column in _unique_names(columns, used).items():
+        # Attributes may exist on some of the elements only.
         if not column["count"] or column["count"] != len(elements[column["on"]]):
             continue
         key = f"{column['on']} {name}"
@@ -210,49 +210,49 @@ def _attributes(mesh: bpy.types.Mesh, columns: Columns, known: dict[str, str]) -
     for key in known.keys() - files.keys():
         on, _, name = key.partition(" ")
         attribute = mesh.attributes.get(name)
-        # One of the same name may be on other elements now.
+        # An attribute of the same name may be on another domain now.
         if attribute and attribute.domain == DOMAINS.get(on) and not attribute.is_required:
             mesh.attributes.remove(attribute)
     return files
 
 
 def _normals(mesh: bpy.types.Mesh, columns: Columns) -> None:
-    """Writes the normals of corners, which Blender keeps relative to those that it finds."""
-    column = returned.normal(columns)
+    """Writes the normals of corners. Blender stores them relative to calculated normals, so they depend on the positions, too."""
+    column = returned.normal_column(columns)
     now = f"{column['file']} {columns.own['position']['file']} {list(mesh.get(space.APPLIED) or ())}" if column else ""
     if now != mesh.get(NORMALS, ""):
-        returned.normals(mesh, columns)
+        returned.set_normals(mesh, columns)
         mesh[NORMALS] = now
 
 
-def _named(columns: Columns, used: set[tuple[str, str]]) -> dict[str, dict[str, Any]]:
-    """Attributes by their names in Blender, which has one of each name: those on vertices come first and keep theirs."""
+def _unique_names(columns: Columns, used: set[tuple[str, str]]) -> dict[str, dict[str, Any]]:
+    """The attributes by unique names, as Blender needs them. Vertex attributes come first and keep their names; others may get a suffix."""
     found: dict[str, dict[str, Any]] = {}
-    for column in columns.told["columns"]:
+    for column in columns.entry["columns"]:
         on, name = column["on"], column["name"]
-        if (on, name) in OWN or on not in DOMAINS or (on, name) in used:
+        if (on, name) in MESH_COLUMNS or on not in DOMAINS or (on, name) in used:
             continue
-        name = name.encode()[:LONGEST].decode(errors="ignore")
-        while name in found or name in TAKEN:
+        name = name.encode()[:MAX_NAME].decode(errors="ignore")
+        while name in found or name in RESERVED_NAMES:
             name = f"{name}.{on}"
         found[name] = column
     return found
 
 
 def _creases(mesh: bpy.types.Mesh, columns: Columns) -> None:
-    """Each is two vertices and how sharp the edge between them is, in the order of the vertices."""
+    """Writes creases. The column has rows of two vertices and the sharpness of their edge, sorted by the vertices."""
     import numpy as np
 
     def number(ends: Any) -> Any:
         low, high = np.sort(ends.astype(np.int64), axis=1).T
         return low * len(mesh.vertices) + high
 
-    creases = columns.named("creases").reshape(-1, 3)
-    known, edges = number(creases[:, :2]), number(columns.named("edges", "<i4").reshape(-1, 2))
+    creases = columns.numbers_of("creases").reshape(-1, 3)
+    known, edges = number(creases[:, :2]), number(columns.numbers_of("edges", "<i4").reshape(-1, 2))
     place = np.minimum(np.searchsorted(known, edges), len(known) - 1)
     sharpness = np.where(known[place] == edges, creases[place, 2], 0)
     attribute = mesh.attributes.get("crease_edge") or mesh.attributes.new("crease_edge", "FLOAT", "EDGE")
-    attribute.data.foreach_set("value", np.sqrt(np.minimum(sharpness / NEVER_SOFT, 1)).astype(np.float32))
+    attribute.data.foreach_set("value", np.sqrt(np.minimum(sharpness / MAX_CREASE, 1)).astype(np.float32))
 
 
 def _attribute(mesh: bpy.types.Mesh, columns: Columns, column: dict[str, Any], name: str) -> None:
@@ -266,7 +266,7 @@ def _attribute(mesh: bpy.types.Mesh, columns: Columns, column: dict[str, Any], n
     elif column["type"] in ("u8", "u32"):
         if width != 1:
             return
-        # Blender's whole numbers have a sign.
+        # Integers are signed in Blender.
         kind, slot, numbers = "INT", "value", numbers.astype(np.int32)
     else:
         kinds = {1: ("FLOAT", "value"), 2: ("FLOAT2", "vector"), 3: ("FLOAT_VECTOR", "vector"), 4: ("FLOAT_COLOR", "color")}
@@ -279,7 +279,7 @@ def _attribute(mesh: bpy.types.Mesh, columns: Columns, column: dict[str, Any], n
 
 
 def attribute_of(mesh: bpy.types.Mesh, name: str, kind: str, domain: str) -> bpy.types.Attribute | None:
-    """An attribute of a type on a domain; None if the mesh needs another one of its name."""
+    """Finds or creates an attribute of a type on a domain; None if the mesh requires another attribute of this name."""
     attribute = mesh.attributes.get(name)
     if attribute and (attribute.data_type, attribute.domain) != (kind, domain):
         if attribute.is_required:
@@ -289,9 +289,9 @@ def attribute_of(mesh: bpy.types.Mesh, name: str, kind: str, domain: str) -> bpy
     return attribute or mesh.attributes.new(name, kind, domain)
 
 
-def texture(mesh: bpy.types.Mesh, told: dict[str, Any], folder: pathlib.Path) -> None:
-    """Gives a mesh a material with its texture; what a user makes of that stays, and comes back when the texture does."""
-    picture = told.get("texture")
+def texture(mesh: bpy.types.Mesh, entry: dict[str, Any], folder: pathlib.Path) -> None:
+    """Gives a mesh a material with its texture. Changes of the material by the user are kept, also while the value has no texture."""
+    picture = entry.get("texture")
     was, mesh[TEXTURE] = mesh.get(TEXTURE, ""), picture["file"] if picture else ""
     known = mesh.get(MATERIAL)
     if not picture:
@@ -304,14 +304,14 @@ def texture(mesh: bpy.types.Mesh, told: dict[str, Any], folder: pathlib.Path) ->
         known = mesh[MATERIAL] = material(mesh.name)
     if not was:
         mesh.materials.append(known)
-    shown = known.node_tree.nodes.get(SHOWN)
+    shown = known.node_tree.nodes.get(TEXTURE_NODE)
     if not shown or shown.image == shows:
         return
     if shown.image and any(it != mesh and known in it.materials[:] for it in bpy.data.meshes):
-        # Copies of the mesh go on to show what they show.
+        # Copies of the mesh use the same material and must keep the old texture.
         slots = [slot for slot, it in enumerate(mesh.materials) if it == known]
         known = mesh[MATERIAL] = known.copy()
-        shown = known.node_tree.nodes[SHOWN]
+        shown = known.node_tree.nodes[TEXTURE_NODE]
         for slot in slots:
             mesh.materials[slot] = known
     old, shown.image = shown.image, shows
@@ -320,7 +320,7 @@ def texture(mesh: bpy.types.Mesh, told: dict[str, Any], folder: pathlib.Path) ->
 
 
 def image(name: str, picture: dict[str, Any], folder: pathlib.Path) -> bpy.types.Image:
-    """The picture of a file of the engine, kept in Blender's."""
+    """Loads a picture file of the engine and packs it into the Blender file."""
     found = next((it for it in bpy.data.images if it.get("maquette_file") == picture["file"]), None)
     if found is None:
         found = bpy.data.images.load(str(folder / picture["file"]))
@@ -331,7 +331,7 @@ def image(name: str, picture: dict[str, Any], folder: pathlib.Path) -> bpy.types
 
 
 def material(name: str) -> bpy.types.Material:
-    """A material that shows a texture."""
+    """Creates a material with a texture node."""
     made = bpy.data.materials.new(name)
     if bpy.app.version < (5, 0):
         made.use_nodes = True
@@ -339,7 +339,7 @@ def material(name: str) -> bpy.types.Material:
     shader = next(it for it in nodes if it.type == "BSDF_PRINCIPLED")
     shader.inputs["Roughness"].default_value = 0.8
     shown = nodes.new("ShaderNodeTexImage")
-    shown.name = SHOWN
+    shown.name = TEXTURE_NODE
     shown.location = (shader.location.x - 320, shader.location.y)
     links.new(shown.outputs["Color"], shader.inputs["Base Color"])
     return made

@@ -1,4 +1,4 @@
-"""A client of `maquette serve --stdio` that never waits: `docs/serve.md` has the messages. Nothing of Blender is here."""
+"""A client of `maquette serve --stdio` that never blocks. `docs/serve.md` describes the messages. This module does not use Blender."""
 
 from __future__ import annotations
 
@@ -12,64 +12,64 @@ import tempfile
 import time
 from typing import Any, Callable
 
-# What is called with the end of a request, and with the events before it.
-Done = Callable[["Answer"], None]
-Told = Callable[[dict[str, Any]], None]
+# Callbacks of a request: for its answer, and for the events of its run before that.
+OnAnswer = Callable[["Answer"], None]
+OnEvent = Callable[[dict[str, Any]], None]
 
-# So many bytes are read at a time: more than a pipe holds on any system.
-PIECE = 1 << 20
+# The number of bytes to read at a time, more than a pipe holds on any system.
+READ_SIZE = 1 << 20
 
 
 class Answer:
-    """What a request came to."""
+    """The last event of a request: its answer, or the reason of its failure."""
 
     def __init__(self, event: dict[str, Any]) -> None:
         self.event = event
 
     @property
     def ok(self) -> bool:
-        """Whether it was done."""
+        """True if the request succeeded."""
         return self.event.get("event") == "answer"
 
     @property
     def why(self) -> str:
-        """Why it was not."""
+        """The reason of a failure."""
         return str(self.event.get("why", ""))
 
     @property
     def problems(self) -> list[dict[str, Any]]:
-        """The problems of its graph."""
+        """The problems of the graph."""
         return list(self.event.get("problems") or ())
 
     def __getitem__(self, name: str) -> Any:
         return self.event[name]
 
     def get(self, name: str, default: Any = None) -> Any:
-        """A field that may not be there."""
+        """Returns an optional field."""
         return self.event.get(name, default)
 
 
 class Client:
-    """A server, and the requests to it. Answers come in `poll`, and in the thread that calls it."""
+    """A server, and the requests to it. Callbacks are called in `poll`, in the thread that calls it."""
 
     def __init__(self, command: list[str]) -> None:
-        """Starts the server; that it could not be started is said as its end is."""
+        """Starts the server. If that fails, `ended` has the reason."""
         self.folder: pathlib.Path | None = None
-        # Why there is no server any more, in words for people.
+        # The reason why the server has ended, for the user; None while it runs.
         self.ended: str | None = None
         self._asked = 0
-        self._waiting: dict[int, tuple[Done | None, Told | None]] = {}
+        self._waiting: dict[int, tuple[OnAnswer | None, OnEvent | None]] = {}
         self._unsent: collections.deque[memoryview] = collections.deque()
         self._line = bytearray()
         self._words = tempfile.TemporaryFile()
         self._process: subprocess.Popen[bytes] | None = None
         try:
             pipe = subprocess.PIPE
-            # No window on systems that would open one for a program of the command line.
+            # On Windows, no console window.
             flags = getattr(subprocess, "CREATE_NO_WINDOW", 0)
             self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._words, bufsize=0, creationflags=flags)
         except OSError as error:
-            self._end(f"the engine cannot be started: {error}")
+            self._end(f"cannot start the engine: {error}")
             return
         for stream in self._process.stdin, self._process.stdout:
             assert stream
@@ -78,25 +78,25 @@ class Client:
 
     @property
     def busy(self) -> bool:
-        """Whether an answer is awaited."""
+        """True if an answer is pending."""
         return bool(self._waiting)
 
     @property
     def pid(self) -> int | None:
-        """The server's process."""
+        """The id of the server's process."""
         return self._process.pid if self._process else None
 
-    def ask(self, do: str, done: Done | None = None, told: Told | None = None, /, **fields: Any) -> int:
-        """Sends a request and gives its id; `done` is called once with what it came to, `told` with the events of a run before that."""
+    def ask(self, do: str, done: OnAnswer | None = None, on_event: OnEvent | None = None, /, **fields: Any) -> int:
+        """Sends a request and returns its id. `done` is called once with the answer, `on_event` with each event of a run before that."""
         self._asked += 1
-        self._waiting[self._asked] = (done, told)
+        self._waiting[self._asked] = (done, on_event)
         line = json.dumps({"id": self._asked, "do": do, **fields}) + "\n"
         self._unsent.append(memoryview(line.encode()))
         self._send()
         return self._asked
 
     def poll(self, seconds: float = 0.003) -> None:
-        """Takes what has come, no longer than about `seconds`; what is left comes with the next call."""
+        """Handles messages that have arrived, for about `seconds` at most; the rest is handled by the next call."""
         until = time.monotonic() + seconds
         self._send()
         while self.ended is None or self._line.find(b"\n") >= 0:
@@ -104,7 +104,7 @@ class Client:
             if end >= 0:
                 line = bytes(self._line[:end])
                 del self._line[: end + 1]
-                self._hear(line)
+                self._handle_line(line)
             elif not self._read():
                 break
             if time.monotonic() > until:
@@ -113,14 +113,14 @@ class Client:
             self._fail()
 
     def stop(self) -> None:
-        """Ends the server; who waits for an answer is told."""
+        """Ends the server; pending requests fail."""
         if self._process and self._process.stdin:
             self._process.stdin.close()
         self._end("the engine was stopped")
         self._fail()
         if self._process:
             try:
-                # It stops what runs and puts results on disk; that takes it two seconds at most.
+                # The server cancels its runs and writes results to disk, which takes up to two seconds; this does not wait for all of that.
                 self._process.wait(0.2)
             except subprocess.TimeoutExpired:
                 self._process.terminate()
@@ -129,7 +129,7 @@ class Client:
         self._words.close()
 
     def _send(self) -> None:
-        """Writes what the pipe takes."""
+        """Writes as much as the pipe takes."""
         while self._unsent and self.ended is None:
             assert self._process and self._process.stdin
             try:
@@ -137,7 +137,7 @@ class Client:
             except BlockingIOError:
                 return
             except OSError:
-                # What it said before it ended is still to be read.
+                # The server has ended; its last messages are still to be read.
                 self._unsent.clear()
                 return
             left = self._unsent[0][written:]
@@ -146,14 +146,14 @@ class Client:
                 self._unsent.popleft()
 
     def _read(self) -> bool:
-        """Reads what is there; whether there was something."""
+        """Reads available bytes; returns true if there were any."""
         assert self._process and self._process.stdout
         stream = self._process.stdout.fileno()
         try:
-            if sys.platform == "win32" and not _is_filled(stream):
+            if sys.platform == "win32" and not _has_data(stream):
                 piece = None
             else:
-                piece = os.read(stream, PIECE)
+                piece = os.read(stream, READ_SIZE)
         except BlockingIOError:
             piece = None
         except OSError:
@@ -166,11 +166,11 @@ class Client:
         self._line += piece
         return True
 
-    def _hear(self, line: bytes) -> None:
+    def _handle_line(self, line: bytes) -> None:
         try:
             event = json.loads(line)
         except ValueError:
-            return self._end(f"the engine says what is no message: {line[:60]!r}")
+            return self._end(f"invalid message from the engine: {line[:60]!r}")
         if event.get("event") == "ready":
             self.folder = pathlib.Path(event["folder"])
         elif "id" in event:
@@ -178,9 +178,9 @@ class Client:
             if done:
                 done(Answer(event))
         elif "run" in event:
-            _, told = self._waiting.get(event["run"], (None, None))
-            if told:
-                told(event)
+            _, on_event = self._waiting.get(event["run"], (None, None))
+            if on_event:
+                on_event(event)
 
     def _end(self, why: str) -> None:
         if self.ended is None:
@@ -189,7 +189,7 @@ class Client:
                 self._process.stdin.close()
 
     def _fail(self) -> None:
-        """Tells all who wait that there is no answer."""
+        """Fails all pending requests."""
         waiting, self._waiting = self._waiting, {}
         for done, _ in waiting.values():
             if done:
@@ -207,13 +207,13 @@ class Client:
         return f"{how}: {words[-1]}" if words else how
 
 
-def _is_filled(stream: int) -> bool:
-    """Whether there is something to read in a pipe of Windows, whose reads wait."""
+def _has_data(stream: int) -> bool:
+    """Returns true if a pipe on Windows, where reads block, has data."""
     import ctypes
     import msvcrt
 
     count = ctypes.c_ulong()
     handle = msvcrt.get_osfhandle(stream)  # type: ignore[attr-defined]
     peek = ctypes.windll.kernel32.PeekNamedPipe  # type: ignore[attr-defined]
-    # At the pipe's end reading says so.
+    # If the pipe has ended, a read reports that.
     return not peek(handle, None, 0, None, ctypes.byref(count), None) or count.value > 0

@@ -1,6 +1,6 @@
-"""Values with parts, such as `Near(color: "#c33923", distance: 30.0)`: a word of several, and what it takes. Nothing of Blender is here.
+"""Enum values with fields, such as `Near(color: "#c33923", distance: 30.0)`: a word (the variant) and its parts. Does not use Blender.
 
-Only the part that a user changes is written anew; all others stay as they stand in the text.
+Only the part that a user changes is written again; all other parts keep their text.
 """
 
 from __future__ import annotations
@@ -10,47 +10,47 @@ from typing import Any
 
 from . import panel
 
-# The parts of each word, by their names; a part without a name is the only one of its word.
+# The parts of each word; a part with an empty name is the only, unnamed one.
 Variants = dict[str, list[panel.Control]]
 
 _WORD = re.compile(r"\s*([A-Za-z_]\w*)\s*")
 _NAMED = re.compile(r"\s*([A-Za-z_]\w*)\s*:(?!:)")
-# What is skipped as a whole: raw strings, strings, characters and comments.
+# Tokens in which brackets and commas have no meaning: raw strings, strings, characters and comments.
 _WHOLE = re.compile(r'r(#*)".*?"\1|"(?:\\.|[^"\\])*"|\'(?:\\.|[^\'\\])\'|//[^\n]*|/\*.*?\*/', re.DOTALL)
 
 
 def variants(parameters: dict[str, Any]) -> dict[str, Variants]:
-    """The fields of a type of nodes that are values with parts, from its schema."""
+    """Returns the fields of a node type that have words with parts, from its schema."""
     defs = parameters.get("$defs", {})
     found = {}
     for name, field in (parameters.get("properties") or {}).items():
-        options = _resolved(field, defs).get("oneOf", ())
+        options = _resolve(field, defs).get("oneOf", ())
         words = dict(it for option in options for it in _words(option, defs))
         if any(words.values()) and all(_words(option, defs) for option in options):
             found[name] = words
     return found
 
 
-def _resolved(field: dict[str, Any], defs: dict[str, Any]) -> dict[str, Any]:
+def _resolve(field: dict[str, Any], defs: dict[str, Any]) -> dict[str, Any]:
     return defs.get(str(field.get("$ref", "")).removeprefix("#/$defs/"), field)
 
 
 def _words(option: dict[str, Any], defs: dict[str, Any]) -> list[tuple[str, list[panel.Control]]]:
-    """The word of an option, with its parts; none if it is no such option."""
+    """Returns the word of an option of the schema with its parts; empty if it is another kind of option."""
     if "const" in option:
         return [(option["const"], [])]
     properties = option.get("properties") or {}
     if len(properties) != 1:
         return []
     ((word, its),) = properties.items()
-    inner = _resolved(its, defs)
+    inner = _resolve(its, defs)
     if inner.get("properties") is not None:
         return [(word, panel.controls({**inner, "$defs": defs}))]
     return [(word, panel.controls({"properties": {"": its}, "required": [""], "$defs": defs}))]
 
 
 def parse(text: str, known: Variants) -> tuple[str, dict[str, str]]:
-    """The word of a value, and its parts that are written, as RON. ValueError if it is another value, such as `Param("select")`."""
+    """Splits a value into its word and its written parts, as RON. `ValueError` for other values, such as `Param("select")`."""
     match = _WORD.match(text)
     if not match or match[1] not in known:
         raise ValueError(text)
@@ -71,7 +71,7 @@ def parse(text: str, known: Variants) -> tuple[str, dict[str, str]]:
 
 
 def split(text: str) -> list[str]:
-    """What commas divide, but not those within brackets, strings and comments."""
+    """Splits a text at commas, except within brackets, strings and comments."""
     pieces, depth, start, at = [], 0, 0, 0
     while at < len(text):
         whole = _WHOLE.match(text, at)
@@ -95,35 +95,35 @@ def split(text: str) -> list[str]:
 
 
 def compose(word: str, parts: dict[str, str], known: Variants) -> str:
-    """The value as RON."""
+    """Formats a word and its parts as RON."""
     if not known[word]:
         return word
     written = [(name, text) for name, text in parts.items() if text]
     return f"{word}({', '.join(text if not name else f'{name}: {text}' for name, text in written)})"
 
 
-def begin(word: str, parts: dict[str, str], known: Variants) -> str:
-    """The value of another word, with the parts of the one before that it takes, and something for each that it must have."""
+def change_word(word: str, parts: dict[str, str], known: Variants) -> str:
+    """Returns the value of another word as RON: with the previous parts that it accepts, and placeholders for missing required parts."""
     found = {}
     for control in known[word]:
         if control.name in parts and can_show(control, parts[control.name]):
             found[control.name] = parts[control.name]
         elif control.is_required:
-            found[control.name] = _something(control)
+            found[control.name] = _placeholder(control)
     return compose(word, found, known)
 
 
 def can_show(control: panel.Control, text: str) -> bool:
-    """Whether a widget of this kind can show the part."""
+    """Returns true if a widget of this kind can show the text."""
     try:
-        panel.shown(control, text)
+        panel.widget_value(control, text)
     except ValueError:
         return False
     return True
 
 
 def default_of(default: Any, known: Variants) -> str:
-    """A default of the schema as RON; empty if it has parts that no widget has."""
+    """Formats a default of the schema as RON; empty if no widgets can show it."""
     if isinstance(default, str):
         return default if default in known else ""
     if not isinstance(default, dict) or len(default) != 1:
@@ -135,12 +135,12 @@ def default_of(default: Any, known: Variants) -> str:
     parts = {}
     for control in known[word]:
         if control.kind != "ron" and values.get(control.name) is not None:
-            parts[control.name] = panel.said(control, values[control.name]) or ""
+            parts[control.name] = panel.try_ron(control, values[control.name]) or ""
     return compose(word, parts, known)
 
 
-def _something(control: panel.Control) -> str:
-    """A value for a part that must be there."""
+def _placeholder(control: panel.Control) -> str:
+    """A placeholder for a required part, as RON."""
     if control.kind in ("number", "integer"):
         number = max(control.low if control.low is not None else 0, 1 if control.kind == "integer" else 1.0)
         if control.high is not None:

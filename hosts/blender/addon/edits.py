@@ -1,7 +1,7 @@
-"""A graph as nodes with sockets, and the edits of its text that make it what the nodes show. Nothing of Blender is here.
+"""A graph as nodes with sockets, and the edits of its text that a user's changes of the nodes require. Does not use Blender.
 
-The text stays the truth: nodes are made of the engine's `outline`, a user changes them, and what differs becomes edits of the text, which the
-engine makes or refuses (docs/serve.md).
+The text is authoritative: nodes are created from the engine's `outline`, a user changes them, and the differences become edits of the text,
+which the engine applies or refuses (docs/serve.md).
 """
 
 from __future__ import annotations
@@ -9,66 +9,66 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, Iterable, Iterator
 
-# Where a link comes from: node and output.
+# The source of a link: node and output.
 Source = tuple[str, str]
 
 
 @dataclasses.dataclass
 class Node:
-    """A node as it is shown."""
+    """A node as the editor shows it."""
 
-    # Its name in the text; empty if it is not there yet.
+    # Its name in the text; empty if it is not in the text yet.
     name: str
     kind: str
-    # What it is called now: another name than that in the text is a wish.
+    # Its name in the editor; if it differs from `name`, the user wants to rename it.
     title: str
-    # The links of each port in their order; those of ports within lists and choices have the way there as their name.
+    # The links of each port, in order. The names of ports within lists and choices are paths.
     links: dict[str, list[Source]] = dataclasses.field(default_factory=dict)
-    # The fields that hold no link alone, as RON.
+    # The fields other than links, as RON.
     fields: dict[str, str] = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass
-class Shown:
-    """A graph as it is shown."""
+class GraphView:
+    """A graph as the editor shows it."""
 
     nodes: list[Node]
-    # What each output of the graph gives.
+    # The source of each output of the graph.
     outputs: dict[str, Source | None]
 
-    def named(self, name: str) -> Node:
-        """The node of this name in the text."""
+    def node(self, name: str) -> Node:
+        """Returns the node with this name in the text."""
         return next(it for it in self.nodes if it.name == name)
 
 
-def shown(outline: dict[str, Any]) -> Shown:
-    """What an outline is shown as."""
+def view_of(outline: dict[str, Any]) -> GraphView:
+    """Returns the view of an outline."""
     nodes = []
-    for told in outline["nodes"]:
-        node = Node(told["name"], told["type"], told["name"])
-        for port, links in _ports(told).items():
+    for entry in outline["nodes"]:
+        node = Node(entry["name"], entry["type"], entry["name"])
+        for port, links in _ports(entry).items():
             node.links[port] = [(it["node"], it["output"]) for it in links]
-        node.fields = {name: text for name, text in told["fields"] if name not in node.links}
+        node.fields = {name: text for name, text in entry["fields"] if name not in node.links}
         nodes.append(node)
     outputs = {it["name"]: _source(it["link"]) for it in outline["outputs"]}
-    return Shown(nodes, outputs)
+    return GraphView(nodes, outputs)
 
 
 def _source(link: dict[str, Any] | None) -> Source | None:
     return (link["node"], link["output"]) if link else None
 
 
-def _ports(told: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
-    """The links of a node by the ports that hold them: `images.0` and `images.1` are of `images`."""
-    ports: dict[str, list[dict[str, Any]]] = {it: [] for it in told["ports"] if told["type"] != "ForEach"}
-    for link in told["links"]:
+def _ports(entry: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
+    """Groups the links of a node by port: `images.0` and `images.1` belong to `images`."""
+    ports: dict[str, list[dict[str, Any]]] = {it: [] for it in entry["ports"] if entry["type"] != "ForEach"}
+    for link in entry["links"]:
         way, _, last = link["port"].rpartition(".")
         ports.setdefault(way if way and last.isdecimal() else link["port"], []).append(link)
     return ports
 
 
-def difference(outline: dict[str, Any], now: Shown) -> tuple[list[dict[str, Any]], list[Node]]:
-    """The edits that make the text what is shown, and the new nodes that wait for links which they must have: they are not in the text yet."""
+def difference(outline: dict[str, Any], now: GraphView) -> tuple[list[dict[str, Any]], list[Node]]:
+    """Returns the edits that bring the text to the view, and the new nodes that are not in the text yet, since they lack required links."""
     known = {it["name"]: it for it in outline["nodes"]}
     there = {it.name for it in now.nodes}
     gone = known.keys() - there
@@ -78,21 +78,21 @@ def difference(outline: dict[str, Any], now: Shown) -> tuple[list[dict[str, Any]
     for node in now.nodes:
         if node.name:
             continue
-        if lacking(node):
+        if missing_part(node):
             waiting.append(node)
             continue
         texts = {port: [names.link(it) for it in links] for port, links in node.links.items()}
         if any(None in links for links in texts.values()):
-            # It hangs on another one that waits.
+            # It depends on another node that is not in the text yet.
             waiting.append(node)
             continue
         links = [(port, _value(links)) for port, links in texts.items()]
-        edits.append({"add": {"name": names.of(node), "node": node.kind, "fields": [*links, *node.fields.items()]}})
+        edits.append({"add": {"name": names.new_name(node), "node": node.kind, "fields": [*links, *node.fields.items()]}})
     for node in now.nodes:
         if node.name in known:
             edits += _node_edits(known[node.name], node, gone, names)
-    for told in outline["outputs"]:
-        name, was = told["name"], _source(told["link"])
+    for entry in outline["outputs"]:
+        name, was = entry["name"], _source(entry["link"])
         if name not in now.outputs:
             if not was or was[0] not in gone:
                 edits.append({"output": {"name": name, "to": None}})
@@ -102,31 +102,31 @@ def difference(outline: dict[str, Any], now: Shown) -> tuple[list[dict[str, Any]
     for name, to in now.outputs.items():
         if name not in given and to and (link := names.link(to)):
             edits.append({"output": {"name": name, "to": link}})
-    # Names come last: all that is above says the old ones.
+    # Renames come last: all other edits use the old names.
     edits += [{"rename": {"from": f"nodes.{it.name}", "to": it.title}} for it in now.nodes if it.name in known and it.title != it.name]
     return edits, waiting
 
 
-def lacking(node: Node) -> str:
-    """What a new node needs before it can stand in the text, in words; empty if nothing."""
+def missing_part(node: Node) -> str:
+    """Returns what the user must do before a new node can be written into the text; empty if nothing."""
     ports = (f"link {port}" for port, links in node.links.items() if not links)
-    fields = (f"say {field}" for field, text in node.fields.items() if not text)
+    fields = (f"set {field}" for field, text in node.fields.items() if not text)
     return next(ports, "") or next(fields, "")
 
 
-def is_same(one: Shown, other: Shown) -> bool:
-    """Whether both show the same, in whatever order nodes lie on each other."""
+def is_same(one: GraphView, other: GraphView) -> bool:
+    """Returns true if both views are equal, regardless of the order of nodes."""
 
-    def sorted_nodes(it: Shown) -> list[Node]:
+    def sorted_nodes(it: GraphView) -> list[Node]:
         return sorted(it.nodes, key=lambda node: (node.name, node.kind, str(node)))
 
     return one.outputs == other.outputs and sorted_nodes(one) == sorted_nodes(other)
 
 
-def without(now: Shown, refused: list[Node]) -> tuple[Shown, list[Node]]:
-    """What is shown without the new nodes that were refused as they are, and these."""
+def without_refused(now: GraphView, refused: list[Node]) -> tuple[GraphView, list[Node]]:
+    """Returns the view without the new nodes that the engine has refused and that are unchanged since, and these nodes."""
     known = [node for node in now.nodes if not node.name and node in refused]
-    return Shown([node for node in now.nodes if not any(node is it for it in known)], now.outputs), known
+    return GraphView([node for node in now.nodes if not any(node is it for it in known)], now.outputs), known
 
 
 def _value(links: Iterable[str | None]) -> str:
@@ -135,16 +135,16 @@ def _value(links: Iterable[str | None]) -> str:
 
 
 class _Names:
-    """How links name what they come from."""
+    """The names of nodes and links in the text."""
 
-    def __init__(self, outline: dict[str, Any], now: Shown) -> None:
+    def __init__(self, outline: dict[str, Any], now: GraphView) -> None:
         self.first = {it["name"]: (it["outputs"][0]["name"] if it["outputs"] else "") for it in outline["nodes"]}
         self.taken = {it["name"] for section in ("nodes", "inputs", "params") for it in outline[section]}
         self.inputs = {it["name"] for it in outline["inputs"]}
         self.new: dict[int, str] = {}
 
-    def of(self, node: Node) -> str:
-        """A name for a new node: its wish, or its type, with a number if that is taken."""
+    def new_name(self, node: Node) -> str:
+        """Chooses the name of a new node: its title or its type, with a number if that is taken."""
         wish = node.title or "".join(f"-{it.lower()}" if it.isupper() else it for it in node.kind).strip("-")
         name, number = wish, 2
         while name in self.taken:
@@ -153,7 +153,7 @@ class _Names:
         return name
 
     def link(self, source: Source) -> str | None:
-        """What a link to it says; None if it is not in the text."""
+        """Returns the text of a link to a source; None if the source is not in the text."""
         node, output = source
         if node in self.inputs:
             return node
@@ -162,17 +162,17 @@ class _Names:
         return node if output in ("", self.first[node]) else f"{node}.{output}"
 
 
-def _node_edits(told: dict[str, Any], node: Node, gone: Iterable[str], names: _Names) -> Iterator[dict[str, Any]]:
-    for field, text in told["fields"]:
+def _node_edits(entry: dict[str, Any], node: Node, gone: Iterable[str], names: _Names) -> Iterator[dict[str, Any]]:
+    for field, text in entry["fields"]:
         if field in node.fields and node.fields[field] != text:
             yield {"set": {"target": f"{node.name}.{field}", "value": node.fields[field]}}
-    written = {field for field, _ in told["fields"]}
+    written = {field for field, _ in entry["fields"]}
     for field, text in node.fields.items():
         if field not in written:
             yield {"set": {"target": f"{node.name}.{field}", "value": text}}
-    for port, links in _ports(told).items():
+    for port, links in _ports(entry).items():
         was = [(it["node"], it["output"]) for it in links if it["node"] not in gone]
-        # A link alone at a port that takes many may have no brackets around it.
+        # A single link of a port that takes many may be written without brackets.
         is_list = any(it["port"] != port for it in links)
         yield from _port_edits(f"{node.name}.{port}", was, node.links.get(port, []), is_list, names)
 
@@ -187,7 +187,7 @@ def _port_edits(port: str, was: list[Source], now: list[Source], is_list: bool, 
         link = names.link(source)
         if link is None or (place < len(was) and was[place] == source):
             continue
-        # At a port that takes many, a link without a number is one more.
+        # At a port that takes many, a link without a number is appended.
         numbered = f"{port}.{place}" if place < len(was) and (is_list or len(now) > 1) else port
         yield {"link": {"port": numbered, "to": link}}
     for place in reversed(range(len(now), len(was))):

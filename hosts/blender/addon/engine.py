@@ -1,4 +1,4 @@
-"""The one engine of this Blender: a process of its own, started when it is first needed, and heard by a timer."""
+"""The engine of this Blender: one process, started on first use and polled by a timer."""
 
 from __future__ import annotations
 
@@ -16,38 +16,38 @@ from .client import Client
 
 HERE = pathlib.Path(__file__).resolve().parent
 
-# Seconds between two looks at the engine: while something is under way, and while nothing is.
-BUSY, IDLE = 0.02, 0.1
+# Seconds between two polls of the engine: while requests are pending, and while it is idle.
+BUSY_INTERVAL, IDLE_INTERVAL = 0.02, 0.1
 
-# What properties for paths have: later Blenders want to be told that `//`, the folder of their file, is known here.
+# The option for properties with paths: newer Blenders must know that the add-on supports `//`, the folder of the Blender file.
 RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (5, 0) else set()
 
-# What is called with each look. Modules put their own in as they are registered.
+# Called in each poll. Modules add their functions when they are registered.
 ticks: list[Callable[[], None]] = []
 
 _client: Client | None = None
 
-# Whoever polls holds this: a render has its own thread, and waits in it.
-alone = threading.RLock()
+# Held by the thread that polls: a render has its own thread, and waits in it.
+poll_lock = threading.RLock()
 
-# True while a render is at work: what it shows is not changed by the timer.
+# True during a render; the timer changes nothing then.
 is_rendering = False
 
-# True if the engine's folder was found full: its data is on disk from then on.
+# True once the engine's folder in memory was full; its data is on disk from then on.
 _is_full = False
 
-# Called when an engine was replaced. Modules put their own in as they are registered.
-replaced: list[Callable[[], None]] = []
+# Called after the engine was replaced. Modules add their functions when they are registered.
+restart_listeners: list[Callable[[], None]] = []
 
 
 def roots() -> list[str]:
-    """The folders outside of their projects that graphs may read."""
+    """The folders that graphs may read in addition to those of their projects."""
     addon = bpy.context.preferences.addons.get(__package__)
     return [bpy.path.abspath(it.path) for it in addon.preferences.roots if it.path] if addon else []
 
 
 def command() -> list[str]:
-    """What starts the engine: the program that the preferences name, or MAQUETTE; else that of the extension."""
+    """The command that starts the engine: the program of the preferences, or MAQUETTE, or the extension's own."""
     addon = bpy.context.preferences.addons.get(__package__)
     program = (addon.preferences.program if addon else "") or os.environ.get("MAQUETTE", "")
     if program:
@@ -58,12 +58,12 @@ def command() -> list[str]:
 
 
 def _folder() -> list[str]:
-    """Where the engine puts its data, if not where it does by itself."""
+    """The option for a folder on disk, if memory has no room for the engine's data."""
     return [] if exchange.has_room() and not _is_full else ["--folder", bpy.app.tempdir]
 
 
 def go_to_disk() -> bool:
-    """Begins with a new engine whose data is on disk, because there is no room for it in memory. False if it is there already."""
+    """Restarts the engine with its data on disk, since memory has no room for it. Returns false if it is there already."""
     global _is_full
     folder = client().folder
     if folder is None or folder.parent == pathlib.Path(bpy.app.tempdir):
@@ -74,32 +74,32 @@ def go_to_disk() -> bool:
 
 
 def client() -> Client:
-    """The engine; a new one if there was none. One that has ended stays, so that its end is seen, until `restart`."""
+    """Returns the engine, and starts it if there is none. An engine that has ended stays until `restart`, so that users see why."""
     global _client
     if _client is None:
         _client = Client(command())
     return _client
 
 
-def ended() -> str | None:
-    """Why there is no engine any more; None if all is well."""
+def end_reason() -> str | None:
+    """Returns the reason why the engine has ended; None if it runs or was not started."""
     return _client.ended if _client else None
 
 
 def restart() -> None:
-    """Begins with a new engine."""
+    """Replaces the engine by a new one."""
     global _client
     if _client:
         _client.stop()
     _client = None
     client()
-    for its in replaced:
+    for its in restart_listeners:
         its()
 
 
 def poll() -> None:
-    """One look: takes what has come, and lets everyone go on; nothing while another thread does."""
-    if not alone.acquire(blocking=False):
+    """Handles messages of the engine and calls all ticks; does nothing while another thread polls."""
+    if not poll_lock.acquire(blocking=False):
         return
     try:
         if _client:
@@ -107,26 +107,26 @@ def poll() -> None:
         for tick in ticks:
             tick()
     finally:
-        alone.release()
+        poll_lock.release()
 
 
 def _timer() -> float:
-    # A timer that raises is called no more.
+    # Blender removes a timer that raises.
     try:
         if not is_rendering:
             poll()
     except Exception as error:  # noqa: BLE001
         print(f"maquette: {type(error).__name__}: {error}", file=sys.stderr)
-    return BUSY if _client and _client.busy else IDLE
+    return BUSY_INTERVAL if _client and _client.busy else IDLE_INTERVAL
 
 
 def register() -> None:
-    """Begins to look."""
+    """Starts the timer."""
     bpy.app.timers.register(_timer, persistent=True)
 
 
 def unregister() -> None:
-    """Ends the engine."""
+    """Stops the timer and the engine."""
     global _client, _is_full
     if bpy.app.timers.is_registered(_timer):
         bpy.app.timers.unregister(_timer)
@@ -137,5 +137,5 @@ def unregister() -> None:
 
 
 def key(owner: bpy.types.Object) -> int:
-    """What an object is known by while it lives, undo included."""
+    """An identifier of an object for its lifetime, also across undo."""
     return owner.session_uid if hasattr(owner, "session_uid") else hash(owner.name_full)

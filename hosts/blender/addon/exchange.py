@@ -1,6 +1,6 @@
-"""Where the engine puts its large data for Blender: in memory, or in a folder on disk where there is little memory for files.
+"""The place of the engine's large data for Blender: files in memory, or a folder on disk if memory has little room for files.
 
-In containers `/dev/shm` often has 64 MB. Nothing of Blender is here.
+In containers, `/dev/shm` often has only 64 MB. This module does not use Blender.
 """
 
 from __future__ import annotations
@@ -8,10 +8,10 @@ from __future__ import annotations
 import pathlib
 import shutil
 
-# Where systems have files in memory.
+# The folder of files in memory.
 MEMORY = pathlib.Path("/dev/shm")
 
-# The number of bytes that must be free there: two answers of some million triangles, and what is at the inputs.
+# The minimum of free bytes: enough for two results of some million triangles and the data of inputs.
 ROOM = 512 << 20
 
 
@@ -24,5 +24,5 @@ def has_room() -> bool:
 
 
 def is_unwritten(why: str, folder: pathlib.Path | None) -> bool:
-    """Returns true if the engine could not put a value into the folder: then it says which file it could not write."""
+    """Returns true if a message of the engine says that it could not write a file into the folder."""
     return folder is not None and why.startswith(str(folder))

@@ -1,4 +1,4 @@
-"""A cache of frames: what an animated live object shows in each frame as an Alembic file, which needs neither the graph nor the extension."""
+"""Bakes an animated live object into an Alembic file, which needs neither the graph nor the extension."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ import pathlib
 import bpy
 
 from . import waiting
-from .ui import ForLiveObject, active
+from .ui import ForLiveObject, active_object
 
 
 class MAQUETTE_OT_bake_frames(ForLiveObject, bpy.types.Operator):
-    """Bakes each frame of the scene into a file, and adds an object that plays them, without the graph"""
+    """Bakes each frame of the scene into a file, and adds an object that plays the file without the graph"""
 
     bl_idname = "maquette.bake_frames"
     bl_label = "Bake Frames"
     bl_options = {"REGISTER", "UNDO"}
     filepath: bpy.props.StringProperty(  # type: ignore[valid-type]
-        name="File", description="The file of the frames; NAME.abc beside the Blender file if it is empty", subtype="FILE_PATH"
+        name="File", description="The file of the frames; if empty, NAME.abc in the folder of the Blender file", subtype="FILE_PATH"
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Goes through the frames, and waits in each for its result."""
-        owner, scene, layer = active(context), context.scene, context.view_layer
+        """Exports all frames, waiting for the result of each, and imports the file."""
+        owner, scene, layer = active_object(context), context.scene, context.view_layer
         if not self.filepath and not bpy.data.filepath:
-            self.report({"ERROR"}, "the Blender file has no folder yet: save it, or name a file for the frames")
+            self.report({"ERROR"}, "the Blender file is not saved yet: save it, or choose a file for the frames")
             return {"CANCELLED"}
         path = bpy.path.abspath(self.filepath or f"//{bpy.path.clean_name(owner.name)}.abc")
         if not owner.visible_get():
@@ -34,7 +34,7 @@ class MAQUETTE_OT_bake_frames(ForLiveObject, bpy.types.Operator):
         for it in selected:
             it.select_set(False)
         owner.select_set(True)
-        # Meshes without modifiers are written once, as if they never changed; this one does nothing.
+        # The exporter writes meshes without modifiers only once; this modifier does nothing.
         mark = owner.modifiers.new("maquette frames", "SMOOTH")
         mark.show_viewport = mark.show_render = False
         try:
@@ -66,5 +66,5 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Unregisters it."""
+    """Unregisters the operator."""
     bpy.utils.unregister_class(MAQUETTE_OT_bake_frames)

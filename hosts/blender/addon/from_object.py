@@ -1,4 +1,4 @@
-"""What an object has, as columns for an input of a graph, and what of it no column can hold."""
+"""Converts an object to columns for an input of a graph, and lists what columns cannot hold."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ import bpy
 from . import apply, evaluated, looks, pictures
 from .records import GROUP, KINDS, MAX_VERTICES, NUMBERS, Record, Source, levels, number
 
-ON = {"POINT": "vertex", "CORNER": "corner", "FACE": "face"}
+ENGINE_DOMAINS = {"POINT": "vertex", "CORNER": "corner", "FACE": "face"}
 
-# Names that mean something to the engine.
-MEANT = {
+# Names that have a meaning in the engine.
+RESERVED = {
     "POINT": {"position", "uv", "normal", "color", NUMBERS},
     "CORNER": {"corners", "edge of a corner", "uv", "normal", "color"},
     "FACE": {"corners", "sides", "material"},
 }
 
-# What is not an attribute of its own: the mesh itself, or given in another way.
-OTHERWISE = {"position", "material_index", "crease_edge", "custom_normal"}
+# Attributes of Blender that are not passed as attributes: they are geometry, or passed in another way.
+NOT_ATTRIBUTES = {"position", "material_index", "crease_edge", "custom_normal"}
 SEAMS = {"uv_seam", ".uv_seam"}
 
-# Whole numbers beyond this are rounded in single precision.
+# Larger integers are rounded in single precision.
 MAX_WHOLE = 1 << 24
 
 @dataclasses.dataclass
@@ -35,7 +35,7 @@ class Part:
     ends: Any
     corners: Any
     sides: Any
-    # By domain and name: kind and numbers, an element a row.
+    # By domain and name: kind and numbers, one row for each element.
     attributes: dict[tuple[str, str], tuple[str, Any]]
     normals: Any
     materials: list[Any]
@@ -48,13 +48,13 @@ class Part:
 
 
 def fields(place: Any, start: str, kind: str, given: bpy.types.Object, folder: pathlib.Path, first: int) -> tuple[dict[str, Any], Source]:
-    """Puts what an object has into files and describes them for the request `input`; `ValueError` says what the object is not.
+    """Writes the data of an object into files and returns the fields of the request `input`. `ValueError` if it does not fit the type.
 
-    `place` is the way from the world to the graph; `first` is the number of the first vertex.
+    `place` is the matrix from the world to the graph; `first` is the number of the first vertex.
     """
     import numpy as np
 
-    part = _joined(list(_parts(given, place)))
+    part = _join(list(_parts(given, place)))
     source = Source()
     columns: list[dict[str, Any]] = []
 
@@ -67,7 +67,7 @@ def fields(place: Any, start: str, kind: str, given: bpy.types.Object, folder: p
     if kind == "Curve":
         order, closed = _chain(part.ends.tolist(), len(part.places))
         add("point", "point", "position", 3, "f32", part.places[order])
-        source.lost += [f"attribute {name} (a curve has places alone)" for _, name in part.attributes]
+        source.lost += [f"attribute {name} (a curve has positions only)" for _, name in part.attributes]
         return {"columns": columns, "facts": {"closed": closed}}, source
     if kind == "Points":
         add("position", "point", "position", 3, "f32", part.places)
@@ -92,7 +92,7 @@ def fields(place: Any, start: str, kind: str, given: bpy.types.Object, folder: p
 
 
 def _add_edges(part: Part, source: Source, add: Any, first: int) -> None:
-    """Creases, which the engine has, and what else edges have, which comes back with their ends."""
+    """Adds creases as a column of the engine. Other data of edges is kept in `source` and restored by the numbers of their vertices."""
     import numpy as np
 
     of_edges = {name: its for (domain, name), its in part.attributes.items() if domain == "EDGE"}
@@ -100,8 +100,8 @@ def _add_edges(part: Part, source: Source, add: Any, first: int) -> None:
     creases = creases.ravel()
     at = np.flatnonzero(creases > 0) if kind == "FLOAT" else []
     if len(at):
-        add("creases", "edge", "number", 3, "f64", np.column_stack([part.ends[at], apply.NEVER_SOFT * creases[at].astype("f8") ** 2]))
-    source.edges = {name: its for name, its in of_edges.items() if _says(*its)}
+        add("creases", "edge", "number", 3, "f64", np.column_stack([part.ends[at], apply.MAX_CREASE * creases[at].astype("f8") ** 2]))
+    source.edges = {name: its for name, its in of_edges.items() if _has_values(*its)}
     if source.edges and len(part.places) < MAX_VERTICES:
         add(NUMBERS, "vertex", "exact", 1, "u32", first + np.arange(len(part.places)))
         source.ends = part.ends.astype("i8") + first
@@ -117,21 +117,21 @@ def _add_edges(part: Part, source: Source, add: Any, first: int) -> None:
         source.lost.append(f"{loose} edge{'s' if loose > 1 else ''} without a face")
 
 
-def _says(kind: str, numbers: Any) -> bool:
-    """Whether an attribute has a value that is not the usual one."""
+def _has_values(kind: str, numbers: Any) -> bool:
+    """Returns true if an attribute has a value other than zero or empty."""
     return any(numbers.ravel()) if kind == "STRING" else bool(numbers.any())
 
 
 def _add_attributes(part: Part, source: Source, add: Any, domains: list[str]) -> None:
     import numpy as np
 
-    taken = {domain: set(names) for domain, names in MEANT.items()}
+    taken = {domain: set(names) for domain, names in RESERVED.items()}
     for (domain, name), (kind, numbers) in part.attributes.items():
-        if domain not in domains or name in OTHERWISE or name == "sharp_face" and not numbers.any():
+        if domain not in domains or name in NOT_ATTRIBUTES or name == "sharp_face" and not numbers.any():
             continue
         if name == part.uv and domain == "CORNER" and kind == "FLOAT2":
             if not np.isfinite(numbers).all():
-                source.lost.append(f"UV map {name} (it has a coordinate that is not finite)")
+                source.lost.append(f"UV map {name} (a coordinate is not finite)")
                 continue
             own = "uv"
         elif name == part.color and domain != "FACE" and kind == "BYTE_COLOR":
@@ -142,19 +142,19 @@ def _add_attributes(part: Part, source: Source, add: Any, domains: list[str]) ->
                 own += ".own"
         pieces = []
         for suffix, *column in _pieces(kind, numbers):
-            add(own + suffix, ON[domain], *column)
+            add(own + suffix, ENGINE_DOMAINS[domain], *column)
             pieces.append(own + suffix)
         taken[domain] |= set(pieces)
-        source.records.append(Record(name.removesuffix(GROUP) if kind == "GROUP" else name, kind, ON[domain], pieces))
+        source.records.append(Record(name.removesuffix(GROUP) if kind == "GROUP" else name, kind, ENGINE_DOMAINS[domain], pieces))
         if name == part.color and domain != "FACE" and kind == "FLOAT_COLOR":
-            # Graphs know the color of this name.
-            add("color", ON[domain], "level", 3, "u8", levels(numbers))
+            # The engine uses the attribute `color` as the color.
+            add("color", ENGINE_DOMAINS[domain], "level", 3, "u8", levels(numbers))
         if kind in ("INT", "INT32_2D") and numbers.min(initial=0) < 0 and np.abs(numbers.astype("i8")).max() > MAX_WHOLE:
-            source.lost.append(f"digits of attribute {name} (it has negative numbers, and others beyond {MAX_WHOLE})")
+            source.lost.append(f"digits of attribute {name} (it has negative numbers, and numbers beyond {MAX_WHOLE})")
 
 
 def _pieces(kind: str, numbers: Any) -> Iterator[tuple[Any, ...]]:
-    """Behind which name, meaning, width, type and numbers of the columns of an attribute."""
+    """The columns of an attribute: suffix of the name, meaning, width, type and numbers of each."""
     import numpy as np
 
     if kind == "BOOLEAN":
@@ -178,7 +178,7 @@ def _pieces(kind: str, numbers: Any) -> Iterator[tuple[Any, ...]]:
 
 
 def _parts(given: bpy.types.Object, place: Any) -> Iterator[Part]:
-    """The mesh of an object with its modifiers, and those of its instances."""
+    """The meshes of an object with its modifiers, and of its instances."""
     with evaluated.graph(given) as depsgraph:
         its = given.evaluated_get(depsgraph)
         found = _part(its, place @ its.matrix_world)
@@ -192,13 +192,13 @@ def _parts(given: bpy.types.Object, place: Any) -> Iterator[Part]:
 
 
 def _part(its: bpy.types.Object, place: Any) -> Part | None:
-    """The mesh of an evaluated object at a place; None if it has none."""
+    """The mesh of an evaluated object, transformed by a matrix; None if it has no mesh."""
     import numpy as np
 
     try:
         mesh = its.to_mesh()
     except RuntimeError:
-        # A light, a camera.
+        # Lights and cameras have no mesh.
         mesh = None
     if mesh is None:
         return None
@@ -213,7 +213,7 @@ def _part(its: bpy.types.Object, place: Any) -> Part | None:
             normals = _numbers(mesh.corner_normals, "vector", "f4", 3) @ np.linalg.pinv(turn)
             normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
         if place.determinant() < 0:
-            # What is mirrored has its outside where it was: the corners of each face turn round behind the first one.
+            # A mirrored mesh keeps its outside: reverse the order of the corners of each face after the first one.
             starts = np.repeat(np.cumsum(sides) - sides, sides)
             order = starts + (np.repeat(sides, sides) - (np.arange(len(corners)) - starts)) % np.repeat(sides, sides)
             corners, normals = corners[order], None if normals is None else normals[order]
@@ -223,7 +223,7 @@ def _part(its: bpy.types.Object, place: Any) -> Part | None:
         uv = next((it.name for it in mesh.uv_layers if it.active_render), "")
         colors = mesh.color_attributes
         color = colors[colors.render_color_index].name if 0 <= colors.render_color_index < len(colors) else ""
-        # Evaluated ones are gone with the next change.
+        # The original materials, since evaluated ones are freed with the next change.
         materials = [it.material.original if it.material else None for it in its.material_slots]
         return Part(places, _numbers(mesh.edges, "vertices", "i4", 2), corners, sides, attributes, normals, materials, uv, color)
     finally:
@@ -231,11 +231,11 @@ def _part(its: bpy.types.Object, place: Any) -> Part | None:
 
 
 def _attributes(mesh: bpy.types.Mesh, owner: bpy.types.Object) -> Iterator[tuple[str, str, tuple[str, Any]]]:
-    """Domain, name, kind and numbers of attributes, vertex groups and seams."""
+    """Yields domain, name, kind and numbers of attributes, vertex groups and seams."""
     import numpy as np
 
     for it in mesh.attributes:
-        # Those of nodes that have no name for users begin with `.a_`.
+        # Anonymous attributes of Geometry Nodes begin with `.a_`.
         is_hidden = it.is_internal or it.name.startswith(".a_")
         if it.name == "position" or it.data_type not in KINDS or is_hidden and it.name not in SEAMS:
             continue
@@ -268,8 +268,8 @@ def _numbers(elements: Any, name: str, type: str, width: int = 1) -> Any:
     return numbers.reshape(-1, width)
 
 
-def _joined(parts: list[Part]) -> Part:
-    """Several meshes as one; where one lacks an attribute of another one it has zeros."""
+def _join(parts: list[Part]) -> Part:
+    """Joins several meshes. Missing attributes are zero."""
     import numpy as np
 
     if not parts:
@@ -309,7 +309,7 @@ def _joined(parts: list[Part]) -> Part:
 
 
 def _chain(edges: list[tuple[int, int]], count: int) -> tuple[list[int], bool]:
-    """The vertices in the order in which edges lead from one to the next, and whether the last leads to the first."""
+    """The vertices in the order of a chain of edges, and true if the chain is closed."""
     beside: list[list[int]] = [[] for _ in range(count)]
     for one, other in edges:
         beside[one].append(other)
@@ -322,5 +322,5 @@ def _chain(edges: list[tuple[int, int]], count: int) -> tuple[list[int], bool]:
             order.append(vertex)
             before, vertex = vertex, next((it for it in beside[vertex] if it != before), -1)
     if not order or len(order) != count:
-        raise ValueError("is not one chain of edges, as a curve has to be")
+        raise ValueError("is not a single chain of edges, which a curve must be")
     return order, not tips

@@ -1,4 +1,4 @@
-"""Objects at the inputs of a graph: what the engine is given of them, and what is lost on the way."""
+"""Sends objects at the inputs of a graph to the engine, and lists what is lost in the conversion."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from .records import MAX_VERTICES, Source
 if TYPE_CHECKING:
     from .live import State
 
-# What an object can be given as.
+# The types as which an object can be passed.
 TYPES = ("Mesh", "Points", "Curve")
 
 
 def send(owner: bpy.types.Object, it: State, name: str, kind: str, given: bpy.types.Object) -> None:
-    """Gives the mesh of an object to the engine, its modifiers included, as it lies relative to the live one."""
-    # The files of what is on its way are the engine's.
+    """Sends the mesh of an object with its modifiers to the engine, in the coordinates of the live object."""
+    # While a request is pending, its files must not be overwritten.
     if engine.client().folder is None or name in it.sending:
         return
     it.stale.discard(name)
     it.sent[name] = key(given)
-    why = _unfit(owner, kind, given)
+    why = _unfit_reason(owner, kind, given)
     fields: dict[str, Any] = {}
     if not why:
         try:
@@ -35,7 +35,7 @@ def send(owner: bpy.types.Object, it: State, name: str, kind: str, given: bpy.ty
         except OSError as error:
             if engine.go_to_disk():
                 return
-            why = f"there is no room for {given.name}: {error}; free space, and press Reload"
+            why = f"no room for {given.name}: {error}; free space, then press Reload"
     if why:
         it.inputs.pop(name, None)
         it.unfit[name] = f"{name}: {why}"
@@ -55,15 +55,15 @@ def send(owner: bpy.types.Object, it: State, name: str, kind: str, given: bpy.ty
     engine.client().ask("input", done, None, type=kind, **fields)
 
 
-def _unfit(owner: bpy.types.Object, kind: str, given: bpy.types.Object) -> str:
-    """Why an object cannot be given, whatever its mesh."""
+def _unfit_reason(owner: bpy.types.Object, kind: str, given: bpy.types.Object) -> str:
+    """The reason why an object cannot be passed, regardless of its mesh; empty if it can."""
     if kind not in TYPES:
-        return f"it takes a value of the type {kind}, and an object can be given as {', '.join(TYPES[:-1])} or {TYPES[-1]} only"
+        return f"the input takes a value of type {kind}, but an object can only be passed as {', '.join(TYPES[:-1])} or {TYPES[-1]}"
     found, left = set(), [given]
     while left:
         its = left.pop()
         if its == owner:
-            return f"{given.name} is made of {owner.name} itself" if given != owner else f"{owner.name} cannot be made of itself"
+            return f"{given.name} depends on {owner.name} itself" if given != owner else f"{owner.name} cannot be an input of itself"
         if its not in found:
             found.add(its)
             left += [one.object for one in its.maquette.inputs if one.object]
@@ -71,20 +71,20 @@ def _unfit(owner: bpy.types.Object, kind: str, given: bpy.types.Object) -> str:
 
 
 def columns(owner: bpy.types.Object, start: str, kind: str, given: bpy.types.Object) -> dict[str, Any]:
-    """Puts what an object has into files and describes them; `ValueError` says what it is not."""
+    """Writes the data of an object into files and returns the fields of the request `input`. `ValueError` if it does not fit the type."""
     folder = engine.client().folder
     assert folder
     first = MAX_VERTICES * next((at for at, its in enumerate(owner.maquette.inputs) if its.object == given), 0)
-    place = space.applied(owner.data).inverted_safe() @ evaluated.place(owner).inverted_safe()
+    place = space.transform_of(owner.data).inverted_safe() @ evaluated.world_matrix(owner).inverted_safe()
     fields, source = from_object.fields(place, start, kind, given, folder, first)
     return {**fields, "source": source}
 
 
-def lost(owner: bpy.types.Object, it: State, told: dict[str, Any]) -> str:
-    """What of the objects at inputs was not given, and what of it is not in the value, in lines for people."""
+def describe_losses(owner: bpy.types.Object, it: State, entry: dict[str, Any]) -> str:
+    """Lists for the user what objects at inputs have and was not passed, and what was passed and is not in the value."""
     sources, lines = it.sources, []
     for its in owner.maquette.inputs:
         if its.object and its.name in sources and sources[its.name].lost:
-            lines.append(f"{its.name}: {its.object.name} is given without {', '.join(sources[its.name].lost)}")
-    gone = returned.lost(told, owner.data)
+            lines.append(f"{its.name}: {its.object.name} is passed without {', '.join(sources[its.name].lost)}")
+    gone = returned.find_lost(entry, owner.data)
     return "\n".join([*lines, *([f"not in {owner.maquette.output}: {', '.join(gone)}"] if gone else [])])

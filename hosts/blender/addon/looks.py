@@ -1,4 +1,4 @@
-"""Materials: those of Blender as graphs are told of them, and those of meshes with several as materials of Blender."""
+"""Materials: converts those of Blender to messages of the engine, and messages to materials of Blender."""
 
 from __future__ import annotations
 
@@ -10,71 +10,71 @@ import bpy
 
 from . import apply, pictures
 
-# The materials that a mesh was given, by the numbers of their slots.
+# Custom property of a mesh with the materials that this module has assigned, by slot.
 MATERIALS = "maquette_materials"
 
-# What a material was made of.
+# Custom property of a material with the message that it was made of, as JSON.
 MESSAGE = "maquette_message"
 
 
 def _shader(material: bpy.types.Material) -> Any:
-    """The node that says what a material looks like; None if it has none."""
-    # Later Blenders have no other materials, and warn who asks.
+    """The Principled BSDF node of a material; None if it has none."""
+    # In Blender 5.0 and newer, all materials have nodes, and `use_nodes` is deprecated.
     has_nodes = bpy.app.version >= (5, 0) or material.use_nodes
     nodes = material.node_tree.nodes if has_nodes and material.node_tree else ()
     return next((it for it in nodes if it.type == "BSDF_PRINCIPLED"), None)
 
 
 def message(material: bpy.types.Material | None, uv: str, files: pictures.Files, lost: list[str]) -> dict[str, Any]:
-    """What a graph is told of a material; `uv` is the UV map that the engine knows as `uv`. What is not told is added to `lost`."""
+    """Converts a material to a message of the engine. `uv` is the UV map that is `uv` there. Appends to `lost` what is not converted."""
     if material is None:
         return {}
     shader = _shader(material)
     found: dict[str, Any] = {"name": material.name, "double_sided": not material.use_backface_culling}
     if shader is None:
         color = list(material.diffuse_color)
-        found |= {"metallic": _part(material.metallic), "roughness": _part(material.roughness)}
+        found |= {"metallic": _clamp(material.metallic), "roughness": _clamp(material.roughness)}
     else:
         maps, others = pictures.maps(shader, uv, files)
-        lost += [f"what is linked to {name} of the material {material.name}" for name in others]
+        lost += [f"the link of {name} of the material {material.name}" for name in others]
         color = [*shader.inputs["Base Color"].default_value[:3], shader.inputs["Alpha"].default_value]
         if "base color" in maps:
             color[:3] = [1.0] * 3
         strength = shader.inputs["Emission Strength"].default_value
         emissive = [1.0] * 3 if "emissive" in maps else shader.inputs["Emission Color"].default_value[:3]
-        # What is linked takes the place of the number.
+        # A linked map replaces the number.
         numbers = {name: 1.0 if name in maps else shader.inputs[name.capitalize()].default_value for name in ("metallic", "roughness")}
-        found |= {name: _part(number) for name, number in numbers.items()}
-        found |= {"maps": maps, "emissive": [_part(strength * it) for it in emissive]}
+        found |= {name: _clamp(number) for name, number in numbers.items()}
+        found |= {"maps": maps, "emissive": [_clamp(strength * it) for it in emissive]}
         if shader.inputs["Alpha"].links and "Alpha" not in others:
             color[3], found["transparency"] = 1.0, "blend"
-    found["base_color"] = [_part(it) for it in color]
+    found["base_color"] = [_clamp(it) for it in color]
     if found["base_color"][3] < 1:
         found["transparency"] = "blend"
     return found
 
 
-def _part(number: float) -> float:
+def _clamp(number: float) -> float:
     return min(max(float(number), 0.0), 1.0)
 
 
-def show(mesh: bpy.types.Mesh, told: dict[str, Any], folder: pathlib.Path, given: list[str]) -> None:
-    """Gives a mesh its materials. `given` are the names of those of objects at inputs, which come back themselves."""
-    messages = told.get("materials", [])
-    apply.texture(mesh, {**told, "texture": None} if messages else told, folder)
+def show(mesh: bpy.types.Mesh, entry: dict[str, Any], folder: pathlib.Path, given: list[str]) -> None:
+    """Assigns materials to a mesh. `given` are the names of materials of objects at inputs, which are assigned themselves."""
+    messages = entry.get("materials", [])
+    apply.texture(mesh, {**entry, "texture": None} if messages else entry, folder)
     before = dict(mesh.get(MATERIALS) or {})
     ours: dict[str, Any] = {}
     for slot, its in enumerate(messages):
         was = before.get(str(slot))
         material = bpy.data.materials.get(its["name"]) if its["name"] in given else None
-        if material is None and not _is_nothing(its):
-            material = _made(mesh, its, before, folder)
+        if material is None and not _is_default(its):
+            material = _make_material(mesh, its, before, folder)
         if material:
             ours[str(slot)] = material
         if slot >= len(mesh.materials):
             mesh.materials.append(material)
         elif mesh.materials[slot] == was or was is None and mesh.materials[slot] is None:
-            # One that a user has put here stays.
+            # A material that a user has put into the slot stays.
             mesh.materials[slot] = material
     for slot in reversed(range(len(messages), len(mesh.materials))):
         if mesh.materials[slot] and mesh.materials[slot] == before.get(str(slot)):
@@ -85,20 +85,20 @@ def show(mesh: bpy.types.Mesh, told: dict[str, Any], folder: pathlib.Path, given
         del mesh[MATERIALS]
 
 
-def _is_nothing(its: dict[str, Any]) -> bool:
-    """Whether nothing is known of a material: that of faces without one beside others."""
+def _is_default(its: dict[str, Any]) -> bool:
+    """Returns true for the material of faces without a material."""
     return not its["name"] and not its.get("picture") and its["base_color"] == [1, 1, 1, 1]
 
 
-def _made(mesh: bpy.types.Mesh, its: dict[str, Any], before: dict[str, Any], folder: pathlib.Path) -> bpy.types.Material:
-    """A material that looks as a message says. What a user has made of a known one stays, but for what the message says now."""
+def _make_material(mesh: bpy.types.Mesh, its: dict[str, Any], before: dict[str, Any], folder: pathlib.Path) -> bpy.types.Material:
+    """Creates or updates the material of a message. Changes by the user are kept, except of properties that have changed in the message."""
     known = {json.loads(it[MESSAGE])["name"]: it for it in before.values() if it and it.get(MESSAGE)}
     material = known.get(its["name"])
     was = json.loads(material[MESSAGE]) if material else {}
     if was == its:
         return material
     if material and any(it != mesh and material in it.materials[:] for it in bpy.data.meshes):
-        # Copies of the mesh go on to show what they show.
+        # Copies of the mesh keep the old material.
         material = material.copy()
     if material is None:
         material = apply.material(its["name"] or mesh.name)
@@ -129,7 +129,7 @@ def _change(material: bpy.types.Material, its: dict[str, Any]) -> None:
 
 
 def _put_pictures(material: bpy.types.Material, shader: Any, was: dict[str, Any], its: dict[str, Any], folder: pathlib.Path) -> None:
-    """Shows the pictures of a message that are others than before."""
+    """Updates the image textures that have changed in the message."""
 
     def all_of(message: dict[str, Any]) -> dict[str, Any]:
         maps = dict(message.get("maps", {}))
@@ -137,7 +137,7 @@ def _put_pictures(material: bpy.types.Material, shader: Any, was: dict[str, Any]
         if base and message["transparency"] != "opaque":
             maps["opacity"] = base
         if message.get("picture"):
-            # What is seen: the map times the color.
+            # The picture to show: the map multiplied by the color.
             maps["base color"] = {**base, **message["picture"]}
         return maps
 
@@ -146,4 +146,4 @@ def _put_pictures(material: bpy.types.Material, shader: Any, was: dict[str, Any]
         if kind in new and old.get(kind) == new[kind] or kind not in new and kind not in old and was:
             continue
         image = apply.image(f"{material.name} {kind}", new[kind], folder) if kind in new else None
-        pictures.show(material, shader, apply.SHOWN if kind == "base color" else kind, kind, image, new.get(kind, {}))
+        pictures.show(material, shader, apply.TEXTURE_NODE if kind == "base color" else kind, kind, image, new.get(kind, {}))

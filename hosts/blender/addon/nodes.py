@@ -1,7 +1,7 @@
-"""The types of nodes, sockets and trees: one class for each type that the engine's catalog has, made when the catalog is there.
+"""The classes of nodes, sockets and trees: one for each type of the engine's catalog, created once the catalog has arrived.
 
-A node keeps its fields as custom properties, which hold numbers exactly. A field that can be shown as a number, a flag, a word or a path is
-one; all others are texts of RON.
+A node stores its fields as custom properties, which hold numbers exactly. Fields are numbers, flags, words or paths where possible, and
+otherwise texts of RON.
 """
 
 from __future__ import annotations
@@ -16,25 +16,25 @@ import bpy
 
 from . import compound, engine, panel
 
-# Custom properties of fields begin with this.
+# The prefix of the custom properties of fields.
 FIELD = "field "
 
-# And those of the parts of a field, behind its name; the text that they were made of has no part's name.
+# The prefix of the custom properties of a field's parts: `part FIELD PART`. `part FIELD` is the text that the parts were made of.
 PART = "part "
 
-# Blender cuts names of nodes, and refuses names of classes that are longer, in bytes.
-LONGEST = 63
+# The maximum length in bytes: Blender truncates longer names of nodes and refuses longer names of classes.
+MAX_NAME = 63
 
-# The classes that were made of the catalog, by their names.
-_made: dict[str, type] = {}
-# The types of nodes: those of the catalog by their names, graphs that are used by their files.
+# The registered classes, by name.
+_registered: dict[str, type] = {}
+# The types of nodes: those of the catalog by name, used graphs by file.
 kinds: dict[str, dict[str, Any]] = {}
 _controls: dict[str, dict[str, panel.Control]] = {}
-# The fields with parts of each type.
+# The fields with parts (see `compound`) of each type.
 _compounds: dict[str, dict[str, compound.Variants]] = {}
 
-# Called with a tree in which something may have been changed.
-heard: list[Callable[[Any], None]] = []
+# Called with a tree that may have changed.
+listeners: list[Callable[[Any], None]] = []
 
 
 class MaquetteTree(bpy.types.NodeTree):
@@ -47,15 +47,15 @@ class MaquetteTree(bpy.types.NodeTree):
     maquette_graph: bpy.props.StringProperty(  # type: ignore[valid-type]
         name="Graph", description="The file of the graph", subtype="FILE_PATH", options=engine.RELATIVE
     )
-    maquette_folder: bpy.props.StringProperty(description="The folder that `//` at the beginning of the graph's path stands for")  # type: ignore[valid-type]
-    maquette_beside: bpy.props.StringProperty(description="The graph's path from the folder of the file, when that was saved")  # type: ignore[valid-type]
-    maquette_text: bpy.props.StringProperty(description="The text that is shown")  # type: ignore[valid-type]
-    maquette_changes: bpy.props.IntProperty(description="The number of others' changes that the text has")  # type: ignore[valid-type]
+    maquette_folder: bpy.props.StringProperty(description="The folder that `//` at the start of the graph's path refers to")  # type: ignore[valid-type]
+    maquette_beside: bpy.props.StringProperty(description="The graph's path relative to the Blender file when that was last saved")  # type: ignore[valid-type]
+    maquette_text: bpy.props.StringProperty(description="The text that the tree shows")  # type: ignore[valid-type]
+    maquette_changes: bpy.props.IntProperty(description="The number of external changes that the text contains")  # type: ignore[valid-type]
 
     def update(self) -> None:
-        """Something may have been changed: it is looked at with the next look."""
-        for told in heard:
-            told(self)
+        """Called by Blender when the tree may have changed."""
+        for listener in listeners:
+            listener(self)
 
 
 class SocketBase:
@@ -64,21 +64,21 @@ class SocketBase:
     maquette_port: bpy.props.StringProperty()  # type: ignore[valid-type]
 
     def draw(self, _context: Any, layout: Any, _node: Any, text: str) -> None:
-        """Its name."""
+        """Draws the name of the socket."""
         layout.label(text=text)
 
     def draw_color(self, _context: Any, _node: Any) -> tuple[float, float, float, float]:
-        """That of its type."""
+        """The color of its type."""
         return color(self.bl_label)
 
     @classmethod
     def draw_color_simple(cls) -> tuple[float, float, float, float]:
-        """That of its type."""
+        """The color of its type."""
         return color(cls.bl_label)
 
 
 def color(kind: str) -> tuple[float, float, float, float]:
-    """A color for a type of values, everywhere the same."""
+    """The color of a type of values, derived from its name."""
     hue = hashlib.md5(kind.encode(), usedforsecurity=False).digest()[0] / 256
     return (*colorsys.hsv_to_rgb(hue, 0.55 if kind else 0.0, 0.8), 1.0)
 
@@ -87,37 +87,37 @@ class NodeBase:
     """A node of a graph."""
 
     bl_width_default = 190
-    # Its name in the text; empty while it is not there.
+    # Its name in the text; empty while it is not in the text.
     maquette_name: bpy.props.StringProperty()  # type: ignore[valid-type]
     maquette_kind: bpy.props.StringProperty()  # type: ignore[valid-type]
-    # The file of the graph that it uses, if it uses one.
+    # The file of the used graph, if any.
     maquette_graph: bpy.props.StringProperty()  # type: ignore[valid-type]
-    # The fields that are shown on it; the others are in the sidebar.
+    # The fields that are shown on the node; the others are in the sidebar.
     maquette_written: bpy.props.StringProperty()  # type: ignore[valid-type]
     maquette_problem: bpy.props.StringProperty()  # type: ignore[valid-type]
 
     @classmethod
     def poll(cls, tree: bpy.types.NodeTree) -> bool:
-        """Whether it belongs into a tree."""
+        """Returns true if such nodes can be in a tree."""
         return tree.bl_idname == MaquetteTree.bl_idname
 
     def init(self, _context: Any) -> None:
-        """A new node has the ports of its type, and a value at each field that it needs."""
+        """Gives a new node the ports of its type, and values for required fields."""
         kind = kinds.get(getattr(self, "maquette_type", ""))
         if kind:
-            begin(self, kind)
+            init_node(self, kind)
 
     def copy(self, other: Any) -> None:
-        """A copy beside it is another node, which is not in the text yet; in a copy of the whole tree it is the same one."""
+        """A copy within the tree is a new node, which is not in the text yet; a copy of the whole tree keeps the names."""
         if self.name != other.name:
             self.maquette_name = ""
 
     def draw_buttons(self, _context: Any, layout: Any) -> None:
-        """The fields that are written, and what is wrong with it."""
+        """Draws the problem of the node and its written fields."""
         if self.maquette_problem:
             column = layout.column()
             column.alert = True
-            # A label is one line, and cut where the node ends.
+            # A label has only one line, which is cut at the edge of the node.
             for place, line in enumerate(textwrap.wrap(self.maquette_problem, 28)):
                 column.label(text=line, icon="BLANK1" if place else "ERROR")
         if self.mute:
@@ -128,7 +128,7 @@ class NodeBase:
             _draw(self, layout, field)
 
     def draw_buttons_ext(self, _context: Any, layout: Any) -> None:
-        """All of its fields."""
+        """Draws all fields."""
         kind = kinds.get(kind_of(self))
         if kind:
             layout.label(text=kind["doc"].split("\n")[0])
@@ -136,13 +136,13 @@ class NodeBase:
             layout.operator("maquette.show_node", icon="HIDE_OFF").node = self.maquette_name
         for name in [it for it in self.keys() if it.startswith(FIELD)]:
             _draw(self, layout, name[len(FIELD) :])
-            if _known(self, name[len(FIELD) :]):
-                # As text, too: it may be `Param(..)`.
+            if _variants_of(self, name[len(FIELD) :]):
+                # Also as text, since it may be `Param(..)`.
                 layout.prop(self, f'["{name}"]', text="")
 
 
-# Graphs say which nodes there are, and nothing else.
-MUTED = "muted here only: a graph has no muted nodes"
+# Graphs cannot mute nodes.
+MUTED = "muted in Blender only: the graph still computes this node"
 
 
 def _draw(node: bpy.types.Node, layout: Any, field: str) -> None:
@@ -167,8 +167,8 @@ class PackMenu:
     """The nodes of a pack."""
 
     def draw(self, _context: Any) -> None:
-        """Draws an entry for each; who types in the menu finds them by the words of other programs, too."""
-        for it in of_pack(self.maquette_pack):
+        """Draws an entry for each node; the search of menus finds the terms of other programs, too."""
+        for it in nodes_of_pack(self.maquette_pack):
             made = self.layout.operator("node.add_node", text=entry(it))
             made.type, made.use_transform = class_of(it["name"]), True
 
@@ -178,18 +178,18 @@ def menu_of(pack: str) -> str:
     return f"MAQUETTE_MT_pack_{pack.replace('-', '_')}"
 
 
-# Before the words of other programs, at the end of what the catalog says of a node.
-OTHERS = "In other programs: "
+# The beginning of the last line of a node's documentation, before the terms of other programs.
+ALIASES_PREFIX = "In other programs: "
 
 
 def entry(kind: dict[str, Any]) -> str:
-    """What the menu says of a type: its name, and what other programs call it."""
+    """The menu entry of a type: its name, and the terms of other programs."""
     last = kind["doc"].rstrip().split("\n")[-1]
-    return f"{kind['name']} ({last.removeprefix(OTHERS).rstrip('.')})" if last.startswith(OTHERS) else str(kind["name"])
+    return f"{kind['name']} ({last.removeprefix(ALIASES_PREFIX).rstrip('.')})" if last.startswith(ALIASES_PREFIX) else str(kind["name"])
 
 
 class MaquetteNodeOther(NodeBase, bpy.types.Node):
-    """A node that the catalog has not: a graph that is used, a `ForEach`, a `Switch`, or one of an unknown type."""
+    """A node that is not in the catalog: a used graph, a `ForEach`, a `Switch`, or a node of an unknown type."""
 
     bl_idname = "MaquetteNodeOther"
     bl_label = "Maquette Node"
@@ -210,26 +210,26 @@ class MaquetteNodeOutputs(NodeBase, bpy.types.Node):
 
 
 class MaquetteSocket(SocketBase, bpy.types.NodeSocket):
-    """A port of which no single type is known."""
+    """A port without a single known type."""
 
     bl_idname = "MaquetteSocket"
     bl_label = ""
 
 
 def idname(prefix: str, kind: str) -> str:
-    """The name of the class of a type: Blender takes no long ones."""
+    """The class name of a type, shortened to the length that Blender allows."""
     name = prefix + kind
-    return name if len(name) <= LONGEST else name[: LONGEST - 8] + hashlib.md5(kind.encode(), usedforsecurity=False).hexdigest()[:8]
+    return name if len(name) <= MAX_NAME else name[: MAX_NAME - 8] + hashlib.md5(kind.encode(), usedforsecurity=False).hexdigest()[:8]
 
 
 def class_of(kind: str) -> str:
-    """The name of the class of nodes of a type."""
+    """The class name of the nodes of a type."""
     name = idname("MaquetteNode", kind)
-    return name if name in _made else MaquetteNodeOther.bl_idname
+    return name if name in _registered else MaquetteNodeOther.bl_idname
 
 
 def kind_of(node: bpy.types.Node) -> str:
-    """By what the type of a node is known in `kinds`."""
+    """The key of a node's type in `kinds`."""
     return str(node.maquette_graph or node.maquette_kind)
 
 
@@ -238,18 +238,18 @@ def controls(kind: str) -> dict[str, panel.Control]:
     return _controls.get(kind, {})
 
 
-def learn(told: list[dict[str, Any]], by: str) -> None:
-    """Takes notice of types of nodes: the catalog's by `name`, graphs that are used by `pack`, which is their file."""
-    for it in told:
+def add_types(types: list[dict[str, Any]], by: str) -> None:
+    """Adds types of nodes: those of the catalog by `name`, used graphs by `pack`, which is their file."""
+    for it in types:
         if kinds.get(it[by]) != it:
             kinds[it[by]] = it
             _controls[it[by]] = {control.name: control for control in panel.controls(it["parameters"])}
             _compounds[it[by]] = compound.variants(it["parameters"])
 
 
-def classes(nodes: list[dict[str, Any]]) -> None:
-    """Registers a class for each type of nodes and of values that the engine has."""
-    learn(nodes, "name")
+def register_classes(nodes: list[dict[str, Any]]) -> None:
+    """Registers a class for each type of nodes and of values of the engine."""
+    add_types(nodes, "name")
     types = {kind for it in nodes for port in [*it["inputs"], *it["outputs"]] for kind in port["types"]}
     wanted: list[tuple[str, tuple[type, ...], dict[str, Any]]] = []
     for kind in sorted(types):
@@ -262,10 +262,10 @@ def classes(nodes: list[dict[str, Any]]) -> None:
     for pack in packs():
         wanted.append((menu_of(pack), (PackMenu, bpy.types.Menu), {"bl_label": pack.capitalize(), "maquette_pack": pack}))
     for name, bases, fields in wanted:
-        if name not in _made:
+        if name not in _registered:
             made = type(name, bases, {"bl_idname": name, "__module__": __name__, **fields})
             bpy.utils.register_class(made)
-            _made[name] = made
+            _registered[name] = made
 
 
 def _choice(field: str) -> str:
@@ -273,7 +273,7 @@ def _choice(field: str) -> str:
 
 
 def _enum(control: panel.Control) -> Any:
-    """A menu of a field's words; the field itself is a custom property."""
+    """Creates an enum property for a field's choices; the value is stored in the field's custom property."""
     name = FIELD + control.name
 
     def get(node: Any) -> int:
@@ -288,12 +288,12 @@ def _enum(control: panel.Control) -> Any:
 
 
 def _words(field: str, known: compound.Variants) -> Any:
-    """A menu of the words of a field with parts; the field itself is a custom property."""
+    """Creates an enum property for the words of a field with parts; the value is stored in the field's custom property."""
     words = list(known)
 
     def get(node: Any) -> int:
         try:
-            return words.index(compound.parse(_whole(node, field), known)[0])
+            return words.index(compound.parse(_text_or_default(node, field), known)[0])
         except ValueError:
             return 0
 
@@ -303,35 +303,35 @@ def _words(field: str, known: compound.Variants) -> Any:
         except ValueError:
             word, parts = "", {}
         if word != words[index]:
-            node[FIELD + field] = compound.begin(words[index], parts, known)
+            node[FIELD + field] = compound.change_word(words[index], parts, known)
             _put_parts(node, field)
 
     return bpy.props.EnumProperty(name=field, items=[(it, it, "") for it in words], get=get, set=put)
 
 
-def _known(node: bpy.types.Node, field: str) -> compound.Variants:
+def _variants_of(node: bpy.types.Node, field: str) -> compound.Variants:
     return _compounds.get(kind_of(node), {}).get(field, {})
 
 
 def _has_parts(node: bpy.types.Node, field: str) -> bool:
-    """Whether the widgets of the parts of a field can show its text."""
+    """Returns true if the widgets of a field's parts can show its text."""
     try:
-        compound.parse(str(node.get(f"{PART}{field}", "")), _known(node, field))
+        compound.parse(str(node.get(f"{PART}{field}", "")), _variants_of(node, field))
     except ValueError:
         return False
     return True
 
 
-def _whole(node: bpy.types.Node, field: str) -> str:
-    """The text of a field with parts, or that of its default."""
+def _text_or_default(node: bpy.types.Node, field: str) -> str:
+    """The text of a field with parts, or the text of its default."""
     control = controls(kind_of(node)).get(field)
-    return str(node.get(FIELD + field, "")) or compound.default_of(control.default if control else None, _known(node, field))
+    return str(node.get(FIELD + field, "")) or compound.default_of(control.default if control else None, _variants_of(node, field))
 
 
 def _put_parts(node: bpy.types.Node, field: str) -> None:
-    """Makes the widgets of the parts of a field; none if its text has no parts that can be shown."""
+    """Updates the widgets of a field's parts; removes them if they cannot show the text."""
     start = f"{PART}{field} "
-    known, text = _known(node, field), _whole(node, field)
+    known, text = _variants_of(node, field), _text_or_default(node, field)
     found: dict[str, Any] = {}
     try:
         word, parts = compound.parse(text, known)
@@ -349,7 +349,7 @@ def _put_parts(node: bpy.types.Node, field: str) -> None:
         if control.kind == "color":
             node.id_properties_ui(start + control.name).update(subtype="COLOR_GAMMA", min=0.0, max=1.0, soft_min=0.0, soft_max=1.0)
         else:
-            _tell(node, start + control.name, control, value)
+            _set_ui(node, start + control.name, control, value)
     for gone in [it for it in node.keys() if it.startswith(start) and it not in found]:
         del node[gone]
     node[f"{PART}{field}"] = text
@@ -363,11 +363,11 @@ def _part_color(text: str | None) -> list[float] | None:
 
 
 def field_text(node: bpy.types.Node, field: str) -> str:
-    """The text of a field with parts, with those that a user has changed."""
+    """The text of a field with parts, including changes of the parts by the user."""
     text = str(node.get(FIELD + field, ""))
-    known, made_of = _known(node, field), node.get(f"{PART}{field}")
-    if made_of != _whole(node, field) or not _has_parts(node, field):
-        # The user wrote the text itself.
+    known, made_of = _variants_of(node, field), node.get(f"{PART}{field}")
+    if made_of != _text_or_default(node, field) or not _has_parts(node, field):
+        # The user has edited the text itself.
         return text
     word, parts = compound.parse(made_of, known)
     changed = set()
@@ -378,34 +378,34 @@ def field_text(node: bpy.types.Node, field: str) -> str:
         was = _part_color(parts.get(control.name)) if control.kind == "color" else _value(control, parts.get(control.name))
         if _is_same(control, value, was):
             continue
-        said = panel.said(control, value)
+        said = panel.try_ron(control, value)
         if said is not None:
             parts[control.name] = said
             changed.add(control.name)
     if not text:
-        # It was the default, which is written only as far as it must be.
+        # The field had its default: write only changed and required parts.
         parts = {it.name: parts[it.name] for it in known[word] if it.name in changed or it.is_required and it.name in parts}
     return compound.compose(word, parts, known) if changed else text
 
 
 def packs() -> list[str]:
-    """The packs of nodes that the engine has, in its order."""
+    """The packs of nodes, in the order of the engine."""
     return list(dict.fromkeys(it["pack"] for key, it in kinds.items() if key != it["pack"]))
 
 
-def of_pack(pack: str) -> list[dict[str, Any]]:
+def nodes_of_pack(pack: str) -> list[dict[str, Any]]:
     """The nodes of a pack."""
     return [it for key, it in kinds.items() if it["pack"] == pack != key]
 
 
 def socket_class(types: list[str]) -> str:
-    """The name of the class of sockets for values of these types."""
+    """The class name of the sockets for values of these types."""
     name = idname("MaquetteSocket", types[0]) if len(types) == 1 else ""
-    return name if name in _made else MaquetteSocket.bl_idname
+    return name if name in _registered else MaquetteSocket.bl_idname
 
 
 def socket(sockets: Any, types: list[str], name: str, port: str, many: bool = False) -> Any:
-    """A new socket of a node."""
+    """Adds a socket to a node."""
     kind = socket_class(types)
     if many and bpy.app.version >= (4, 0):
         made = sockets.new(kind, name, use_multi_input=True)
@@ -417,30 +417,30 @@ def socket(sockets: Any, types: list[str], name: str, port: str, many: bool = Fa
     return made
 
 
-def begin(node: bpy.types.Node, kind: dict[str, Any], graph: str = "") -> None:
-    """Makes a node that is not in the text yet one of a type, which may be that of a graph in a file."""
+def init_node(node: bpy.types.Node, kind: dict[str, Any], graph: str = "") -> None:
+    """Sets the type of a new node, which may be a graph in a file, and creates its sockets and required fields."""
     node.maquette_kind, node.maquette_graph = kind["name"], graph
     for port in kind["inputs"]:
         socket(node.inputs, port["types"], port["name"], port["name"], port["many"])
     for output in kind["outputs"]:
         socket(node.outputs, output["types"], output["name"], output["name"])
-    # Of words the first one, so that there is something to see and to change.
-    put_fields(node, {it.name: it.choices[0] if it.choices else _first(node, it.name) for it in needed(node)})
+    # Choices and words get their first value, so that the user sees something to change.
+    put_fields(node, {it.name: it.choices[0] if it.choices else _first_word(node, it.name) for it in needed(node)})
 
 
-def _first(node: bpy.types.Node, field: str) -> str:
-    known = _known(node, field)
-    return compound.begin(next(iter(known)), {}, known) if known else ""
+def _first_word(node: bpy.types.Node, field: str) -> str:
+    known = _variants_of(node, field)
+    return compound.change_word(next(iter(known)), {}, known) if known else ""
 
 
 def needed(node: bpy.types.Node) -> list[panel.Control]:
-    """The fields without which there is no such node."""
+    """The required fields of a node."""
     required = kinds.get(kind_of(node), {}).get("parameters", {}).get("required", ())
     return [it for it in controls(kind_of(node)).values() if it.name in required]
 
 
 def put_fields(node: bpy.types.Node, written: dict[str, str]) -> None:
-    """Makes a node's fields what is written of them, and shows all others with their defaults."""
+    """Updates the fields of a node to the written ones; all others show their defaults."""
     own = controls(kind_of(node))
     have = {it for it in node.keys() if it.startswith(FIELD)}
     for gone in have - {FIELD + it for it in (*own, *written)}:
@@ -448,26 +448,26 @@ def put_fields(node: bpy.types.Node, written: dict[str, str]) -> None:
     now = fields(node, written)
     for field in (*written, *(it for it in own if it not in written)):
         name, control, text = FIELD + field, own.get(field), written.get(field)
-        is_whole = not _known(node, field) or (node.get(name) == (text or "") and node.get(f"{PART}{field}") == _whole(node, field))
+        is_whole = not _variants_of(node, field) or (node.get(name) == (text or "") and node.get(f"{PART}{field}") == _text_or_default(node, field))
         if name in have and now.get(field) == text and is_whole and not node.maquette_graph:
             continue
         value = _value(control, text)
         node[name] = value
-        if _known(node, field):
+        if _variants_of(node, field):
             _put_parts(node, field)
         if control:
-            _tell(node, name, control, value)
+            _set_ui(node, name, control, value)
     shown = " ".join(written)
     if node.maquette_written != shown:
         node.maquette_written = shown
 
 
 def _value(control: panel.Control | None, text: str | None) -> Any:
-    """What a field holds for what is written; for None its default."""
+    """The value of a custom property for the text of a field, or for its default if `text` is None."""
     if control is None or control.kind in ("ron", "color"):
         return text or ""
     try:
-        value = panel.shown(control, text)
+        value = panel.widget_value(control, text)
     except ValueError:
         return text or ""
     if control.kind == "vector" and value is not None:
@@ -475,12 +475,12 @@ def _value(control: panel.Control | None, text: str | None) -> Any:
     return "" if value is None else float(value) if control.kind == "number" else value
 
 
-def _tell(node: bpy.types.Node, name: str, control: panel.Control, value: Any) -> None:
-    """Gives a field the range and the words of its control."""
+def _set_ui(node: bpy.types.Node, name: str, control: panel.Control, value: Any) -> None:
+    """Sets range, default and description of a custom property from its control."""
     shape: dict[str, Any] = {} if isinstance(value, (str, bool)) else control.limits()
     default = _value(control, None)
     if type(default) is type(value) and default != "":
-        # Backspace goes back to it.
+        # Backspace resets to it.
         shape["default"] = default
     if isinstance(value, list) and not control.is_whole:
         shape["subtype"] = "XYZ"
@@ -490,18 +490,17 @@ def _tell(node: bpy.types.Node, name: str, control: panel.Control, value: Any) -
 
 
 def fields(node: bpy.types.Node, written: dict[str, str]) -> dict[str, str]:
-    """The fields of a node as RON: those that are written, and others that are not what they are by themselves. What nobody touched is as it
-    is written."""
+    """The fields of a node as RON: the written ones, and others that differ from their defaults. Unchanged fields keep their text."""
     own, found = controls(kind_of(node)), {}
     for name, value in node.items():
         if not name.startswith(FIELD):
             continue
         field = name[len(FIELD) :]
         text = written.get(field)
-        if _known(node, field):
+        if _variants_of(node, field):
             value = field_text(node, field)
         control = own.get(field)
-        said = panel.said(control, value) if control else None
+        said = panel.try_ron(control, value) if control else None
         is_ron = isinstance(value, str) and (control is None or control.kind not in ("file", "text") or _is_ron(control, text))
         if (said is None and not is_ron) or _is_same(control, value, _value(control, text)):
             if text is not None:
@@ -514,9 +513,9 @@ def fields(node: bpy.types.Node, written: dict[str, str]) -> dict[str, str]:
 
 
 def _is_ron(control: panel.Control, text: str | None) -> bool:
-    """Whether a field is shown as the RON that is written there."""
+    """Returns true if a field is shown as RON text, since no widget can show it."""
     try:
-        panel.shown(control, text)
+        panel.widget_value(control, text)
     except ValueError:
         return True
     return False
@@ -531,30 +530,30 @@ def _is_same(control: panel.Control | None, value: Any, known: Any) -> bool:
 
 
 def title(node: bpy.types.Node) -> str:
-    """What a node is called now."""
+    """The name of a node in the editor."""
     name = str(node.maquette_name)
-    return name if node.label in ("", cut(name)) else str(node.label)
+    return name if node.label in ("", truncate(name)) else str(node.label)
 
 
-def cut(name: str) -> str:
-    """As much of a name as Blender takes."""
-    return name.encode()[:LONGEST].decode(errors="ignore")
+def truncate(name: str) -> str:
+    """Truncates a name to the length that Blender allows."""
+    return name.encode()[:MAX_NAME].decode(errors="ignore")
 
 
 CLASSES = (MaquetteSocket, MaquetteTree, MaquetteNodeOther, MaquetteNodeInputs, MaquetteNodeOutputs)
 
 
 def register() -> None:
-    """Registers trees, and what they hold of things that the catalog has not."""
+    """Registers the classes that do not depend on the catalog."""
     for it in CLASSES:
         bpy.utils.register_class(it)
 
 
 def unregister() -> None:
-    """Unregisters all; files keep what they have of them."""
-    for it in [*reversed(_made.values()), *reversed(CLASSES)]:
+    """Unregisters all classes; their data stays in Blender files."""
+    for it in [*reversed(_registered.values()), *reversed(CLASSES)]:
         bpy.utils.unregister_class(it)
-    _made.clear()
+    _registered.clear()
     kinds.clear()
     _controls.clear()
     _compounds.clear()

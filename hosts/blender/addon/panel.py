@@ -1,4 +1,4 @@
-"""The controls of a graph, from the schema that the engine gives. Nothing of Blender is here."""
+"""The controls of a graph's parameters, from the schema of the engine. Does not use Blender."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from typing import Any, Iterable
 
 @dataclasses.dataclass(frozen=True)
 class Control:
-    """A parameter of a graph."""
+    """The description of a widget for a parameter of a graph, or for a field of a node."""
 
     name: str
-    # `number`, `integer`, `flag`, `choice`, `color`, `vector`, `file`, `text`; all others are `ron`: a text of RON.
+    # `number`, `integer`, `flag`, `choice`, `color`, `vector`, `file`, `text`, or `ron` for all other types, shown as text.
     kind: str
     default: Any
     doc: str = ""
@@ -22,7 +22,7 @@ class Control:
     low: float | None = None
     high: float | None = None
     choices: tuple[str, ...] = ()
-    # What drafts have instead, as JSON; empty if they have the same.
+    # The value in drafts, as JSON; empty if it is the same.
     draft: str = ""
     # The number of components of a vector, and whether they are integers.
     width: int = 0
@@ -31,31 +31,31 @@ class Control:
 
     @property
     def title(self) -> str:
-        """What stands beside it."""
+        """The label."""
         words = self.name.replace("-", " ").capitalize()
         words = f"{words} ({self.unit})" if self.unit else words
         return f"{words}, in drafts {self.draft}" if self.draft else words
 
     @property
     def is_ranged(self) -> bool:
-        """Whether it is a number between two others: a slider."""
+        """True if it is a number with minimum and maximum, which is shown as a slider."""
         return self.kind in ("number", "integer") and self.low is not None and self.high is not None
 
     def limits(self) -> dict[str, float]:
-        """Its range, as widgets of Blender have it."""
+        """The range, as keyword arguments for properties of Blender."""
         kind = int if self.kind == "integer" or self.is_whole else float
         ends = {"min": self.low, "max": self.high}
         return {f"{soft}{end}": kind(it) for end, it in ends.items() if it is not None for soft in ("", "soft_")}
 
 
 def controls(schema: dict[str, Any]) -> list[Control]:
-    """The parameters in their order; inputs are none. Those of a type of nodes are its fields."""
+    """The controls of all parameters in their order, without inputs; for the schema of a node type, the controls of its fields."""
     found = []
     for name, field in (schema.get("properties") or {}).items():
         if "port" in field:
             continue
         choices = _choices(field, schema)
-        # Each number of a vector may have the range.
+        # A vector may have the range of its components.
         ranged = field if "minimum" in field or "maximum" in field else _items(field)[0]
         found.append(
             Control(
@@ -76,7 +76,7 @@ def controls(schema: dict[str, Any]) -> list[Control]:
 
 
 def _choices(field: dict[str, Any], schema: dict[str, Any]) -> tuple[str, ...]:
-    """The words that a field may be; none if it may be anything else."""
+    """The choices of a field that only allows words; empty for other fields."""
     if "enum" in field:
         return tuple(field["enum"])
     of = schema.get("$defs", {}).get(str(field.get("$ref", "")).removeprefix("#/$defs/"), {}).get("oneOf", ())
@@ -92,12 +92,12 @@ def _kind(field: dict[str, Any]) -> str:
     return plain.get(str(field.get("type")), "ron")
 
 
-# Blender shows longer arrays as a heap of numbers.
+# The maximum length of a vector: Blender does not show longer arrays well.
 MAX_WIDTH = 4
 
 
 def _items(field: dict[str, Any]) -> list[dict[str, Any]]:
-    """The components of an array of fixed length; one without anything if it is no such array."""
+    """The schemas of the components of an array of fixed length; one empty schema for other fields."""
     count = field.get("minItems", 0)
     items = field.get("prefixItems") or [field.get("items")] * count
     is_fixed = count == field.get("maxItems") == len(items) and all(isinstance(it, dict) for it in items)
@@ -105,14 +105,14 @@ def _items(field: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _vector(field: dict[str, Any]) -> tuple[int, bool]:
-    """The number of components of a vector, and whether they are integers; 0 if it is none."""
+    """The number of components of a vector, 0 for other fields, and true if they are integers."""
     kinds = [it.get("type") for it in _items(field)]
     is_vector = 2 <= len(kinds) <= MAX_WIDTH and len(set(kinds)) == 1 and kinds[0] in ("number", "integer")
     return (len(kinds), kinds[0] == "integer") if is_vector else (0, False)
 
 
-def single(number: float) -> float:
-    """A number as widgets of Blender keep it."""
+def to_single(number: float) -> float:
+    """Rounds a number to single precision, as Blender's properties do."""
     try:
         return float(struct.unpack("f", struct.pack("f", number))[0])
     except OverflowError:
@@ -120,15 +120,15 @@ def single(number: float) -> float:
 
 
 def number_text(number: float) -> str:
-    """The shortest text of a number: of what a widget made single, the one that the user saw."""
-    texts = (f"{number:.{digits}g}" for digits in range(1, 10)) if single(number) == number else ()
-    short = next((text for text in texts if single(float(text)) == number), number)
-    # With a point or an exponent, as the engine's language has numbers.
+    """The shortest text of a number; for a number rounded to single precision, the text that the user has seen."""
+    texts = (f"{number:.{digits}g}" for digits in range(1, 10)) if to_single(number) == number else ()
+    short = next((text for text in texts if to_single(float(text)) == number), number)
+    # With a point or an exponent, as RON requires for floating-point numbers.
     return repr(float(short))
 
 
 def rgb(text: str) -> list[float] | None:
-    """Red, green and blue of `"#c33923"`, from 0 to 1; None for a color with more or less to it."""
+    """Red, green and blue of `"#c33923"`, from 0 to 1; None for other forms of colors."""
     digits = text.removeprefix("#")
     try:
         return [int(digits[it : it + 2], 16) / 255 for it in (0, 2, 4)] if len(digits) == 6 else None
@@ -137,18 +137,18 @@ def rgb(text: str) -> list[float] | None:
 
 
 def hexadecimal(color: Iterable[float]) -> str:
-    """The text of a color."""
+    """The text of a color, such as `#c33923`."""
     return "#" + "".join(f"{round(min(max(it, 0.0), 1.0) * 255):02x}" for it in color)
 
 
 def is_same(control: Control, value: Any, known: Any) -> bool:
-    """Whether a widget that shows `known` holds `value` because nobody touched it."""
+    """Returns true if `value` is `known` after rounding by a widget, so that the user has not changed it."""
     if control.kind == "number":
-        return single(float(value)) == single(float(known))
+        return to_single(float(value)) == to_single(float(known))
     if control.kind == "color":
         return _color(value).lower() == _color(known).lower()
     if control.kind == "vector":
-        return [single(float(it)) for it in value] == [single(float(it)) for it in known]
+        return [to_single(float(it)) for it in value] == [to_single(float(it)) for it in known]
     return bool(value == known)
 
 
@@ -156,8 +156,8 @@ def _color(value: Any) -> str:
     return value if isinstance(value, str) else hexadecimal(value)
 
 
-def said(control: Control, value: Any) -> str | None:
-    """The value of a widget as RON; None if it is none: users can make anything of a property."""
+def try_ron(control: Control, value: Any) -> str | None:
+    """The value of a widget as RON; None if it is invalid, since scripts can write anything into a property."""
     try:
         return ron(control, value)
     except (TypeError, ValueError, OverflowError):
@@ -165,7 +165,7 @@ def said(control: Control, value: Any) -> str | None:
 
 
 def ron(control: Control, value: Any) -> str:
-    """The value of a widget as RON."""
+    """The value of a widget as RON; raises if it is invalid."""
     if control.kind == "number":
         if not math.isfinite(value):
             raise ValueError(value)
@@ -183,13 +183,13 @@ def ron(control: Control, value: Any) -> str:
     if control.kind == "color":
         return json.dumps(_color(value))
     if control.kind in ("file", "text"):
-        # JSON's quotes and escapes are RON's but for the number of a character.
+        # Strings of JSON are valid in RON, except for escapes of characters by number.
         return json.dumps(str(value), ensure_ascii=False)
     return str(value)
 
 
-def shown(control: Control, text: str | None) -> Any:
-    """What a widget shows for a value as RON; for None its default. ValueError if it can be shown as RON alone."""
+def widget_value(control: Control, text: str | None) -> Any:
+    """The value of a widget for RON, or for the default if `text` is None. `ValueError` if a widget cannot show it."""
     if text is None:
         return control.default if control.kind != "ron" else json.dumps(control.default)
     if control.kind == "number":
@@ -209,7 +209,7 @@ def shown(control: Control, text: str | None) -> Any:
 
 
 def vector_text(value: Iterable[float], control: Control) -> str:
-    """The RON of a vector."""
+    """A vector as RON."""
     numbers = list(value)
     if len(numbers) != control.width or not all(map(math.isfinite, numbers)):
         raise ValueError(value)
@@ -217,7 +217,7 @@ def vector_text(value: Iterable[float], control: Control) -> str:
 
 
 def vector(control: Control, text: str) -> list[Any]:
-    """The components of a vector in RON. ValueError if one of them is not a number."""
+    """Parses a vector in RON. `ValueError` if a component is not a number."""
     inner = text.strip()
     if not (inner.startswith("(") and inner.endswith(")")):
         raise ValueError(text)

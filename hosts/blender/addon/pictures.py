@@ -1,4 +1,4 @@
-"""Image textures of materials: writes those of Blender to files for the engine, and shows files of the engine as shader nodes."""
+"""Image textures of materials: writes those of Blender into files for the engine, and shows files of the engine as shader nodes."""
 
 from __future__ import annotations
 

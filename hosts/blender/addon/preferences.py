@@ -1,4 +1,4 @@
-"""The add-on's preferences: which engine computes, and what graphs may read."""
+"""The preferences of the add-on: the engine, and the folders that graphs may read."""
 
 from __future__ import annotations
 
@@ -13,43 +13,43 @@ class MaquetteRoot(bpy.types.PropertyGroup):
     """A folder that graphs may read."""
 
     path: bpy.props.StringProperty(  # type: ignore[valid-type]
-        name="Folder", description="Graphs may read this folder, wherever they are", subtype="DIR_PATH", options=engine.RELATIVE
+        name="Folder", description="A folder that all graphs may read", subtype="DIR_PATH", options=engine.RELATIVE
     )
 
 
 class MAQUETTE_OT_add_root(bpy.types.Operator):
-    """Adds a folder that graphs may read, beside that of their project"""
+    """Adds a folder that graphs may read, in addition to that of their project"""
 
     bl_idname = "maquette.add_root"
     bl_label = "Add Folder"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Adds one that is still to be named."""
+        """Adds an empty entry."""
         context.preferences.addons[__package__].preferences.roots.add()
         return {"FINISHED"}
 
 
 class MAQUETTE_OT_remove_root(bpy.types.Operator):
-    """Graphs of other folders may read this folder no more"""
+    """Removes this folder from those that all graphs may read"""
 
     bl_idname = "maquette.remove_root"
     bl_label = "Remove Folder"
     place: bpy.props.IntProperty(options={"HIDDEN"})  # type: ignore[valid-type]
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Removes it."""
+        """Removes the entry."""
         context.preferences.addons[__package__].preferences.roots.remove(self.place)
         return {"FINISHED"}
 
 
 class MaquettePreferences(bpy.types.AddonPreferences):
-    """What is the same in all files of a user."""
+    """The preferences, which apply to all Blender files of a user."""
 
     bl_idname = __package__
 
     program: bpy.props.StringProperty(  # type: ignore[valid-type]
         name="Program",
-        description="A program `maquette` of your own, with packs of your own; the extension's if it is empty",
+        description="Another program `maquette`, for example one with your own packs; if empty, the extension's own",
         subtype="FILE_PATH",
         options=engine.RELATIVE,
     )
@@ -57,10 +57,10 @@ class MaquettePreferences(bpy.types.AddonPreferences):
     roots: bpy.props.CollectionProperty(type=MaquetteRoot)  # type: ignore[valid-type]
 
     def draw(self, _context: bpy.types.Context) -> None:
-        """Says which engine computes, and what graphs may read."""
+        """Draws the preferences."""
         self.layout.label(text=version())
         self.layout.prop(self, "program")
-        self.layout.label(text="A graph reads its project's folder, and these:")
+        self.layout.label(text="Graphs may read the folder of their project, and these:")
         for place, root in enumerate(self.roots):
             row = self.layout.row(align=True)
             row.prop(root, "path", text="")
@@ -69,7 +69,7 @@ class MaquettePreferences(bpy.types.AddonPreferences):
 
 
 def version() -> str:
-    """The engine of the extension's wheel, in words."""
+    """The version of the engine in the extension, for the user."""
     try:
         return f"Engine: maquette {importlib.metadata.version('maquette')}, in the extension"
     except importlib.metadata.PackageNotFoundError:
@@ -86,6 +86,6 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Unregisters them."""
+    """Unregisters the preferences."""
     for it in reversed(CLASSES):
         bpy.utils.unregister_class(it)

@@ -1,7 +1,7 @@
-"""Attributes of Blender on their way through a graph: how each was given, so that it comes back as it was.
+"""Records of attributes of Blender that are passed through a graph, so that their types can be restored in the result.
 
-The engine has attributes of vertices, corners and faces, of six kinds. All others are given in pieces of these kinds. What edges have comes back
-with their ends, which are numbered for this. Nothing of Blender is here.
+The engine has attributes of vertices, corners and faces, of six kinds. All others are passed in pieces of these kinds. Data of edges is
+restored by the vertices at their ends, which are numbered for this purpose. This module does not use Blender.
 """
 
 from __future__ import annotations
@@ -9,13 +9,13 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-# The attribute of vertices that numbers them.
+# The vertex attribute with the numbers of vertices.
 NUMBERS = "source vertex"
 
-# Each input has numbers of its own: so many.
+# The size of the range of vertex numbers of each input.
 MAX_VERTICES = 1 << 27
 
-# Where Blender has the numbers of an attribute, of which type, and how many an element has.
+# By type of attribute: the property with the numbers, their type, and their count for each element.
 KINDS = {
     "FLOAT": ("value", "f4", 1),
     "INT": ("value", "i4", 1),
@@ -32,16 +32,16 @@ KINDS = {
     "STRING": ("value", "O", 1),
 }
 
-# Behind the name of a vertex group where it stands among attributes.
+# The suffix of the name of a vertex group in a list of attributes.
 GROUP = "\n"
 
-# Texts of attributes by their numbers.
+# The numbers of texts of attributes.
 _texts: dict[bytes, int] = {}
 
 
 @dataclasses.dataclass
 class Record:
-    """An attribute of Blender, and the attributes of the engine that it was given as."""
+    """An attribute of Blender, and the attributes of the engine that represent it."""
 
     name: str
     # A key of KINDS, or GROUP.
@@ -53,29 +53,29 @@ class Record:
 
 @dataclasses.dataclass
 class Source:
-    """What was given of an object, and what it needs to come back."""
+    """The data of an object that was passed to the engine, and the data needed to restore it."""
 
     records: list[Record] = dataclasses.field(default_factory=list)
     materials: list[str] = dataclasses.field(default_factory=list)
-    # Ends of edges as numbers of vertices, and what the edges have: kind and numbers by name.
+    # The ends of edges as vertex numbers, and the attributes of edges: kind and numbers by name.
     ends: Any = None
     edges: dict[str, tuple[str, Any]] = dataclasses.field(default_factory=dict)
-    # What was not given, in words.
+    # Descriptions of the data that was not passed.
     lost: list[str] = dataclasses.field(default_factory=list)
 
 
 def number(text: bytes) -> int:
-    """The number of a text."""
+    """Returns the number of a text, a new one if it has none."""
     return _texts.setdefault(text, len(_texts))
 
 
 def texts() -> list[bytes]:
-    """All texts by their numbers."""
+    """All texts, in the order of their numbers."""
     return list(_texts)
 
 
 def levels(colors: Any) -> Any:
-    """Linear colors as 8-bit sRGB, red, green and blue."""
+    """Converts linear colors to 8-bit sRGB: red, green and blue."""
     import numpy as np
 
     linear = np.nan_to_num(colors[:, :3].astype("f8")).clip(0, 1)

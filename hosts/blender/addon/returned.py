@@ -1,4 +1,4 @@
-"""What comes back from a graph as it was given: attributes of all types, vertex groups, what edges have, and normals."""
+"""Restores data of input objects in the result of a graph: attributes of all types, vertex groups, data of edges, and normals."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from .records import KINDS, NUMBERS, Record, Source, levels, texts
 
 DOMAINS = {"vertex": "POINT", "edge": "EDGE", "face": "FACE", "corner": "CORNER"}
 
-# What a mesh remembers of the vertex groups and the edges that came back.
+# Custom properties of a mesh with the restored vertex groups and the restored attributes of edges.
 GROUPS = "maquette_groups"
 EDGES = "maquette_edges"
 
 
-# Normals of more corners take seconds in Blenders before 5.0, and are shown as an attribute there.
+# In Blender before 5.0, setting normals of more corners takes seconds; they are only an attribute there.
 MAX_SLOW = 50_000
 
 
 @dataclasses.dataclass
-class Typed:
-    """An attribute that has the type that it was given with."""
+class RestoredAttribute:
+    """An attribute with the type that it had in the input object."""
 
     record: Record
     numbers: Any
-    # What its numbers are read from.
+    # The files of its numbers.
     file: str
 
 
-def typed(columns: Any, sources: list[Source]) -> tuple[list[Typed], set[tuple[str, str]]]:
-    """The attributes that come back, and the columns that they are made of."""
-    its = {(column["on"], column["name"]): column for column in columns.told["columns"]}
-    found: dict[tuple[str, str], Typed] = {}
-    used = {("vertex", NUMBERS)} | ({("corner", "normal")} if normal(columns) else set())
+def restore(columns: Any, sources: list[Source]) -> tuple[list[RestoredAttribute], set[tuple[str, str]]]:
+    """Returns the restored attributes, and the columns that they are made of."""
+    its = {(column["on"], column["name"]): column for column in columns.entry["columns"]}
+    found: dict[tuple[str, str], RestoredAttribute] = {}
+    used = {("vertex", NUMBERS)} | ({("corner", "normal")} if normal_column(columns) else set())
     for record in (record for source in sources for record in source.records):
         pieces = [its.get((record.on, name)) for name in record.pieces]
         key = (record.on, record.name)
@@ -43,19 +43,19 @@ def typed(columns: Any, sources: list[Source]) -> tuple[list[Typed], set[tuple[s
             continue
         numbers = _numbers(record, [columns.rows(it) for it in pieces])
         if numbers is None:
-            # The graph has made something else of it.
+            # The graph has changed the attribute in a way that its type does not allow.
             continue
-        found[key] = Typed(record, numbers, " ".join(it["file"] for it in pieces))
+        found[key] = RestoredAttribute(record, numbers, " ".join(it["file"] for it in pieces))
         used |= {(record.on, name) for name in record.pieces}
         color = its.get((record.on, "color"))
         if record.kind == "FLOAT_COLOR" and color and (abs(columns.rows(color).astype("i4") - levels(numbers)) <= 1).all():
-            # It was made of this one when it was given.
+            # The column `color` was derived from this attribute.
             used.add((record.on, "color"))
     return list(found.values()), used
 
 
 def _numbers(record: Record, pieces: list[Any]) -> Any:
-    """The numbers of an attribute, an element a row; None if they do not have its type any more."""
+    """The numbers of an attribute, one row for each element; None if they no longer fit its type."""
     import numpy as np
 
     kind, first = record.kind, pieces[0]
@@ -84,7 +84,7 @@ def _numbers(record: Record, pieces: list[Any]) -> Any:
 
 
 def write(attribute: bpy.types.Attribute, kind: str, numbers: Any) -> None:
-    """Puts numbers into an attribute."""
+    """Writes numbers into an attribute."""
     import numpy as np
 
     slot = KINDS[kind][0]
@@ -95,16 +95,16 @@ def write(attribute: bpy.types.Attribute, kind: str, numbers: Any) -> None:
         attribute.data.foreach_set(slot, np.ascontiguousarray(numbers).ravel())
 
 
-def groups(owner: bpy.types.Object, columns: Any, sources: list[Source]) -> None:
-    """Puts weights into the object's vertex groups."""
-    its = typed(columns, sources)[0] if any(it.kind == "GROUP" for source in sources for it in source.records) else []
+def set_groups(owner: bpy.types.Object, columns: Any, sources: list[Source]) -> None:
+    """Updates the restored vertex groups of an object."""
+    its = restore(columns, sources)[0] if any(it.kind == "GROUP" for source in sources for it in source.records) else []
     known = dict(owner.data.get(GROUPS) or {})
     found = {it.record.name: it for it in its if it.record.kind == "GROUP"}
     for name, it in found.items():
         group = owner.vertex_groups.get(name)
         if group and known.get(name) == it.file:
             continue
-        weigh(owner, name, it.numbers.ravel())
+        set_weights(owner, name, it.numbers.ravel())
     for name in known.keys() - found.keys():
         if name in owner.vertex_groups:
             owner.vertex_groups.remove(owner.vertex_groups[name])
@@ -112,8 +112,8 @@ def groups(owner: bpy.types.Object, columns: Any, sources: list[Source]) -> None
         owner.data[GROUPS] = {name: it.file for name, it in found.items()}
 
 
-def weigh(owner: bpy.types.Object, name: str, weights: Any) -> None:
-    """Gives all vertices their weights in a group; those of weight 0 are not in it."""
+def set_weights(owner: bpy.types.Object, name: str, weights: Any) -> None:
+    """Sets the weights of all vertices in a group; vertices with weight 0 are removed from it."""
     import numpy as np
 
     group = owner.vertex_groups.get(name) or owner.vertex_groups.new(name=name)
@@ -125,19 +125,19 @@ def weigh(owner: bpy.types.Object, name: str, weights: Any) -> None:
             group.add(members.tolist(), value, "REPLACE")
 
 
-def edges(mesh: bpy.types.Mesh, columns: Any, sources: list[Source]) -> None:
-    """Puts what edges of objects had onto the edges between the same vertices."""
+def set_edges(mesh: bpy.types.Mesh, columns: Any, sources: list[Source]) -> None:
+    """Restores attributes of edges on the edges between the same vertices."""
     import numpy as np
 
-    column = next((it for it in columns.told["columns"] if (it["on"], it["name"]) == ("vertex", NUMBERS)), None)
+    column = next((it for it in columns.entry["columns"] if (it["on"], it["name"]) == ("vertex", NUMBERS)), None)
     known = set(mesh.get(EDGES) or ())
     found: dict[str, tuple[str, Any]] = {}
     if column and any(source.edges for source in sources) and len(mesh.edges):
         numbers = columns.numbers(column).astype("i8")
         _, which, counts = np.unique(numbers, return_inverse=True, return_counts=True)
-        # A vertex that became several is none of them.
+        # The number of a vertex that was split into several is ambiguous.
         numbers = np.where(counts[which] == 1, numbers, -1)
-        ends = np.sort(numbers[columns.named("edges", "<i4").reshape(-1, 2)], axis=1)
+        ends = np.sort(numbers[columns.numbers_of("edges", "<i4").reshape(-1, 2)], axis=1)
         wanted = ends[:, 0] * 2**32 + ends[:, 1]
         for source in sources:
             if not source.edges:
@@ -169,21 +169,21 @@ def edges(mesh: bpy.types.Mesh, columns: Any, sources: list[Source]) -> None:
         mesh[EDGES] = list(found)
 
 
-def normal(columns: Any) -> dict[str, Any] | None:
-    """The column of normals of corners, if the mesh can be given them in time."""
-    column = next((it for it in columns.told["columns"] if (it["on"], it["name"]) == ("corner", "normal")), None)
+def normal_column(columns: Any) -> dict[str, Any] | None:
+    """The column of corner normals, if setting them is fast enough; else None."""
+    column = next((it for it in columns.entry["columns"] if (it["on"], it["name"]) == ("corner", "normal")), None)
     is_quick = column and (bpy.app.version >= (5, 0) or column["count"] < MAX_SLOW)
     return column if is_quick and column["count"] else None
 
 
-def normals(mesh: bpy.types.Mesh, columns: Any) -> None:
-    """Gives corners the normals that the value has, or none."""
+def set_normals(mesh: bpy.types.Mesh, columns: Any) -> None:
+    """Sets the corner normals of a value, or removes them if it has none."""
     import numpy as np
 
-    column, attribute = normal(columns), mesh.attributes.get("custom_normal")
+    column, attribute = normal_column(columns), mesh.attributes.get("custom_normal")
     if bpy.app.version < (5, 0):
-        numbers = space.turned(mesh, columns.rows(column)) if column else np.zeros((len(mesh.loops), 3), "f4")
-        # It marks edges, which may have marks of their own.
+        numbers = space.transform_normals(mesh, columns.rows(column)) if column else np.zeros((len(mesh.loops), 3), "f4")
+        # `normals_split_custom_set` marks edges as sharp; restore the existing marks.
         sharp = np.empty(len(mesh.edges), "?")
         mesh.edges.foreach_get("use_edge_sharp", sharp)
         mesh.normals_split_custom_set(numbers.tolist())
@@ -194,22 +194,22 @@ def normals(mesh: bpy.types.Mesh, columns: Any) -> None:
         attribute = None
     if column:
         attribute = attribute or mesh.attributes.new("custom_normal", "FLOAT_VECTOR", "CORNER")
-        attribute.data.foreach_set("vector", np.ascontiguousarray(space.turned(mesh, columns.rows(column))).ravel())
+        attribute.data.foreach_set("vector", np.ascontiguousarray(space.transform_normals(mesh, columns.rows(column))).ravel())
 
 
-def lost(told: dict[str, Any], mesh: bpy.types.Mesh) -> list[str]:
-    """The names of what objects at inputs have and the value has not."""
-    have = {(column["on"], column["name"]) for column in told["columns"]}
+def find_lost(entry: dict[str, Any], mesh: bpy.types.Mesh) -> list[str]:
+    """The names of data of input objects that the value lacks."""
+    have = {(column["on"], column["name"]) for column in entry["columns"]}
     edges = set(mesh.get(EDGES) or ())
     found: list[str] = []
-    for source in told.get("sources", ()):
+    for source in entry.get("sources", ()):
         found += [record.name for record in source.records if any((record.on, piece) not in have for piece in record.pieces)]
-        found += [_words(name) for name in source.edges if name not in edges or not mesh_says(mesh, name)]
+        found += [_words(name) for name in source.edges if name not in edges or not has_edge_values(mesh, name)]
     return list(dict.fromkeys(found))
 
 
-def mesh_says(mesh: bpy.types.Mesh, name: str) -> bool:
-    """Whether an edge has a value that is not the usual one."""
+def has_edge_values(mesh: bpy.types.Mesh, name: str) -> bool:
+    """Returns true if an attribute has a value other than zero or empty."""
     attribute = mesh.attributes.get(name)
     if attribute is None:
         return False
@@ -228,5 +228,5 @@ def _words(name: str) -> str:
 
 
 def uv_name(sources: list[Source]) -> str:
-    """The name of the UV map that texture coordinates come from."""
+    """The name of the UV map for texture coordinates."""
     return next((record.name for source in sources for record in source.records if record.pieces == ["uv"]), "UVMap")

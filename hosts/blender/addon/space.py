@@ -1,6 +1,6 @@
-"""Where the mesh of a live object lies: the scene's units, and a transform that stays between the graph's values and the mesh.
+"""Units and transforms of live objects: the scene's units, and a persistent transform from the graph's values to the mesh.
 
-That transform is what users applied to the mesh (Apply > Scale, Set Origin), and for a new object the way of its origin into its middle.
+The transform is what users have applied to the mesh (Apply > Scale, Set Origin), and for a new object the move of its origin to its center.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ from typing import Any
 import bpy
 from mathutils import Matrix
 
-# The transform, row by row, and the axes of the values that it is for.
+# Custom properties of a mesh with the transform, by rows, and with the axes of the values that it applies to.
 APPLIED = "maquette_applied"
 APPLIED_AXES = "maquette_applied_axes"
 
 # A millimeter in meters.
 MILLIMETER = 0.001
 
-# A mesh was moved as a whole if no vertex is farther off than this part of its size.
+# A mesh was transformed as a whole if the deviation of each vertex is at most this fraction of its size.
 TOLERANCE = 1e-4
 
 
@@ -28,45 +28,45 @@ def scale(scene: bpy.types.Scene) -> float:
     return MILLIMETER / (units.scale_length if units.system != "NONE" and units.scale_length > 0 else 1.0)
 
 
-def world(owner: bpy.types.Object) -> Matrix:
-    """The matrix of an object in the world, also before the scene is evaluated anew."""
+def world_matrix(owner: bpy.types.Object) -> Matrix:
+    """The matrix of an object in the world, valid also before the scene is evaluated again."""
     return owner.matrix_world if owner.parent or len(owner.constraints) else owner.matrix_basis
 
 
-def applied(mesh: bpy.types.Mesh | None) -> Matrix:
+def transform_of(mesh: bpy.types.Mesh | None) -> Matrix:
     """The transform from the graph's values to the mesh."""
     numbers = list((mesh.get(APPLIED) if mesh else None) or ())
     return Matrix([numbers[at : at + 4] for at in range(0, 16, 4)]) if len(numbers) == 16 else Matrix.Identity(4)
 
 
-def apply(mesh: bpy.types.Mesh, transform: Matrix, axes: str) -> None:
-    """Keeps a transform for all values that come."""
+def set_transform(mesh: bpy.types.Mesh, transform: Matrix, axes: str) -> None:
+    """Sets the transform for all later values."""
     mesh[APPLIED] = [number for row in transform for number in row]
     mesh[APPLIED_AXES] = axes
 
 
-def turn(mesh: bpy.types.Mesh, axes: str, turn: Matrix) -> None:
-    """Values have other axes, and the object is turned for them: what is seen stays where it is."""
+def change_axes(mesh: bpy.types.Mesh, axes: str, turn: Matrix) -> None:
+    """Adapts the transform to values with other axes, for which the object itself is rotated by `turn`."""
     if APPLIED in mesh.keys() and mesh.get(APPLIED_AXES) != axes:
-        apply(mesh, turn.inverted() @ applied(mesh) @ turn, axes)
+        set_transform(mesh, turn.inverted() @ transform_of(mesh) @ turn, axes)
 
 
-def moved(mesh: bpy.types.Mesh, places: Any) -> Any:
-    """Positions of a value as positions of the mesh, one number after the other."""
+def transform_positions(mesh: bpy.types.Mesh, places: Any) -> Any:
+    """Transforms the positions of a value to positions of the mesh, as flat arrays."""
     import numpy as np
 
     if places is None or APPLIED not in mesh.keys():
         return places
-    transform = np.array(applied(mesh))
+    transform = np.array(transform_of(mesh))
     whole = places.reshape(-1, 3).astype("f8") @ transform[:3, :3].T + transform[:3, 3]
     return whole.astype("f4").ravel()
 
 
-def turned(mesh: bpy.types.Mesh, normals: Any) -> Any:
-    """Normals of a value as normals of the mesh, an element a row."""
+def transform_normals(mesh: bpy.types.Mesh, normals: Any) -> Any:
+    """Transforms the normals of a value to normals of the mesh, one row for each element."""
     import numpy as np
 
-    transform = np.array(applied(mesh))[:3, :3]
+    transform = np.array(transform_of(mesh))[:3, :3]
     if (transform == np.identity(3)).all():
         return normals
     found = normals @ np.linalg.pinv(transform)
@@ -74,18 +74,18 @@ def turned(mesh: bpy.types.Mesh, normals: Any) -> Any:
 
 
 def center(owner: bpy.types.Object, places: Any, axes: str, stays: bool) -> None:
-    """Puts the origin of an object into the middle of what it shows first; `stays`: the mesh stays where it is, else the origin."""
+    """Moves the origin of an object to the center of its first value; if `stays`, the mesh keeps its position, else the origin does."""
     import numpy as np
 
     whole = places.reshape(-1, 3).astype("f8")
     middle = Matrix.Translation(((whole.min(0) + whole.max(0)) / 2).tolist())
-    apply(owner.data, middle.inverted(), axes)
+    set_transform(owner.data, middle.inverted(), axes)
     if stays:
         owner.matrix_basis = owner.matrix_basis @ middle
 
 
-def learn(mesh: bpy.types.Mesh, folder: pathlib.Path, file: str, axes: str) -> bool:
-    """Keeps the transform by which a user has moved the whole mesh, whose places came from this file; returns false if there is none."""
+def learn_transform(mesh: bpy.types.Mesh, folder: pathlib.Path, file: str, axes: str) -> bool:
+    """Finds and stores the affine transform from the positions in a file to the mesh; returns false if there is no such transform."""
     import numpy as np
 
     try:
@@ -98,7 +98,7 @@ def learn(mesh: bpy.types.Mesh, folder: pathlib.Path, file: str, axes: str) -> b
     if len(were) != len(are) or len(were) < 3 or not np.isfinite(are).all():
         return False
     middle = were.mean(0)
-    # Of flat meshes nothing says what becomes of their normal: it is scaled as the rest.
+    # In flat meshes, the normal direction is undetermined: it is scaled like the others.
     axis, sizes, _ = np.linalg.svd((were - middle).T, full_matrices=False)
     from_, to = were - middle, are - are.mean(0)
     if sizes[1] <= 1e-6 * sizes[0]:
@@ -116,5 +116,5 @@ def learn(mesh: bpy.types.Mesh, folder: pathlib.Path, file: str, axes: str) -> b
         return False
     whole = np.identity(4)
     whole[:3, :3], whole[:3, 3] = linear, move
-    apply(mesh, Matrix(whole.tolist()), axes)
+    set_transform(mesh, Matrix(whole.tolist()), axes)
     return True

@@ -1,8 +1,8 @@
-"""Node trees whose truth is the text of a graph.
+"""Node trees that show and edit the text of a graph, which is authoritative.
 
-A tree keeps the text that it shows, so that undo steps have it too. What a user changes is collected until the next look, becomes edits of the
-file (`edits.py`), and the tree is made by difference what the file then says (`mirror.py`). What is refused is taken back in the tree, with the
-reason on the node. No node is held over a look: after an undo all of them are others.
+A tree stores the text that it shows, so that undo steps contain it, too. Changes by the user are collected until the next tick, become
+edits of the file (`edits.py`), and then the tree is updated to the file (`mirror.py`). Refused changes are reverted in the tree, with the
+reason on the node. No reference to a node is kept between ticks, since an undo replaces all nodes.
 """
 
 from __future__ import annotations
@@ -18,45 +18,45 @@ from . import edits, engine, live, mirror, nodes
 from .client import Answer
 from .history import History
 
-# What is known of a graph of which nothing is known.
+# The outline of an unknown graph.
 NOTHING: dict[str, Any] = {"nodes": [], "inputs": [], "params": [], "outputs": [], "types": [], "places": None}
 
 
 class State:
-    """What goes on with a tree."""
+    """The current activity of a tree."""
 
     def __init__(self) -> None:
         self.outline: dict[str, Any] | None = None
-        # The fields of its nodes.
+        # The fields of its nodes, by name.
         self.fields: dict[str, dict[str, str]] = {}
-        # What its nodes had when they were last found to be as the text has them.
+        # The properties of its nodes when they last agreed with the text.
         self.looked_at: dict[str, tuple[Any, ...]] = {}
-        # The file, its text as far as is known, and what others changed in it.
+        # The file, and the history of its text.
         self.path = ""
         self.history = History()
-        # An undo or a redo has replaced the tree since the last look.
+        # True if an undo or redo has replaced the tree since the last tick.
         self.undone = False
-        # True if the tree shows the whole text, apart from what the user changed since; false while it lacks a change of somebody else.
+        # False while the tree lacks an external change of the text. Later changes by the user do not count.
         self.is_complete = True
-        # The files that say what is shown: the graph's, those that it uses, and the layout's.
+        # The modification times of the graph, of used graphs, and of the layout.
         self.stamps: dict[str, float | None] = {}
-        # The folders that it may read beside its project's, as they were when it was read.
+        # The additional folders that the graph may read, at the time when it was read.
         self.roots: list[str] = []
         self.busy = False
-        # Whether the next look is at fields, or at places.
+        # Alternates between checks of fields and of positions.
         self.turn = False
-        # What the tree shows beyond its text is kept: the user was quicker than the engine.
+        # True if the user has changed the tree while a request was pending; these changes are kept.
         self.keeps = False
-        # What was shown when the last edit was done, until the text is read again.
-        self.edited: edits.Shown | None = None
-        # New nodes as they were last refused: they are asked for again when they are others.
+        # The view after the last edit, until the text is read again.
+        self.edited: edits.GraphView | None = None
+        # New nodes that the engine has refused; they are sent again only after a change.
         self.refused: list[edits.Node] = []
-        # Where nodes stood when all was well, and at the last look; whether it is kept beside the graph, and whether it is to be.
+        # The last saved positions of nodes, and those at the last check; a layout file exists; a layout file must be written.
         self.stood: dict[str, mirror.Spot] = {}
         self.seen: dict[str, mirror.Spot] = {}
         self.has_layout = self.wants_layout = False
         self.message = ""
-        # What the last undo has to report; it is shown until the next edit.
+        # The message of the last undo, which is shown until the next edit.
         self.notice = ""
         self.problems: list[dict[str, Any]] = []
 
@@ -68,17 +68,17 @@ _asked = False
 
 
 def key(tree: bpy.types.NodeTree) -> Any:
-    """What a tree is known by, undo included."""
+    """An identifier of a tree, also across undo."""
     return tree.session_uid if hasattr(tree, "session_uid") else tree.name_full
 
 
 def trees() -> list[bpy.types.NodeTree]:
-    """All trees of graphs."""
+    """All node trees that show graphs."""
     return [it for it in bpy.data.node_groups if it.bl_idname == nodes.MaquetteTree.bl_idname and it.maquette_graph]
 
 
-def of_graph(path: str) -> bpy.types.NodeTree:
-    """The tree of the graph in a file; a new one if there is none."""
+def tree_of_graph(path: str) -> bpy.types.NodeTree:
+    """Finds the tree of a graph file; creates it if there is none."""
     real = _real(path)
     known = next((it for it in trees() if _real(it.maquette_graph) == real), None)
     return known or new(path, pathlib.Path(path).stem)
@@ -89,36 +89,36 @@ def _real(path: str) -> pathlib.Path:
 
 
 def real_path(tree: bpy.types.NodeTree) -> pathlib.Path:
-    """The file of a tree's graph."""
+    """The path of a tree's graph."""
     return pathlib.Path(bpy.path.abspath(tree.maquette_graph, library=tree.library)).resolve()
 
 
 def new(path: str, name: str) -> bpy.types.NodeTree:
-    """A tree of the graph in a file."""
+    """Creates a tree for a graph file."""
     tree = bpy.data.node_groups.new(name, nodes.MaquetteTree.bl_idname)
     tree.use_fake_user = True
     tree.maquette_graph = path
     return tree
 
 
-def shown(tree: bpy.types.NodeTree) -> tuple[edits.Shown, list[str]]:
-    """What a tree shows, and the names of its nodes in Blender."""
+def view_of(tree: bpy.types.NodeTree) -> tuple[edits.GraphView, list[str]]:
+    """The view that a tree shows, and the names of its nodes in Blender."""
     state = states.get(key(tree))
-    return mirror.shown(tree, state.outline if state and state.outline else NOTHING)
+    return mirror.read_tree(tree, state.outline if state and state.outline else NOTHING)
 
 
 def tick() -> None:
-    """Goes on with all trees."""
+    """Advances all trees by one step."""
     global _looked, _asked
     found = trees()
-    if not found or engine.ended():
+    if not found or engine.end_reason():
         return
     if not nodes.kinds:
         if not _asked:
             _asked = True
-            engine.client().ask("catalog", _cataloged)
+            engine.client().ask("catalog", _on_catalog)
         return
-    looks = time.monotonic() - _looked > live.LOOK
+    looks = time.monotonic() - _looked > live.CHECK_INTERVAL
     if looks:
         _looked = time.monotonic()
     for tree in found:
@@ -127,14 +127,14 @@ def tick() -> None:
             continue
         undone, state.undone = state.undone, False
         if undone and not tree.maquette_text:
-            # The step was taken before the graph was read for the first time.
+            # The undo step is older than the first reading of the graph.
             state.outline = None
         path = bpy.path.abspath(tree.maquette_graph, library=tree.library)
         if path != state.path:
             state.path, state.history = path, History()
             state.outline, state.edited, state.keeps = None, None, False
         is_read = state.outline is not None and path in state.stamps and state.roots == engine.roots()
-        # Behind an edit the outline has the names before it, until the file is read again.
+        # After an edit, the outline has the old names until the file is read again.
         if state.outline is not None and state.edited is None and key(tree) in changed and tree.maquette_text == state.history.text:
             mirror.adopt(tree, state.outline)
         known = state.history
@@ -148,18 +148,18 @@ def tick() -> None:
             _edit(tree, state, path)
         elif looks and not state.turn:
             _keep_layout(tree, state, path)
-        # One thing at a time: no look takes long.
+        # Only one check in each tick, so that none takes long.
         state.turn ^= looks
 
 
-def _cataloged(answer: Answer) -> None:
+def _on_catalog(answer: Answer) -> None:
     global _asked
     _asked = False
     if answer.ok:
-        nodes.classes(answer["nodes"])
+        nodes.register_classes(answer["nodes"])
 
 
-def _found(uid: Any) -> bpy.types.NodeTree | None:
+def _find(uid: Any) -> bpy.types.NodeTree | None:
     return next((it for it in trees() if key(it) == uid), None)
 
 
@@ -168,7 +168,7 @@ def _ask(state: State, uid: Any, do: str, then: Any, **fields: Any) -> None:
 
     def done(answer: Answer) -> None:
         state.busy = False
-        tree = _found(uid)
+        tree = _find(uid)
         if tree is not None and states.get(uid) is state:
             then(tree, answer)
 
@@ -176,19 +176,19 @@ def _ask(state: State, uid: Any, do: str, then: Any, **fields: Any) -> None:
 
 
 def _layout(path: str) -> str:
-    """The file beside a graph that says where its nodes stand."""
+    """The layout file of a graph, which has the positions of its nodes."""
     return str(pathlib.Path(path).with_suffix(".layout.ron"))
 
 
 def _read(tree: bpy.types.NodeTree, state: State, path: str) -> None:
-    """Shows what stands in the file."""
+    """Reads the file and updates the tree."""
     stamps, state.roots = {it: live.stamp(it) for it in {path, _layout(path), *state.stamps}}, engine.roots()
 
     def then(tree: bpy.types.NodeTree, answer: Answer) -> None:
         were, state.stamps = state.stamps, stamps
         state.message = answer.why or state.notice
         if state.undone:
-            # The tree is another one now: it is compared with the file first.
+            # An undo has replaced the tree: compare it with the file first.
             state.stamps = {path: None}
             return
         edited, state.edited = state.edited, None
@@ -196,35 +196,35 @@ def _read(tree: bpy.types.NodeTree, state: State, path: str) -> None:
             state.outline = state.outline or NOTHING
             return
         if edited is not None:
-            state.keeps |= not edits.is_same(edited, shown(tree)[0])
+            state.keeps |= not edits.is_same(edited, view_of(tree)[0])
             if state.keeps and not (state.is_complete and answer["text"] == state.history.text):
-                # The tree lacks a change of somebody else: compared with the file, it would take that back.
+                # The tree lacks an external change, which an edit from it would revert.
                 state.keeps = False
-                state.notice = "somebody else changed the file at the same moment; your last change was not written, make it again"
-        elif state.outline is not None and not state.keeps and edits.difference(state.outline, _wished(tree, state))[0]:
-            # What the user has changed meanwhile goes into the file first; then this is asked for again.
+                state.notice = "another program changed the file at the same time, so your last change was not written; make it again"
+        elif state.outline is not None and not state.keeps and edits.difference(state.outline, _wanted_view(tree, state))[0]:
+            # Write the user's changes first, then read the file again.
             state.stamps = {path: None}
             _edit(tree, state, path)
             return
         state.problems = answer.problems
         outline = answer["outline"]
         if outline is None:
-            # Nothing can be shown of such a text; what is shown stays.
+            # The text cannot be parsed: keep the tree.
             state.message = answer.problems[0]["message"] if answer.problems else ""
             return
         used = [it["pack"] for it in outline["types"]]
         state.stamps = {it: stamps.get(it, live.stamp(it)) for it in (path, _layout(path), *used)}
-        nodes.learn(outline["types"], "pack")
-        kept = mirror.of_layout(answer.get("layout"))
+        nodes.add_types(outline["types"], "pack")
+        kept = mirror.layout_spots(answer.get("layout"))
         state.has_layout = bool(kept)
         state.message = answer.get("layout_why", "") or state.notice
         is_first, is_new = state.history.text is None, not tree.maquette_text
         if is_first:
-            # What was written to the file since the tree was saved is a change of others.
+            # Changes of the file since the tree was saved are external.
             state.history.begin(tree.maquette_text or answer["text"], tree.maquette_changes)
-        state.history.learn(answer["text"], answer["text"])
-        _know(state, outline)
-        _has_text(tree, state)
+        state.history.update(answer["text"], answer["text"])
+        _set_outline(state, outline)
+        _sync_text(tree, state)
         if state.keeps:
             state.keeps = False
             changed.add(key(tree))
@@ -234,8 +234,8 @@ def _read(tree: bpy.types.NodeTree, state: State, path: str) -> None:
         if were.get(_layout(path)) != stamps[_layout(path)]:
             moved = _place(tree, kept)
             if moved and not is_first:
-                state.history.moved(moved)
-                _has_text(tree, state)
+                state.history.add_moves(moved)
+                _sync_text(tree, state)
         state.stood, state.is_complete = mirror.spots(tree), True
         if is_first and is_new:
             _push("Graph Shown")
@@ -248,14 +248,14 @@ def _rebuild(tree: bpy.types.NodeTree, state: State, kept: dict[str, mirror.Spot
     changed.discard(key(tree))
 
 
-def _know(state: State, outline: dict[str, Any]) -> None:
-    """From now on the tree is compared with this outline."""
+def _set_outline(state: State, outline: dict[str, Any]) -> None:
+    """Sets the outline with which the tree is compared from now on."""
     state.outline, state.looked_at = outline, {}
-    state.fields = {it.name: it.fields for it in edits.shown(outline).nodes}
+    state.fields = {it.name: it.fields for it in edits.view_of(outline).nodes}
 
 
 def _place(tree: bpy.types.NodeTree, spots: dict[str, mirror.Spot]) -> dict[str, mirror.Spot]:
-    """Moves nodes to these positions; returns the positions of those that were elsewhere."""
+    """Moves nodes to these positions; returns the positions of those that have moved."""
     moved = {}
     for name, node in mirror.boxes(tree).items():
         if name in spots and mirror.have_moved({name: spots[name]}, {name: mirror.spot(node)}):
@@ -264,27 +264,27 @@ def _place(tree: bpy.types.NodeTree, spots: dict[str, mirror.Spot]) -> dict[str,
     return moved
 
 
-def _has_text(tree: bpy.types.NodeTree, state: State) -> None:
-    """The text of the tree is that of the file."""
+def _sync_text(tree: bpy.types.NodeTree, state: State) -> None:
+    """Stores the known text of the file in the tree."""
     tree.maquette_text, tree.maquette_changes = state.history.text, state.history.count
 
 
 def _push(message: str) -> None:
-    """Takes an undo step. Without one for the tree as it is first shown, the first undo would leave an empty tree, or none."""
+    """Pushes an undo step. Without one for the first display of the tree, the first undo would leave an empty tree, or none."""
     try:
         bpy.ops.ed.undo_push(message=message)
     except RuntimeError:
-        # No window, no undo.
+        # There is no undo without a window.
         pass
 
 
 def _undo(tree: bpy.types.NodeTree, state: State, path: str) -> None:
-    """After an undo or a redo the file gets the text that the tree has again, with all that others changed since.
+    """After an undo or redo, writes the text of the tree into the file, merged with all later external changes.
 
-    If that is impossible, the file is left as it is, and the tree shows it.
+    If that is impossible, the file is not changed, and the tree is updated to it.
     """
     uid, text, was = key(tree), tree.maquette_text, state.history.text
-    later = state.history.since(tree.maquette_changes)
+    later = state.history.changes_since(tree.maquette_changes)
     state.notice = ""
 
     def refuse(why: str) -> None:
@@ -293,16 +293,16 @@ def _undo(tree: bpy.types.NodeTree, state: State, path: str) -> None:
         state.keeps = False
 
     if later is None:
-        refuse("the step is older than what is known of the file; the file is left as it is")
+        refuse("the step is older than the known history of the file; the file is unchanged")
         return
 
     def outlined(_tree: bpy.types.NodeTree, answer: Answer) -> None:
-        # A second undo while this one is at work replaces it.
+        # Another undo replaces this one.
         if state.undone:
             return
         outline = answer.get("outline")
         if outline is None:
-            refuse(answer.why or "the text of that step cannot be read; the file is left as it is")
+            refuse(answer.why or "the text of that step cannot be read; the file is unchanged")
             return
         theirs = [(it.before, it.after) for it in later if it.before != it.after]
         _ask(state, uid, "put", lambda tree, answer: put(tree, answer, outline), graph=path, was=was, text=text, theirs=theirs)
@@ -310,7 +310,7 @@ def _undo(tree: bpy.types.NodeTree, state: State, path: str) -> None:
     def put(tree: bpy.types.NodeTree, answer: Answer, outline: dict[str, Any]) -> None:
         state.stamps = {path: None}
         if answer.ok:
-            state.history.learn(answer["before"], answer["text"])
+            state.history.update(answer["before"], answer["text"])
         if state.undone:
             return
         for change in later:
@@ -319,35 +319,35 @@ def _undo(tree: bpy.types.NodeTree, state: State, path: str) -> None:
             refuse(answer.why)
             return
         if answer["text"] not in (answer["before"], text):
-            state.notice = "undone, and what others changed in the file was kept"
-        # The tree shows the text of its step, and maybe what the user did in that step: this is written next, and then the file is read.
-        _know(state, outline)
-        _has_text(tree, state)
+            state.notice = "undone; external changes of the file were kept"
+        # The tree shows the text of its step, and maybe changes by the user in that step, which are written next; then the file is read.
+        _set_outline(state, outline)
+        _sync_text(tree, state)
         state.edited, state.keeps, state.is_complete = None, False, answer["text"] == text
 
     _ask(state, uid, "outline", outlined, graph=path, roots=engine.roots(), text=text)
 
 
-def _wished(tree: bpy.types.NodeTree, state: State) -> edits.Shown:
-    """What a tree shows, without what was refused already."""
-    return edits.without(shown(tree)[0], state.refused)[0]
+def _wanted_view(tree: bpy.types.NodeTree, state: State) -> edits.GraphView:
+    """The view of a tree without refused new nodes."""
+    return edits.without_refused(view_of(tree)[0], state.refused)[0]
 
 
 def _edit(tree: bpy.types.NodeTree, state: State, path: str) -> None:
-    """Makes the file what the tree shows; or the tree what the file says."""
+    """Writes changes of the tree into the file; reverts them in the tree if they are refused."""
     assert state.outline is not None
     if mirror.lacks_ends(tree, state.outline):
-        # An output goes when its link does.
-        state.message = "the nodes of all inputs and of all outputs stay, and nothing was deleted"
+        # Outputs are deleted by deleting their links.
+        state.message = "the nodes Inputs and Outputs cannot be deleted"
         _rebuild(tree, state, {})
         return
-    everything, places = shown(tree)
+    everything, places = view_of(tree)
     names = {id(node): name for node, name in zip(everything.nodes, places)}
-    now, state.refused = edits.without(everything, state.refused)
+    now, state.refused = edits.without_refused(everything, state.refused)
     changes, waiting = edits.difference(state.outline, now)
     new = [node for node in now.nodes if not node.name and not any(node is it for it in waiting)]
     for node in waiting:
-        _say(tree.nodes[names[id(node)]], f"{edits.lacking(node) or 'a link'}: it is not in the graph yet")
+        _set_problem(tree.nodes[names[id(node)]], f"not in the graph yet: {edits.missing_part(node) or 'link a node that is in the graph'}")
     if not changes:
         return
     renamed = {node.name: node.title for node in now.nodes if node.name and node.title != node.name}
@@ -366,36 +366,36 @@ def _edit(tree: bpy.types.NodeTree, state: State, path: str) -> None:
             return
         state.message, state.notice, state.stamps[path] = "", "", None
         state.is_complete &= answer["before"] == state.history.text
-        state.history.learn(answer["before"], answer["text"])
+        state.history.update(answer["before"], answer["text"])
         if state.undone:
-            # The tree is another one now: the file is made what that one shows.
+            # An undo has replaced the tree: its text is written next.
             return
-        state.keeps |= not edits.is_same(everything, shown(tree)[0])
+        state.keeps |= not edits.is_same(everything, view_of(tree)[0])
         given = [it["add"]["name"] for it in changes if "add" in it]
         for node, name in zip(new, given):
             made = tree.nodes.get(names[id(node)])
             if made:
                 made.maquette_name = name
-                _say(made, "")
+                _set_problem(made, "")
         for node in tree.nodes:
             own = getattr(node, "maquette_name", "")
             if own in renamed:
                 node.maquette_name = renamed[own]
-        _has_text(tree, state)
-        state.edited = shown(tree)[0]
-        # Where a new node stands is the user's wish; and a name that is another one is another one there, too.
+        _sync_text(tree, state)
+        state.edited = view_of(tree)[0]
+        # The layout must have the positions of new nodes, and the new names of renamed ones.
         state.wants_layout |= bool(given) or (bool(renamed) and state.has_layout)
 
     _ask(state, key(tree), "edit", then, graph=path, roots=engine.roots(), edits=changes)
 
 
-def _say(node: bpy.types.Node, problem: str) -> None:
+def _set_problem(node: bpy.types.Node, problem: str) -> None:
     if node.maquette_problem != problem:
         node.maquette_problem = problem
 
 
 def _refuse(tree: bpy.types.NodeTree, state: State, words: str, changes: list[dict[str, Any]], new: list[str]) -> None:
-    """Takes back what the engine refuses, and says why on the nodes."""
+    """Reverts refused changes, and shows the reason on the nodes."""
     named = set()
     for change in changes:
         for fields in change.values():
@@ -404,18 +404,18 @@ def _refuse(tree: bpy.types.NodeTree, state: State, words: str, changes: list[di
     _rebuild(tree, state, {})
     for node in tree.nodes:
         if node.name in new or (mirror.is_own(node) and node.maquette_name and node.maquette_name in named):
-            _say(node, words)
+            _set_problem(node, words)
 
 
 def _is_touched(tree: bpy.types.NodeTree, state: State) -> bool:
-    """Whether a field or a name was changed, of which nothing tells."""
+    """Returns true if a field or a name has changed; Blender does not notify about these changes."""
     for node in tree.nodes:
         if not mirror.is_own(node):
             continue
         name = node.maquette_name
         if not name:
             return True
-        # One call of Blender for all that a node has: there may be hundreds of nodes.
+        # Only one call of Blender for each node: there may be hundreds of nodes.
         now = (node.label, *(list(it) if hasattr(it, "to_list") else it for it in node.values()))
         if state.looked_at.get(name) == now:
             continue
@@ -427,7 +427,7 @@ def _is_touched(tree: bpy.types.NodeTree, state: State) -> bool:
 
 
 def _keep_layout(tree: bpy.types.NodeTree, state: State, path: str) -> None:
-    """Keeps where the user has put nodes, once they have come to rest."""
+    """Writes the layout file after the user has moved nodes and they have stopped moving."""
     now = mirror.spots(tree)
     state.wants_layout |= mirror.have_moved(state.stood, now)
     is_at_rest = state.seen.keys() == now.keys() and not mirror.have_moved(state.seen, now)
@@ -445,39 +445,39 @@ def _keep_layout(tree: bpy.types.NodeTree, state: State, path: str) -> None:
     _ask(state, key(tree), "layout", then, graph=path, layout=mirror.layout(now))
 
 
-def _hear(tree: bpy.types.NodeTree) -> None:
+def _on_change(tree: bpy.types.NodeTree) -> None:
     changed.add(key(tree))
 
 
 @persistent
-def _after_undo(*_given: Any) -> None:
+def _on_undo(*_given: Any) -> None:
     for tree in trees():
         states.setdefault(key(tree), State()).undone = True
         changed.add(key(tree))
 
 
 @persistent
-def _opened(*_given: Any) -> None:
+def _on_load(*_given: Any) -> None:
     states.clear()
     changed.clear()
 
 
-HANDLERS = {"undo_post": _after_undo, "redo_post": _after_undo, "load_post": _opened}
+HANDLERS = {"undo_post": _on_undo, "redo_post": _on_undo, "load_post": _on_load}
 
 
 def register() -> None:
-    """Begins to look after trees."""
+    """Registers the handlers and the tick."""
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).append(handler)
-    nodes.heard.append(_hear)
+    nodes.listeners.append(_on_change)
     engine.ticks.append(tick)
 
 
 def unregister() -> None:
-    """Looks after them no more."""
+    """Unregisters the handlers and the tick."""
     global _asked
     engine.ticks.remove(tick)
-    nodes.heard.remove(_hear)
+    nodes.listeners.remove(_on_change)
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).remove(handler)
     states.clear()

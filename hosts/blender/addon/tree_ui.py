@@ -1,4 +1,4 @@
-"""What a user sees of node trees: how they are opened, the nodes that can be added, and what is wrong."""
+"""The user interface of node trees: operators that open trees and add nodes, and the panel with problems."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 
 from . import live, nodes, tree
-from .ui import ForLiveObject, active, problems
+from .ui import ForLiveObject, active_object, problems
 
 
 class MAQUETTE_OT_open_tree(ForLiveObject, bpy.types.Operator):
@@ -18,24 +18,24 @@ class MAQUETTE_OT_open_tree(ForLiveObject, bpy.types.Operator):
     bl_label = "Edit as Nodes"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Makes the tree, if it is not there."""
-        shown = tree.of_graph(active(context).maquette.graph)
+        """Finds or creates the tree, and shows it."""
+        shown = tree.tree_of_graph(active_object(context).maquette.graph)
         areas = [it for it in context.screen.areas if it.type == "NODE_EDITOR"] if context.screen else []
         for area in areas[:1]:
             area.ui_type = nodes.MaquetteTree.bl_idname
             area.spaces.active.node_tree = shown
         if not areas:
-            self.report({"INFO"}, f"{shown.name} is among the node trees of the editor Maquette Graph")
+            self.report({"INFO"}, f"open an editor of the type Maquette Graph and choose the tree {shown.name}")
         return {"FINISHED"}
 
 
 class InTree:
-    """An operator in an editor that shows a tree."""
+    """An operator for a node editor that shows a tree."""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Whether there is one."""
-        return shown(context) is not None
+        """Returns true if the editor shows a tree."""
+        return tree_of(context) is not None
 
 
 class MAQUETTE_OT_open_used(InTree, bpy.types.Operator):
@@ -46,8 +46,8 @@ class MAQUETTE_OT_open_used(InTree, bpy.types.Operator):
     graph: bpy.props.StringProperty(options={"HIDDEN"})  # type: ignore[valid-type]
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Shows its tree in place of the one that uses it."""
-        context.space_data.path.append(tree.of_graph(self.graph))
+        """Shows the tree of the used graph in the editor."""
+        context.space_data.path.append(tree.tree_of_graph(self.graph))
         return {"FINISHED"}
 
 
@@ -58,7 +58,7 @@ class MAQUETTE_OT_close_used(InTree, bpy.types.Operator):
     bl_label = "Back"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Shows the tree that was shown before."""
+        """Shows the previous tree."""
         if len(context.space_data.path) > 1:
             context.space_data.path.pop()
         return {"FINISHED"}
@@ -73,24 +73,24 @@ class MAQUETTE_OT_add_used(InTree, bpy.types.Operator):
     graph: bpy.props.StringProperty(options={"HIDDEN"})  # type: ignore[valid-type]
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Adds it where the pointer is."""
-        it = shown(context)
+        """Adds the node at the cursor of the editor."""
+        it = tree_of(context)
         for other in it.nodes:
             other.select = False
         made = it.nodes.new(nodes.MaquetteNodeOther.bl_idname)
-        nodes.begin(made, nodes.kinds[self.graph], self.graph)
+        nodes.init_node(made, nodes.kinds[self.graph], self.graph)
         made.location, it.nodes.active = context.space_data.cursor_location, made
         return {"FINISHED"}
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Adds it, and lets the user put it down."""
+        """Adds the node at the pointer, and lets the user move it."""
         context.space_data.cursor_location_from_region(event.mouse_region_x, event.mouse_region_y)
         self.execute(context)
         return bpy.ops.node.translate_attach_remove_on_cancel("INVOKE_DEFAULT")
 
 
 class MAQUETTE_OT_show_node(InTree, bpy.types.Operator):
-    """Shows what this node gives on the live objects of this graph"""
+    """Shows the result of this node on the live objects of this graph"""
 
     bl_idname = "maquette.show_node"
     bl_label = "Show on Live Objects"
@@ -98,13 +98,13 @@ class MAQUETTE_OT_show_node(InTree, bpy.types.Operator):
     node: bpy.props.StringProperty(options={"HIDDEN"})  # type: ignore[valid-type]
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Shows it."""
-        path = tree.real_path(shown(context))
+        """Sets the output of the live objects."""
+        path = tree.real_path(tree_of(context))
         found = [it for it in live.objects() if pathlib.Path(live.graph_path(it)).resolve() == path]
         for owner in found:
             owner.maquette.output = self.node
         if not found:
-            self.report({"ERROR"}, "no live object shows this graph: add one by Add > Mesh > Maquette Graph")
+            self.report({"ERROR"}, "no live object shows this graph: add one with Add > Mesh > Maquette Graph")
             return {"CANCELLED"}
         return {"FINISHED"}
 
@@ -119,12 +119,12 @@ class MAQUETTE_PT_tree(bpy.types.Panel):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Whether a tree is seen."""
-        return shown(context) is not None
+        """Returns true if the editor shows a tree."""
+        return tree_of(context) is not None
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draws its file and its problems."""
-        it = shown(context)
+        """Draws the file and the problems of the graph."""
+        it = tree_of(context)
         if len(context.space_data.path) > 1:
             self.layout.operator("maquette.close_used", text=f"Back to {context.space_data.path[-2].node_tree.name}", icon="BACK")
         self.layout.prop(it, "maquette_graph", text="")
@@ -138,16 +138,16 @@ class MAQUETTE_PT_tree(bpy.types.Panel):
         problems(self.layout, state.problems)
 
 
-def shown(context: bpy.types.Context) -> bpy.types.NodeTree | None:
+def tree_of(context: bpy.types.Context) -> bpy.types.NodeTree | None:
     """The tree that a node editor shows."""
     it = getattr(context.space_data, "edit_tree", None)
     return it if it is not None and it.bl_idname == nodes.MaquetteTree.bl_idname else None
 
 
 def _menu(self: Any, context: bpy.types.Context) -> None:
-    if shown(context) is None:
+    if tree_of(context) is None:
         return
-    state = tree.states.get(tree.key(shown(context)))
+    state = tree.states.get(tree.key(tree_of(context)))
     used = state.outline["types"] if state and state.outline else ()
     if used:
         self.layout.label(text="Used Graphs")

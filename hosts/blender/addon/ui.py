@@ -1,4 +1,4 @@
-"""What a user sees and does: the panel of a live object, and its operators."""
+"""The user interface of live objects: the panel and the operators."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from . import engine, live, panel, paths, values
 from .client import Answer
 
 
-def active(context: bpy.types.Context) -> bpy.types.Object | None:
-    """The live object that is worked on."""
+def active_object(context: bpy.types.Context) -> bpy.types.Object | None:
+    """The active object, if it is live."""
     owner = context.object
     return owner if owner and owner.maquette.graph else None
 
@@ -24,43 +24,43 @@ class ForLiveObject:
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Whether there is one."""
-        return active(context) is not None
+        """Returns true if the active object is live."""
+        return active_object(context) is not None
 
 
 class MAQUETTE_OT_add(bpy.types.Operator, ImportHelper):
-    """Adds an object that shows a graph of maquette, and follows it"""
+    """Adds a live object, which shows the result of a maquette graph and follows its changes"""
 
     bl_idname = "maquette.add"
     bl_label = "Maquette Graph"
     bl_options = {"REGISTER", "UNDO"}
     filename_ext = ".ron"
     filter_glob: bpy.props.StringProperty(default="*.ron", options={"HIDDEN"})  # type: ignore[valid-type]
-    # What was dropped last is not what is added next.
+    # A dropped file must not become the default of the next call.
     filepath: bpy.props.StringProperty(name="File Path", subtype="FILE_PATH", options={"SKIP_SAVE", *engine.RELATIVE})  # type: ignore[valid-type]
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Asks for the file, if none was dropped."""
+        """Opens the file dialog, unless a file was dropped."""
         return self.execute(context) if self.filepath else ImportHelper.invoke(self, context, event)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Adds it."""
-        # The engine may have another current folder.
+        """Adds the object."""
+        # Absolute, since the engine may have another current folder.
         path = os.path.abspath(bpy.path.abspath(self.filepath))
         if not pathlib.Path(path).is_file():
-            self.report({"ERROR"}, f"there is no file {path}")
+            self.report({"ERROR"}, f"cannot find the file {path}")
             return {"CANCELLED"}
         if context.mode != "OBJECT":
             bpy.ops.object.mode_set(mode="OBJECT")
-        live.place(live.add(paths.chosen(path), context), context)
+        live.place(live.add(paths.from_dialog(path), context), context)
         return {"FINISHED"}
 
 
-# Windows of Blenders before 4.1, in which pictures of tests are made, have no such class.
+# Blender before 4.1 has no such class; some tests use it.
 if hasattr(bpy.types, "FileHandler"):
 
     class MAQUETTE_FH_graph(bpy.types.FileHandler):
-        """Graphs that are dropped into a 3D view or the outliner."""
+        """Handles graph files that are dropped into a 3D view or the outliner."""
 
         bl_idname = "MAQUETTE_FH_graph"
         bl_label = "Maquette Graph"
@@ -69,57 +69,57 @@ if hasattr(bpy.types, "FileHandler"):
 
         @classmethod
         def poll_drop(cls, context: bpy.types.Context) -> bool:
-            """Whether they can be dropped there."""
+            """Returns true if files can be dropped into the editor."""
             return context.area is not None and context.area.type in ("VIEW_3D", "OUTLINER")
 
 
 class MAQUETTE_OT_reload(ForLiveObject, bpy.types.Operator):
-    """Reads the graph anew"""
+    """Reads the graph again and computes its result"""
 
     bl_idname = "maquette.reload"
     bl_label = "Reload"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Reads it."""
-        live.start_over(active(context))
+        """Reads the graph."""
+        live.start_over(active_object(context))
         return {"FINISHED"}
 
 
 class MAQUETTE_OT_go_on(ForLiveObject, bpy.types.Operator):
-    """Follows the graph again. What was done by hand and cannot be kept is lost; undo brings it back"""
+    """Follows the graph again. Manual edits that cannot be kept are lost; undo restores them"""
 
     bl_idname = "maquette.go_on"
     bl_label = "Follow the Graph Again"
     bl_options = {"REGISTER", "UNDO"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Follows it."""
-        live.start_over(active(context))
+        """Follows the graph."""
+        live.start_over(active_object(context))
         return {"FINISHED"}
 
 
 class MAQUETTE_OT_cancel(ForLiveObject, bpy.types.Operator):
-    """Stops what is computed for this object"""
+    """Cancels the computation for this object"""
 
     bl_idname = "maquette.cancel"
     bl_label = "Cancel"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Stops it."""
-        live.cancel(active(context))
+        """Cancels the run."""
+        live.cancel(active_object(context))
         return {"FINISHED"}
 
 
 class MAQUETTE_OT_bake(ForLiveObject, bpy.types.Operator):
-    """Makes a mesh object of its own of what is shown, which follows no graph"""
+    """Copies the shown mesh to a new object that does not follow the graph"""
 
     bl_idname = "maquette.bake"
     bl_label = "Bake"
     bl_options = {"REGISTER", "UNDO"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Makes it."""
-        owner = active(context)
+        """Creates the object."""
+        owner = active_object(context)
         baked = bpy.data.objects.new(f"{owner.name} baked", owner.data.copy())
         for name in [it for it in baked.data.keys() if it.startswith("maquette")]:
             del baked.data[name]
@@ -130,19 +130,19 @@ class MAQUETTE_OT_bake(ForLiveObject, bpy.types.Operator):
 
 
 class MAQUETTE_OT_restart(bpy.types.Operator):
-    """Ends the engine, if there is one, and starts another"""
+    """Stops the engine, if it runs, and starts it again"""
 
     bl_idname = "maquette.restart"
     bl_label = "Restart Engine"
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
-        """Starts it."""
+        """Restarts the engine."""
         engine.restart()
         return {"FINISHED"}
 
 
 class MAQUETTE_OT_reset(ForLiveObject, bpy.types.Operator):
-    """Follows the graph's own value again"""
+    """Resets the parameter to the graph's own value"""
 
     bl_idname = "maquette.reset"
     bl_label = "Reset to the Graph's Value"
@@ -151,14 +151,14 @@ class MAQUETTE_OT_reset(ForLiveObject, bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Forgets the value."""
-        owner = active(context)
+        owner = active_object(context)
         values.reset(owner, self.name)
         live.reload(owner)
         return {"FINISHED"}
 
 
 class MAQUETTE_OT_choose(ForLiveObject, bpy.types.Operator):
-    """Takes this one of several words"""
+    """Sets the parameter to this choice"""
 
     bl_idname = "maquette.choose"
     bl_label = "Choose"
@@ -167,31 +167,31 @@ class MAQUETTE_OT_choose(ForLiveObject, bpy.types.Operator):
     word: bpy.props.StringProperty(options={"HIDDEN"})  # type: ignore[valid-type]
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Takes it."""
-        active(context)[live.WIDGET + self.name] = self.word
+        """Sets the value."""
+        active_object(context)[live.WIDGET + self.name] = self.word
         return {"FINISHED"}
 
 
 class MAQUETTE_OT_write(ForLiveObject, bpy.types.Operator):
-    """Writes the values into the graph's file, and leaves every other byte of it alone"""
+    """Writes the values into the graph's file, without other changes of the file"""
 
     bl_idname = "maquette.write"
     bl_label = "Write Values"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Writes them."""
-        owner = active(context)
-        uid, loaded, own = live.key(owner), live.state(owner).loaded, values.kept(owner)
+        """Writes the values."""
+        owner = active_object(context)
+        uid, loaded, own = live.key(owner), live.state(owner).loaded, values.stored(owner)
         known = {name: text for name, text in own.items() if loaded and loaded["ok"] and values.is_known(name, loaded)}
         edits = [{"set": {"target": name, "value": value}} for name, value in known.items()]
 
         def done(answer: Answer) -> None:
-            found = live.found(uid)
+            found = live.find(uid)
             if found is None:
                 return
             if answer.ok:
-                values.keep(found, {name: text for name, text in values.kept(found).items() if known.get(name) != text})
-                # Its widgets show what are the graph's own values now.
+                values.store(found, {name: text for name, text in values.stored(found).items() if known.get(name) != text})
+                # The written values are the graph's own values now.
                 live.reload(found)
             else:
                 live.state(found).message = answer.why
@@ -202,7 +202,7 @@ class MAQUETTE_OT_write(ForLiveObject, bpy.types.Operator):
 
 
 class MAQUETTE_OT_open_line(bpy.types.Operator):
-    """Opens the place in the text editor"""
+    """Opens the position in the text editor"""
 
     bl_idname = "maquette.open_line"
     bl_label = "Open"
@@ -211,7 +211,7 @@ class MAQUETTE_OT_open_line(bpy.types.Operator):
     column: bpy.props.IntProperty(options={"HIDDEN"})  # type: ignore[valid-type]
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Opens it."""
+        """Opens the position."""
         try:
             known = (it for it in bpy.data.texts if bpy.path.abspath(it.filepath) == self.file)
             text = next(known, None) or bpy.data.texts.load(self.file)
@@ -226,13 +226,13 @@ class MAQUETTE_OT_open_line(bpy.types.Operator):
 
 
 class GraphPanel(ForLiveObject):
-    """A live object's graph."""
+    """The panel of a live object."""
 
     bl_label = "Maquette"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draws the controls of its graph."""
-        owner = active(context)
+        """Draws the controls of the graph, its inputs and output, and problems."""
+        owner = active_object(context)
         layout = self.layout
         layout.use_property_split = True
         layout.use_property_decorate = False
@@ -242,7 +242,7 @@ class GraphPanel(ForLiveObject):
         row.operator("maquette.reload", text="", icon="FILE_REFRESH")
         hindrance = "" if it is None else live.hindrance(owner)
         if owner.library or owner.override_library:
-            hindrance = "it shows what was computed in its own file"
+            hindrance = "the object belongs to another file and shows the result that was computed there"
         if hindrance:
             layout.label(text=hindrance[0].upper() + hindrance[1:], icon="INFO")
         if owner.maquette.held:
@@ -251,11 +251,11 @@ class GraphPanel(ForLiveObject):
             return _state(layout, it, owner.maquette.lost)
         if it.loaded.get("doc"):
             layout.label(text=it.loaded["doc"])
-        known = values.kept(owner)
+        known = values.stored(owner)
         for control in it.controls:
             _control(layout, owner, control, control.name in known)
         if it.loaded["ok"]:
-            _unknown(layout, it, known)
+            _unknown_values(layout, it, known)
         wanted = {its["name"] for its in it.loaded["inputs"]} if it.loaded["ok"] else owner.maquette.inputs.keys()
         for given in owner.maquette.inputs:
             if given.name in wanted:
@@ -269,9 +269,9 @@ class GraphPanel(ForLiveObject):
         layout.operator("maquette.open_tree", icon="NODETREE")
 
 
-# Neither may have the other as its base: Blender knows a class by one registration.
+# Two separate classes with a common base, since Blender cannot register a class derived from a registered one.
 class MAQUETTE_PT_object(GraphPanel, bpy.types.Panel):
-    """Among the object's properties."""
+    """The panel in the object's properties."""
 
     bl_space_type = "PROPERTIES"
     bl_region_type = "WINDOW"
@@ -279,7 +279,7 @@ class MAQUETTE_PT_object(GraphPanel, bpy.types.Panel):
 
 
 class MAQUETTE_PT_view(GraphPanel, bpy.types.Panel):
-    """Beside the 3D view."""
+    """The panel in the sidebar of the 3D view."""
 
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
@@ -296,8 +296,8 @@ def _control(layout: Any, owner: bpy.types.Object, control: panel.Control, is_se
         row.operator("maquette.reset", text="", icon="LOOP_BACK").name = control.name
 
 
-def _unknown(layout: Any, it: live.State, known: dict[str, str]) -> None:
-    """Values of parameters that the graph has no more: they wait for such a parameter, or are dropped."""
+def _unknown_values(layout: Any, it: live.State, known: dict[str, str]) -> None:
+    """Draws values of parameters that the graph no longer has; the user can remove them."""
     for name, text in known.items():
         if not values.is_known(name, it.loaded):
             row = layout.row(align=True)
@@ -319,13 +319,13 @@ def _state(layout: Any, it: live.State | None, lost: str) -> None:
         box = layout.box()
         box.alert = True
         box.label(text=it.message, icon="ERROR")
-        if engine.ended():
+        if engine.end_reason():
             box.operator("maquette.restart")
     problems(layout, it.problems)
 
 
 def problems(layout: Any, found: list[dict[str, Any]]) -> None:
-    """Problems with their places, and a button that opens each; the first ones, for nobody reads more."""
+    """Draws the first eight problems with their positions, and a button that opens each."""
     for problem in found[:8]:
         row = layout.row()
         row.alert = problem.get("severity") == "error"

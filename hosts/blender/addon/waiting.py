@@ -1,6 +1,6 @@
-"""Waiting for results. Renders and exports see each frame as its values, files and inputs say, and so do scripts that ask for it.
+"""Waiting for results, so that renders, exports and scripts get meshes that agree with the current values, files and inputs.
 
-In a window results come by a timer, while the user goes on. Without a window there are no timers: each change of the frame waits.
+With a window, results arrive by a timer and do not block the user. Without a window there are no timers: each change of the frame waits.
 """
 
 from __future__ import annotations
@@ -14,16 +14,17 @@ from bpy.app.handlers import persistent
 
 from . import engine, evaluated, live
 
-# Seconds between two looks while somebody waits.
+# Seconds between two polls while waiting.
 PAUSE = 0.002
 
 
 def update(timeout: float | None = None) -> None:
-    """Waits until all live objects show what their values, files and inputs say.
+    """Waits until all live objects show the results for their values, files and inputs.
 
-    `RuntimeError` says which objects cannot, and why; `TimeoutError` that `timeout` seconds were not enough. The objects keep their last meshes.
+    `RuntimeError` names the objects that cannot, and why; `TimeoutError` if it takes longer than `timeout` seconds. The objects keep their
+    last meshes.
     """
-    live.forget()
+    live.invalidate()
     live.find_linked_again()
     for owner in live.objects():
         live.state(owner).frame = None
@@ -34,13 +35,13 @@ def update(timeout: float | None = None) -> None:
 
 
 def wait(depsgraph: bpy.types.Depsgraph, timeout: float | None = None) -> dict[str, str]:
-    """Waits until all live objects are as this graph says; returns why objects are not, by their names."""
+    """Waits until all live objects agree with this dependency graph; returns the reasons for those that cannot, by name."""
     end = time.monotonic() + timeout if timeout is not None else float("inf")
     live.find_linked_again()
-    with engine.alone:
+    with engine.poll_lock:
         for owner in live.objects():
             live.state(owner).unread = ""
-        # Live objects may be at the inputs of others: one after the other is right.
+        # Live objects may be at the inputs of others, so results may take as many rounds as there are objects.
         for _ in range(len(live.objects()) + 1):
             _refresh(depsgraph)
             before = [it.maquette.shown for it in live.objects()]
@@ -58,16 +59,16 @@ def wait(depsgraph: bpy.types.Depsgraph, timeout: float | None = None) -> dict[s
 
 
 def _refresh(depsgraph: bpy.types.Depsgraph) -> None:
-    """Nothing tells of changes of objects that are not seen."""
+    """Marks hidden objects at inputs to be sent again, since Blender does not notify about their changes."""
     for owner in live.objects():
         its = owner.maquette.inputs
         live.state(owner).stale |= {one.name for one in its if one.object and not evaluated.is_seen(one.object, depsgraph)}
 
 
 def _is_done(owner: bpy.types.Object) -> bool:
-    """Returns true if the object shows its result, or cannot."""
+    """Returns true if the object shows its result, or cannot show one."""
     it = live.state(owner)
-    if engine.ended():
+    if engine.end_reason():
         return True
     if it.loaded is None:
         return bool(it.unread)
@@ -87,20 +88,20 @@ def _is_done(owner: bpy.types.Object) -> bool:
 def _why(owner: bpy.types.Object) -> str:
     it = live.state(owner)
     errors = [problem["message"] for problem in it.problems if problem.get("severity") == "error"]
-    return engine.ended() or live.hindrance(owner) or next(iter(errors), it.message)
+    return engine.end_reason() or live.hindrance(owner) or next(iter(errors), it.message)
 
 
 class MAQUETTE_OT_update(bpy.types.Operator):
-    """Waits until all live objects show what their values, files and inputs say"""
+    """Waits until all live objects show the results for their values, files and inputs"""
 
     bl_idname = "maquette.update"
     bl_label = "Update Maquette Graphs"
     timeout: bpy.props.FloatProperty(  # type: ignore[valid-type]
-        name="Timeout", description="Seconds after which it fails; 0 waits as long as it takes", min=0.0
+        name="Timeout", description="Seconds after which the operator fails; 0 for no limit", min=0.0
     )
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
-        """Waits."""
+        """Waits for the results."""
         try:
             update(self.timeout or None)
         except (RuntimeError, TimeoutError) as error:
@@ -109,12 +110,12 @@ class MAQUETTE_OT_update(bpy.types.Operator):
         return {"FINISHED"}
 
 
-# Greater than 0 while an operator goes through frames and waits in each.
+# Greater than 0 within `each_frame`.
 _waits = 0
 
 
 class each_frame:
-    """Within this, each change of the frame waits, in a window too."""
+    """A context in which each change of the frame waits for results, also with a window."""
 
     def __enter__(self) -> None:
         global _waits
@@ -126,44 +127,44 @@ class each_frame:
 
 
 @persistent
-def _framed(_scene: Any, depsgraph: bpy.types.Depsgraph | None = None) -> None:
+def _on_frame(_scene: Any, depsgraph: bpy.types.Depsgraph | None = None) -> None:
     if bpy.app.background and not evaluated.is_at_work:
-        live.forget()
+        live.invalidate()
     if depsgraph is None or evaluated.is_at_work or not live.objects():
         return
     if not (bpy.app.background or engine.is_rendering or _waits):
-        live.framed(depsgraph)
+        live.on_frame(depsgraph)
         return
-    with evaluated.frame(depsgraph):
-        live.framed(depsgraph)
+    with evaluated.use_frame(depsgraph):
+        live.on_frame(depsgraph)
         for name, why in wait(depsgraph).items():
             print(f"maquette: frame {depsgraph.scene.frame_current}, {name}: {why}", file=sys.stderr)
 
 
 @persistent
-def _began(*_given: Any) -> None:
+def _on_render_start(*_given: Any) -> None:
     engine.is_rendering = True
 
 
 @persistent
-def _ended(*_given: Any) -> None:
+def _on_render_end(*_given: Any) -> None:
     engine.is_rendering = False
     for it in live.states.values():
         it.frame = None
 
 
-HANDLERS = {"frame_change_post": _framed, "render_init": _began, "render_complete": _ended, "render_cancel": _ended}
+HANDLERS = {"frame_change_post": _on_frame, "render_init": _on_render_start, "render_complete": _on_render_end, "render_cancel": _on_render_end}
 
 
 def register() -> None:
-    """Begins to wait for frames."""
+    """Registers the operator and the handlers."""
     bpy.utils.register_class(MAQUETTE_OT_update)
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).append(handler)
 
 
 def unregister() -> None:
-    """Waits no more."""
+    """Unregisters the operator and the handlers."""
     engine.is_rendering = False
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).remove(handler)

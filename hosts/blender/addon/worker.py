@@ -1,6 +1,6 @@
-"""The engine's own process: `python -I worker.py FOLDER WORD ..` does what the words say by the module `maquette` of that folder.
+"""The engine's process: `python -I worker.py FOLDER ARGUMENT ..` runs the command line of the module `maquette` in that folder.
 
-An isolated Python sees no module but those of this folder, whatever a user has installed. Nothing of Blender is here.
+An isolated Python (`-I`) imports no other modules that a user has installed. This module does not use Blender.
 """
 
 import sys

@@ -1,6 +1,6 @@
-"""What the tests share: Blender in this process, with the extension installed and enabled, and Blender in processes of their own.
+"""Fixtures: Blender in this process, with the extension installed and enabled, and Blender in separate processes.
 
-`hosts/blender/test` starts pytest in Blender's Python, with a folder of users' things that is private to the tests.
+`hosts/blender/test` starts pytest in Blender's Python, with a user folder that is private to the tests.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ if not {"MAQUETTE_BLENDER", "MAQUETTE_ZIP", "BLENDER_USER_RESOURCES"} <= os.envi
 
 @pytest.hookimpl(trylast=True)
 def pytest_sessionstart() -> None:
-    """It is the Blender that was asked for."""
+    """Checks that the version of Blender is the requested one."""
     import bpy
 
     found = bpy.app.version_string
-    # Some say more than their number: `5.2.3 LTS`.
+    # Some versions have a suffix: `5.2.3 LTS`.
     assert found.split()[0] == os.environ["MAQUETTE_BLENDER"], found
     assert bpy.utils.resource_path("USER") == os.environ["BLENDER_USER_RESOURCES"]
 
 
 def pytest_report_header() -> str:
-    """Says which Blender this is."""
+    """The version of Blender."""
     return f"blender: {os.environ['MAQUETTE_BLENDER']}"
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_unconfigure(config: pytest.Config) -> None:
-    """Ends before Blender tidies up, which may crash: the verdict is pytest's."""
+    """Exits with pytest's verdict before Blender's cleanup, which may crash."""
     status = getattr(config, "_maquette_status", None)
     if status is not None:
         sys.stdout.flush()
@@ -49,13 +49,13 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 
 
 def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
-    """Keeps the verdict."""
+    """Stores the verdict."""
     session.config._maquette_status = int(exitstatus)  # type: ignore[attr-defined]
 
 
 @pytest.fixture(scope="session")
 def addon() -> Iterator[Any]:
-    """The add-on's package, enabled as a user enables it."""
+    """The package of the add-on, enabled as by a user."""
     import bpy
 
     assert bpy.ops.preferences.addon_enable(module=PACKAGE) == {"FINISHED"}
@@ -65,7 +65,7 @@ def addon() -> Iterator[Any]:
 
 @pytest.fixture
 def empty(addon: Any) -> Any:
-    """The add-on's package, in an empty scene."""
+    """The package of the add-on, with an empty scene."""
     import bpy
 
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
@@ -74,7 +74,7 @@ def empty(addon: Any) -> Any:
 
 @pytest.fixture
 def resources(tmp_path: pathlib.Path) -> pathlib.Path:
-    """A folder of users' things with nothing in it."""
+    """An empty user folder."""
     folder = tmp_path / "resources"
     folder.mkdir()
     return folder
@@ -82,7 +82,7 @@ def resources(tmp_path: pathlib.Path) -> pathlib.Path:
 
 @pytest.fixture
 def blender(resources: pathlib.Path, tmp_path: pathlib.Path) -> Callable[[str], Done]:
-    """Runs Python in a Blender of its own, which uses `resources`."""
+    """Runs Python code in another Blender, which uses `resources`."""
 
     def run(text: str) -> Done:
         script = tmp_path / "script.py"
@@ -103,6 +103,6 @@ def extension(resources: pathlib.Path) -> Callable[..., Done]:
 
 
 def process(resources: pathlib.Path, *words: object) -> Done:
-    """Python of this Blender in a process of its own."""
+    """Runs this Blender's Python in another process."""
     environment = {**os.environ, "BLENDER_USER_RESOURCES": str(resources)}
     return subprocess.run([sys.executable, *map(str, words)], capture_output=True, text=True, env=environment, timeout=120)

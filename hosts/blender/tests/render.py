@@ -1,4 +1,4 @@
-"""Pictures of an object as Blender renders them: Cycles on the processor, or Workbench, which needs OpenGL, in software or not."""
+"""Renderings of an object by Cycles on the CPU, or by Workbench, which needs OpenGL, in software or hardware."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pathlib
 import bpy
 from mathutils import Euler, Vector
 
-# How wide the camera looks, and how much of that the object's bounds fill.
+# The field of view of the camera, and the fraction of it that the bounds of the object fill.
 ANGLE = math.radians(30)
 FILLED = 0.92
 
@@ -22,9 +22,9 @@ def render(
     yaw: float = 30.0,
     pitch: float = 15.0,
 ) -> None:
-    """Writes a PNG of `thing`, as large as fits: seen from the front, that is along y, if `yaw` and `pitch` are 0 degrees.
+    """Writes a PNG of `thing`, fitted into the picture; seen from the front, along y, if `yaw` and `pitch` are 0 degrees.
 
-    It stands in a scene of its own: what else there is in the file is not seen, and not changed.
+    Uses a separate scene, so that other objects are neither visible nor changed.
     """
     path.unlink(missing_ok=True)
     scene = bpy.data.scenes.new("picture")
@@ -49,7 +49,7 @@ def render(
         away = max((corner - camera.location).length for corner in corners)
         lens.clip_start, lens.clip_end = away / 1000, away * 2
 
-        # One light from the upper left of who looks, and the sky's for what it does not reach.
+        # One light from the upper left of the viewer, and light from the sky.
         light = bpy.data.lights.new("picture", "SUN")
         sun = bpy.data.objects.new("picture", light)
         made.append(light)
@@ -58,7 +58,7 @@ def render(
         scene.collection.objects.link(sun)
         world = bpy.data.worlds.new("picture")
         made.append(world)
-        # Later ones always have nodes.
+        # Newer Blenders always use nodes.
         if bpy.app.version < (5, 0):
             world.use_nodes = True
         world.node_tree.nodes["Background"].inputs["Color"].default_value = (0.8, 0.85, 0.9, 1)
@@ -70,7 +70,7 @@ def render(
         settings.resolution_percentage = 100
         settings.image_settings.file_format = "PNG"
         settings.filepath = str(path)
-        # What is white in a texture is white in the picture.
+        # White in a texture is white in the picture.
         scene.view_settings.view_transform = "Standard"
         if engine == "CYCLES":
             scene.cycles.device = "CPU"
@@ -82,7 +82,7 @@ def render(
         bpy.ops.render.render(write_still=True, scene=scene.name)
     finally:
         bpy.data.scenes.remove(scene)
-        # Objects of the camera and the light go with their data.
+        # Removing their data removes the objects of the camera and the light.
         bpy.data.batch_remove(made)
     if not path.exists():
         raise RuntimeError(f"{engine} wrote no {path}")

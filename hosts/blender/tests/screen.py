@@ -1,12 +1,12 @@
-"""Pictures of the add-on in a real window: Debian's Blender on a screen in memory, drawn in software.
+"""Takes pictures of the add-on in a real window: Debian's Blender on a screen in memory, drawn in software.
 
     python3 hosts/blender/tests/screen.py SCRIPT FOLDER [WIDTHxHEIGHT]
 
-`SCRIPT` has a generator `shots(window)`, which `window.py` runs inside Blender, the add-on registered from its source folder. What it yields:
-a name takes a picture, `FOLDER/NAME.png`; a number lets Blender go on for so many seconds; None lets it draw. It runs in a timer, as the
-add-on does. A script that raises fails, and so does one that takes no picture.
+`SCRIPT` has a generator `shots(window)`, which `window.py` runs inside Blender, with the add-on registered from its source folder. It
+yields a name to take the picture `FOLDER/NAME.png`, a number to wait for so many seconds, or None to let Blender draw. It runs in a timer,
+as the add-on does. A script that raises or takes no picture fails.
 
-Debian's names: blender libgl1-mesa-dri xdotool xvfb.
+Needs Debian's blender libgl1-mesa-dri xdotool xvfb.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ NEEDED = ("blender", "Xvfb", "xdotool")
 
 
 def missing() -> list[str]:
-    """Programs that are not here."""
+    """The required programs that are not installed."""
     return [it for it in NEEDED if not shutil.which(it)]
 
 
@@ -33,7 +33,7 @@ def take(script: pathlib.Path, folder: pathlib.Path, size: tuple[int, int] = (16
     folder.mkdir(parents=True, exist_ok=True)
     before = {it: it.stat().st_mtime_ns for it in folder.glob("*.png")}
     with tempfile.TemporaryDirectory() as resources, tempfile.TemporaryFile() as log:
-        # The server chooses a number that is free, and says which.
+        # The X server chooses a free display number and prints it.
         words = ["-screen", "0", f"{width}x{height}x24", "-nolisten", "tcp", "-displayfd", "1"]
         server = subprocess.Popen(["Xvfb", *words], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
         try:

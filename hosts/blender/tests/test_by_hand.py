@@ -1,4 +1,4 @@
-"""What a user does to the mesh of a live object by hand stays, is carried over, or stops the object with a word and one click to go on."""
+"""Tests of manual edits of a live object's mesh: they are kept, transferred, or stop the object with a message until one click."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ CAGE = "".join(f"v {x} {y} {z}\n" for z in (-9, 9) for y in (-20, 20) for x in (
 
 @pytest.fixture
 def small(empty: Any, tmp_path: pathlib.Path) -> bpy.types.Object:
-    """A live object of few faces, computed."""
+    """A live object with few faces, computed."""
     (tmp_path / "small.ron").write_text(SMALL)
     (tmp_path / "cage.obj").write_text(CAGE)
     picture = bpy.data.images.new("picture", 4, 4)
@@ -48,15 +48,15 @@ def small(empty: Any, tmp_path: pathlib.Path) -> bpy.types.Object:
 
 
 def turn(owner: bpy.types.Object, name: str, value: Any) -> None:
-    """Moves a slider, and waits for what comes of it."""
+    """Moves a slider, and waits for the result."""
     owner[f"maquette {name}"] = value
-    # A value that is the graph's own is not kept.
+    # A value that equals the graph's own is not stored.
     until(lambda: json.loads(owner.maquette.values or "{}").get(name, DEFAULTS[name]) == str(value))
     until(lambda: owner.maquette.held or settled(owner))
 
 
 def decorate(owner: bpy.types.Object) -> None:
-    """Work of all kinds, around one vertex."""
+    """Makes manual edits of all kinds around one vertex."""
     mesh = owner.data
     owner.vertex_groups.new(name="Pin").add(list(range(100)), 0.75, "REPLACE")
     low, high = positions(owner).min(0), positions(owner).max(0)
@@ -74,7 +74,7 @@ def decorate(owner: bpy.types.Object) -> None:
 
 
 def work(owner: bpy.types.Object) -> dict[str, Any]:
-    """What is left of it, in numbers that do not depend on how many faces there are."""
+    """Measures of the remaining edits that do not depend on the number of faces."""
     mesh, places = owner.data, positions(owner)
     weights = np.array([sum(one.weight for one in it.groups) for it in mesh.vertices])
     paint = np.empty(4 * len(mesh.vertices), "f4")
@@ -126,7 +126,7 @@ def test_sharp_edges_and_seams_are_carried_to_the_edges_along_them(empty: Any, t
     for it in row:
         it.use_seam = it.use_edge_sharp = True
     mesh.update()
-    taken = by_hand.take(owner)
+    taken = by_hand.collect(owner)
     bpy.ops.mesh.primitive_grid_add(x_subdivisions=8, y_subdivisions=8, size=4)
     fine = bpy.context.object.data
 
@@ -144,7 +144,7 @@ def test_sharp_edges_and_seams_are_carried_to_the_edges_along_them(empty: Any, t
     )
     assert not why
     fine.polygons.foreach_set("use_smooth", [True] * len(fine.polygons))
-    by_hand.put(bpy.context.object, carried)
+    by_hand.restore(bpy.context.object, carried)
     for name in ("use_seam", "use_edge_sharp"):
         marked = [it for it in fine.edges if getattr(it, name)]
         assert len(marked) == 8 and all(abs(fine.vertices[end].co.y) < 1e-6 for it in marked for end in it.vertices)
@@ -157,7 +157,7 @@ def test_work_that_has_no_place_stops_the_object_until_the_user_goes_on(small: b
     (tmp_path / "far.obj").write_text("v 9000 0 0\nv 9001 0 0\nv 9000 1 0\nf 1 2 3\n")
     small.maquette.graph = str(tmp_path / "far.ron")
     until(lambda: small.maquette.held)
-    assert "Pin" in small.maquette.held and "follows its graph no more" in module("live").state(small).message
+    assert "Pin" in small.maquette.held and "no longer follows its graph" in module("live").state(small).message
     assert (positions(small) == first).all() and work(small)["sharp"] == 1
     assert bpy.ops.maquette.go_on() == {"FINISHED"}
     until(lambda: settled(small) and len(small.data.vertices) == 3)
@@ -176,7 +176,7 @@ def keyed(small: bpy.types.Object) -> bpy.types.Object:
 
 
 def seen(owner: bpy.types.Object) -> Any:
-    """The vertices as they are rendered."""
+    """The evaluated vertices."""
     bpy.context.view_layer.update()
     evaluated = owner.evaluated_get(bpy.context.evaluated_depsgraph_get())
     mesh = evaluated.to_mesh()
@@ -199,7 +199,7 @@ def test_shape_keys_follow_the_graph(keyed: bpy.types.Object) -> None:
         assert {len(it.data) for it in blocks} == {len(keyed.data.vertices)}
         moves = seen(keyed) - positions(keyed)
         assert 1.2 < np.abs(moves).max() < 2.6, levels
-    # What is animated cannot be made anew.
+    # Animated shape keys cannot be transferred.
     keyed.data.shape_keys.key_blocks["Smile"].keyframe_insert("value", frame=1)
     count = len(keyed.data.vertices)
     turn(keyed, "levels", 3)
@@ -251,7 +251,7 @@ def test_an_edited_mesh_stops_its_object_and_one_click_goes_on(small: bpy.types.
     assert edited.shape != first.shape or (edited != first).any() or does is flip
     turn(small, "tall", 2.0)
     assert small.maquette.held and (positions(small) == edited).all()
-    assert "follows its graph no more" in module("live").hindrance(small)
+    assert "no longer follows its graph" in module("live").hindrance(small)
     assert bpy.ops.maquette.go_on() == {"FINISHED"}
     until(lambda: settled(small) and len(small.data.vertices) == len(first))
     assert not small.maquette.held and np.abs(positions(small) - first).max() > 4

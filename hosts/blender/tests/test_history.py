@@ -1,4 +1,4 @@
-"""Undo and redo in any order while a second editor writes the same file."""
+"""Tests of undo and redo in any order while a second editor writes the same file."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import pytest
 from test_live import folder  # noqa: F401
 from test_live import module, until
 from test_waiting import BOX, live
-from test_tree import is_settled, named, path, push, redo, theirs, tree, undo  # noqa: F401
+from test_tree import change_externally, is_settled, node_named, path, push, redo, tree, undo  # noqa: F401
 
-# Fields that the user changes, with what their text is behind; and places that the other editor changes.
+# The fields that the user changes, with the text before each; and the texts that the other editor changes.
 OWN = {"knots-u": ("order", "along: U, order: {}", (2, 3, 4)), "knots-v": ("order", "along: V, order: {}", (2, 3, 4))}
 OTHERS = {
     "growth": ("Number(default: {}", ("12.0", "13.0", "14.5")),
@@ -49,14 +49,14 @@ def test_b1_undo_and_redo_in_any_order_take_back_ones_own_steps_and_no_others(pa
             del steps[at + 1 :]
             steps.append({**steps[at], name: value})
             at += 1
-            named(bpy.data.node_groups["doll"], name)[f"field {field}"] = value
+            node_named(bpy.data.node_groups["doll"], name)[f"field {field}"] = value
             push(f"set {name}")
             until(lambda: path.read_text() == expected(first, steps[at], others) and is_settled(bpy.data.node_groups["doll"], path))
         elif does == "theirs":
             name = chance.choice(list(OTHERS))
             place, texts = OTHERS[name]
             new = chance.choice([it for it in texts if it != others[name]])
-            theirs(path, place.format(others[name]), place.format(new))
+            change_externally(path, place.format(others[name]), place.format(new))
             others[name] = new
         elif does == "undo" and at > 0:
             at -= 1
@@ -69,7 +69,7 @@ def test_b1_undo_and_redo_in_any_order_take_back_ones_own_steps_and_no_others(pa
         done[does] = done.get(does, 0) + 1
         until(lambda: is_settled(bpy.data.node_groups["doll"], path))
         assert path.read_text() == expected(first, steps[at], others), (does, done)
-        shown = {name: named(bpy.data.node_groups["doll"], name)[f"field {field}"] for name, (field, _, _) in OWN.items()}
+        shown = {name: node_named(bpy.data.node_groups["doll"], name)[f"field {field}"] for name, (field, _, _) in OWN.items()}
         assert shown == steps[at], (does, done)
 
 
@@ -78,7 +78,7 @@ def test_b8_a_look_costs_what_live_objects_cost_not_all_others(empty: Any, tmp_p
     module("waiting").update()
 
     def look() -> float:
-        """The time of a look at objects, of this thread."""
+        """The time of one tick in this thread."""
         times = []
         for _ in range(40):
             before = time.thread_time()
@@ -93,7 +93,7 @@ def test_b8_a_look_costs_what_live_objects_cost_not_all_others(empty: Any, tmp_p
     among = look()
     print(f"a look: {alone * 1e3:.2f} ms alone, {among * 1e3:.2f} ms among 10 000")
     assert among < alone + 0.001
-    # One that becomes live among them is found: a copy, and one whose graph is named.
+    # New live objects among them are found: a copy, and one whose graph is set.
     other = owner.copy()
     other.data = owner.data.copy()
     bpy.context.collection.objects.link(other)

@@ -1,4 +1,4 @@
-"""What an object at an input has, and what of it is in the mesh that comes out of the graph."""
+"""Tests that data of an object at an input is restored in the mesh of the graph's result."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ THROUGH = 'Graph(format: 1, inputs: { "it": Mesh(doc: "in") }, nodes: { "same": 
 
 
 def given(folder: pathlib.Path, source: bpy.types.Object, text: str = THROUGH) -> bpy.types.Object:
-    """A live object that shows what a graph makes of another object."""
+    """Creates a live object of a graph with another object at its input."""
     (folder / "through.ron").write_text(text)
     owner = module("live").add(str(folder / "through.ron"), bpy.context)
     until(lambda: "it" in owner.maquette.inputs)
@@ -59,7 +59,7 @@ KINDS = ("FLOAT", "INT", "INT8", "BOOLEAN", "FLOAT_VECTOR", "FLOAT2", "FLOAT_COL
 
 
 def fill(attribute: bpy.types.Attribute, dice: Any, low: int = 0) -> None:
-    """Gives each element a value of its own."""
+    """Gives each element a random value."""
     slot, kind, width = module("records").KINDS[attribute.data_type]
     count = len(attribute.data) * width
     if kind == "O":
@@ -145,7 +145,7 @@ def test_normals_turn_with_an_object_that_is_turned_scaled_or_mirrored(empty: An
         bpy.context.view_layer.update()
 
         def seen(it: bpy.types.Object) -> set[tuple[float, ...]]:
-            """Places, normals and texture coordinates of corners in the world."""
+            """Positions, normals and texture coordinates of corners in the world."""
             found = set()
             turned = it.matrix_world.to_3x3().inverted().transposed()
             for loop, normal, uv in zip(it.data.loops, it.data.corner_normals, it.data.uv_layers[0].uv):
@@ -167,7 +167,7 @@ def test_what_a_graph_cannot_be_given_or_drops_is_named(empty: Any, tmp_path: pa
     fill(mesh.attributes.new("pick", "INT", "FACE"), np.random.default_rng(1))
     owner = given(tmp_path, source)
     it = module("live").state(owner)
-    assert owner.maquette.lost == it.message == "it: source is given without 1 edge without a face"
+    assert owner.maquette.lost == it.message == "it: source is passed without 1 edge without a face"
     fine = THROUGH.replace('Transform(mesh: "it", translate: (1.0, 0.0, 0.0))', 'Subdivide(mesh: "it", scheme: CatmullClark, levels: 1)')
     (tmp_path / "through.ron").write_text(fine)
     until(lambda: len(owner.data.polygons) > 3 and settled(owner))
@@ -224,7 +224,7 @@ def test_materials_of_objects_come_back_themselves(empty: Any, tmp_path: pathlib
     owner = given(tmp_path, source)
     assert list(owner.data.materials) == list(source.data.materials)
     assert numbers(owner.data, "material_index") == numbers(source.data, "material_index")
-    # The first slot is the user's now.
+    # The user has changed the first slot.
     mine = owner.data.materials[0] = bpy.data.materials.new("mine")
     source.location.x = 3
     bpy.context.view_layer.update()
@@ -254,32 +254,32 @@ def test_faces_of_a_file_with_several_materials_show_their_own(empty: Any, tmp_p
     assert numbers(owner.data, "material_index")[2] == [0, 1]
 
     def green(material: bpy.types.Material) -> float:
-        """How green its picture is in the middle."""
+        """The green channel of its picture in the middle."""
         return material.node_tree.nodes["Texture"].image.pixels[4 * 5 + 1]
 
     assert green(owner.data.materials[0]) == 0 and green(owner.data.materials[1]) > 0
-    # What a user makes of them stays; what the file says anew is seen.
+    # Changes by the user are kept, and changes in the file are shown.
     wood = owner.data.materials[1]
     wood.roughness = 0.75
     (tmp_path / "two.mtl").write_text((tmp_path / "two.mtl").read_text().replace("Kd 0.5", "Kd 0.75"))
     (tmp_path / "two.obj").write_text((tmp_path / "two.obj").read_text() + "# again\n")
     until(lambda: wood.diffuse_color[0] > 0.6 and settled(owner))
     assert list(owner.data.materials)[1] == wood and wood.roughness == 0.75 and len(bpy.data.materials) == 2
-    # A graph without materials takes them away.
+    # A result without materials removes them.
     (tmp_path / "two.mtl").unlink()
     (tmp_path / "two.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n")
     until(lambda: len(owner.data.polygons) == 1 and settled(owner) and not len(owner.data.materials))
 
 
 def painted(name: str, color: tuple[float, ...], is_data: bool = False) -> bpy.types.Image:
-    """A small picture of one color, in no file."""
+    """A small picture of one color, without a file."""
     image = bpy.data.images.new(name, 4, 2, is_data=is_data)
     image.pixels.foreach_set(np.tile(np.array(color, "f4"), 8))
     return image
 
 
 def wooden(folder: pathlib.Path) -> bpy.types.Material:
-    """A material with a picture at each input that can have one: painted, in a file, and packed."""
+    """A material with pictures at all inputs: painted, in a file, and packed."""
     material = module("apply").material("wood")
     nodes, links = material.node_tree.nodes, material.node_tree.links
     shader = next(it for it in nodes if it.type == "BSDF_PRINCIPLED")
@@ -314,12 +314,12 @@ def test_pictures_of_materials_go_through_a_graph(empty: Any, tmp_path: pathlib.
     source.data.materials.append(wooden(tmp_path))
     owner = given(tmp_path, source)
     it = module("live").state(owner)
-    assert it.message == "it: source is given without what is linked to Emission Color of the material wood"
+    assert it.message == "it: source is passed without the link of Emission Color of the material wood"
     assert list(owner.data.materials) == [bpy.data.materials["wood"]]
     mesh = bpy.data.meshes.new("other")
 
     def show() -> bpy.types.Material:
-        """The material of a mesh that knows nothing of the object."""
+        """Shows the result on a new object and returns its material."""
         answers: list[Any] = []
         client, want = module("engine").client(), [{"value": "mesh", "as": "mesh"}]
         client.ask("run", answers.append, None, graph=str(tmp_path / "through.ron"), inputs=it.inputs, want=want, slot="other")
@@ -345,7 +345,7 @@ def test_pictures_of_materials_go_through_a_graph(empty: Any, tmp_path: pathlib.
     opacity = shader.inputs["Alpha"].links[0]
     assert opacity.from_socket.name == "Alpha" and round(opacity.from_node.image.pixels[3], 2) == 0.5
     assert nodes["normal"].image.colorspace_settings.name == "Non-Color" and not shader.inputs["Emission Color"].links
-    # What a picture shows now is seen, and what a user has made of the material stays.
+    # A changed picture is updated, and changes of the material by the user are kept.
     shader.inputs["IOR"].default_value = 2
     bpy.data.images["bark"].pixels.foreach_set(np.tile(np.array((1, 0, 0, 1), "f4"), 8))
     before = dict(it.inputs)

@@ -1,4 +1,4 @@
-"""Values of live objects that are neither lost nor stuck."""
+"""Tests that values of live objects are neither lost nor stuck."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_b6_a_value_that_is_set_before_the_graph_was_read_is_kept(box: bpy.types
     module("waiting").update()
     assert size(new) == 20.0 and new.maquette.values == '{"size": "20.0"}' and tuple(new.location) == (1, 2, 3)
     assert [round(it, 6) for it in new.scale] == [0.001] * 3
-    # On a copy, and on one that shares its mesh.
+    # On a copy, and on a linked duplicate.
     for data in (new.data.copy(), new.data):
         other = new.copy()
         other.data = data
@@ -33,14 +33,14 @@ def test_b6_a_value_that_is_set_before_the_graph_was_read_is_kept(box: bpy.types
         other["maquette size"] = 33.0
         module("waiting").update()
         assert (size(other), size(new)) == (33.0, 20.0)
-    # And in a file that was opened a moment ago.
+    # In a file that was just opened.
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "file.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "file.blend"))
     own = bpy.data.objects["box"]
     own["maquette size"] = 44.0
     module("waiting").update()
     assert size(own) == 44.0
-    # What nobody touched follows the graph all the same.
+    # Values that were not set follow the graph.
     bpy.ops.wm.save_mainfile()
     (tmp_path / "box.ron").write_text(BOX.replace("default: 10.0", "default: 15.0"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "file.blend"))
@@ -66,14 +66,14 @@ def test_b6_the_value_of_a_parameter_that_is_gone_stops_nothing_and_can_be_dropp
     (tmp_path / "box.ron").write_text(renamed)
     module("waiting").update()
     assert size(box) == 10.0 and "maquette size" not in box.keys()
-    assert values.kept(box) == {"size": "20.0"} and not values.is_known("size", module("live").state(box).loaded)
+    assert values.stored(box) == {"size": "20.0"} and not values.is_known("size", module("live").state(box).loaded)
     box["maquette length"] = 30.0
     module("waiting").update()
     assert size(box) == 30.0
-    # What is written into the file is what the file has.
+    # Written values are those of the file.
     assert bpy.ops.maquette.write() == {"FINISHED"}
-    until(lambda: "default: 30.0" in (tmp_path / "box.ron").read_text() and values.kept(box) == {"size": "20.0"})
-    # The name comes back, and so does the value.
+    until(lambda: "default: 30.0" in (tmp_path / "box.ron").read_text() and values.stored(box) == {"size": "20.0"})
+    # If the parameter exists again, the stored value applies again.
     (tmp_path / "box.ron").write_text(BOX)
     module("waiting").update()
     assert size(box) == 20.0
@@ -82,7 +82,7 @@ def test_b6_the_value_of_a_parameter_that_is_gone_stops_nothing_and_can_be_dropp
     assert bpy.ops.maquette.reset(name="size") == {"FINISHED"}
     module("waiting").update()
     assert box.maquette.values == "" and size(box) == 10.0
-    # The same with another graph, whose parameter of this name takes other values.
+    # Another graph whose parameter of this name accepts other values.
     box["maquette length"] = 40.0
     module("waiting").update()
     words = renamed.replace('Number(default: 10.0, min: 1.0, max: 100.0,', "Choice(default: one, of: [one, two],")
@@ -96,7 +96,7 @@ def test_b6_the_value_of_a_parameter_that_is_gone_stops_nothing_and_can_be_dropp
 
 
 def test_b10_a_value_that_is_the_graphs_own_again_follows_the_graph(box: bpy.types.Object, tmp_path: pathlib.Path) -> None:
-    # Backspace gives a widget the default of its property.
+    # Backspace resets a widget to the default of its property.
     assert box.id_properties_ui("maquette size").as_dict()["default"] == 10.0
     box["maquette size"] = 20.0
     module("waiting").update()
@@ -143,8 +143,8 @@ def test_b10_vectors_have_fields_and_choices_can_be_keyed(empty: Any, tmp_path: 
     assert size(owner) == 1.0
     owner["maquette sides"][0] = 7.5
     module("waiting").update()
-    assert size(owner) == 7.5 and module("values").kept(owner) == {"sides": "(7.5, 2.0, 3.0)"}
-    # As a menu with the words, which animations can change.
+    assert size(owner) == 7.5 and module("values").stored(owner) == {"sides": "(7.5, 2.0, 3.0)"}
+    # A choice is a menu, which can be animated.
     assert owner.path_resolve('["maquette which"]') == "small"
     for frame, place in ((1, 0), (2, 1)):
         owner["maquette which"] = place
@@ -153,7 +153,7 @@ def test_b10_vectors_have_fields_and_choices_can_be_keyed(empty: Any, tmp_path: 
         bpy.context.scene.frame_set(frame)
         assert size(owner) == pytest.approx(wide, rel=0.1)
     owner.animation_data_clear()
-    # A script may write the word.
+    # Scripts may write the word.
     owner["maquette which"] = "small"
     module("waiting").update()
     assert owner["maquette which"] == 0 and size(owner) == 7.5

@@ -1,4 +1,4 @@
-"""Live objects in the real Blender, with the real engine; timers do not fire in the module, so that tests poll."""
+"""Tests of live objects in the real Blender with the real engine. Timers do not run in the Python module, so the tests poll."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ ROOT = pathlib.Path(__file__).resolve().parents[3]
 
 
 def module(name: str) -> Any:
-    """A module of the add-on as Blender has it."""
+    """A module of the installed add-on."""
     return importlib.import_module(f"{PACKAGE}.{name}")
 
 
 def until(is_so: Callable[[], Any], seconds: float = 30) -> None:
-    """Lets the add-on go on until something is so."""
+    """Polls the add-on until a condition is true."""
     end = time.monotonic() + seconds
     while not is_so():
         states = module("live").states
@@ -41,10 +41,10 @@ def until(is_so: Callable[[], Any], seconds: float = 30) -> None:
 
 
 def settled(owner: bpy.types.Object) -> bool:
-    """Whether what an object shows is what its values say."""
+    """Returns true if an object shows the result for its values."""
     live = module("live")
     it = live.state(owner)
-    is_answered = it.answered == (*live.wanted(owner), live.key(owner.data))
+    is_answered = it.answered == (*live.target(owner), live.key(owner.data))
     return it.run is None and is_answered and not it.stale and not it.sending
 
 
@@ -57,7 +57,7 @@ def positions(owner: bpy.types.Object) -> Any:
 
 @pytest.fixture
 def folder(tmp_path: pathlib.Path) -> pathlib.Path:
-    """A project with the doll, which may be changed."""
+    """A copy of the project with the doll."""
     shutil.copy(ROOT / "graphs/doll.ron", tmp_path)
     shutil.copytree(ROOT / "graphs/doll", tmp_path / "doll")
     return tmp_path
@@ -144,11 +144,11 @@ def test_the_path_of_a_graph_may_begin_at_the_folder_of_the_blend_file(empty: An
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         owner = module("live").add("//große Puppe.ron", bpy.context)
-        tree = module("tree").of_graph("//große Puppe.ron")
+        tree = module("tree").tree_of_graph("//große Puppe.ron")
     until(lambda: owner.maquette.shown and settled(owner) and len(tree.nodes) > 10)
-    assert module("tree").of_graph(str(place / "große Puppe.ron")) == tree
+    assert module("tree").tree_of_graph(str(place / "große Puppe.ron")) == tree
     bpy.ops.wm.save_mainfile()
-    # All of it is somewhere else.
+    # The whole project is moved.
     place = place.rename(place.with_name("zwei"))
     bpy.ops.wm.open_mainfile(filepath=str(place / "file.blend"))
     owner = bpy.data.objects["große Puppe"]
@@ -166,7 +166,7 @@ def test_linked_duplicates_share_a_mesh_until_their_values_differ(doll: bpy.type
     copied["maquette growth"] = 30.0
     until(lambda: copied.maquette.values and settled(copied) and settled(doll))
     assert (positions(doll) == first).all() and np.abs(positions(copied) - first).max() > 10
-    # Also what cannot be seen takes nothing from the other one.
+    # An output without a mesh does not change the other object.
     bpy.context.view_layer.objects.active = doll
     doll.select_set(True), copied.select_set(False)
     bpy.ops.object.duplicate(linked=True)
@@ -189,7 +189,7 @@ def test_a_mesh_that_is_edited_by_hand_waits_and_is_the_graphs_again_when_the_us
     bpy.ops.mesh.flip_normals()
     bpy.ops.object.mode_set(mode="OBJECT")
     assert [tuple(it.vertices) for it in doll.data.polygons[:9]] != faces
-    # Work is not lost without a word.
+    # Edits are not lost silently.
     until(lambda: doll.maquette.held)
     assert [tuple(it.vertices) for it in doll.data.polygons[:9]] != faces
     assert bpy.ops.maquette.go_on() == {"FINISHED"}
@@ -201,22 +201,22 @@ def test_a_mesh_that_is_edited_by_hand_waits_and_is_the_graphs_again_when_the_us
         until(lambda: doll.maquette.held)
         assert doll.data.vertices[5].co.z > 900 and bpy.ops.maquette.go_on() == {"FINISHED"}
 
-    # What was done by hand stays until the user goes on after another value, or reads the graph anew.
+    # Manual edits are kept until the user continues after a change of a value, or reloads the graph.
     for again in (another_value, bpy.ops.maquette.reload):
         doll.data.vertices[5].co.z += 1000
         doll.data.attributes.remove(doll.data.attributes["UVMap"])
         bpy.ops.ed.undo_push(message="by hand")
-        live._undone()
+        live._on_undo()
         until(lambda: settled(doll))
         assert doll.data.vertices[5].co.z > 900
         again()
         until(lambda: doll.data.vertices[5].co.z < 900 and settled(doll))
         assert (positions(doll) == first).all() and doll.data.uv_layers["UVMap"].uv[7].vector.length > 0
-    # A mesh of the user's is not written.
+    # A mesh of the user is not replaced.
     own, mesh = bpy.data.meshes.new("own"), doll.data
     own.from_pydata([(0, 0, 0)], [], [])
     doll.data, doll["maquette growth"] = own, 33.0
-    until(lambda: "own is a mesh of your own" in live.hindrance(doll) and "33" in doll.maquette.values)
+    until(lambda: "own was not made by a graph" in live.hindrance(doll) and "33" in doll.maquette.values)
     assert len(own.vertices) == 1
     doll.data = mesh
     until(lambda: settled(doll))
@@ -226,7 +226,7 @@ def test_a_mesh_that_is_edited_by_hand_waits_and_is_the_graphs_again_when_the_us
 def test_an_undo_to_a_step_before_the_result_brings_the_result_back(empty: Any, folder: pathlib.Path) -> None:
     bpy.ops.ed.undo_push(message="begin")
     assert bpy.ops.maquette.add(filepath=str(folder / "doll.ron")) == {"FINISHED"}
-    # As Blender does behind the operator, before anything is computed.
+    # As Blender does after the operator, before anything is computed.
     bpy.ops.ed.undo_push(message="Maquette Graph")
     owner = bpy.data.objects["doll"]
     until(lambda: owner.maquette.shown and settled(owner))
@@ -245,7 +245,7 @@ def test_10_a_value_that_nobody_touched_is_not_written(doll: bpy.types.Object, f
     text = (folder / "doll.ron").read_text()
     (folder / "doll.ron").write_text(text.replace("default: 12.0", "default: 12.1"))
     until(lambda: doll["maquette growth"] == 12.1 and settled(doll))
-    # What a widget of Blender makes of it while it is only looked at.
+    # A widget of Blender rounds the value as soon as it is displayed.
     doll["maquette growth"] = float(np.float32(12.1))
     until(lambda: settled(doll))
     assert doll.maquette.values == ""
@@ -309,7 +309,7 @@ def test_3_of_a_hundred_values_in_a_second_the_last_is_shown(doll: bpy.types.Obj
     until(lambda: settled(doll))
     print(f"100 values in {time.monotonic() - start:.2f} s: {live.state(doll).runs - runs} runs, {len(shown | {doll.maquette.shown}) - 1} shown")
     assert doll.maquette.values == '{"growth": "31.8"}'
-    # As many as can be finished, not one for each value.
+    # There are fewer runs than values.
     assert 0 < live.state(doll).runs - runs < 100
     last = positions(doll).copy()
     assert np.abs(last - before).max() > 10
@@ -343,11 +343,11 @@ def test_2_no_look_takes_5_ms_or_waits_while_a_graph_is_computed_for_5_s(empty: 
     owner = live.add(str(folder / "slow.ron"), bpy.context)
     until(lambda: owner.maquette.shown and settled(owner))
     it = live.state(owner)
-    # What else is in this process is nothing that Python looks through meanwhile.
+    # Other objects of this process must not slow down garbage collection.
     gc.collect()
     gc.freeze()
     for levels in (2, 3, 4):
-        # What was computed once is there: another value each time.
+        # A new value each time, since earlier results are cached.
         owner["maquette levels"], owner["maquette faces"] = levels, 1000 + time.time_ns() % 50000
         poll()
         begun, looks = time.monotonic(), []
@@ -361,8 +361,8 @@ def test_2_no_look_takes_5_ms_or_waits_while_a_graph_is_computed_for_5_s(empty: 
         if took >= 5:
             break
     gc.unfreeze()
-    # How long each took this thread, whatever else the machine does; and how often it gave its turn away, to wait for something. The one that
-    # shows the mesh has more to do.
+    # The time of each tick in this thread, regardless of other load, and the number of voluntary context switches, which show that it
+    # waited. The tick that shows the mesh takes longer.
     longest, waits = max(it for it, _ in looks[:-1]), sum(it for _, it in looks[:-1])
     print(f"{took:.1f} s: {len(looks)} looks, the longest {longest * 1e3:.1f} ms, {waits} waited")
     assert took >= 5 and len(looks) > 200 and longest <= 0.005 and waits == 0, (took, len(looks), longest, waits)
@@ -398,7 +398,7 @@ def test_the_run_of_an_object_that_is_in_no_scene_ends_and_begins_again_in_one(e
     until(lambda: owner not in live.objects())
     other = live.add(str(folder / "doll.ron"), bpy.context)
     until(lambda: other.maquette.shown and settled(other))
-    # In a collection that has an instance it is seen.
+    # In a collection with an instance it counts as visible.
     collection, instance = bpy.data.collections.new("kept"), bpy.data.objects.new("instance", None)
     collection.objects.link(owner)
     until(lambda: owner not in live.objects())
@@ -434,7 +434,7 @@ def test_2_a_mesh_of_a_million_and_a_half_triangles_is_shown_in_the_time_of_a_fe
     spent: dict[str, list[float]] = {"whole": [], "moved": [], "copied": []}
 
     def timed(what: str, does: Callable[[], None]) -> None:
-        """The time of this thread, whatever else the machine does."""
+        """Records the time of this thread, regardless of other load."""
         before = time.thread_time()
         does()
         spent[what].append(time.thread_time() - before)
@@ -445,7 +445,7 @@ def test_2_a_mesh_of_a_million_and_a_half_triangles_is_shown_in_the_time_of_a_fe
         def copy() -> None:
             for column in told["columns"]:
                 array = columns.numbers(column)
-                # Pages that the system has to clear first, as those of a new mesh.
+                # Freshly allocated pages, which the system clears first, as for a new mesh.
                 np.copyto(np.frombuffer(mmap.mmap(-1, array.nbytes), array.dtype, array.size), array)
 
         for _ in range(8):
@@ -463,8 +463,8 @@ def test_2_a_mesh_of_a_million_and_a_half_triangles_is_shown_in_the_time_of_a_fe
     assert len(doll.data.polygons) > 1_500_000
     least = {what: min(its) for what, its in spent.items()}
     print("1.5 million triangles:", ", ".join(f"{what} {its * 1e3:.1f} ms" for what, its in least.items()))
-    # Blender clears each array (one), fills it (two), and makes what it keeps beside them: the starts of faces, and what it looks up (three).
-    # Where only positions differ, an eighth of the bytes are written and the others are compared.
+    # Blender clears each array (one copy), fills it (two), and builds derived arrays, such as starts of faces and lookup tables (three).
+    # If only positions differ, an eighth of the bytes is written and the others are compared.
     assert least["whole"] <= 3 * least["copied"] and least["moved"] <= least["copied"] / 2, spent
 
 
@@ -472,7 +472,7 @@ def test_4_a_killed_engine_leaves_the_scene_whole_and_a_new_one_goes_on(doll: bp
     engine, live = module("engine"), module("live")
     before = positions(doll).copy()
     os.kill(engine.client().pid, signal.SIGKILL)
-    until(engine.ended)
+    until(engine.end_reason)
     until(lambda: "ended by signal 9" in live.state(doll).message)
     assert (positions(doll) == before).all()
     doll["maquette growth"] = 33.0
@@ -509,7 +509,7 @@ def test_7_a_file_opened_without_an_engine_shows_the_last_mesh_and_goes_on_with_
 def test_a_graph_reads_folders_outside_of_its_project_only_if_the_preferences_name_them(empty: Any, tmp_path: pathlib.Path) -> None:
     project, outside = tmp_path / "project", tmp_path / "out side"
     project.mkdir(), outside.mkdir()
-    # The file that says where the project ends.
+    # The file that marks the root of the project.
     (project / "maquette.toml").write_text("")
     shutil.copy(ROOT / "graphs/doll/mug.obj", outside)
     graph = project / "mug.ron"
@@ -527,7 +527,7 @@ def test_a_graph_reads_folders_outside_of_its_project_only_if_the_preferences_na
     preferences = bpy.context.preferences.addons[PACKAGE].preferences
     try:
         assert bpy.ops.maquette.add_root() == {"FINISHED"}
-        # One that is not named yet opens nothing.
+        # An empty entry has no effect.
         for _ in range(50):
             module("engine").poll()
             time.sleep(0.01)
@@ -536,7 +536,7 @@ def test_a_graph_reads_folders_outside_of_its_project_only_if_the_preferences_na
         until(lambda: owner.maquette.shown and settled(owner))
         assert len(owner.data.polygons) > 10 and not live.state(owner).problems
         until(lambda: not any(it.problems for it in nodes.values()))
-        # What the tree writes is judged alike.
+        # The same rule applies to edits of the tree.
         next(it for it in tree.nodes if getattr(it, "maquette_name", "") == "mug").label = "cup"
         until(lambda: '"cup": ReadMesh' in graph.read_text())
         assert bpy.ops.maquette.remove_root(place=0) == {"FINISHED"}
@@ -550,7 +550,7 @@ def test_another_graph_in_the_panel_is_another_graph(doll: bpy.types.Object, fol
     (folder / "other.ron").write_text(SMOOTH)
     doll.maquette.graph = str(folder / "other.ron")
     live = module("live")
-    until(lambda: "pick an object for the input cage" in live.state(doll).message)
+    until(lambda: "choose an object for the input cage" in live.state(doll).message)
     assert not live.state(doll).controls and live.state(doll).loaded["doc"] == "Makes a mesh smooth."
     doll.maquette.graph = str(folder / "doll.ron")
     until(lambda: settled(doll) and not live.state(doll).message)
@@ -563,7 +563,7 @@ def test_5_an_edit_of_the_file_is_seen(doll: bpy.types.Object, folder: pathlib.P
     (folder / "doll.ron").write_text(text.replace("default: 12.0", "default: 30.0"))
     until(lambda: doll["maquette growth"] == 30.0 and settled(doll))
     assert np.abs(positions(doll) - before).max() > 10
-    # A mistake is told with its place, and what was good stays.
+    # An error is reported with its position, and the last mesh is kept.
     good = positions(doll).copy()
     (folder / "doll.ron").write_text(text.replace('"scan.color", select', '"scna.color", select'))
     live = module("live")
@@ -589,13 +589,13 @@ def test_13_a_graph_follows_an_object_at_its_input_and_its_modifiers(empty: Any,
     cube = bpy.context.object
     owner = module("live").add(str(tmp_path / "smooth.ron"), bpy.context)
     until(lambda: "cage" in owner.maquette.inputs)
-    until(lambda: "pick an object" in module("live").state(owner).message)
+    until(lambda: "choose an object" in module("live").state(owner).message)
     owner.maquette.inputs["cage"].object = cube
     until(lambda: owner.maquette.shown and settled(owner))
     assert len(owner.data.polygons) == 6 * 16
 
     def corners() -> Any:
-        """The bounds of what is shown, in the world."""
+        """The bounds of the mesh in the world."""
         bpy.context.view_layer.update()
         places = positions(owner) @ np.array(owner.matrix_world.to_3x3()).T + np.array(owner.matrix_world.translation)
         return np.concatenate([places.min(0), places.max(0)])

@@ -1,6 +1,6 @@
-"""One behavior: each option of a run does the same by Blender's engine, the command line and the module of the extension.
+"""Tests that each option of a run has the same effect in Blender's engine, on the command line and in the Python module of the extension.
 
-`tests/hosts/table.py` has the options, and `hosts/python/tests` asks the same without Blender.
+`tests/hosts/table.py` has the options; `hosts/python/tests` has the same tests without Blender.
 """
 
 from __future__ import annotations
@@ -23,5 +23,5 @@ import table  # noqa: E402
 def test_a_row_of_the_table_is_the_same_in_blender(row: table.Row, addon: Any, tmp_path: pathlib.Path) -> None:
     command = addon.engine.command()[: -len(["serve", "--stdio"])]
     client = functools.partial(hosts.AddonClient, make=addon.client.Client)
-    found = {hosts.PYTHON: hosts.module, hosts.COMMAND_LINE: hosts.command_line(command), hosts.ADDON: hosts.served(command, client)}
+    found = {hosts.PYTHON: hosts.module, hosts.COMMAND_LINE: hosts.command_line(command), hosts.ADDON: hosts.serve_host(command, client)}
     behavior.check(row, found, command, tmp_path)

@@ -1,4 +1,4 @@
-"""The extension as users get it: validated, installed, enabled, updated and removed by Blender's own commands."""
+"""Tests of the built extension: validated, installed, enabled, updated and removed by Blender's own commands."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ ENABLE = f"import bpy; assert bpy.ops.preferences.addon_enable(module='{PACKAGE}
 
 @pytest.fixture
 def installed(extension: Callable[..., Done]) -> None:
-    """The extension is installed and enabled where nothing was."""
+    """Installs and enables the extension in an empty user folder."""
     install(extension, ZIP)
 
 
 def install(extension: Callable[..., Done], zip: pathlib.Path) -> None:
-    # Its exit code is 0 after some failures too.
+    # The exit code is 0 even after some failures.
     done = extension("install-file", "--repo", "user_default", "--enable", zip)
     assert done.returncode == 0 and re.search('STATUS (Inst|Reinst)alled "maquette"', done.stdout), done.stdout + done.stderr
 
 
 def changed(folder: pathlib.Path, old: str, new: str) -> pathlib.Path:
-    """The extension with other words in its manifest."""
+    """A copy of the extension with a changed manifest."""
     made = folder / "changed.zip"
     with zipfile.ZipFile(ZIP) as source, zipfile.ZipFile(made, "w") as target:
         for name in source.namelist():
@@ -48,7 +48,7 @@ def changed(folder: pathlib.Path, old: str, new: str) -> pathlib.Path:
 
 
 def traces() -> dict[str, set[str]]:
-    """What an add-on can leave in Blender: by place, the names of what is there."""
+    """The things that an add-on can leave in Blender: names by place."""
     types = contents(bpy.types)
     drawn = {name: getattr(getattr(it, "draw", None), "_draw_funcs", ()) for name, it in types.items()}
     called = {name: it for name, it in contents(bpy.app.handlers).items() if isinstance(it, list)}
@@ -58,7 +58,7 @@ def traces() -> dict[str, set[str]]:
         "types": set(types),
         "operators": {f"{group}.{name}" for group, it in contents(bpy.ops).items() for name in dir(it)},
         "properties": {f"{name}.{key}" for name, it in types.items() if hasattr(it, "bl_rna") for key in it.bl_rna.properties.keys()},
-        # Blender keeps a list with its own function for each menu that ever had another one.
+        # Blender keeps a list of draw functions for each menu that ever had an additional one.
         "menus": {it for it in functions(drawn) if ": bl_ui." not in it},
         "handlers": functions(called),
         "keys": {f"{keymap.name}: {item.idname}" for keymap in keymaps.keymaps for item in keymap.keymap_items} if keymaps else set(),
@@ -74,7 +74,7 @@ def functions(places: dict[str, Iterable[Any]]) -> set[str]:
 
 
 def registered(kind: type) -> set[type]:
-    """The classes below `kind` that add-ons and scripts have registered. Blender makes those of its own when they are asked for."""
+    """The subclasses of `kind` that add-ons and scripts have registered; Blender creates its own ones on access."""
     below = set()
     for it in kind.__subclasses__():
         below |= registered(it)
@@ -109,10 +109,10 @@ def test_1_it_asks_for_files_and_nothing_else() -> None:
     assert list(manifest["permissions"]) == ["files"]
     assert manifest["blender_version_min"] == "4.2.0" and "blender_version_max" not in manifest
     assert manifest["version"] == VERSION
-    # Every wheel that is named is there, and no other.
+    # The manifest names exactly the wheels in the zip.
     wheels = {name for name in zipfile.ZipFile(ZIP).namelist() if name.endswith(".whl")}
     assert wheels == {it.removeprefix("./") for it in manifest["wheels"]} and wheels
-    # One file for every Python that Blender has had since 4.2.
+    # One wheel for each Python of Blender since 4.2.
     assert all("-abi3-" in it for it in wheels)
 
 
@@ -120,7 +120,7 @@ def test_1_it_asks_for_files_and_nothing_else() -> None:
 def test_1_it_is_installed_and_stays_enabled(extension: Callable[..., Done], resources: pathlib.Path, blender: Callable[[str], Done]) -> None:
     assert "maquette [installed]" in extension("list").stdout
     assert PACKAGE.encode() in (resources / "config/userpref.blend").read_bytes()
-    # 4.2 as a module crashes when it reads anybody's preferences.
+    # The module of Blender 4.2 crashes when it reads saved preferences.
     if bpy.app.version >= (5, 0):
         done = blender(f"import bpy; bpy.ops.wm.read_userpref(); assert '{PACKAGE}' in bpy.context.preferences.addons")
         assert done.returncode == 0, done.stderr
@@ -140,7 +140,7 @@ print("engine", preferences.version())
     )
     assert done.returncode == 0, done.stderr
     said = dict(line.split(" ", 1) for line in done.stdout.splitlines() if " " in line)
-    # Blender's folder for what extensions bring along.
+    # Blender's folder for packages of extensions.
     assert pathlib.Path(said["file"]).is_relative_to(resources / "extensions/.local/lib")
     assert said["version"] == VERSION and int(said["faces"]) > 0
     assert said["engine"] == f"Engine: maquette {VERSION}, in the extension"
@@ -152,7 +152,7 @@ def test_enabled_and_disabled_again_and_again_it_leaves_nothing() -> None:
     for _ in range(3):
         assert bpy.ops.preferences.addon_enable(module=PACKAGE) == {"FINISHED"}
         during = traces()
-        # Seen: the comparison below compares something.
+        # The enabled add-on leaves traces, so that the comparison below is not trivial.
         assert any(it.startswith(PACKAGE) for it in during["classes"])
         assert bpy.ops.preferences.addon_disable(module=PACKAGE) == {"FINISHED"}
         after = traces()
@@ -200,7 +200,7 @@ def test_removed_it_takes_its_engine_along(extension: Callable[..., Done], resou
 
 
 def test_it_imports_nothing_by_its_full_name(tmp_path: pathlib.Path) -> None:
-    """Blender names the package after the repository it came from: as a folder of any name it registers too."""
+    """Blender names the package after its repository, so it must register under any name."""
     shutil.copytree(pathlib.Path(sys.modules[PACKAGE].__file__ or "").parent, tmp_path / "elsewhere", ignore=shutil.ignore_patterns("wheels"))
     bpy.ops.preferences.addon_disable(module=PACKAGE)
     sys.path.insert(0, str(tmp_path))

@@ -1,4 +1,4 @@
-"""Paths of graphs from the folder of the Blender file, as it is saved elsewhere, moved, appended and linked."""
+"""Tests of graph paths relative to the Blender file when that is saved elsewhere, moved, appended and linked."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from test_waiting import BOX, live, size
 
 @pytest.fixture
 def saved(empty: Any, tmp_path: pathlib.Path) -> bpy.types.Object:
-    """A live object and its tree in a file beside the graph."""
+    """A live object and its tree in a file in the folder of the graph."""
     (tmp_path / "a").mkdir()
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "a/file.blend"))
     (tmp_path / "a/box.ron").write_text(BOX)
     assert bpy.ops.maquette.add(filepath=str(tmp_path / "a/box.ron")) == {"FINISHED"}
     owner = bpy.context.view_layer.objects.active
-    # As an image that is opened, by the preferences.
+    # The preferences decide, as for opened images.
     assert owner.maquette.graph == "//box.ron"
-    module("tree").of_graph(owner.maquette.graph)
+    module("tree").tree_of_graph(owner.maquette.graph)
     module("waiting").update()
     owner["maquette size"] = 20.0
     module("waiting").update()
@@ -40,7 +40,7 @@ def new_file(folder: pathlib.Path) -> None:
 
 
 def follows(owner: bpy.types.Object) -> bool:
-    """Whether another value is shown."""
+    """Returns true if the object shows the result of a new value."""
     owner["maquette size"] = 77.0
     module("waiting").update()
     return size(owner) == 77.0
@@ -50,7 +50,7 @@ def test_b7_a_file_that_is_saved_elsewhere_finds_its_graphs(saved: bpy.types.Obj
     (tmp_path / "b/c").mkdir(parents=True)
     copy = str(tmp_path / "b/copy.blend")
     bpy.ops.wm.save_as_mainfile(filepath=copy, copy=True)
-    # Here nothing has changed.
+    # The open file is unchanged.
     assert saved.maquette.graph == "//box.ron" and tree().maquette_graph == "//box.ron"
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "b/c/file.blend"), relative_remap=True)
     assert saved.maquette.graph == "//../../a/box.ron" and tree().maquette_graph == "//../../a/box.ron"
@@ -64,7 +64,7 @@ def test_b7_a_project_that_moves_is_found(saved: bpy.types.Object, tmp_path: pat
     (tmp_path / "a").rename(tmp_path / "moved")
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "moved/file.blend"))
     assert follows(bpy.data.objects["box"]) and bpy.data.objects["box"].maquette.graph == "//box.ron"
-    # A path from the root, too: what lay beside the file lies there still.
+    # Also with an absolute path: the graph is found relative to the file.
     bpy.data.objects["box"].maquette.graph = tree().maquette_graph = str(tmp_path / "moved/box.ron")
     bpy.ops.wm.save_mainfile()
     (tmp_path / "moved").rename(tmp_path / "again")

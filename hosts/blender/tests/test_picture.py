@@ -1,4 +1,4 @@
-"""The doll, redesigned in Blender and rendered by Cycles: `target/blender/pictures/doll-VERSION.png` is for people to look at."""
+"""Renders the doll, redesigned in Blender, by Cycles: `target/blender/pictures/doll-VERSION.png` for visual inspection."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def test_12_the_redesigned_doll_is_rendered_by_cycles(doll: bpy.types.Object) ->
         render(doll, path, "CYCLES", size=(480, 480), samples=12)
         shown.append(pixels(path)[..., :3])
     before, after = shown
-    # There is a doll in its colors: a red nose among much that is not.
+    # The colors are those of the doll: some red for the nose, much of other colors.
     red = (after[..., 0] > 0.35) & (after[..., 1] < 0.5 * after[..., 0]) & (after[..., 2] < 0.5 * after[..., 0])
     assert 0.001 < red.mean() < 0.4, red.mean()
-    # And it is another one than before.
+    # The picture differs from that of the original doll.
     assert (np.abs(before - after).max(axis=-1) > 0.15).mean() > 0.005

@@ -1,4 +1,4 @@
-"""The examples of the page for users do what it says."""
+"""Tests that the examples of the documentation for users work."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ README = pathlib.Path(__file__).resolve().parents[1] / "README.md"
 
 @pytest.fixture
 def there(folder: pathlib.Path) -> Iterator[pathlib.Path]:  # noqa: F811
-    """The folder of a project is the current one."""
+    """Makes the folder of a project the current one."""
     before = os.getcwd()
     os.chdir(folder)
     yield folder

@@ -1,4 +1,4 @@
-"""The renderings that other tests look at: the object fills them, in its colors."""
+"""Tests of `render.py`: the object fills the picture, in its colors."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ import pytest
 from render import render
 from test_screen import pixels
 
-# Workbench draws with OpenGL, without a screen by way of EGL. Debian's names: libegl1 libgl1-mesa-dri.
+# Workbench draws with OpenGL; without a screen it needs EGL (Debian's libegl1 libgl1-mesa-dri).
 EGL = pytest.mark.skipif(ctypes.util.find_library("EGL") is None, reason="not here: EGL")
 
 
 @pytest.fixture
 def ball(empty: Any) -> bpy.types.Object:
-    """A red ball far from the middle, in a scene that has a camera of its own."""
+    """A red ball far from the origin, in a scene with its own camera."""
     bpy.ops.object.camera_add()
     bpy.ops.mesh.primitive_uv_sphere_add(radius=7, location=(100, 50, 20))
     ball = bpy.context.object
@@ -41,6 +41,6 @@ def test_a_rendering_is_filled_by_the_object(ball: bpy.types.Object, tmp_path: p
     red = (shown[..., 0] > 0.3) & (shown[..., 1] < 0.6 * shown[..., 0])
     assert red[60, 80] and not red[[0, 0, -1, -1], [0, -1, 0, -1]].any()
     rows, columns = np.nonzero(red)
-    # A ball's bounds are larger than it is, so that it fills less than they do.
+    # A ball fills less than its bounding box.
     assert 60 < np.ptp(rows) < 119 and abs(np.ptp(rows) - np.ptp(columns)) < 8, (np.ptp(rows), np.ptp(columns))
     assert {it: set(getattr(bpy.data, it).keys()) for it in kinds} == before

@@ -1,4 +1,4 @@
-"""What happens where there is no room for the engine's data in memory: containers often have 64 MB of it."""
+"""Tests with too little memory for the engine's data: containers often have 64 MB of `/dev/shm`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from conftest import PACKAGE
 
 @pytest.fixture
 def fresh(empty: Any) -> Iterator[Any]:
-    """The module of the engine; it begins anew before and after the test."""
+    """The module of the engine, which is restarted before and after the test."""
     engine = module("engine")
     preferences = bpy.context.preferences.addons[PACKAGE].preferences
     yield engine
@@ -32,12 +32,12 @@ def is_on_disk(engine: Any) -> bool:
 
 
 def limited(tmp_path: pathlib.Path, kilobytes: int) -> str:
-    """A program whose files in memory are no larger than this, as if there were no room for more."""
+    """A program with a limit on the size of its files in memory, as if there were no room for more."""
     found = importlib.util.find_spec("maquette")
     assert found and found.origin
     words = f"{sys.executable} -I {module('worker').__file__} {pathlib.Path(found.origin).parents[1]}"
     program = tmp_path / "limited"
-    # What ignores the signal is told of the limit as of a full disk.
+    # A process that ignores the signal gets an error as for a full disk.
     limit = f'case "$*" in *--folder*) ;; *) trap "" XFSZ; ulimit -f {kilobytes};; esac'
     program.write_text(f'#!/bin/bash\n{limit}\nexec {words} "$@" --no-cache\n')
     program.chmod(0o755)
@@ -94,7 +94,7 @@ def test_b9_an_input_without_room_goes_by_way_of_the_disk(fresh: Any, tmp_path: 
         until(lambda: fresh._is_full)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    # It has this process's limits.
+    # The engine inherits the limits of this process.
     fresh.restart()
     module("waiting").update()
     assert is_on_disk(fresh) and len(through.data.vertices) == len(grid.data.vertices) and size(box) == 10.0

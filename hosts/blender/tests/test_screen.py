@@ -1,4 +1,4 @@
-"""The harness for pictures: it draws what a script shows, and tells when a script fails."""
+"""Tests of the harness for pictures, and tests with mouse and keys in a real window."""
 
 from __future__ import annotations
 
@@ -211,7 +211,7 @@ def shots(window):
 
 
 def pixels(path: pathlib.Path) -> np.ndarray:
-    """Rows of RGBA, from 0 to 1."""
+    """The RGBA pixels of a picture, by rows, from 0 to 1."""
     image = bpy.data.images.load(str(path))
     width, height = image.size
     values = np.empty(width * height * 4, np.float32)
@@ -241,7 +241,7 @@ def test_the_mouse_links_nodes_and_a_key_undoes_it(tmp_path: pathlib.Path) -> No
 
 @pytest.fixture
 def engine(addon: Any, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The engine for that window: its Blender is older, and has another Python."""
+    """The engine for the window, whose Blender is older and has another Python."""
     if os.environ.get("MAQUETTE"):
         return
     found = importlib.util.find_spec("maquette")

@@ -1,4 +1,4 @@
-"""Where live objects lie: units, the cursor, origins, and transforms that users apply to the mesh."""
+"""Tests of positions of live objects: units, the cursor, origins, and transforms that users apply to the mesh."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from test_live import doll, folder, module, positions, settled, until  # noqa: F
 
 
 def world(owner: bpy.types.Object) -> Any:
-    """The vertices in the world."""
+    """The positions of vertices in the world."""
     bpy.context.view_layer.update()
     return positions(owner) @ np.array(owner.matrix_world.to_3x3()).T + np.array(owner.matrix_world.translation)
 
 
-def added(path: pathlib.Path) -> bpy.types.Object:
-    """A live object as a user adds it."""
+def add_object(path: pathlib.Path) -> bpy.types.Object:
+    """Adds a live object by the operator."""
     assert bpy.ops.maquette.add(filepath=str(path)) == {"FINISHED"}
     owner = bpy.context.view_layer.objects.active
     until(lambda: owner.maquette.shown and settled(owner))
@@ -33,7 +33,7 @@ def added(path: pathlib.Path) -> bpy.types.Object:
 def test_a_millimeter_is_one_in_the_scenes_units(empty: Any, folder: pathlib.Path, system: str, scale: float) -> None:  # noqa: F811
     units = bpy.context.scene.unit_settings
     units.system, units.scale_length = system, scale
-    owner = added(folder / "doll.ron")
+    owner = add_object(folder / "doll.ron")
     width = float(np.ptp(positions(owner)[:, 0]))
     meters = owner.dimensions[0] * (scale if system != "NONE" else 1.0)
     assert meters * 1000 == pytest.approx(width, rel=1e-5) and width > 50
@@ -41,7 +41,7 @@ def test_a_millimeter_is_one_in_the_scenes_units(empty: Any, folder: pathlib.Pat
 
 def test_a_new_object_is_at_the_cursor_with_its_origin_in_its_middle(empty: Any, folder: pathlib.Path) -> None:  # noqa: F811
     bpy.context.scene.cursor.location = (1, 2, 3)
-    owner = added(folder / "doll.ron")
+    owner = add_object(folder / "doll.ron")
 
     def middle() -> Any:
         return (world(owner).min(0) + world(owner).max(0)) / 2
@@ -52,7 +52,7 @@ def test_a_new_object_is_at_the_cursor_with_its_origin_in_its_middle(empty: Any,
     until(lambda: owner.maquette.values and settled(owner))
     # Only the nose moves.
     assert (np.abs(world(owner) - first).max(1) > 1e-6).mean() < 0.5 and tuple(owner.location) == (1, 2, 3)
-    # A range image lies otherwise, and stays where it is.
+    # A range image has other axes and keeps its position.
     owner.maquette.output = "whole"
     until(lambda: settled(owner))
     assert np.abs(middle() - [1, 2, 3]).max() < 0.1
@@ -114,7 +114,7 @@ def test_what_was_applied_to_the_mesh_stays_when_values_change(small: bpy.types.
     bpy.context.view_layer.update()
     after = world(small)
     assert (positions(small) != mesh).any()
-    # How the world was changed by it: not at all, but for what is turned in Edit Mode or scaled before it is applied.
+    # The change in the world: none, except for a rotation in Edit Mode or a scale before it is applied.
     flat = np.column_stack([values[1.5], np.ones(len(after))])
     way, *_ = np.linalg.lstsq(flat, after, rcond=None)
     for tall in (2.0, 1.5):

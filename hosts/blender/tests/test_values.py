@@ -1,4 +1,4 @@
-"""What a live object shows of values beside what the command line writes of them, bit by bit; and of values that are no meshes."""
+"""Tests that live objects show values exactly as the command line writes them, and tests of values that are not meshes."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ LABELLED = """Graph(
 )
 """
 
-# What single precision does not have: a label beyond 2^24, and the double 0.1.
+# Numbers that single precision cannot hold: a label beyond 2^24, and the double 0.1.
 MARKED = """ply
 format ascii 1.0
 comment attribute flag seen
@@ -77,7 +77,7 @@ KINDS = {"float": "<f4", "double": "<f8", "uchar": "u1", "uint": "<u4", "int": "
 
 
 def command_line(*words: object, may_fail: bool = False) -> str:
-    """What a user's terminal would print, by the program in the extension."""
+    """Runs the command line of the extension's engine and returns its output."""
     found = importlib.util.find_spec("maquette")
     assert found and found.origin
     worker = pathlib.Path(module("worker").__file__)
@@ -99,7 +99,7 @@ def vertices(path: pathlib.Path) -> Any:
 
 
 def attribute(owner: bpy.types.Object, name: str) -> Any:
-    """The numbers of an attribute, an element a row."""
+    """The numbers of an attribute, one row for each element."""
     slots = {"FLOAT": ("value", np.float32, 1), "INT": ("value", np.int32, 1), "FLOAT_VECTOR": ("vector", np.float32, 3)}
     found = owner.data.attributes[name]
     slot, kind, width = slots[found.data_type]
@@ -109,12 +109,12 @@ def attribute(owner: bpy.types.Object, name: str) -> Any:
 
 
 def same(shown: Any, written: Any) -> bool:
-    """Whether numbers are the same to the last bit."""
+    """Returns true if numbers are equal to the last bit."""
     return bool(shown.dtype == written.dtype and shown.shape == written.shape and (shown.view(np.uint32) == written.view(np.uint32)).all())
 
 
 def both(folder: pathlib.Path, text: str) -> tuple[bpy.types.Object, Any]:
-    """A graph as a live object, and the vertices that the command line writes of it."""
+    """A live object of a graph, and the vertices that the command line writes for it."""
     graph = folder / "graph.ron"
     graph.write_text(text)
     owner = module("live").add(str(graph), bpy.context)
@@ -124,11 +124,11 @@ def both(folder: pathlib.Path, text: str) -> tuple[bpy.types.Object, Any]:
 
 
 def columns(written: Any, *names: str) -> Any:
-    """Some properties of vertices, one beside the other."""
+    """Some properties of vertices as columns."""
     return np.ascontiguousarray(np.stack([written[it] for it in names], 1))
 
 
-# Files stand upright; a scan looks along z, and the object is turned instead.
+# Files have y up. A scan looks along z, and the live object is rotated instead.
 UPRIGHT = np.array([1, -1, -1], np.float32)
 
 
@@ -185,7 +185,7 @@ def test_8_texture_and_its_coordinates_are_those_of_the_files(empty: Any, folder
     assert len(set(texture.tolist())) > 16
     for file in ("glb.png", "doll/color.png"):
         assert same(texture, pixels(bpy.data.images.load(str(folder / file)))), file
-    # It goes with the texture, and comes back as a user has made it.
+    # The material is removed with the texture, and restored with the user's changes.
     material.diffuse_color = (1, 0, 0, 1)
     for output, materials in (("mesh", []), ("model", [material])) * 2:
         owner.maquette.output = output
@@ -219,9 +219,9 @@ def test_copies_and_what_is_baked_keep_their_texture_when_that_of_the_object_cha
         owner.maquette.graph = str(folder / ("graph.ron" if turn % 2 else "other.ron"))
         until(lambda: settled(owner) and settled(copied) and same(shown(owner), first) == bool(turn % 2))
         assert same(shown(copied), first) and same(shown(baked), first)
-        # What nothing shows any more does not pile up.
+        # Unused images are removed.
         assert len(bpy.data.images) == (2 if turn % 2 else 3)
-    # What a user has made of a material is not lost with its texture, and what was taken away stays away.
+    # Changes of a material by the user survive a removal of the texture, and removed materials stay removed.
     owner.data.materials[0].diffuse_color = (1, 0, 0, 1)
     owner.maquette.output = "mesh"
     until(lambda: settled(owner) and not owner.data.materials)
@@ -262,7 +262,7 @@ OTHERS = """Graph(
 
 
 
-# What is seen of each: vertices, edges and faces.
+# The parts of each mesh: vertices, edges and faces.
 SHOWN = {
     "mesh": "vef",
     "bent": "vef",
@@ -292,7 +292,7 @@ def test_every_kind_of_value_is_shown_or_it_is_said_why_not(empty: Any, folder: 
     seen: dict[str, Any] = {}
 
     def show(value: str) -> None:
-        """Shows a value; what is seen of it does not depend on what was seen before."""
+        """Shows a value, and checks that the result does not depend on the previous value."""
         owner.maquette.output = value
         until(lambda: settled(owner) and it.asked[2] == value)
         mesh = owner.data
@@ -306,20 +306,20 @@ def test_every_kind_of_value_is_shown_or_it_is_said_why_not(empty: Any, folder: 
             assert "".join(part for part in parts if parts[part]) == SHOWN[value] and not it.message, (value, now)
         else:
             assert not any(parts.values()), (value, now)
-            assert f"{value} is of the type {UNSEEN[value]}" in it.message, it.message
+            assert f"{value} has the type {UNSEEN[value]}" in it.message, it.message
 
     every = [*SHOWN, *UNSEEN]
     for value in [*every, *reversed(every), *every[::2], *every[1::2]]:
         show(value)
     assert "k1" in str(seen["bent"]) and "k1" not in str(seen["mesh"])
-    # A scan and a drawing have axes of their own.
+    # Range images and drawings have other axes.
     assert seen["mesh"][2] != seen["sharp"][2]
 
 
 def test_an_attribute_that_moves_to_other_elements_is_not_lost(empty: Any, tmp_path: pathlib.Path) -> None:
     apply = module("apply")
 
-    def told(*attributes: tuple[str, str, list[float]]) -> dict[str, Any]:
+    def triangle(*attributes: tuple[str, str, list[float]]) -> dict[str, Any]:
         """A triangle with attributes."""
         parts = [("position", "vertex", 3, "f32", [0, 0, 0, 1, 0, 0, 0, 1, 0]), ("corners", "corner", 1, "u32", [0, 1, 2])]
         parts += [("edges", "edge", 2, "u32", [0, 1, 1, 2, 2, 0]), ("edge of a corner", "corner", 1, "u32", [0, 1, 2])]
@@ -335,11 +335,11 @@ def test_an_attribute_that_moves_to_other_elements_is_not_lost(empty: Any, tmp_p
     mesh = bpy.data.meshes.new("triangle")
     owner: Any = types.SimpleNamespace(data=mesh)
     for on, numbers in (("vertex", [1.0, 2.0, 3.0]), ("face", [4.0]), ("corner", [5.0, 6.0, 7.0]), ("vertex", [8.0, 9.0, 10.0])):
-        apply.apply(mesh, told(("heat", on, numbers)), tmp_path)
+        apply.apply(mesh, triangle(("heat", on, numbers)), tmp_path)
         assert mesh.attributes["heat"].domain == apply.DOMAINS[on]
         assert attribute(owner, "heat").ravel().tolist() == numbers
-    # As creases are: on some edges only.
-    apply.apply(mesh, told(("some", "edge", [1.0, 2.0])), tmp_path)
+    # Like creases: on some edges only.
+    apply.apply(mesh, triangle(("some", "edge", [1.0, 2.0])), tmp_path)
     assert "some" not in mesh.attributes and "heat" not in mesh.attributes
 
 
@@ -351,14 +351,14 @@ def world(owner: bpy.types.Object) -> list[float]:
 
 
 def cube(size: float, height: float) -> bpy.types.Object:
-    """A cube above the middle."""
+    """A cube above the origin."""
     bpy.ops.mesh.primitive_cube_add(size=size, location=(0, 0, height))
     return bpy.context.object
 
 
 @pytest.fixture
 def smooth(empty: Any, tmp_path: pathlib.Path) -> bpy.types.Object:
-    """A live object that wants a mesh."""
+    """A live object with a mesh input."""
     (tmp_path / "smooth.ron").write_text(SMOOTH)
     owner = module("live").add(str(tmp_path / "smooth.ron"), bpy.context)
     until(lambda: "cage" in owner.maquette.inputs)
@@ -381,14 +381,14 @@ def test_what_comes_of_an_object_lies_where_the_object_is(smooth: bpy.types.Obje
     smooth.location.x = 7
     bpy.context.view_layer.update()
     lies_at(3, 2)
-    # Another object in its place, and none.
+    # Another object at the input, then none.
     smooth.maquette.inputs["cage"].object = cube(4, -5)
     lies_at(-5, 4)
     last = world(smooth)
     smooth.maquette.inputs["cage"].object = None
-    until(lambda: "pick an object for the input cage" in module("live").state(smooth).message)
+    until(lambda: "choose an object for the input cage" in module("live").state(smooth).message)
     assert world(smooth) == last
-    # The same again: nothing is new, and nothing lacks.
+    # The first object again.
     smooth.maquette.inputs["cage"].object = bpy.context.object
     lies_at(-5, 4)
     assert not module("live").state(smooth).message
@@ -404,7 +404,7 @@ def test_what_is_mirrored_is_not_turned_inside_out(empty: Any, tmp_path: pathlib
         bpy.context.view_layer.update()
         until(lambda: owner.maquette.shown and settled(owner))
         assert world(owner)[3:] == [abs(it) for it in scale]
-        # The volume, with a sign that says where the outside is.
+        # The signed volume: its sign depends on the orientation of faces.
         faces = [[owner.data.vertices[it].co for it in face.vertices] for face in owner.data.polygons]
         assert sum(corners[0].dot(corners[at].cross(corners[at + 1])) for corners in faces for at in (1, 2)) > 0
 
@@ -423,7 +423,7 @@ def test_each_of_two_inputs_has_its_own_object(empty: Any, tmp_path: pathlib.Pat
     owner = module("live").add(str(tmp_path / "pair.ron"), bpy.context)
     until(lambda: "high" in owner.maquette.inputs)
     owner.maquette.inputs["low"].object, owner.maquette.inputs["high"].object = cube(2, -5), cube(4, 5)
-    # The engine reads neither before both are there.
+    # The engine starts only when both are there.
     with monkeypatch.context() as slow:
         slow.setattr(module("engine").client(), "_send", lambda: None)
         module("live").tick()
@@ -449,7 +449,7 @@ def test_an_object_without_a_mesh_is_no_input_and_that_is_said(smooth: bpy.types
 def test_an_object_is_not_made_of_itself_also_not_by_another_one(smooth: bpy.types.Object) -> None:
     live = module("live")
     smooth.maquette.inputs["cage"].object = smooth
-    until(lambda: "cannot be made of itself" in live.state(smooth).message)
+    until(lambda: "cannot be an input of itself" in live.state(smooth).message)
     smooth.maquette.inputs["cage"].object = cube(2, 0)
     until(lambda: smooth.maquette.shown and settled(smooth))
     other = live.add(live.graph_path(smooth), bpy.context)
@@ -457,7 +457,7 @@ def test_an_object_is_not_made_of_itself_also_not_by_another_one(smooth: bpy.typ
     other.maquette.inputs["cage"].object = smooth
     until(lambda: other.maquette.shown and settled(other))
     smooth.maquette.inputs["cage"].object = other
-    until(lambda: f"{other.name} is made of {smooth.name} itself" in live.state(smooth).message)
+    until(lambda: f"{other.name} depends on {smooth.name} itself" in live.state(smooth).message)
     assert (len(smooth.data.polygons), len(other.data.polygons)) == (96, 96 * 16)
 
 
@@ -511,7 +511,7 @@ def test_8_attributes_of_one_name_on_vertices_corners_and_faces_are_all_shown_bi
     monkeypatch.setattr(module("inputs"), "columns", given)
 
     def shown(wanted: dict[tuple[str, str], str]) -> None:
-        """Waits for what comes of them, and looks at each."""
+        """Waits for the result and checks each attribute."""
         live.state(owner).stale.add("it")
         until(lambda: owner.maquette.shown and settled(owner))
         assert {it.name for it in owner.data.attributes if it.name.partition(".")[0] in ("label", "heat")} == {
@@ -529,7 +529,7 @@ def test_8_attributes_of_one_name_on_vertices_corners_and_faces_are_all_shown_bi
     wanted |= {(name, on): f"{name}.{on}" for name in ("position", "material_index") for on in rows}
     wanted |= {("long " * 20, on): cut if on == "vertex" else f"{cut}.{on}" for on in rows}
     shown(wanted)
-    # The first one there keeps the name.
+    # The first attribute keeps the name.
     for name in ("label", "heat"):
         del numbers[name, "vertex"], wanted[name, "vertex"]
         wanted[name, "corner"] = name
@@ -550,14 +550,14 @@ def test_9_each_graphs_panel_says_what_the_module_and_the_command_line_say(empty
         if "\n    params: {" not in graph.read_text():
             continue
         declared = maquette.load(str(graph)).params
-        # The command line describes the graphs that another one uses.
+        # The command line describes used graphs.
         using = graph.with_name("using.ron")
         using.write_text(f'Graph(format: 1, use: {{ "It": "{graph.name}" }}, nodes: {{}}, outputs: {{}})')
         (printed,) = json.loads(command_line("nodes", using, "It", "--json", may_fail=True))["nodes"]
         owner = live.add(str(graph), bpy.context)
         it = live.state(owner)
         until(lambda: it.loaded)
-        # Where a graph is used, its parameters are fields, which have an underscore for each hyphen.
+        # The parameters of a used graph are fields, with underscores instead of hyphens.
         fields = [dataclasses.replace(control, name=control.name.replace("-", "_")) for control in it.controls]
         assert it.loaded["ok"] and fields == panel.controls(printed["parameters"]), graph
         assert [control.name for control in it.controls] == list(declared), graph
@@ -572,9 +572,9 @@ def test_9_each_graphs_panel_says_what_the_module_and_the_command_line_say(empty
                 for bound, limit in (("min", own.min), ("max", own.max)):
                     assert limit is None or shown[bound] == shown[f"soft_{bound}"] == limit, (graph, name)
             elif control.kind != "color":
-                held = module("values").plain(owner[name])
+                held = module("values").to_json(owner[name])
                 held = control.choices[held] if control.kind == "choice" else held
-                assert held == panel.shown(control, None), (graph, name)
+                assert held == panel.widget_value(control, None), (graph, name)
             compared += 1
         bpy.data.objects.remove(owner)
     assert compared > 40, compared
@@ -602,7 +602,7 @@ def test_creases_come_from_objects_and_go_to_them(empty: Any, tmp_path: pathlib.
         return positions(owner)
 
     def creases(it: bpy.types.Object) -> dict[frozenset[tuple[float, ...]], float]:
-        """How sharp edges are, by where their ends are in the world, about."""
+        """The creases of edges, by the rounded positions of their ends in the world."""
         bpy.context.view_layer.update()
         found = it.data.attributes.get("crease_edge")
         places = [tuple(round(number, 2) for number in it.matrix_world @ vertex.co) for vertex in it.data.vertices]
@@ -621,7 +621,7 @@ def test_creases_come_from_objects_and_go_to_them(empty: Any, tmp_path: pathlib.
     bpy.context.view_layer.update()
     until(lambda: creases(owner))
     assert creases(owner) == pytest.approx(creases(given)) and len(creases(owner)) == 4
-    # Of the cube of two meters, in millimetres.
+    # The cube of two meters, in millimetres.
     assert np.abs(shown("round") - soft).max() > 100
 
 
@@ -660,9 +660,9 @@ def test_a_chain_of_edges_is_given_as_a_curve(empty: Any, tmp_path: pathlib.Path
     assert lengths() == [1, 1, 1.414, 3.162]
     for edges in ([(0, 1), (1, 2), (1, 3)], [(0, 1), (2, 3)], [(0, 1), (1, 2)], []):
         give(edges)
-        until(lambda: "is not one chain of edges" in live.state(owner).message)
+        until(lambda: "is not a single chain of edges" in live.state(owner).message)
         owner.maquette.inputs["path"].object = None
-        until(lambda: "pick an object" in live.state(owner).message)
+        until(lambda: "choose an object" in live.state(owner).message)
     bpy.ops.curve.primitive_bezier_circle_add(radius=5)
     owner.maquette.inputs["path"].object = bpy.context.object
     until(lambda: len(owner.data.edges) == len(owner.data.vertices) > 12)

@@ -1,4 +1,4 @@
-"""Renders, exports and scripts that wait for live objects."""
+"""Tests of renders, exports and scripts that wait for live objects."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ THROUGH = """Graph(
 
 
 def live(folder: pathlib.Path, text: str, name: str = "box.ron") -> bpy.types.Object:  # noqa: F811
-    """A live object of a graph with this text; nothing is computed yet."""
+    """A live object of a graph with this text, not computed yet."""
     (folder / name).write_text(text)
     return module("live").add(str(folder / name), bpy.context)
 
 
 def size(owner: bpy.types.Object) -> float:
-    """How long the mesh of an object is along x."""
+    """The size of an object's mesh along x."""
     return round(float(np.ptp(positions(owner)[:, 0])), 1)
 
 
 @pytest.fixture
 def rendered(tmp_path: pathlib.Path, empty: Any) -> Iterator[list[tuple[int, Any]]]:
-    """A scene of three frames with a camera; what `look` says of each frame that is rendered."""
+    """A scene of three frames with a camera; collects the result of `look` for each rendered frame."""
     scene = bpy.context.scene
     scene.frame_start, scene.frame_end = 1, 3
     camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
@@ -66,7 +66,7 @@ def rendered(tmp_path: pathlib.Path, empty: Any) -> Iterator[list[tuple[int, Any
 
 
 def key_size(owner: bpy.types.Object) -> None:
-    """The size is 10 in the first frame and 30 in the third; none is set in between."""
+    """Animates the size: 10 in the first frame, 30 in the third."""
     for frame, value in ((1, 10.0), (3, 30.0)):
         owner["maquette size"] = value
         owner.keyframe_insert('["maquette size"]', frame=frame)
@@ -87,7 +87,7 @@ def test_b3_each_frame_of_an_animation_is_rendered_with_its_own_result(rendered:
     key_size(owner)
     bpy.ops.render.render(animation=True)
     assert [it[:2] for it in rendered] == [(1, 10.0), (2, 20.0), (3, 30.0)]
-    # Nothing of it stays in the values: what the scene shows is of its own frame.
+    # The stored values are unchanged, and the scene shows its own frame.
     bpy.context.scene.frame_set(2)
     assert size(owner) == 20.0
     rendered.clear()
@@ -136,7 +136,7 @@ def test_b3_an_input_is_followed_as_the_dependency_graph_evaluates_it(rendered: 
     for frame in (2, 1, 3):
         bpy.context.scene.frame_set(frame)
         assert (size(owner), len(owner.data.polygons)) == wanted[frame]
-    # Nothing is left of what was made for a moment.
+    # The temporary objects are removed.
     assert not [it for kind in (bpy.data.scenes, bpy.data.node_groups) for it in kind if it.name.startswith("maquette")]
 
 
@@ -158,11 +158,11 @@ def test_b3_a_script_waits(empty: Any, tmp_path: pathlib.Path) -> None:
     assert size(owner) == 25.0
     owner["maquette size"] = 26.0
     assert bpy.ops.maquette.update() == {"FINISHED"} and size(owner) == 26.0
-    # A file that was written a moment ago is read.
+    # A file that was just written is read.
     (tmp_path / "box.ron").write_text(BOX.replace('(Param("size"),', '(Expr("2 * size"),'))
     sys.modules[PACKAGE].update()
     assert size(owner) == 52.0
-    # What cannot be shown is said.
+    # Reasons why objects cannot be shown are reported.
     (tmp_path / "box.ron").write_text(BOX.replace("Primitive", "Primitve"))
     with pytest.raises(RuntimeError, match="box: .*Primitve"):
         sys.modules[PACKAGE].update()

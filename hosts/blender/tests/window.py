@@ -1,4 +1,4 @@
-"""Runs a script's `shots` inside Blender's window: `screen.py` starts it."""
+"""Runs the `shots` of a script inside Blender's window; started by `screen.py`."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from typing import Any, Iterator
 
 import bpy
 
-# Enough for llvmpipe to draw a window of 1600 by 1000 once, panels and all; pictures that are taken sooner may show what was there before.
+# Seconds in which llvmpipe draws a window of 1600 by 1000 once, with all panels; earlier pictures may show the previous state.
 SETTLED = 0.3
 
-# Between two movements of the mouse; Blender draws in between, and takes what comes meanwhile as one.
+# Seconds between two movements of the mouse, so that Blender does not merge them.
 HAND = 0.1
 
 
 class Window:
-    """Blender's window, one area of which fills it."""
+    """Blender's window, filled by one area."""
 
     def __init__(self) -> None:
         self.window = bpy.context.window_manager.windows[0]
@@ -31,7 +31,7 @@ class Window:
         return max(self.window.screen.areas, key=lambda it: it.width * it.height)
 
     def show(self, kind: str) -> bpy.types.Space:
-        """Makes one area of this kind fill the window: `VIEW_3D`, `PROPERTIES`, or the `bl_idname` of a node tree's class."""
+        """Fills the window with one area of this kind: `VIEW_3D`, `PROPERTIES`, or the `bl_idname` of a node tree's class."""
         if len(self.window.screen.areas) > 1 and not self.window.screen.show_fullscreen:
             with self.override():
                 bpy.ops.screen.screen_full_area(use_hide_panels=False)
@@ -39,24 +39,24 @@ class Window:
         return self.area.spaces.active
 
     def tree(self, tree: bpy.types.NodeTree, sidebar: bool = False) -> Iterator[None]:
-        """Shows a node tree, whole: `yield from window.tree(tree)`. Blender enlarges no small one."""
+        """Shows a whole node tree: `yield from window.tree(tree)`. Blender does not enlarge a small one."""
         space = self.show(tree.bl_idname)
         space.node_tree = tree
         space.show_region_ui = sidebar
-        # Nodes know how large they are once they have been drawn.
+        # The size of nodes is known only after they are drawn.
         yield None
         with self.override():
             bpy.ops.node.view_all()
         yield None
 
     def override(self, kind: str = "WINDOW") -> Any:
-        """A context in which operators of the area run; timers have none."""
+        """A context for operators of the area, which timers lack."""
         area = self.area
         region = next(it for it in area.regions if it.type == kind)
         return bpy.context.temp_override(window=self.window, area=area, region=region)
 
     def place(self, x: float, y: float) -> tuple[int, int]:
-        """Where on the screen a place of the node tree is, in the units of `Node.location`."""
+        """The position on the screen of a point of the node tree, in the units of `Node.location`."""
         area = self.area
         region = next(it for it in area.regions if it.type == "WINDOW")
         scale = bpy.context.preferences.system.ui_scale
@@ -64,11 +64,11 @@ class Window:
         return region.x + right, self.window.height - (region.y + up)
 
     def drag(self, start: tuple[float, float], end: tuple[float, float]) -> Iterator[float]:
-        """Drags the mouse between places of the node tree, as a user's hand does: `yield from window.drag(..)`."""
+        """Drags the mouse between points of the node tree: `yield from window.drag(..)`."""
         yield from self.pull(self.place(*start), self.place(*end))
 
     def pull(self, start: tuple[int, int], end: tuple[int, int], steps: int = 4) -> Iterator[float]:
-        """Drags the mouse between places of the screen."""
+        """Drags the mouse between points of the screen."""
         (x, y), (to_x, to_y) = start, end
         xdotool("mousemove", x, y)
         yield HAND
@@ -81,25 +81,25 @@ class Window:
         yield SETTLED
 
     def click(self, x: int, y: int) -> Iterator[float]:
-        """Presses the mouse at a place of the screen."""
+        """Clicks on a point of the screen."""
         xdotool("mousemove", x, y)
         yield HAND
         xdotool("click", 1)
         yield SETTLED
 
     def key(self, keys: str) -> Iterator[float]:
-        """Presses keys where the mouse is: `yield from window.key("ctrl+z")`."""
+        """Presses keys at the position of the mouse: `yield from window.key("ctrl+z")`."""
         xdotool("key", keys)
         yield SETTLED
 
     def picture(self, path: pathlib.Path) -> None:
-        """Writes what the window shows."""
+        """Writes a picture of the window."""
         with self.override():
             bpy.ops.screen.screenshot(filepath=str(path))
 
 
 def xdotool(*words: object) -> None:
-    """Moves the mouse and presses keys."""
+    """Runs xdotool, which moves the mouse and presses keys."""
     subprocess.run(["xdotool", *map(str, words)], check=True)
 
 
@@ -136,7 +136,7 @@ def main(script: pathlib.Path, folder: pathlib.Path) -> None:
 
 
 def guarded(step: Any) -> Any:
-    """A timer whose end is Blender's end: nobody closes this window."""
+    """Wraps a timer function so that Blender exits when it ends or raises."""
 
     def run() -> float | None:
         code = 1

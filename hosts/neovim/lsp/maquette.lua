@@ -1,4 +1,4 @@
--- The language server, from Neovim 0.11 on: `vim.lsp.enable("maquette")`.
+-- The configuration of the language server for Neovim 0.11 and newer: `vim.lsp.enable("maquette")`.
 return {
   cmd = { "maquette", "lsp" },
   filetypes = { "ron" },

@@ -1,10 +1,10 @@
-" Colors of RON, and of the words of graphs. Of what fits at a place, the last one counts.
+" Highlighting of RON and of the keywords of graphs. If several rules match at a position, the last one applies.
 if exists("b:current_syntax")
   finish
 endif
 
 syntax case match
-" Not the hyphen, which is a part of words for their commands alone.
+" Without the hyphen, which only editor commands treat as part of a word.
 syntax iskeyword @,48-57,_
 syntax sync fromstart
 
@@ -22,7 +22,7 @@ syntax match ronAttribute /#!\[\_[^\]]*\]/
 syntax match ronEscape /\\\%(u{\x\{1,6}}\|x\x\x\|.\)/ contained
 syntax region ronText start=/\<b\?"/ start=/"/ skip=/\\./ end=/"/ contains=ronEscape,@Spell
 syntax match ronLetter /\<\?b\?'\%([^'\\]\|\\\%(u{\x\+}\|x\x\x\|.\)\)'/
-" A key may stand before its colon with comments between them.
+" Comments are allowed between a key and its colon.
 syntax match ronKey /"[^"\\]*"\ze\s*\%(\/\*.\{-}\*\/\s*\)*:/
 syntax match ronColor /"#\%(\x\{8}\|\x\{6}\|\x\{3,4}\)"/
 syntax region ronRaw start=/\<b\?r\z(#*\)"/ end=/"\z1/

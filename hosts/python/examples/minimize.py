@@ -1,4 +1,4 @@
-"""A loss of one's own over a graph's parameters, minimized with SciPy: how long must the nose be to stick out by 20 mm?
+"""Minimizes a user-defined loss over a graph's parameters with SciPy: how long must the nose be to stick out by 20 mm?
 
     python examples/minimize.py GRAPH.ron
 """
@@ -10,7 +10,7 @@ from scipy.optimize import minimize_scalar
 import maquette
 
 WANTED = 20.0
-"""How far the nose shall stick out, in mm."""
+"""The wanted length of the nose, in mm."""
 
 
 def main(path: str) -> float:

@@ -1,9 +1,9 @@
-"""Deformation, subdivision, interpolation and filling, beside other libraries on the same arrays, in one run.
+"""Compares deformation, subdivision, interpolation and hole filling with other libraries on the same arrays.
 
     python examples/peers.py [RUNS]
 
-Prints a table: medians in ms, and how many times as long as ours each takes. Every call is made as a user makes it, arrays in and arrays
-out; nothing of ours comes from a cache. Libraries that are not installed are left out by name.
+Prints a table of medians in ms, and the ratio of each time to ours. Every call takes and returns arrays, as in user code; caches of
+maquette are not used. Libraries that are not installed are skipped with a message.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def ball(rows: int, columns: int) -> Tuple[Array, Array]:
 
 
 def median(call: Call, runs: int) -> Tuple[float, Any]:
-    """The median time in ms of some calls after one that does not count, and what the last gave."""
+    """The median time in ms of some calls after a warm-up call, and the last result."""
     call()
     times, given = [], None
     for _ in range(runs):
@@ -66,8 +66,8 @@ def median(call: Call, runs: int) -> Tuple[float, Any]:
     return statistics.median(times), given
 
 
-def anew(graph: maquette.Graph, inputs: Dict[str, Any], output: str) -> Call:
-    """A call of a graph that remembers nothing."""
+def uncached(graph: maquette.Graph, inputs: Dict[str, Any], output: str) -> Call:
+    """A call of a graph without cached results."""
 
     def call() -> Any:
         graph.forget()
@@ -83,7 +83,7 @@ def graph(text: str) -> maquette.Graph:
 
 
 class Row:
-    """One piece of work, ours and that of others."""
+    """One operation, by maquette and by other libraries."""
 
     def __init__(self, name: str, ours: Call, others: List[Tuple[str, Any, Callable[[], Call]]]) -> None:
         self.name, self.ours, self.others = name, ours, others
@@ -96,14 +96,14 @@ class Row:
                 continue
             try:
                 theirs, found = median(make(), runs)
-            except Exception as error:  # noqa: BLE001: what others cannot do is told.
+            except Exception as error:  # noqa: BLE001: failures of other libraries are printed.
                 print(f"| | {name} | - | - | {type(error).__name__}: {str(error)[:80]} |")
                 continue
-            print(f"| | {name} | {theirs:.1f} | {theirs / ours:.2f} | {compared(given, found)} |")
+            print(f"| | {name} | {theirs:.1f} | {theirs / ours:.2f} | {difference(given, found)} |")
 
 
-def compared(ours: Any, theirs: Any) -> str:
-    """How far the vertices are apart, if there are as many; else how many triangles there are."""
+def difference(ours: Any, theirs: Any) -> str:
+    """The maximum distance of vertices if their numbers agree; otherwise the numbers of triangles."""
     (v, f), (w, g) = ours, theirs
     if len(v) == len(w):
         apart = nearest(np.asarray(w), np.asarray(v)) if f is not None else np.linalg.norm(v - w, axis=1)
@@ -131,18 +131,18 @@ def ffd() -> Row:
     )
 
     def with_numpy() -> Any:
-        def shares(points: Array) -> Array:
+        def weights(points: Array) -> Array:
             squares = (points * points).sum(1)[:, None] + (at * at).sum(1) - 2 * (points @ at.T)
             gaussians: Array = np.exp(squares * (-0.5 / sigma[0, 0] ** 2))
             gaussians /= gaussians.sum(1, keepdims=True)
             return gaussians
 
-        # So that each handle goes to its target.
-        moves = np.linalg.solve(shares(at), to - at)
+        # Solve for moves that bring each handle to its target.
+        moves = np.linalg.solve(weights(at), to - at)
         out = np.empty_like(vertices)
         for start in range(0, len(vertices), 8192):
             part = vertices[start : start + 8192]
-            out[start : start + 8192] = part + shares(part) @ moves
+            out[start : start + 8192] = part + weights(part) @ moves
         return out, None
 
     def ours() -> Any:
@@ -180,7 +180,7 @@ def subdivision() -> Row:
 
     return Row(
         f"Loop subdivision of {len(faces)} triangles, 2 levels",
-        anew(loop, {"mesh": mesh}, "it"),
+        uncached(loop, {"mesh": mesh}, "it"),
         [
             ("trimesh", trimesh, lambda: with_trimesh),
             ("Open3D", o3d, lambda: with_open3d),
@@ -210,7 +210,7 @@ def interpolation() -> Row:
 
     return Row(
         f"control mesh through {len(vertices)} vertices (Loop)",
-        anew(through, {"mesh": mesh}, "it"),
+        uncached(through, {"mesh": mesh}, "it"),
         [("SciPy, sparse LU", scipy, lambda: with_scipy)],
     )
 
@@ -229,7 +229,7 @@ def filling() -> List[Row]:
         fill = graph(
             f'inputs: {{ "mesh": Mesh() }}, nodes: {{ "it": FillHoles(mesh: "mesh", method: {method}) }}, outputs: {{ "it": "it.mesh" }}'
         )
-        return anew(fill, {"mesh": mesh}, "it")
+        return uncached(fill, {"mesh": mesh}, "it")
 
     def with_pymeshlab() -> Any:
         theirs = pymeshlab.MeshSet()

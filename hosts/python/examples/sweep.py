@@ -1,4 +1,4 @@
-"""The doll's nose at many lengths: a progress bar, a plot, and pictures of some.
+"""Computes the doll with noses of several lengths: a progress bar, a plot, and some pictures.
 
     python examples/sweep.py GRAPH.ron OUT.png
 """
@@ -23,7 +23,7 @@ def main(path: str, out: str) -> None:
         run = graph.run("model.ply", growth=length, progress=True)
         model = run["model.ply"]
         assert isinstance(model, maquette.Mesh)
-        # The sensor is at the origin and looks along z: what is nearest to it sticks out most.
+        # The sensor is at the origin and looks along z, so the smallest z is the tip of the nose.
         farthest.append(-model.vertices[:, 2].min())
         times.append(sum(node.seconds for node in run.trace) * 1000)
         pictures.append(model.render(yaw=35, size=(320, 360)).pixels)

@@ -1,4 +1,4 @@
-"""A mesh of trimesh, pulled by handles from an array, its hole filled, and back again.
+"""Deforms a mesh of trimesh by handles from an array, fills its hole, and converts it back.
 
     python examples/trimesh_ffd.py OUT.glb
 """
@@ -34,7 +34,7 @@ def open_sphere() -> trimesh.Trimesh:
 
 
 def handles() -> maquette.Handles:
-    """The corners of the box stay where they are; what is in the middle of its top goes up by .4 of its height."""
+    """Handles that keep the corners of the bounding box and move the middle of its top up by .4 of its height."""
     corners = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T.astype(float)
     at = np.vstack([corners, [[0.5, 1.0, 0.5]]])
     to = at + np.vstack([np.zeros_like(corners), [[0.0, 0.4, 0.0]]])

@@ -1,14 +1,14 @@
-//! Columns of a value as arrays of NumPy, which lie where the value has them.
+//! Columns of a value as NumPy arrays, which share the value's memory.
 //!
-//! `__array_interface__` needs no copy here, no `unsafe`, and nothing of NumPy at import. It gives no way to write, because the object has
-//! no buffer that could be asked for. The package `maquette` copies each array before users get it.
+//! Columns implement NumPy's `__array_interface__`. It needs no copy, no `unsafe` code, and no NumPy when the module is imported. The
+//! arrays are read-only, because a column has no buffer. The package `maquette` copies each array before it reaches users.
 
 use maquette::AnyValue;
-use maquette::value::{Items, Meaning, On, Part};
+use maquette::value::{ElementKind, Items, Meaning, Part};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
-/// A column of numbers. NumPy takes it by `__array_interface__`: as a view that cannot be written to and that keeps the column alive.
+/// A column of numbers. NumPy reads it through `__array_interface__`, as a read-only view that keeps the column alive.
 #[pyclass(frozen)]
 pub(crate) struct Column {
     #[pyo3(get)]
@@ -21,47 +21,47 @@ pub(crate) struct Column {
     aside: bool,
     shape: Vec<usize>,
     kind: &'static str,
-    /// Where the numbers begin.
+    /// The memory address of the numbers.
     address: usize,
-    /// What holds the numbers there, and never changes or moves them.
+    /// Keeps the numbers alive; it never changes or moves them.
     _holder: Holder,
 }
 
-/// What holds the numbers of a column.
+/// The owner of a column's numbers: the value or a copied list.
 enum Holder {
     Value { _value: AnyValue },
     List { _items: Items<'static> },
 }
 
 impl Column {
-    /// A column of a value, whose pixels come in rows of so many. What the value has side by side is not copied.
-    pub(crate) fn of(value: &AnyValue, part: &Part<'_>, row: Option<usize>) -> Self {
+    /// Makes a column of a part of `value`. `row` is the number of pixels per row of a picture. Contiguous data is not copied.
+    pub(crate) fn new(value: &AnyValue, part: &Part<'_>, row: Option<usize>) -> Self {
         let (mut kind, address) = place(&part.items);
         if is_flags(part) {
             kind = "|b1";
         }
         let (address, holder) = match is_borrowed(&part.items) {
-            // It lies in what `value` shares, which is as long as anyone shares it, and values never change.
+            // The numbers are in the memory of `value`. The clone keeps them alive, and values never change.
             true => (address, Holder::Value { _value: value.clone() }),
             false => {
-                let items = owned(&part.items);
+                let items = to_owned_items(&part.items);
                 (place(&items).1, Holder::List { _items: items })
             }
         };
         let mut shape = vec![part.count()];
-        if let Some(row) = row.filter(|row| part.on == On::Pixel && 0 < *row) {
+        if let Some(row) = row.filter(|row| part.element_kind == ElementKind::Pixel && 0 < *row) {
             shape = vec![part.count() / row, row];
         }
-        // A list of numbers has one direction, whereas places of a list with one place have two.
+        // With one number per element the array has one dimension, otherwise two, even if the list has only one element.
         if part.width != 1 {
             shape.push(part.width);
         }
-        let (name, aside) = (part.name.clone().into_owned(), part.aside);
-        let (on, meaning) = (part.on.word(), part.meaning.word());
+        let (name, aside) = (part.name.clone().into_owned(), part.is_hidden);
+        let (on, meaning) = (part.element_kind.word(), part.meaning.word());
         Self { name, on, meaning, aside, shape, kind, address, _holder: holder }
     }
 
-    /// A column that belongs to no value, of so many numbers an element.
+    /// Makes a column that is not part of a value, with `width` numbers per element.
     pub(crate) fn list(name: &str, items: impl Into<Items<'static>>, width: usize) -> Self {
         let items = items.into();
         let shape = if width == 1 { vec![items.len()] } else { vec![items.len() / width, width] };
@@ -86,15 +86,15 @@ impl Column {
     }
 }
 
-/// Returns true if the numbers are false and true. Aside of a value are bytes of bits, too.
+/// Returns true if NumPy must read the bytes as booleans. Other parts may also have bytes, for example of bits.
 fn is_flags(part: &Part<'_>) -> bool {
-    let is_exact = part.meaning == Meaning::Exact && !part.aside;
+    let is_exact = part.meaning == Meaning::Exact && !part.is_hidden;
     is_exact && matches!(part.items, Items::U8(_))
 }
 
-/// How NumPy calls the numbers, and where they begin.
+/// Returns NumPy's name of the number type, and the address of the numbers.
 fn place(items: &Items<'_>) -> (&'static str, usize) {
-    // Whole numbers in the order of bytes of this machine.
+    // `=` means the byte order of this machine.
     match items {
         Items::F64(items) => ("=f8", items.as_ptr().expose_provenance()),
         Items::F32(items) => ("=f4", items.as_ptr().expose_provenance()),
@@ -114,7 +114,7 @@ fn is_borrowed(items: &Items<'_>) -> bool {
     )
 }
 
-fn owned(items: &Items<'_>) -> Items<'static> {
+fn to_owned_items(items: &Items<'_>) -> Items<'static> {
     match items {
         Items::F64(items) => Items::from(items.to_vec()),
         Items::F32(items) => Items::from(items.to_vec()),

@@ -1,4 +1,4 @@
-//! Graphs that have been checked.
+//! Checked graphs for Python.
 
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -11,7 +11,7 @@ use pyo3::types::PyList;
 use crate::workers::on_threads;
 use crate::{CATALOG, plain};
 
-/// A graph, checked, and how it was read.
+/// A checked graph and its path.
 #[pyclass(frozen)]
 pub(crate) struct Graph {
     pub(crate) graph: maquette::Graph,
@@ -19,12 +19,12 @@ pub(crate) struct Graph {
     path: PathBuf,
 }
 
-/// What a check found: the graph if it can be run, problems, and the files of graphs that it uses.
-type Loaded<'py> = (Option<Graph>, Bound<'py, PyList>, Vec<PathBuf>);
+/// The result of a check: the graph if it can be run, the diagnostics, and the files of the graphs that it uses.
+type LoadResult<'py> = (Option<Graph>, Bound<'py, PyList>, Vec<PathBuf>);
 
 #[pymethods]
 impl Graph {
-    /// Reads and checks a graph. `texts` stand in place of files, by path.
+    /// Reads and checks a graph. `texts` replaces the contents of files, by path.
     #[staticmethod]
     #[expect(clippy::too_many_arguments, reason = "the package calls it, with names")]
     fn load<'py>(
@@ -36,67 +36,68 @@ impl Graph {
         draft: bool,
         pins: bool,
         locked: bool,
-    ) -> PyResult<Loaded<'py>> {
+    ) -> PyResult<LoadResult<'py>> {
         let texts = texts.into_iter().collect();
         let options = Options { roots, set, texts, draft, pins, locked, ..Options::default() };
-        let checked =
-            on_threads(py, || maquette::Graph::load(&path, &CATALOG, &options).as_far_as_known())?;
-        let problems = plain::problems(py, &checked.problems)?;
+        let checked = on_threads(py, || {
+            maquette::Graph::load(&path, &CATALOG, &options).without_unknown_nodes()
+        })?;
+        let problems = plain::problems(py, &checked.diagnostics)?;
         let graph = checked.graph.map(|graph| Self { graph, path });
         Ok((graph, problems, checked.subgraphs))
     }
 
-    /// What it is for, in its author's words.
+    /// The description that the author wrote.
     #[getter]
     fn doc(&self) -> &str {
         self.graph.doc()
     }
 
-    /// Its text.
+    /// The text of the graph.
     #[getter]
     fn text(&self) -> &str {
         self.graph.source_text()
     }
 
-    /// The names of its nodes, each after those that it hangs on.
+    /// The names of all nodes; dependencies come first.
     #[getter]
     fn nodes(&self) -> Vec<&str> {
         self.graph.node_names().collect()
     }
 
-    /// Its inputs and parameters as a JSON schema.
+    /// The inputs and parameters as a JSON schema.
     fn schema<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         plain::from_json(py, self.graph.schema())
     }
 
-    /// The names, types and words of its inputs.
+    /// The name, type and description of each input.
     fn inputs(&self) -> Vec<(&str, &'static str, &str)> {
         let inputs = self.graph.inputs().iter();
         inputs.map(|input| (&input.name[..], input.kind.name, &input.doc[..])).collect()
     }
 
-    /// The names and types of what it gives.
+    /// The name and type of each output.
     fn results(&self) -> Vec<(&str, Option<&'static str>)> {
         self.graph.results().map(|(name, kind)| (name, kind.map(|kind| kind.name))).collect()
     }
 
-    /// Warnings of nodes that nothing needs.
+    /// Warnings about unused nodes.
     fn unused<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
-        plain::problems(py, self.graph.unused())
+        plain::problems(py, self.graph.unused_warnings())
     }
 
-    /// A value for a parameter as RON.
+    /// Formats a value for a parameter as RON.
     fn as_ron(&self, parameter: &str, value: &Bound<'_, PyAny>) -> PyResult<String> {
         let unknown = || PyKeyError::new_err(parameter.to_owned());
         self.graph.as_ron(parameter, &plain::to_json(value)?).ok_or_else(unknown)
     }
 
-    /// The picture of the graph.
+    /// The diagram of the graph as SVG.
     fn svg(&self) -> String {
         maquette::diagram::to_svg(&self.graph, &CATALOG)
     }
 
-    /// Its text with values put into it, or the problems that these would make.
+    /// Sets values in the graph's text. Returns the new text, or the errors that the values would cause.
     fn edited<'py>(
         &self,
         py: Python<'py>,
@@ -108,7 +109,7 @@ impl Graph {
         let options = Options { roots, texts, ..Options::default() };
         let edited = on_threads(py, || {
             let text = self.graph.source_text();
-            maquette::edit::edited(&self.path, text, &values, &CATALOG, &options)
+            maquette::edit::set_values(&self.path, text, &values, &CATALOG, &options)
         })?;
         match edited {
             Ok(edited) => Ok((Some(edited.text), PyList::empty(py))),

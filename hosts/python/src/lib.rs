@@ -1,6 +1,6 @@
-//! The engine for Python: graphs, runs and values as the package `maquette` wraps them.
+//! The native module of maquette for Python: graphs, runs and values, which the package `maquette` wraps.
 //!
-//! Nothing here is for users: names, defaults, documentation and what is convenient are in `python/maquette/`.
+//! Users do not call this module: names, defaults, documentation and convenience functions are in `python/maquette/`.
 
 mod column;
 mod graph;
@@ -20,17 +20,17 @@ use pyo3::prelude::*;
 
 use crate::value::Value;
 
-/// What the built-in packs offer.
+/// The catalog of the built-in packs.
 static CATALOG: LazyLock<Arc<Catalog>> =
     LazyLock::new(|| Arc::new(Catalog::new(maquette_nodes::PACKS)));
 
-/// All nodes and types of values, as `maquette nodes --json` prints them.
+/// Describes all nodes and value types, in the format of `maquette nodes --json`.
 #[pyfunction]
 fn catalog(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
     plain::from_json(py, &CATALOG.to_json())
 }
 
-/// The value in a file, of this type if there is one, and the doubts of its reader.
+/// Reads a value from a file, of type `kind` if it is given. Returns the value and the warnings of the reader.
 #[pyfunction]
 fn read(py: Python<'_>, path: PathBuf, kind: Option<&str>) -> PyResult<(Value, Vec<String>)> {
     let kind = kind.map(value::kind_of).transpose()?;
@@ -38,13 +38,13 @@ fn read(py: Python<'_>, path: PathBuf, kind: Option<&str>) -> PyResult<(Value, V
     read.map(|(value, doubts)| (Value::new(value), doubts)).map_err(PyValueError::new_err)
 }
 
-/// The whole command line with these words, the first of which is the program's name; gives its exit code.
+/// Runs the command line with these arguments, of which the first is the program's name. Returns the exit code.
 #[pyfunction]
 fn command_line(py: Python<'_>, words: Vec<OsString>) -> u8 {
     py.detach(|| maquette_cli::run(maquette_nodes::PACKS, words))
 }
 
-/// The engine.
+/// The Python module `_maquette`.
 #[pymodule]
 mod _maquette {
     #[pymodule_export]

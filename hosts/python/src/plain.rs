@@ -1,13 +1,13 @@
-//! Plain data for Python: what JSON says, and problems.
+//! Converts JSON values and diagnostics to plain Python objects.
 
-use maquette::Problem;
+use maquette::Diagnostic;
 use pyo3::IntoPyObjectExt;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyString};
 use serde_json::Value as Json;
 
-/// The same as dicts, lists, texts, numbers, bools and None.
+/// Converts JSON to dicts, lists, strings, numbers, bools and None.
 pub(crate) fn from_json<'py>(py: Python<'py>, json: &Json) -> PyResult<Bound<'py, PyAny>> {
     match json {
         Json::Null => Ok(py.None().into_bound(py)),
@@ -32,13 +32,13 @@ pub(crate) fn from_json<'py>(py: Python<'py>, json: &Json) -> PyResult<Bound<'py
     }
 }
 
-/// The deepest nesting of lists in the value of a parameter; a list that contains itself has no end.
+/// Maximum nesting of lists in the value of a parameter. A limit is needed, because a list may contain itself.
 const MAX_DEPTH: usize = 32;
 
-/// The value of a parameter as JSON.
+/// Converts the value of a parameter to JSON.
 ///
 /// # Errors
-/// If it is a text that is not valid Unicode, lists are nested too deeply, or it is neither a number, a text nor a list.
+/// If a string is not valid Unicode, lists are nested too deeply, or the value is neither a number, a string nor a list.
 pub(crate) fn to_json(value: &Bound<'_, PyAny>) -> PyResult<Json> {
     to_json_at(value, 0)
 }
@@ -56,7 +56,7 @@ fn to_json_at(value: &Bound<'_, PyAny>, depth: usize) -> PyResult<Json> {
     if let Ok(number) = value.extract::<f64>() {
         return Ok(number.into());
     }
-    // A text is a list of texts, too, so that one that cannot be read must not be taken for a list.
+    // A string is also a sequence of strings. If its text cannot be read, this is an error; it must not be treated as a list.
     if let Ok(text) = value.cast::<PyString>() {
         return Ok(text.to_cow()?.into());
     }
@@ -67,7 +67,7 @@ fn to_json_at(value: &Bound<'_, PyAny>, depth: usize) -> PyResult<Json> {
     Ok(Json::Array(items.collect::<PyResult<_>>()?))
 }
 
-/// Words of the command line in messages of runs, and what they are here.
+/// Replacements of command line options in messages of runs by the arguments of the Python functions.
 const WORDS: [(&str, &str); 7] = [
     ("--out chooses another folder", "`write(folder)` chooses another folder"),
     ("--cache chooses another folder", "`load(cache=..)` chooses another folder"),
@@ -78,42 +78,45 @@ const WORDS: [(&str, &str); 7] = [
     ("--set ", ""),
 ];
 
-/// The same in messages of the check, whose parts are those of `maquette check --json`; only the whole text says it otherwise.
+/// Replacements in messages of the check. Only the field `text` is replaced, so the other fields equal those of `maquette check --json`.
 const WORDS_OF_CHECK: [(&str, &str); 3] = [
     ("--out chooses the folder", "`write(folder)` chooses the folder"),
     ("or allow its folder with --root", "or allow its folder by `load(roots=..)`"),
     ("`maquette run --input ", "`run(inputs=..)`, or `maquette run --input "),
 ];
 
-/// A text with words of the module in place of those of the command line.
-fn reworded(text: &str, words: &[(&str, &str)]) -> String {
+/// Replaces command line options in a text.
+fn replace_words(text: &str, words: &[(&str, &str)]) -> String {
     words.iter().fold(text.to_owned(), |text, (from, to)| text.replace(from, to))
 }
 
-/// A text that says what went wrong with keeping and sharing results.
+/// Replaces command line options in a warning about the cache.
 pub(crate) fn trouble(text: &str) -> String {
-    reworded(text, &WORDS)
+    replace_words(text, &WORDS)
 }
 
-/// The same for all texts of a document.
+/// Replaces command line options in all strings of a JSON value.
 pub(crate) fn say_in_python(json: &mut Json) {
     match json {
-        Json::String(text) if text.contains("--") => *text = reworded(text, &WORDS),
+        Json::String(text) if text.contains("--") => *text = replace_words(text, &WORDS),
         Json::Array(items) => items.iter_mut().for_each(say_in_python),
         Json::Object(entries) => entries.values_mut().for_each(say_in_python),
         _ => {}
     }
 }
 
-/// Problems as dicts: what `--json` prints of them, and `text`, as a terminal shows them.
-pub(crate) fn problems<'py>(py: Python<'py>, problems: &[Problem]) -> PyResult<Bound<'py, PyList>> {
+/// Converts diagnostics to dicts. They have the fields of `--json` and the field `text`, the message as on a terminal.
+pub(crate) fn problems<'py>(
+    py: Python<'py>,
+    problems: &[Diagnostic],
+) -> PyResult<Bound<'py, PyList>> {
     PyList::new(
         py,
         problems
             .iter()
             .map(|problem| {
                 let mut json = problem.to_json();
-                json["text"] = reworded(&problem.to_text(false), &WORDS_OF_CHECK).into();
+                json["text"] = replace_words(&problem.to_text(false), &WORDS_OF_CHECK).into();
                 say_in_python(&mut json);
                 from_json(py, &json)
             })

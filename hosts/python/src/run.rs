@@ -1,9 +1,9 @@
-//! What a run gave.
+//! The results of runs for Python.
 
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use maquette::{CancelToken, OutputFolder, Written};
+use maquette::{CancelToken, OutputFile, OutputFolder};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyList;
@@ -14,27 +14,27 @@ use crate::session::Host;
 use crate::value::Value;
 use crate::workers::on_a_thread;
 
-/// What a run gave.
+/// The result of a run and the session that made it.
 #[pyclass(frozen)]
 pub(crate) struct Finished {
-    found: Arc<maquette::Finished>,
+    found: Arc<maquette::RunResult>,
     host: Arc<Host>,
 }
 
 impl Finished {
-    pub(crate) fn new(found: maquette::Finished, host: Arc<Host>) -> Self {
+    pub(crate) fn new(found: maquette::RunResult, host: Arc<Host>) -> Self {
         Self { found: Arc::new(found), host }
     }
 }
 
 #[pymethods]
 impl Finished {
-    /// The value of an output, a node or an output of a node.
+    /// Returns the value of an output, of a node, or of a node's output.
     fn value(&self, name: &str) -> Option<Value> {
         self.found.value(name).cloned().map(Value::new)
     }
 
-    /// What happened to each node.
+    /// Returns the trace: the state of each node.
     fn trace<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let nodes = self.found.trace().0.into_iter().map(|node| node.to_json());
         let mut nodes = Json::Array(nodes.collect());
@@ -42,13 +42,13 @@ impl Finished {
         plain::from_json(py, &nodes)
     }
 
-    /// What failed, what nodes warn of, and what does not hold.
+    /// Returns errors, warnings of nodes, and failed expectations.
     fn problems<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
-        plain::problems(py, &self.found.problems())
+        plain::problems(py, &self.found.diagnostics())
     }
 
-    /// Writes outputs, all if none is named, to a folder, by default that of the graph's drafts or final results. `signs`: whether files
-    /// tell where they came from. `kept`: files that are not replaced. Returns the files, and what could not be written.
+    /// Writes the outputs in `only`, or all outputs if `only` is empty. The default folder is that of the graph's draft or final results.
+    /// If `signs` is true, files record their provenance. Files in `kept` are not replaced. Returns the written files and the errors.
     #[expect(clippy::too_many_arguments, reason = "the package calls it, with names")]
     fn write<'py>(
         &self,
@@ -74,13 +74,13 @@ impl Finished {
         let cancel = CancelToken::default();
         let (host, found, token) = (self.host.clone(), self.found.clone(), cancel.clone());
         let done = on_a_thread(py, move || {
-            host.with(|session| session.write(&found, &only, &folder, &token))
+            host.with_session(|session| session.write(&found, &only, &folder, &token))
         });
         let (written, problems) = done.inspect_err(|_| cancel.cancel())?;
-        let described = Json::Array(written.iter().map(Written::to_json).collect());
+        let described = Json::Array(written.iter().map(OutputFile::to_json).collect());
         let described = plain::from_json(py, &described)?;
         for (file, description) in written.iter().zip(described.try_iter()?) {
-            // JSON has no paths that are not UTF-8.
+            // The JSON description cannot contain a path that is not valid UTF-8.
             description?.set_item("path", file.path.as_os_str())?;
         }
         Ok((described, plain::problems(py, &problems)?))

@@ -1,8 +1,9 @@
-//! Sessions: what is known from one run to the next, and the runs.
+//! Sessions for Python: they run graphs and keep results between runs.
 //!
-//! A run has its own thread. The caller waits without the interpreter's lock, checks for signals every 20 ms, and continues 80 ms after an
-//! interrupt even if a node does not stop; such a run ends by itself. No lock that a thread may hold without the interpreter's lock is
-//! taken around a `fork`. What belongs to another process is neither used nor dropped, because its threads do not exist here.
+//! Each run has its own thread. The calling thread waits without the interpreter's lock and checks for signals every 20 ms. After an
+//! interrupt it waits at most 80 ms for the run and then continues, even if a node does not stop; the run ends later by itself. When Python
+//! forks, no thread may hold a lock that the child needs, so such locks are held only together with the interpreter's lock. A child neither
+//! uses nor drops objects of its parent process, because their threads do not exist in the child.
 
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -11,7 +12,7 @@ use std::sync::{Arc, Mutex, Weak};
 use std::time::{Duration, Instant};
 
 use maquette::{
-    CacheFolder, CacheServer, CancelToken, Observer, Problem, Run, Settings, State, Wanted,
+    CacheFolder, CacheServer, CancelToken, Diagnostic, Observer, Run, Settings, State, Targets,
 };
 use pyo3::exceptions::{PyRuntimeError, PyTimeoutError, PyValueError};
 use pyo3::prelude::*;
@@ -23,20 +24,20 @@ use crate::value::Value;
 use crate::workers::{LOOK, lock, of_graphs};
 use crate::{CATALOG, plain};
 
-/// How long an interrupted run may take to stop before the caller goes on without it.
+/// Maximum time that the caller waits for the end of an interrupted run.
 const PATIENCE: Duration = Duration::from_millis(80);
 
-/// Results from one run to the next, in one process.
+/// The engine's session, with the results that it keeps, in one process.
 pub(crate) struct Host {
     process: u32,
-    /// None only while it is dropped.
+    /// `None` only while the host is dropped.
     session: Option<Mutex<maquette::Session>>,
 }
 
 impl Host {
     fn new(settings: &Settings) -> PyResult<Arc<Self>> {
         let threads = of_graphs(settings.threads)?;
-        let session = maquette::Session::on(threads, CATALOG.clone(), settings);
+        let session = maquette::Session::with_threads(threads, CATALOG.clone(), settings);
         let session = session.map_err(|error| PyValueError::new_err(error.to_string()))?;
         let host =
             Arc::new(Self { process: std::process::id(), session: Some(Mutex::new(session)) });
@@ -46,7 +47,7 @@ impl Host {
         Ok(host)
     }
 
-    /// The process that it is of.
+    /// The id of the process that made the host.
     pub(crate) fn process(&self) -> u32 {
         self.process
     }
@@ -55,8 +56,8 @@ impl Host {
         self.process == std::process::id()
     }
 
-    /// Does something with the session, once nobody else does.
-    pub(crate) fn with<R>(&self, work: impl FnOnce(&mut maquette::Session) -> R) -> R {
+    /// Waits until no other thread uses the session, and calls a function with it.
+    pub(crate) fn with_session<R>(&self, work: impl FnOnce(&mut maquette::Session) -> R) -> R {
         match &self.session {
             Some(session) => work(&mut lock(session)),
             None => unreachable!("a host has its session until it is dropped"),
@@ -67,33 +68,33 @@ impl Host {
 impl Drop for Host {
     fn drop(&mut self) {
         if !self.is_of_this_process() {
-            // Its threads are the parent's: whoever waits for their end here waits for ever.
+            // The session's threads belong to the parent process: waiting for their end would never return.
             std::mem::forget(self.session.take());
         }
     }
 }
 
-/// All hosts. Locked only by who holds the interpreter's lock, so that no child is made meanwhile.
+/// All hosts of the process. Locked only while the interpreter's lock is held, so no child is forked meanwhile.
 static HOSTS: Mutex<Vec<Weak<Host>>> = Mutex::new(Vec::new());
 
-/// Waits until all results that are worth it are on disk, and gives what went wrong with it.
+/// Waits until all pending results are on disk. Returns the warnings of the caches.
 #[pyfunction]
 pub(crate) fn finish_all(py: Python<'_>) -> Vec<String> {
     let hosts: Vec<_> = lock(&HOSTS).iter().filter_map(Weak::upgrade).collect();
     py.detach(|| {
         let mut troubles = Vec::new();
         for session in hosts.iter().filter(|host| host.is_of_this_process()) {
-            // One that still runs was left alone by who asked for it.
+            // A session that is still locked has a run whose caller was interrupted; it is not waited for.
             if let Some(Ok(session)) = session.session.as_ref().map(Mutex::try_lock) {
                 session.finish();
-                troubles.extend(session.troubles().iter().map(|it| plain::trouble(it)));
+                troubles.extend(session.cache_warnings().iter().map(|it| plain::trouble(it)));
             }
         }
         troubles
     })
 }
 
-/// Stops runs: each that was given it.
+/// A token that cancels the runs to which it is given.
 #[pyclass(frozen)]
 pub(crate) struct Cancel(CancelToken);
 
@@ -104,19 +105,19 @@ impl Cancel {
         Self(CancelToken::default())
     }
 
-    /// Stops them.
+    /// Cancels all runs with this token.
     fn cancel(&self) {
         self.0.cancel();
     }
 
-    /// Whether somebody did.
+    /// Returns true if the token was cancelled.
     #[getter]
     fn is_cancelled(&self) -> bool {
         self.0.is_cancelled()
     }
 }
 
-/// What runs graphs and remembers results.
+/// Runs graphs and keeps their results.
 #[pyclass(frozen)]
 pub(crate) struct Session {
     settings: Settings,
@@ -124,7 +125,7 @@ pub(crate) struct Session {
 }
 
 impl Session {
-    /// The host of this process: a child made by `fork` gets one of its own.
+    /// Returns the host of this process; a forked child makes its own.
     fn host(&self) -> PyResult<Arc<Host>> {
         let mut host = lock(&self.host);
         if !host.is_of_this_process() {
@@ -136,9 +137,9 @@ impl Session {
 
 #[pymethods]
 impl Session {
-    /// `cache`: a folder, empty for none, None for that of the command line.
-    /// `max_memory`: what results and nodes under way may hold together. `server`: the address through which machines share results, None
-    /// for that of the command line. `verify`: the share of known results that are computed all the same.
+    /// `cache`: the cache folder; an empty path means no cache, and None the folder of the command line. `max_memory`: the memory limit for
+    /// results and running nodes together. `server`: the URL of a shared cache; None means the one of the command line. `verify`: the
+    /// fraction of cached results that are computed again for comparison.
     #[new]
     fn new(
         cache: Option<PathBuf>,
@@ -163,42 +164,44 @@ impl Session {
         Ok(Self { settings, host })
     }
 
-    /// What went wrong with keeping and sharing results so far; nothing while a run is under way, which nobody is to wait for.
+    /// Returns the warnings of the cache so far. Does not wait: during a run the list is empty.
     fn troubles(&self) -> PyResult<Vec<String>> {
         let host = self.host()?;
         let Some(Ok(session)) = host.session.as_ref().map(Mutex::try_lock) else {
             return Ok(Vec::new());
         };
-        let mut troubles = session.troubles();
+        let mut troubles = session.cache_warnings();
         if troubles.is_empty() {
-            troubles.extend(session.trouble().map(str::to_owned));
+            troubles.extend(session.disk_warning().map(str::to_owned));
         }
         Ok(troubles.iter().map(|it| plain::trouble(it)).collect())
     }
 
-    /// Why a node would run, or why not.
+    /// Explains why a node would run or would not run.
     fn why(&self, py: Python<'_>, graph: &Graph, node: &str) -> PyResult<Option<String>> {
         let host = self.host()?;
-        Ok(py.detach(|| host.with(|session| session.why(&graph.graph, node))))
+        Ok(py.detach(|| host.with_session(|session| session.explain(&graph.graph, node))))
     }
 
-    /// Drops every result in memory.
+    /// Drops all results in memory.
     fn forget(&self, py: Python<'_>) -> PyResult<()> {
         let host = self.host()?;
-        py.detach(|| host.with(maquette::Session::forget));
+        py.detach(|| host.with_session(maquette::Session::forget));
         Ok(())
     }
 
-    /// The values that files hold, for inputs by name, and warnings; or the problems, if there is no value.
+    /// Reads files as values for inputs, by name. Returns the values and the warnings, or None and the errors.
     fn read_inputs<'py>(
         &self,
         py: Python<'py>,
         graph: &Graph,
         files: Vec<(String, PathBuf)>,
-    ) -> PyResult<Told<'py, HashMap<String, Value>>> {
+    ) -> PyResult<Reported<'py, HashMap<String, Value>>> {
         let host = self.host()?;
         let read = py.detach(|| {
-            host.with(|session| session.install(|| session.read_inputs(&graph.graph, &files)))
+            host.with_session(|session| {
+                session.install(|| session.read_inputs(&graph.graph, &files))
+            })
         });
         match read {
             Ok((values, warnings)) => {
@@ -209,10 +212,10 @@ impl Session {
         }
     }
 
-    /// Evaluates a graph on a thread of its own. `outputs`: whether all outputs are wanted; `nodes`: what is wanted beside them. `told` is
-    /// called with (what happened, node, number). `timeout`: how many seconds it may take.
+    /// Runs a graph on a new thread. If `outputs` is true, all outputs are computed. `nodes` are additional targets. `told` is called with
+    /// (event, node, number). `timeout` is the maximum time in seconds.
     ///
-    /// Gives what was found, or the problems for which nothing was run; neither if it was cancelled.
+    /// Returns the result; or None and the errors that prevented the run; or None and no errors if the run was cancelled.
     #[expect(clippy::too_many_arguments, reason = "the package calls it, with names")]
     fn run<'py>(
         &self,
@@ -224,15 +227,15 @@ impl Session {
         told: Option<Bound<'py, PyAny>>,
         cancel: &Cancel,
         timeout: Option<f64>,
-    ) -> PyResult<Told<'py, Finished>> {
+    ) -> PyResult<Reported<'py, Finished>> {
         let end = timeout.and_then(|seconds| {
             Instant::now().checked_add(Duration::try_from_secs_f64(seconds).ok()?)
         });
         let host = self.host()?;
         let wanted = match (outputs, nodes.is_empty()) {
-            (true, true) => Wanted::Outputs,
-            (true, false) => Wanted::OutputsAnd(nodes),
-            (false, _) => Wanted::Named(nodes),
+            (true, true) => Targets::Outputs,
+            (true, false) => Targets::OutputsAnd(nodes),
+            (false, _) => Targets::Named(nodes),
         };
         let inputs = inputs.into_iter().map(|(name, value)| (name, value.any().clone())).collect();
         let (news, heard) = channel();
@@ -241,19 +244,19 @@ impl Session {
         std::thread::Builder::new().name("maquette".into()).spawn({
             let (host, graph, cancel) = (host.clone(), graph.graph.clone(), cancel.clone());
             move || {
-                let found = host.with(|session| {
+                let found = host.with_session(|session| {
                     let observer: &dyn Observer = &job;
-                    session.run(&graph, &Run { wanted, inputs, observer, cancel })
+                    session.run(&graph, &Run { targets: wanted, inputs, observer, cancel })
                 });
-                // Without anybody who waits, it is left to the cache.
-                let _ = job.news.send(News::Done(Box::new(found)));
+                // If the caller does not wait anymore, the result is dropped, but the cache may keep its parts.
+                let _ = job.news.send(RunEvent::Done(Box::new(found)));
             }
         })?;
         match listen(py, &Mutex::new(heard), told.as_ref(), &cancel, end) {
             Ok(_) if cancel.is_cancelled() => Ok((None, PyList::empty(py))),
             Ok(Ok(found)) => Ok((Some(Finished::new(found, host)), PyList::empty(py))),
             Ok(Err(problems)) => Ok((None, plain::problems(py, &problems)?)),
-            Err(Stopped { error, heard }) => {
+            Err(RunOutcome { error, heard }) => {
                 cancel.cancel();
                 py.detach(|| wait(heard));
                 error.map_or_else(|| Ok((None, PyList::empty(py))), Err)
@@ -262,37 +265,38 @@ impl Session {
     }
 }
 
-/// Something, if there is no error, and problems.
-type Told<'py, T> = (Option<T>, Bound<'py, PyList>);
+/// A result, or None if there are errors, and the diagnostics.
+type Reported<'py, T> = (Option<T>, Bound<'py, PyList>);
 
-/// What a run says.
-enum News {
+/// An event that the thread of a run sends to the caller.
+enum RunEvent {
     Told(&'static str, String, f64),
-    Done(Box<Result<maquette::Finished, Vec<Problem>>>),
+    Done(Box<Result<maquette::RunResult, Vec<Diagnostic>>>),
 }
 
-/// Why nobody listens any more.
-struct Stopped<'a> {
-    /// None if the run was cancelled.
+/// A run that the caller does not wait for anymore, because of an error, a signal, a timeout or cancellation.
+struct RunOutcome<'a> {
+    /// The Python exception to raise, or `None` if the run was cancelled.
     error: Option<PyErr>,
-    heard: &'a Mutex<Receiver<News>>,
+    heard: &'a Mutex<Receiver<RunEvent>>,
 }
 
-/// Listens until the run is done or cancelled, the time is over, a signal has come, or the one who is told raises.
+/// Waits for the events of a run and calls `told` for each. Returns an error if the run is cancelled, the time is over, a signal arrives,
+/// or `told` raises an exception.
 fn listen<'a>(
     py: Python<'_>,
-    heard: &'a Mutex<Receiver<News>>,
+    heard: &'a Mutex<Receiver<RunEvent>>,
     told: Option<&Bound<'_, PyAny>>,
     cancel: &CancelToken,
     end: Option<Instant>,
-) -> Result<Result<maquette::Finished, Vec<Problem>>, Stopped<'a>> {
-    let stopped = |error| Stopped { error: Some(error), heard };
+) -> Result<Result<maquette::RunResult, Vec<Diagnostic>>, RunOutcome<'a>> {
+    let stopped = |error| RunOutcome { error: Some(error), heard };
     loop {
         let left = end.map(|end| end.saturating_duration_since(Instant::now()));
         let wait = left.map_or(LOOK, |left| left.min(LOOK));
         match py.detach(|| lock(heard).recv_timeout(wait)) {
-            Ok(News::Done(found)) => return Ok(*found),
-            Ok(News::Told(what, node, number)) => {
+            Ok(RunEvent::Done(found)) => return Ok(*found),
+            Ok(RunEvent::Told(what, node, number)) => {
                 if let Some(told) = told {
                     told.call1((what, node, number)).map_err(stopped)?;
                 }
@@ -306,7 +310,7 @@ fn listen<'a>(
         }
         py.check_signals().map_err(stopped)?;
         if cancel.is_cancelled() {
-            return Err(Stopped { error: None, heard });
+            return Err(RunOutcome { error: None, heard });
         }
         if left.is_some_and(|left| left.is_zero()) {
             return Err(stopped(PyTimeoutError::new_err("the run took longer than its timeout")));
@@ -314,44 +318,45 @@ fn listen<'a>(
     }
 }
 
-/// Waits a little until a cancelled run is done.
-fn wait(heard: &Mutex<Receiver<News>>) {
+/// Waits for the end of a cancelled run, at most `PATIENCE`.
+fn wait(heard: &Mutex<Receiver<RunEvent>>) {
     let end = Instant::now() + PATIENCE;
     while let Some(left) = end.checked_duration_since(Instant::now()) {
         match lock(heard).recv_timeout(left) {
-            Ok(News::Told(..)) => {}
-            Ok(News::Done(_)) | Err(_) => return,
+            Ok(RunEvent::Told(..)) => {}
+            Ok(RunEvent::Done(_)) | Err(_) => return,
         }
     }
 }
 
-/// Says what happens to who wants to be told.
+/// The observer of a run: sends its events to the calling thread.
 struct Job {
-    news: Sender<News>,
+    news: Sender<RunEvent>,
     told: bool,
-    /// When a node last told how far it is: some do thousands of times a second.
+    /// The time of the last progress event. Events in between are dropped, because some nodes report progress thousands of times per
+    /// second.
     last: Mutex<Instant>,
 }
 
 impl Job {
     fn tell(&self, what: &'static str, node: &str, number: f64) {
         if self.told {
-            // Who was interrupted listens no more.
-            let _ = self.news.send(News::Told(what, node.to_owned(), number));
+            // An interrupted caller does not receive events anymore.
+            let _ = self.news.send(RunEvent::Told(what, node.to_owned(), number));
         }
     }
 }
 
 impl Observer for Job {
-    fn unchanged(&self, count: usize) {
+    fn on_unchanged(&self, count: usize) {
         self.tell("unchanged", "", count as f64);
     }
 
-    fn started(&self, node: &str) {
+    fn on_start(&self, node: &str) {
         self.tell("started", node, 0.0);
     }
 
-    fn progress(&self, node: &str, share: f64) {
+    fn on_progress(&self, node: &str, share: f64) {
         let mut last = lock(&self.last);
         if LOOK < last.elapsed() {
             *last = Instant::now();
@@ -359,7 +364,7 @@ impl Observer for Job {
         }
     }
 
-    fn finished(&self, node: &str, state: State, seconds: f64) {
+    fn on_finish(&self, node: &str, state: State, seconds: f64) {
         self.tell(state.word(), node, seconds);
     }
 }

@@ -1,11 +1,11 @@
-//! Values: what they are made of, files of them, and pictures.
+//! Values for Python: their parts, files and pictures.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
-use maquette::render::{Kind, Look, Projection, View, picture};
-use maquette::value::{FactValue, Items, Meaning, Mesh, On, Parts};
+use maquette::render::{Look, Projection, Representation, View, picture};
+use maquette::value::{ElementKind, FactValue, Items, Meaning, Mesh, Parts};
 use maquette::{AnyValue, Error, NewFile, Tolerance, ValueType, compare};
 use numpy::{PyArrayDescrMethods, PyReadonlyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyMemoryError, PyOSError, PyTypeError, PyValueError};
@@ -16,11 +16,11 @@ use crate::column::Column;
 use crate::workers::{on_threads, until_signal};
 use crate::{CATALOG, plain};
 
-/// A value on a link.
+/// A value, such as a mesh or an image.
 #[pyclass(frozen)]
 pub(crate) struct Value {
     value: AnyValue,
-    /// Its facts and columns, once somebody has asked for them.
+    /// The facts and columns, which are made when they are first needed.
     made_of: OnceLock<MadeOf>,
 }
 
@@ -44,39 +44,42 @@ impl Value {
         }
         let (facts, columns) = on_threads(py, || {
             let parts = self.value.parts();
-            let columns: Vec<_> =
-                parts.columns.iter().map(|part| Column::of(&self.value, part, parts.row)).collect();
+            let columns: Vec<_> = parts
+                .columns
+                .iter()
+                .map(|part| Column::new(&self.value, part, parts.row))
+                .collect();
             let facts = parts.facts.into_iter().map(|fact| (fact.name.into_owned(), fact.value));
             (Vec::from_iter(facts), columns)
         })?;
         let columns =
             columns.into_iter().map(|column| Py::new(py, column)).collect::<PyResult<_>>()?;
-        // Another thread may have been faster; both have the same.
+        // If another thread was faster, its result is used; both results are equal.
         Ok(self.made_of.get_or_init(|| MadeOf { facts, columns }))
     }
 }
 
 #[pymethods]
 impl Value {
-    /// The name of its type.
+    /// The name of the value's type.
     #[getter]
     fn kind(&self) -> &'static str {
         self.value.kind().name
     }
 
-    /// The hash of its content, 64 hexadecimal digits.
+    /// The hash of the value's content, 64 hexadecimal digits.
     #[getter]
     fn hash(&self) -> String {
         self.value.hash().to_string()
     }
 
-    /// How much memory it holds, in bytes.
+    /// The memory of the value in bytes.
     #[getter]
     fn size(&self) -> usize {
         self.value.size()
     }
 
-    /// What its constructor counts and knows, by name.
+    /// Returns the facts and counts that are needed to make the value from columns, by name.
     fn facts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let facts = PyDict::new(py);
         for (name, fact) in &self.made_of(py)?.facts {
@@ -90,32 +93,33 @@ impl Value {
         Ok(facts)
     }
 
-    /// Its columns.
+    /// Returns the columns of the value.
     fn columns<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
         PyList::new(py, &self.made_of(py)?.columns)
     }
 
-    /// What a reader wants to know first.
+    /// Returns a summary of the value.
     fn describe<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let value = self.value.clone();
         let summary = until_signal(py, move || value.describe())?;
         dict(py, &summary.0)
     }
 
-    /// What is at a pixel.
+    /// Returns a summary of the element at a pixel.
     fn probe<'py>(&self, py: Python<'py>, at: [usize; 2]) -> PyResult<Bound<'py, PyDict>> {
         let summary = on_threads(py, || self.value.probe(at))?;
         dict(py, &summary.0)
     }
 
-    /// The files, by name and content, as which it is written, and what they cannot tell of it.
+    /// Returns the files that contain the value in the format of `name`, with their names and contents, and warnings of lost data.
     fn files<'py>(&self, py: Python<'py>, name: String) -> PyResult<Files<'py>> {
         let (files, doubts) = self.written(py, name)?;
         let files = files.into_iter().map(|it| (it.name, PyBytes::new(py, &it.bytes)));
         Ok((files.collect(), doubts))
     }
 
-    /// Writes these files to where `path` is, and gives their paths, and what they cannot tell of it.
+    /// Writes the value to the file `path` and, if its format needs them, to other files beside it. Returns all paths, and warnings of lost
+    /// data.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<(Vec<PathBuf>, Vec<String>)> {
         let name = path.file_name().unwrap_or_default().to_str().map(str::to_owned);
         let name = name.ok_or_else(|| {
@@ -125,7 +129,7 @@ impl Value {
         let (files, doubts) = self.written(py, name)?;
         let paths = py.detach(|| maquette::save(files, &path)).map_err(|error| {
             match error.system_code() {
-                // The class of the error follows from its code.
+                // Python chooses the subclass of OSError by the error code.
                 Some(code) => {
                     PyOSError::new_err((code, error.to_string(), error.path.into_os_string()))
                 }
@@ -135,7 +139,8 @@ impl Value {
         Ok((paths, doubts))
     }
 
-    /// A picture of it: from the front, as far to the right and above as these angles say; of this size, else as large as it is.
+    /// Renders the value from the front, rotated to the right and upwards by these angles. Without a size, the picture has the value's
+    /// native size.
     fn render(
         &self,
         py: Python<'_>,
@@ -147,17 +152,17 @@ impl Value {
     ) -> PyResult<Option<Self>> {
         let flat = [Projection::Perspective, Projection::Orthographic];
         let projection = flat[usize::from(orthographic)];
-        let kind = if size.is_some() { Kind::Fitted } else { Kind::Own };
+        let kind = if size.is_some() { Representation::Fitted } else { Representation::Native };
         let size = size.unwrap_or(View::front().size);
         check_room(size[0].saturating_mul(size[1]).saturating_mul(BYTES_PER_PIXEL))?;
         let view = View { size, yaw, pitch, zoom, projection, aim: None };
-        let look = Look { view, kind, below: None };
+        let look = Look { view, representation: kind, backdrop: None };
         let value = self.value.clone();
         let drawn = until_signal(py, move || picture(&value.show(), &look).map(AnyValue::new))?;
         Ok(drawn.map(Self::new))
     }
 
-    /// The ends of a mesh's edges, and the edge at which each corner's side begins.
+    /// Returns two columns for a mesh: the two vertices of each edge, and the edge that begins at each corner.
     fn edges(&self, py: Python<'_>) -> PyResult<Option<(Column, Column)>> {
         let Some(mesh) = self.value.get::<Mesh>() else { return Ok(None) };
         let edges = on_threads(py, || mesh.edges())?;
@@ -165,7 +170,7 @@ impl Value {
         Ok(Some((ends, Column::list("edge of a corner", edges.of_corner, 1))))
     }
 
-    /// How it differs from another value, as `maquette compare --json` prints it.
+    /// Returns the differences from another value, in the format of `maquette compare --json`.
     #[expect(clippy::too_many_arguments, reason = "the package calls it, with names")]
     fn compare<'py>(
         &self,
@@ -196,7 +201,7 @@ impl Value {
         plain::from_json(py, &comparison.to_json())
     }
 
-    /// The unit normals of a mesh's vertices.
+    /// Returns the unit normals of a mesh's vertices.
     fn normals(&self, py: Python<'_>) -> PyResult<Option<Column>> {
         let Some(mesh) = self.value.get::<Mesh>() else { return Ok(None) };
         let normals = on_threads(py, || mesh.vertex_normals())?;
@@ -204,14 +209,14 @@ impl Value {
         Ok(Some(Column::list("normals", Vec::from_iter(normals), 3)))
     }
 
-    /// Its faces as triangles, with their corners by index among the corners of all faces.
+    /// Returns the faces of a mesh as triangles, given by indices of corners.
     fn triangle_corners(&self, py: Python<'_>) -> PyResult<Option<Column>> {
         let Some(mesh) = self.value.get::<Mesh>() else { return Ok(None) };
         let triangles = on_threads(py, || mesh.triangle_corners().into_flattened())?;
         Ok(Some(Column::list("triangle corners", triangles, 3)))
     }
 
-    /// Its faces as triangles; larger ones are cut along diagonals within them.
+    /// Returns the faces of a mesh as triangles, given by indices of vertices. Larger faces are cut along inner diagonals.
     fn triangles(&self, py: Python<'_>) -> PyResult<Option<Column>> {
         let Some(mesh) = self.value.get::<Mesh>() else { return Ok(None) };
         let triangles = on_threads(py, || mesh.triangles().as_flattened().to_vec())?;
@@ -220,7 +225,7 @@ impl Value {
 }
 
 impl Value {
-    /// The files as which it is written, and what they cannot tell of it.
+    /// Returns the files that contain the value in the format of `name`, and warnings of lost data.
     fn written(&self, py: Python<'_>, name: String) -> PyResult<(Vec<NewFile>, Vec<String>)> {
         let value = self.value.clone();
         let written = until_signal(py, move || {
@@ -231,7 +236,7 @@ impl Value {
     }
 }
 
-/// Files by name and content, and what they cannot tell of a value.
+/// The names and contents of files, and warnings of lost data.
 type Files<'py> = (Vec<(String, Bound<'py, PyBytes>)>, Vec<String>);
 
 fn dict<'py>(
@@ -245,23 +250,24 @@ fn dict<'py>(
     Ok(dict)
 }
 
-/// What a pixel of a picture takes while it is drawn: its color and its depth.
+/// Number of bytes per pixel that rendering needs: color and depth.
 const BYTES_PER_PIXEL: usize = 4;
 
-/// Raises MemoryError if there is no room for so many bytes, where asking for them would end the process.
+/// Raises MemoryError if this number of bytes cannot be allocated. An attempt to allocate them without this check would end the process.
 fn check_room(bytes: usize) -> PyResult<()> {
     let tried = Vec::<u8>::new().try_reserve_exact(bytes);
     tried.map_err(|_| PyMemoryError::new_err(format!("there is no room for {bytes} bytes")))
 }
 
-/// The type of values of this name.
+/// Returns the value type with this name.
 pub(crate) fn kind_of(name: &str) -> PyResult<&'static ValueType> {
     CATALOG
         .value_type(name)
         .ok_or_else(|| PyValueError::new_err(format!("there is no type of values `{name}`")))
 }
 
-/// A value made of columns: (name, what its elements are, what its numbers mean, numbers an element, array without gaps) each.
+/// Makes a value from columns. Each column is given as (name, element kind, meaning of the numbers, components per element, contiguous
+/// array).
 #[pyfunction]
 pub(crate) fn make(
     py: Python<'_>,
@@ -271,14 +277,14 @@ pub(crate) fn make(
     row: Option<usize>,
 ) -> PyResult<Value> {
     let kind = kind_of(kind)?;
-    let arrays = columns.iter().map(|(.., array)| Array::of(array));
+    let arrays = columns.iter().map(|(.., array)| Array::from_array(array));
     let arrays = arrays.collect::<PyResult<Vec<_>>>()?;
     let bytes = columns.iter().map(|(.., array)| array.len() * array.dtype().itemsize());
     check_room(bytes.sum::<usize>().saturating_mul(2))?;
     let mut parts = Parts { row, ..Parts::default() };
     for ((name, on, meaning, width, _), array) in columns.iter().zip(&arrays) {
-        let on = On::named(on).map_err(PyValueError::new_err)?;
-        let meaning = Meaning::named(meaning).map_err(PyValueError::new_err)?;
+        let on = ElementKind::from_word(on).map_err(PyValueError::new_err)?;
+        let meaning = Meaning::from_word(meaning).map_err(PyValueError::new_err)?;
         parts.push(&name[..], on, meaning, *width, array.items()?);
     }
     for (name, fact) in facts {
@@ -288,7 +294,7 @@ pub(crate) fn make(
     value.map(Value::new).map_err(|error| PyValueError::new_err(error.to_string()))
 }
 
-/// An array of one of the kinds of numbers that columns have.
+/// A NumPy array with one of the number types that columns can have.
 enum Array<'py> {
     F64(PyReadonlyArrayDyn<'py, f64>),
     F32(PyReadonlyArrayDyn<'py, f32>),
@@ -297,7 +303,7 @@ enum Array<'py> {
 }
 
 impl<'py> Array<'py> {
-    fn of(array: &Bound<'py, PyUntypedArray>) -> PyResult<Self> {
+    fn from_array(array: &Bound<'py, PyUntypedArray>) -> PyResult<Self> {
         if let Ok(array) = array.extract() {
             return Ok(Self::F64(array));
         }

@@ -1,4 +1,4 @@
-//! Threads for work on graphs and values, while Python goes on with its own.
+//! Threads that work on graphs and values while Python continues.
 
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -10,29 +10,30 @@ use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use rayon::ThreadPool;
 
-/// How often the caller looks for signals while something is done on other threads.
+/// Interval at which the calling thread checks for signals while it waits for another thread.
 pub(crate) const LOOK: Duration = Duration::from_millis(20);
 
-/// The threads of a process. A child made by `fork` has none of its parent's: work that is handed to those would wait for ever.
+/// The thread pools of a process. A forked child needs its own: its parent's threads do not exist in the child, so they would never do any
+/// work.
 struct Workers {
     process: u32,
-    /// Those for work on values.
+    /// The thread pool for work on values.
     values: Arc<ThreadPool>,
-    /// Those that graphs share, by how many are asked for.
+    /// The thread pools for graphs, by their number of threads.
     graphs: HashMap<usize, Arc<ThreadPool>>,
 }
 
-/// Is locked only by who holds the interpreter's lock, so that no child is made meanwhile.
+/// Locked only while the interpreter's lock is held, so no child is forked meanwhile.
 static WORKERS: Mutex<Option<Workers>> = Mutex::new(None);
 
-/// Does something on threads of our own, while other threads of Python go on.
+/// Runs a function on the pool for values, while other Python threads continue.
 pub(crate) fn on_threads<R: Send>(py: Python<'_>, work: impl FnOnce() -> R + Send) -> PyResult<R> {
     let threads = of_process(|workers| Ok(workers.values.clone()))?;
     Ok(py.detach(|| threads.install(work)))
 }
 
-/// Does something that may take long on threads of our own, while the caller looks for signals. If one raises, the work is left to its end
-/// alone.
+/// Runs a slow function on the pool for values, while the caller checks for signals. If a signal handler raises an exception, the caller
+/// returns at once and the work ends later by itself.
 pub(crate) fn until_signal<R: Send + 'static>(
     py: Python<'_>,
     work: impl FnOnce() -> R + Send + 'static,
@@ -41,14 +42,15 @@ pub(crate) fn until_signal<R: Send + 'static>(
     on_a_thread(py, move || threads.install(work))
 }
 
-/// The same on a thread of its own.
+/// Runs a function on a new thread, while the caller checks for signals. If a signal handler raises an exception, the caller returns at
+/// once.
 pub(crate) fn on_a_thread<R: Send + 'static>(
     py: Python<'_>,
     work: impl FnOnce() -> R + Send + 'static,
 ) -> PyResult<R> {
     let (done, result) = channel();
     std::thread::Builder::new().name("maquette".into()).spawn(move || {
-        // Who was interrupted listens no more.
+        // An interrupted caller does not receive the result.
         let _ = done.send(catch_unwind(AssertUnwindSafe(work)));
     })?;
     let result: Mutex<Receiver<_>> = Mutex::new(result);
@@ -64,7 +66,7 @@ pub(crate) fn on_a_thread<R: Send + 'static>(
     }
 }
 
-/// The threads, this many or as many as the machine has, that all graphs share which ask for as many.
+/// Returns the shared pool with this number of threads; 0 means as many as the machine has.
 pub(crate) fn of_graphs(threads: usize) -> PyResult<Arc<ThreadPool>> {
     of_process(|workers| {
         if let Some(known) = workers.graphs.get(&threads) {
@@ -82,7 +84,7 @@ fn of_process<R>(take: impl FnOnce(&mut Workers) -> PyResult<R>) -> PyResult<R> 
     if workers.as_ref().is_none_or(|known| known.process != process) {
         let values = maquette::start_threads(0);
         let values = values.map_err(|error| PyRuntimeError::new_err(error.to_string()))?;
-        // The parent's threads are not here to be told to end.
+        // The threads of the parent process do not exist here and cannot be joined, so their pools are not dropped.
         std::mem::forget(workers.replace(Workers { process, values, graphs: HashMap::new() }));
     }
     match workers.as_mut() {
@@ -91,7 +93,7 @@ fn of_process<R>(take: impl FnOnce(&mut Workers) -> PyResult<R>) -> PyResult<R> 
     }
 }
 
-/// What a lock holds: who panicked with it left nothing half-done.
+/// Locks a mutex. A lock that is poisoned by a panic can be used: no code leaves a half-changed state.
 pub(crate) fn lock<T>(lock: &Mutex<T>) -> MutexGuard<'_, T> {
     lock.lock().unwrap_or_else(PoisonError::into_inner)
 }

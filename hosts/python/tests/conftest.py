@@ -1,4 +1,4 @@
-"""What the tests share: the project's graphs in a folder of their own, a cache of their own, and the command line."""
+"""Fixtures: a copy of the project's graphs, a separate cache for each test, and the command line."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> pathlib.Path:
-    """Results of one test are not there in another."""
+    """A cache for each test, so that tests do not share results."""
     folder = tmp_path_factory.mktemp("cache")
     monkeypatch.setenv("MAQUETTE_CACHE", str(folder))
     return folder
@@ -28,7 +28,7 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Monk
 
 @pytest.fixture
 def graphs(tmp_path: pathlib.Path) -> pathlib.Path:
-    """The project's graphs, to be changed."""
+    """A copy of the project's graphs, which tests may change."""
     folder = tmp_path / "graphs"
     shutil.copytree(ROOT / "graphs", folder, ignore=shutil.ignore_patterns("goldens", "pictures"))
     return folder
@@ -36,7 +36,7 @@ def graphs(tmp_path: pathlib.Path) -> pathlib.Path:
 
 @pytest.fixture
 def program() -> Callable[..., subprocess.CompletedProcess[str]]:
-    """The program of the command line, which `hosts/python/test` builds."""
+    """Runs the program that `hosts/python/test` builds."""
     path = os.environ.get("MAQUETTE_PROGRAM", str(ROOT / "target/release/maquette"))
     assert os.path.exists(path), f"there is no {path}: `bash hosts/python/test` builds it"
 
@@ -48,6 +48,6 @@ def program() -> Callable[..., subprocess.CompletedProcess[str]]:
 
 @pytest.fixture(scope="session", autouse=True)
 def no_display() -> Iterator[None]:
-    """Plots are drawn to files."""
+    """Makes Matplotlib draw into files."""
     os.environ["MPLBACKEND"] = "Agg"
     yield

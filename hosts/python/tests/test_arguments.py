@@ -1,4 +1,4 @@
-"""Any Python object as any argument gives a value or an exception: the interpreter never ends, and no panic comes out."""
+"""Tests that any Python object as any argument gives a value or an exception, without a crash or a panic."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ GRAPH = """Graph(
     outputs: { "box.ply": "box" },
 )"""
 
-# Runs every call with every object in the place of `it`, and prints the call before, so that a crash can be found.
+# Evaluates every call with every object as `it`, and prints each call first, so that a crash can be located.
 SCRIPT = r"""
     import datetime, decimal, fractions, io, itertools, os, pathlib, sys, warnings
     import numpy as np
@@ -186,7 +186,7 @@ SCRIPT = r"""
         "value_of(dict)": lambda it: function.run(inputs={"mesh": {"vertices": it, "faces": F}}),
     }
     for call, function_ in CALLS.items():
-        # NumPy itself compares each number of an array, of which the last one has six billion.
+        # Except the last array: NumPy itself would compare each of its six billion numbers.
         for number, it in enumerate(OBJECTS[:-1] if call == "mesh == it" else OBJECTS):
             print(call, number, type(it).__name__, flush=True)
             try:
@@ -201,7 +201,7 @@ SCRIPT = r"""
 
 def test_every_object_as_every_argument_gives_a_value_or_an_exception(tmp_path: pathlib.Path) -> None:
     (tmp_path / "it.ron").write_text(GRAPH)
-    # What is made of the array of six billion numbers is refused at once, not given from swap.
+    # An array of six billion numbers must be refused at once and not be allocated in swap.
     limit = "import resource; resource.setrlimit(resource.RLIMIT_AS, (4 << 30, 4 << 30))\n"
     script = limit + textwrap.dedent(SCRIPT)
     (tmp_path / "script.py").write_text(script)

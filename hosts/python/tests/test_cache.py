@@ -1,4 +1,4 @@
-"""What one computes, the other does not: the module, the command line, and the next process."""
+"""Tests that the module, the command line and other processes share cached results."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import sys
 import maquette
 
 
-def computed(graph: pathlib.Path) -> int:
-    """How many nodes a process of its own computes with the module."""
+def count_computed(graph: pathlib.Path) -> int:
+    """The number of nodes that another process computes with the module."""
     text = "import sys, maquette; print(sum(node.state == 'computed' for node in maquette.load(sys.argv[1]).run().trace))"
     return int(subprocess.run([sys.executable, "-c", text, str(graph)], capture_output=True, text=True, check=True).stdout)
 
 
-def computed_by_program(program, graph: pathlib.Path, out: pathlib.Path) -> int:  # type: ignore[no-untyped-def]
-    """How many nodes the command line computes."""
+def count_computed_by_program(program, graph: pathlib.Path, out: pathlib.Path) -> int:  # type: ignore[no-untyped-def]
+    """The number of nodes that the command line computes."""
     done = program("run", str(graph), "--out", str(out), "--json")
     assert done.returncode == 0, done.stderr
     return sum(node["state"] == "computed" for node in json.loads(done.stdout)["nodes"])
@@ -27,11 +27,11 @@ def computed_by_program(program, graph: pathlib.Path, out: pathlib.Path) -> int:
 def test_the_command_line_and_the_module_believe_each_other(graphs, tmp_path, program, monkeypatch) -> None:  # type: ignore[no-untyped-def]
     doll = graphs / "doll.ron"
     monkeypatch.setenv("MAQUETTE_CACHE", str(tmp_path / "one"))
-    assert computed_by_program(program, doll, tmp_path / "a") == 15
-    assert computed(doll) == 0
+    assert count_computed_by_program(program, doll, tmp_path / "a") == 15
+    assert count_computed(doll) == 0
     monkeypatch.setenv("MAQUETTE_CACHE", str(tmp_path / "two"))
-    assert computed(doll) == 15
-    assert computed_by_program(program, doll, tmp_path / "b") == 0
+    assert count_computed(doll) == 15
+    assert count_computed_by_program(program, doll, tmp_path / "b") == 0
     done = subprocess.run([sys.executable, "-m", "maquette", "run", str(doll), "--out", str(tmp_path / "c"), "--json"], capture_output=True, text=True)
     assert all(node["state"] != "computed" for node in json.loads(done.stdout)["nodes"])
     run = maquette.load(doll).run()
@@ -41,7 +41,7 @@ def test_the_command_line_and_the_module_believe_each_other(graphs, tmp_path, pr
         content = (tmp_path / "a" / name).read_bytes()
         assert content == (tmp_path / "b" / name).read_bytes() == (tmp_path / "c" / name).read_bytes()
         assert content == (tmp_path / "d" / name).read_bytes()
-        # A value alone does not tell where it came from.
+        # A saved value has no provenance.
         assert (tmp_path / "e" / name).read_bytes() == run[name].to_bytes(name.rsplit(".")[-1])
 
 

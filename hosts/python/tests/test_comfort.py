@@ -1,4 +1,4 @@
-"""Values in notebooks and plots, depths with a camera, measures of meshes, graphs that are built in Python, and threads that graphs share."""
+"""Tests of values in notebooks and plots, depths with a camera, measures of meshes, graphs built in Python, and shared threads."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ CUBE = maquette.Mesh(
 
 
 def shown(value: maquette.Value) -> Any:
-    """What a notebook keeps of a value."""
+    """The output of a value in a notebook."""
     formatter = pytest.importorskip("IPython.core.formatters").DisplayFormatter()
     return formatter.format(value)[0]
 

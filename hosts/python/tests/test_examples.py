@@ -1,4 +1,4 @@
-"""The examples and the notebook do what they say."""
+"""Tests that the examples and the notebook run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Other libraries take the arrays as they are, and what they make goes back."""
+"""Tests that other libraries accept the arrays of values, and that values accept their arrays."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_pymeshlab(mesh: maquette.Mesh) -> None:
     pymeshlab = pytest.importorskip("pymeshlab")
     theirs = pymeshlab.Mesh(mesh.vertices, mesh.faces)
     assert theirs.vertex_number() == len(mesh.vertices)
-    # It keeps single precision.
+    # The library stores single precision.
     back = maquette.Mesh(theirs.vertex_matrix(), theirs.face_matrix())
     assert (back.faces == mesh.faces).all() and np.allclose(back.vertices, mesh.vertices, atol=1e-4)
 

@@ -1,4 +1,4 @@
-"""Graphs are loaded, run, edited and explained."""
+"""Tests of loading, running, editing and explaining graphs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Nothing outside can change a value: its arrays are written into in every known way, and no result of this or another process changes."""
+"""Tests that values cannot be changed: writes into their arrays in every known way change no result of this or another process."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ GRAPH = """Graph(
 
 
 def through_a_pointer(array: Array) -> None:
-    """As PyTorch, VTK and Open3D write, which take the address alone."""
+    """Writes through the address of the array, as PyTorch, VTK and Open3D do."""
     ctypes.memset(array.ctypes.data, 0xA5, array.nbytes)
 
 
 def through_the_interface(array: Array) -> None:
-    """As those write who do not look at the flag in `__array_interface__`."""
+    """Writes through `__array_interface__`, ignoring its read-only flag."""
     ctypes.memset(array.__array_interface__["data"][0], 0xA5, array.nbytes)
 
 
@@ -54,14 +54,14 @@ def through_open3d(array: Array) -> None:
 
 
 def through_the_buffer(array: Array) -> None:
-    """As those write who ask the buffer where it is."""
+    """Writes through the address of the buffer."""
     view = memoryview(array)
     address = np.frombuffer(view, dtype=np.uint8).ctypes.data if array.size and array.flags.c_contiguous else array.ctypes.data
     ctypes.memset(address, 0xA5, view.nbytes)
 
 
 def through_the_base(array: Array) -> None:
-    """As those write who go to what the array is a view of."""
+    """Writes through the base of the array."""
     base = array
     while isinstance(base.base, np.ndarray):
         base = base.base
@@ -100,7 +100,7 @@ WAYS = [
 
 
 def values() -> List[maquette.Value]:
-    """One of each type that Python makes, with all that it can have."""
+    """A value of each type that Python can create, with all optional data."""
     grid = np.random.default_rng(1).random((4, 5, 3))
     faces = [[0, 1, 2, 3], [0, 1, 4], [1, 2, 4]]
     picture = np.arange(60, dtype=np.uint8).reshape(4, 5, 3)
@@ -124,7 +124,7 @@ def values() -> List[maquette.Value]:
 
 
 def arrays(value: maquette.Value) -> Iterator[Tuple[str, Array]]:
-    """All arrays that it gives, by where they come from."""
+    """All arrays of a value, with the names of their sources."""
     for name, part in value.parts.items():
         yield f"parts[{name!r}]", part.array
     for name in dir(type(value)):

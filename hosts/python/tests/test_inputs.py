@@ -1,4 +1,4 @@
-"""Each argument is taken as it is meant or refused: arrays of all kinds of numbers and layouts, and what comes back is what went in."""
+"""Tests of array arguments: arrays of all kinds of numbers and layouts are converted without a change of values, or refused."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ NO_NUMBERS = ["c8", "c16", "U3", "S3", "O", "M8[s]", "m8[s]", "V4", [("x", "f8")
 
 
 class Subclass(np.ndarray):  # type: ignore[type-arg]
-    """An array of somebody's own class."""
+    """A user-defined subclass of arrays."""
 
 
 def layouts(array: Array) -> Iterator[Array]:
-    """The same numbers in other places of memory."""
+    """The same numbers in other memory layouts."""
     yield array
     yield np.asfortranarray(array)
     yield np.repeat(array, 2, axis=0)[::2]
@@ -49,7 +49,7 @@ def layouts(array: Array) -> Iterator[Array]:
     yield array
 
 
-# Of each argument: what makes a value of an array, an array that fits and has small whole numbers, and how it comes back.
+# For each argument: the call that makes a value of an array, a suitable array of small integers, and the function that reads it back.
 ARGUMENTS: Dict[str, Tuple[Callable[[Any], Any], Array, Callable[[Any], Array]]] = {
     "vertices": (lambda it: maquette.Mesh(it, F), V, lambda it: it.vertices),
     "replace": (lambda it: maquette.Mesh(V, F).replace(it), V + 1, lambda it: it.vertices),
@@ -80,7 +80,7 @@ ARGUMENTS: Dict[str, Tuple[Callable[[Any], Any], Array, Callable[[Any], Array]]]
 }
 
 
-# Where numbers may be missing.
+# Arguments in which numbers may be missing.
 MISSING = ("Field", "RangeImage", "depth", "replaced points")
 
 
@@ -161,7 +161,7 @@ def test_other_shapes_are_refused(name: str) -> None:
             make(other)
 
 
-# Of each argument that takes whole numbers, flags or colors: the same as above, and the kinds of numbers that it takes.
+# Arguments that take integers, flags or colors, in the format of the table above, with the types of numbers that they accept.
 COUNTS: Dict[str, Tuple[Callable[[Any], Any], Array, Callable[[Any], Array], str]] = {
     "faces": (lambda it: maquette.Mesh(V, it), F, lambda it: it.faces, "i1 i2 i4 i8 u1 u2 u4 u8 >i4 >u2"),
     "replaced faces": (lambda it: maquette.Mesh(V, F).replace(faces=it), F[::-1], lambda it: it.faces, "i1 i2 i4 i8 u1 u2 u4 u8 >i4 >u2"),

@@ -1,4 +1,4 @@
-"""A graph is run as the command line runs it: each option gives the same files, the same problems and the same folders."""
+"""Tests that graphs run as on the command line: each option gives the same files, problems and folders."""
 
 from __future__ import annotations
 
@@ -50,20 +50,20 @@ def files(folder: pathlib.Path) -> Dict[str, bytes]:
 
 
 def in_python(message: str) -> str:
-    """The words of the module for options."""
+    """Translates options in a message of the command line to those of the module."""
     words = {"(--only)": "", " (--max-memory)": " by `load(max_memory=..)`", "at a time ,": "at a time, by `run(outputs)`,"}
     for option, word in words.items():
         message = message.replace(option, word)
     return message
 
 
-def both(
+def run_both(
     program: Program,
     words: List[str],
     run: Callable[[], maquette.Run],
     **write: Any,
 ) -> Tuple[Set[Tuple[str, str]], Dict[str, bytes]]:
-    """The problems and files of both, which are the same."""
+    """Runs a graph by both; checks that problems and files agree, and returns them."""
     path = pathlib.Path(write.get("folder", "out"))
     shutil.rmtree(path, ignore_errors=True)
     done = program("run", "it.ron", "--json", *words)
@@ -80,7 +80,7 @@ def both(
             problems, failed, found = error.problems, True, error.run  # type: ignore[assignment]
         if found is not None:
             found.write(**write)
-    # What files cannot tell is a warning of `write`.
+    # Data that files cannot hold is a warning of `write`.
     told_of = [it.message.problem for it in warned if isinstance(it.message, maquette.GraphWarning) and it.message.problem]
     mine = {(problem.severity, problem.message) for problem in [*problems, *told_of]}
     assert mine == theirs and failed == (done.returncode == 1), (done.stderr, mine, theirs)
@@ -95,45 +95,45 @@ def load(**options: Any) -> maquette.Graph:
 
 
 def test_a_plain_run(folder: pathlib.Path, program: Program) -> None:
-    _, written = both(program, [], lambda: load().run(strict=False))
+    _, written = run_both(program, [], lambda: load().run(strict=False))
     assert set(written) == {"it/skin.ply", "it/sub/skin.glb", "it/box.stl"}
 
 
 @pytest.mark.parametrize("cache", [["--no-cache"], ["--cache", "mine"], []])
 def test_caches(folder: pathlib.Path, program: Program, cache: List[str]) -> None:
     option: Any = {0: True, 1: None, 2: "mine"}[len(cache)]
-    both(program, cache, lambda: load(cache=option).run())
+    run_both(program, cache, lambda: load(cache=option).run())
     assert pathlib.Path("mine").exists() == (len(cache) == 2)
 
 
 def test_parameters_fields_and_drafts(folder: pathlib.Path, program: Program) -> None:
-    both(program, ["--set", "levels=2"], lambda: load().run(levels=2))
-    both(program, ["--set", "skin.levels=0"], lambda: load().run(params={"skin.levels": 0}))
-    _, written = both(program, ["--draft"], lambda: load().run(draft=True))
+    run_both(program, ["--set", "levels=2"], lambda: load().run(levels=2))
+    run_both(program, ["--set", "skin.levels=0"], lambda: load().run(params={"skin.levels": 0}))
+    _, written = run_both(program, ["--draft"], lambda: load().run(draft=True))
     assert {name.split("/")[0] for name in written} == {"it-draft"}
-    both(program, ["--draft", "--out", "named"], lambda: load().run(draft=True), folder="named")
+    run_both(program, ["--draft", "--out", "named"], lambda: load().run(draft=True), folder="named")
 
 
 def test_some_outputs_other_folders_and_no_provenance(folder: pathlib.Path, program: Program) -> None:
-    _, written = both(program, ["--only", "skin.ply"], lambda: load().run("skin.ply"))
+    _, written = run_both(program, ["--only", "skin.ply"], lambda: load().run("skin.ply"))
     assert set(written) == {"it/skin.ply"}, "another output of the same node was not asked for"
-    both(program, ["--out", "there"], lambda: load().run(), folder="there")
-    told, untold = (both(program, words, lambda: load().run(), provenance=not words)[1] for words in ([], ["--no-provenance"]))
+    run_both(program, ["--out", "there"], lambda: load().run(), folder="there")
+    told, untold = (run_both(program, words, lambda: load().run(), provenance=not words)[1] for words in ([], ["--no-provenance"]))
     assert told != untold
 
 
 def test_memory_and_threads(folder: pathlib.Path, program: Program) -> None:
-    both(program, ["--threads", "1", "--memory", "0", "--max-memory", "1GB"], lambda: load(threads=1, memory=0, max_memory="1GB").run())
-    problems, _ = both(program, ["--no-cache", "--max-memory", "1", "--set", "levels=4"], lambda: load(max_memory=1, cache=None).run(levels=4))
+    run_both(program, ["--threads", "1", "--memory", "0", "--max-memory", "1GB"], lambda: load(threads=1, memory=0, max_memory="1GB").run())
+    problems, _ = run_both(program, ["--no-cache", "--max-memory", "1", "--set", "levels=4"], lambda: load(max_memory=1, cache=None).run(levels=4))
     assert problems is not None
 
 
 def test_stale_pins_are_a_warning_and_may_be_left_out(folder: pathlib.Path, program: Program) -> None:
     assert program("pin", "it.ron", "skin").returncode == 0
     pathlib.Path("it.ron").write_text(pathlib.Path("it.ron").read_text().replace("default: 1", "default: 2"))
-    stale, pinned = both(program, [], lambda: load().run())
+    stale, pinned = run_both(program, [], lambda: load().run())
     assert any(severity == "warning" and "pinned" in message for severity, message in stale)
-    fresh, unpinned = both(program, ["--no-pins"], lambda: load(pins=False).run())
+    fresh, unpinned = run_both(program, ["--no-pins"], lambda: load(pins=False).run())
     assert not any("pinned" in message for _, message in fresh) and pinned["it/skin.ply"] != unpinned["it/skin.ply"]
     with pytest.warns(maquette.GraphWarning, match="pinned"):
         load()
@@ -143,19 +143,19 @@ def test_a_lock_that_does_not_fit_is_a_warning_or_an_error(folder: pathlib.Path,
     with pytest.raises(maquette.GraphError, match="no lock file"):
         load(locked=True)
     assert program("lock", "it.ron").returncode == 0
-    both(program, ["--locked"], lambda: load(locked=True).run())
+    run_both(program, ["--locked"], lambda: load(locked=True).run())
     pathlib.Path("part.ron").write_text(PART.replace("(1, 0, 0)", "(2, 0, 0)"))
-    changed, _ = both(program, [], lambda: load().run())
+    changed, _ = run_both(program, [], lambda: load().run())
     assert changed, "no warning"
     with pytest.warns(maquette.GraphWarning, match="part.ron"):
         load()
-    both(program, ["--locked"], lambda: load(locked=True).run())
+    run_both(program, ["--locked"], lambda: load(locked=True).run())
 
 
 def test_a_cache_is_verified(folder: pathlib.Path, program: Program) -> None:
-    both(program, [], lambda: load().run())
-    both(program, ["--verify-cache", "100"], lambda: load(verify_cache=100).run())
-    # What is known takes no time, unless it is computed all the same.
+    run_both(program, [], lambda: load().run())
+    run_both(program, ["--verify-cache", "100"], lambda: load(verify_cache=100).run())
+    # Cached results take no time, unless they are verified.
     seconds = [sum(node.seconds for node in load(verify_cache=share).run(levels=4).trace) for share in (0, 0, 100)]
     assert seconds[1] == 0 < seconds[2]
     for wrong in (-1, 101, float("nan")):

@@ -1,4 +1,4 @@
-"""The module is as others are: a version, a console script, licences, a run that is a mapping, and types that find mistakes."""
+"""Tests of conventions for Python modules: a version, a console script, licences, mappings, and types."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_a_run_is_a_mapping_of_what_was_asked_for(graphs: pathlib.Path) -> None:
 
 
 def examples_of(path: pathlib.Path) -> str:
-    """The Python of a text, one after the other."""
+    """All Python code blocks of a document, joined."""
     blocks = re.findall(r"```python\n(.*?)```", path.read_text(), re.DOTALL)
     return "\n".join(blocks)
 
@@ -107,8 +107,8 @@ WRONG = [
 ]
 
 
-def checked(checker: str, folder: pathlib.Path, text: str) -> List[str]:
-    """The lines that a checker of types has errors in."""
+def check_types(checker: str, folder: pathlib.Path, text: str) -> List[str]:
+    """The lines with errors of a type checker."""
     (folder / "it.py").write_text(text)
     words = {"mypy": ["-m", "mypy", "--strict", "--no-error-summary"], "pyright": ["-m", "pyright", "--pythonpath", sys.executable]}[checker]
     pytest.importorskip(checker)
@@ -125,15 +125,15 @@ def test_readme_examples_and_users_are_typed(checker: str, tmp_path: pathlib.Pat
     readme = examples_of(HERE / "README.md")
     assert "maquette.load" in readme
     for text in (readme, USER):
-        assert not checked(checker, tmp_path, text)
+        assert not check_types(checker, tmp_path, text)
     doc = re.search(r"    import maquette\n.*?(?=\n\n\S)", maquette.__doc__ or "", re.DOTALL)
-    assert doc and not checked(checker, tmp_path, re.sub("(?m)^    ", "", doc.group()))
+    assert doc and not check_types(checker, tmp_path, re.sub("(?m)^    ", "", doc.group()))
 
 
 @pytest.mark.parametrize("checker", ["mypy", "pyright"])
 def test_mistakes_are_found_by_types(checker: str, tmp_path: pathlib.Path) -> None:
     lines = ["import maquette", *WRONG]
-    found = checked(checker, tmp_path, "\n".join(lines))
+    found = check_types(checker, tmp_path, "\n".join(lines))
     assert set(found) == set(WRONG)
 
 
@@ -143,7 +143,7 @@ def test_examples_pass_pyright(tmp_path: pathlib.Path) -> None:
         shutil.copy(example, tmp_path)
     words = [sys.executable, "-m", "pyright", "--pythonpath", sys.executable]
     done = subprocess.run([*words, "."], capture_output=True, text=True, cwd=tmp_path)
-    # Who has no trimesh or SciPy sees that they are missing, and no more.
+    # Without trimesh or SciPy, the only errors are the missing imports.
     errors = [line for line in done.stdout.splitlines() if " error: " in line and "could not be resolved" not in line and "reportMissing" not in line]
     assert not errors, "\n".join(errors)
 

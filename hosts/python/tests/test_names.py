@@ -1,4 +1,4 @@
-"""Names of parameters are free: each can be given, whatever arguments `run` has, and what may mean two things is refused."""
+"""Tests that parameters may have any name: each can be set, also if `run` has an argument of this name, and ambiguous calls are refused."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NAMES = [*ARGUMENTS, "self", "named", "graph", "token", "arguments", "given", "c
 
 
 def graph_with(*names: str) -> maquette.Graph:
-    """A box whose sides are the first three parameters of these names; others count for nothing."""
+    """A box whose sides are the first three of these parameters; the others are unused."""
     params = ", ".join(f'"{name}": Number(default: 1, min: 0, max: 99, doc: "")' for name in names)
     size = ", ".join(f'Param("{name}")' for name in (list(names) * 3)[:3])
     text = f'Graph(format: 1, params: {{ {params} }}, nodes: {{ "b": Primitive(shape: Box(size: ({size}))) }}, outputs: {{ "b.ply": "b" }})'
@@ -46,7 +46,7 @@ def test_what_may_mean_a_parameter_or_an_argument_is_refused_and_says_how_to_say
     graph, given = graph_with(name), {"timeout": 60, "outputs": "b.ply", "nodes": "b", "inputs": {}}.get(name, True)
     with pytest.raises(TypeError, match=f"`{name}` is an argument of run and a parameter .*params="):
         graph.run(**{name: given})  # type: ignore[arg-type]
-    # Beside a dict of parameters it is the argument.
+    # With a dict of parameters it is the argument.
     assert size(graph.run(params={name: 7}, **{name: given, **({"nodes": "b"} if name == "outputs" else {})})) == 7  # type: ignore[arg-type]
     assert size(graph.run(params={}, **{name: given, **({"nodes": "b"} if name == "outputs" else {})})) == 1  # type: ignore[arg-type]
 

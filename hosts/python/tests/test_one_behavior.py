@@ -1,4 +1,4 @@
-"""One behavior: each option of a run does the same by the command line, `maquette serve`, the client of the Blender add-on, and here.
+"""Tests that each option of a run has the same effect on the command line, in `maquette serve`, in the Blender add-on and in Python.
 
 `tests/hosts/table.py` has the options.
 """
@@ -26,13 +26,13 @@ import table  # noqa: E402
 pytestmark = pytest.mark.every_change
 
 PROGRAM = [os.environ.get("MAQUETTE_PROGRAM", str(ROOT / "target/release/maquette"))]
-# As the extension starts it, but for Blender's own Python.
+# The command of the Blender extension, but with this Python.
 WORKER = [sys.executable, "-I", str(hosts.ADDON_FOLDER / "worker.py"), str(pathlib.Path(maquette.__file__).parents[1])]
 HOSTS = {
     hosts.PYTHON: hosts.module,
     hosts.COMMAND_LINE: hosts.command_line(PROGRAM),
-    hosts.SERVE: hosts.served(PROGRAM),
-    hosts.ADDON: hosts.served(WORKER, hosts.AddonClient),
+    hosts.SERVE: hosts.serve_host(PROGRAM),
+    hosts.ADDON: hosts.serve_host(WORKER, hosts.AddonClient),
 }
 
 
@@ -51,7 +51,7 @@ def test_every_option_of_the_command_line_is_in_the_table() -> None:
     options = {word.strip("-,").split("[")[0].replace("-", "_") for word in words if word.startswith("--")}
     ours = {"no_cache": "cache", "no_pins": "pins", "no_provenance": "provenance", "only": "outputs", "root": "roots", "input": "input_files"}
     in_table = {option for row in table.ROWS for option in row.options}
-    # What is printed how, and how the command itself is called.
+    # Options about the output and about the command itself.
     others = {"help", "version", "json", "events"}
     assert {ours.get(option, option) for option in options} - others <= in_table
 
@@ -65,7 +65,7 @@ def test_all_hosts_say_why_a_node_would_run(tmp_path: pathlib.Path) -> None:
     path.write_text(path.read_text().replace('"levels": Integer(default: 1', '"levels": Integer(default: 2'))
     for node in ("box", "skin", "turned", "idle", "part/moved", "nothing"):
         told = subprocess.run([*PROGRAM, "why", "it.ron", node], cwd=place, env=environment, capture_output=True, text=True)
-        with hosts.inside(place):
+        with hosts.working_in(place):
             try:
                 mine = maquette.load("it.ron").why(node)
             except KeyError:

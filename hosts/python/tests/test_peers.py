@@ -1,4 +1,4 @@
-"""Nothing is lost between maquette and trimesh, Open3D and PyVista: what goes out comes back, and what they have comes in."""
+"""Tests that conversions from and to trimesh, Open3D and PyVista lose no data."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ PICTURE = np.arange(60, dtype=np.uint8).reshape(4, 5, 3)
 CHANCE = np.random.default_rng(1)
 
 
-def captured(mesh: maquette.Mesh) -> maquette.Mesh:
-    """The same in the frame of a capture, with creases and a pose."""
+def with_capture(mesh: maquette.Mesh) -> maquette.Mesh:
+    """The mesh in the frame of a capture, with creases and a pose."""
     parts: Dict[str, Any] = dict(mesh.parts)
     parts["frame"] = maquette.Part("frame", "whole", "number", np.array([[500.0, 500, 2, 2, 5, 4, 700]]))
     parts["frame pose"] = maquette.Part("frame pose", "whole", "number", np.eye(4).reshape(1, 16))
@@ -58,8 +58,8 @@ def meshes() -> Dict[str, maquette.Mesh]:
         "colors of both": plain.replace(color=PICTURE[:, 1], face_attributes={"color": PICTURE[:, 0]}),
         "picture without uv": plain.replace(texture=PICTURE),
         "a vertex alone": maquette.Mesh(np.vstack([V, [[5, 5, 5]]]), F, uv=CHANCE.random((12, 2)), heat=np.arange(5) / 2),
-        "captured": captured(rich),
-        "captured, uv of corners": captured(rich.replace(uv=CHANCE.random((12, 2)))),
+        "captured": with_capture(rich),
+        "captured, uv of corners": with_capture(rich.replace(uv=CHANCE.random((12, 2)))),
         "nothing": maquette.Mesh(np.zeros((0, 3)), np.zeros((0, 3), int)),
     }
 
@@ -151,7 +151,7 @@ def test_what_trimesh_reads_is_what_maquette_reads(graphs: pathlib.Path, tmp_pat
     ours = maquette.read(tmp_path / "it.glb", maquette.Mesh)
     for theirs in (trimesh.load(tmp_path / "it.glb", force="mesh", process=False), trimesh.load(tmp_path / "it.glb", process=False)):
         mesh = maquette.Mesh(theirs)
-        # Its unit is the metre. It keeps the vertices of the file, which are one for each corner.
+        # trimesh uses metres, and keeps the vertices of the file, one for each corner.
         assert np.allclose(at_corners(mesh, mesh.vertices), at_corners(ours, ours.vertices), atol=1e-4)
         assert mesh.bounds is not None and mesh.bounds.max() > 8
         assert mesh.texture is not None and ours.texture is not None and mesh.texture == ours.texture
@@ -203,7 +203,7 @@ def test_attributes_with_names_of_columns_are_left_out_with_a_warning(name: str)
 
 def test_what_trimesh_changed_comes_in_changed() -> None:
     pytest.importorskip("trimesh")
-    rich = captured(meshes()["rich"].replace(uv=CHANCE.random((12, 2))))
+    rich = with_capture(meshes()["rich"].replace(uv=CHANCE.random((12, 2))))
     theirs = rich.to_trimesh()
     theirs.apply_scale(2)
     scaled = maquette.Mesh(theirs)

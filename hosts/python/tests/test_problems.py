@@ -1,4 +1,4 @@
-"""Problems are data, at the same places as the command line has them."""
+"""Tests of problems, which have the same positions as on the command line."""
 
 from __future__ import annotations
 

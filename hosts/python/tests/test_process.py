@@ -1,4 +1,4 @@
-"""The module is a guest: signals, threads, forks, the environment and the allocator are the host's."""
+"""Tests that the module leaves signals, threads, forks, the environment and the allocator to the host program."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[3]
 
 
 def script(text: str, *words: str, **options: object) -> subprocess.CompletedProcess[str]:
-    """What a Python of its own says."""
+    """Runs a script in another Python."""
     command = [sys.executable, "-c", textwrap.dedent(text), *words]
     return subprocess.run(command, capture_output=True, text=True, timeout=120, **options)  # type: ignore[call-overload, no-any-return]
 
@@ -39,7 +39,7 @@ def test_importing_changes_nothing() -> None:
         libc.mallinfo2.restype = Counts
 
         def mapped() -> int:
-            # Whether a list of 1 MB comes from the system, as it does by default.
+            # A list of 1 MB is mapped by the system, which is the default.
             before = libc.mallinfo2().hblks
             libc.malloc(1 << 20)
             return libc.mallinfo2().hblks - before
@@ -134,7 +134,7 @@ def test_ctrl_c_gives_the_prompt_back_within_150_ms(node: str, tmp_path: pathlib
         time.sleep(delay)
         sent = time.monotonic()
         child.send_signal(signal.SIGINT)
-        # A node that began again would say so again.
+        # If the node had started again, it would be reported again.
         told = [line for line in child.stdout if line != "started\n"]
         child.wait(60)
         if told != ["done\n"]:
@@ -151,7 +151,7 @@ def test_after_ctrl_c_the_next_run_is_right(graphs: pathlib.Path) -> None:
         timer.start()
         try:
             doll.run(levels=2)
-            # It was faster than the signal, which comes now.
+            # The run was faster than the signal, which arrives now.
             timer.join()
             time.sleep(0.05)
         except KeyboardInterrupt:
@@ -224,7 +224,7 @@ def test_one_graph_is_run_by_several_threads(graphs: pathlib.Path) -> None:
 
 
 def in_a_child(work: object, seconds: float = 10.0) -> str:
-    """What a child made by `fork` says; it is killed if it hangs."""
+    """Runs a function in a child made by `fork` and returns its output; kills the child if it hangs."""
     read, write = os.pipe()
     child = os.fork()
     if child == 0:
@@ -251,14 +251,14 @@ def test_a_forked_child_gets_a_result_within_a_second(graphs: pathlib.Path) -> N
     def work() -> str:
         start = time.perf_counter()
         again = doll.run(levels=0)["model.ply"].hash
-        # More than one thread hashes it.
+        # Large enough to be hashed by several threads.
         made = maquette.Field(np.ones((600, 600))).hash
         picture = len(run["model.ply"].render(size=(64, 64)).pixels)
         seconds = time.perf_counter() - start
         return f"{again} {len(made)} {picture} {seconds < 1.0}"
 
     assert in_a_child(work) == f"{expected} 64 64 True"
-    # And while another thread of the parent is busy.
+    # The same while another thread of the parent is busy.
     thread = threading.Thread(target=lambda: doll.run(levels=3))
     thread.start()
     time.sleep(0.05)

@@ -1,4 +1,4 @@
-"""What files tell of where they came from is found by other programs, which read the files as if it were not there."""
+"""Tests that other programs find the provenance in files, and read the files as if they had none."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Folders = Tuple[pathlib.Path, pathlib.Path]
 
 @pytest.fixture
 def folders(graphs: pathlib.Path, tmp_path: pathlib.Path, program: Callable[..., Any]) -> Folders:
-    """All files, once with what they tell and once without."""
+    """All files, with and without provenance."""
     (graphs / "told.ron").write_text(GRAPH)
     made = tmp_path / "told", tmp_path / "plain"
     for folder, more in zip(made, ([], ["--no-provenance"])):
@@ -40,8 +40,8 @@ def folders(graphs: pathlib.Path, tmp_path: pathlib.Path, program: Callable[...,
     return made
 
 
-def told(words: Any, output: str) -> None:
-    """The words are what the output came from."""
+def check_provenance(words: Any, output: str) -> None:
+    """Checks that the text is the provenance of the output."""
     found = json.loads(words) if isinstance(words, str) else words
     assert found["output"] == output and found["graph"] == "told.ron", found
     if output.startswith("a.glb"):
@@ -49,7 +49,7 @@ def told(words: Any, output: str) -> None:
 
 
 def comment(text: str) -> str:
-    """The words behind `maquette` in a comment."""
+    """The text after `maquette` in a comment."""
     return text[text.index("maquette {") + len("maquette ") :]
 
 
@@ -57,12 +57,12 @@ def test_glb(folders: Folders) -> None:
     pygltflib = pytest.importorskip("pygltflib")
     trimesh = pytest.importorskip("trimesh")
     with_words, plain = (pygltflib.GLTF2().load(str(folder / "a.glb")) for folder in folders)
-    told(with_words.asset.extras["maquette"], "a.glb")
+    check_provenance(with_words.asset.extras["maquette"], "a.glb")
     assert with_words.asset.version == "2.0" and not plain.asset.extras
     assert with_words.binary_blob() == plain.binary_blob()
     scenes = [trimesh.load_scene(folder / "a.glb") for folder in folders]
     same(*(scene.to_geometry() for scene in scenes))
-    # What reads and writes again may keep it.
+    # A program that reads and writes the file may keep it.
     pygltflib.GLTF2().from_json(with_words.to_json())
 
 
@@ -76,7 +76,7 @@ def test_ply(folders: Folders) -> None:
     trimesh = pytest.importorskip("trimesh")
     with_words, plain = (plyfile.PlyData.read(str(folder / "a.ply")) for folder in folders)
     mine = [line[len("maquette ") :] for line in with_words.comments if line.startswith("maquette ")]
-    told(comment("maquette " + "".join(mine)), "a.ply")
+    check_provenance(comment("maquette " + "".join(mine)), "a.ply")
     assert mine[0].startswith("{") and not any("maquette " in line for line in plain.comments)
     assert (with_words["vertex"].data == plain["vertex"].data).all()
     same(*(trimesh.load_mesh(folder / "a.ply") for folder in folders))
@@ -86,7 +86,7 @@ def test_obj(folders: Folders) -> None:
     trimesh = pytest.importorskip("trimesh")
     same(*(trimesh.load_mesh(folder / "a.obj") for folder in folders))
     lines = (folders[0] / "a.obj").read_text().splitlines()
-    told(comment(next(line for line in lines if line.startswith("# maquette {"))), "a.obj")
+    check_provenance(comment(next(line for line in lines if line.startswith("# maquette {"))), "a.obj")
 
 
 def test_stl(folders: Folders) -> None:
@@ -103,14 +103,14 @@ def test_3mf(folders: Folders) -> None:
         pytest.importorskip(module)
     scenes = [trimesh.load_scene(folder / "a.3mf") for folder in folders]
     same(*(scene.to_geometry() for scene in scenes))
-    # It stands on the plate: what was y is z, and nothing is below 0.
+    # 3MF has z up, and the model is on the plate: y becomes z, and no z is below 0.
     low, high = scenes[0].bounds
     source = trimesh.load_mesh(folders[0] / "a.stl")
     assert np.allclose(low, 0, atol=1e-4) and np.allclose(high, source.extents[[0, 2, 1]], atol=1e-4)
     assert scenes[0].units == "millimeter"
     archives = [zipfile.ZipFile(folder / "a.3mf") for folder in folders]
     assert all(archive.testzip() is None for archive in archives)
-    told(json.loads(archives[0].read("Metadata/maquette.json")), "a.3mf")
+    check_provenance(json.loads(archives[0].read("Metadata/maquette.json")), "a.3mf")
     assert "Metadata/maquette.json" not in archives[1].namelist()
 
 
@@ -121,17 +121,17 @@ def test_pictures(folders: Folders, file: str) -> None:
     with Image.open(folders[0] / file) as with_words, Image.open(folders[1] / file) as plain:
         assert (np.asarray(with_words) == np.asarray(plain)).all()
         if file == "a.png":
-            told(with_words.text["maquette"], file)  # type: ignore[attr-defined]
+            check_provenance(with_words.text["maquette"], file)  # type: ignore[attr-defined]
             assert "maquette" not in plain.text  # type: ignore[attr-defined]
         else:
-            told(comment(with_words.tag_v2[270]), file)  # type: ignore[attr-defined]
+            check_provenance(comment(with_words.tag_v2[270]), file)  # type: ignore[attr-defined]
             assert 270 not in plain.tag_v2  # type: ignore[attr-defined]
 
 
 def test_tiff_elsewhere(folders: Folders) -> None:
     tifffile = pytest.importorskip("tifffile")
     with tifffile.TiffFile(folders[0] / "a.tiff") as file:
-        told(comment(file.pages[0].description), "a.tiff")
+        check_provenance(comment(file.pages[0].description), "a.tiff")
         assert (file.asarray() == tifffile.imread(folders[1] / "a.tiff")).all()
 
 
@@ -153,10 +153,10 @@ def test_step(folders: Folders) -> None:
         counts.append(count)
     assert counts[0] == counts[1] >= 1
     lines = (folders[0] / "a.step").read_text().splitlines()
-    told(comment(next(line for line in lines if line.startswith("/* maquette {"))).removesuffix(" */"), "a.step")
+    check_provenance(comment(next(line for line in lines if line.startswith("/* maquette {"))).removesuffix(" */"), "a.step")
 
 
 def test_json(folders: Folders) -> None:
     with_words, plain = (json.loads((folder / "a.json").read_text()) for folder in folders)
-    told(with_words.pop("maquette"), "a.json")
+    check_provenance(with_words.pop("maquette"), "a.json")
     assert with_words == plain

@@ -1,4 +1,4 @@
-"""`save` and `to_bytes` say and write what `maquette run` does; errors have the class and code that Python's own have."""
+"""Tests that `save` and `to_bytes` write and warn as `maquette run` does, and raise the same errors as Python's own functions."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ MESHES: Dict[str, maquette.Mesh] = {
 TEXT = 'Graph(format: 1, inputs: {"m": Mesh(doc: "")}, nodes: {"t": Transform(mesh: "m", translate: (0, 0, 0))}, outputs: {"t": "t"})'
 
 
-def told(work: Callable[[], Any]) -> List[str]:
-    """The warnings of something, without the names of files before them."""
+def warnings_of(work: Callable[[], Any]) -> List[str]:
+    """The warnings of a call, without the names of files."""
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
         work()
@@ -45,7 +45,7 @@ def told(work: Callable[[], Any]) -> List[str]:
 def test_what_is_saved_has_the_bytes_and_warnings_of_the_command_line(
     name: str, ending: str, tmp_path: pathlib.Path, program: Callable[..., "subprocess.CompletedProcess[str]"]
 ) -> None:
-    # Through a file that holds all.
+    # Through a file format that holds all data.
     MESHES[name].save(tmp_path / "in.ply")
     text = f'Graph(format: 1, nodes: {{"m": ReadMesh(path: "in.ply")}}, outputs: {{"o.{ending}": "m"}})'
     (tmp_path / "g.ron").write_text(text)
@@ -54,11 +54,11 @@ def test_what_is_saved_has_the_bytes_and_warnings_of_the_command_line(
         warnings.simplefilter("ignore")
         run = graph.run()
     mesh = run[f"o.{ending}"]
-    by_write = told(lambda: run.write(tmp_path / "write", provenance=False))
-    assert told(lambda: mesh.save(tmp_path / f"save/o.{ending}")) == by_write
+    by_write = warnings_of(lambda: run.write(tmp_path / "write", provenance=False))
+    assert warnings_of(lambda: mesh.save(tmp_path / f"save/o.{ending}")) == by_write
     files = sorted(os.listdir(tmp_path / "save"))
     if len(files) == 1:
-        assert told(lambda: mesh.to_bytes(ending)) == by_write
+        assert warnings_of(lambda: mesh.to_bytes(ending)) == by_write
     done = program("run", str(tmp_path / "g.ron"), "--no-provenance", "--out", str(tmp_path / "program"))
     assert done.returncode == 0
     for file in files:
@@ -67,10 +67,10 @@ def test_what_is_saved_has_the_bytes_and_warnings_of_the_command_line(
 
 
 def test_what_is_lost_far_or_open_is_told() -> None:
-    assert any("closed" in it for it in told(lambda: MESHES["open"].to_bytes("stl")))
-    assert any("single" in it or "steps" in it for it in told(lambda: MESHES["far"].to_bytes("ply")))
-    assert any("heat" in it for it in told(lambda: MESHES["rich"].to_bytes("3mf")))
-    assert told(lambda: MESHES["closed"].to_bytes("stl")) == []
+    assert any("closed" in it for it in warnings_of(lambda: MESHES["open"].to_bytes("stl")))
+    assert any("single" in it or "steps" in it for it in warnings_of(lambda: MESHES["far"].to_bytes("ply")))
+    assert any("heat" in it for it in warnings_of(lambda: MESHES["rich"].to_bytes("3mf")))
+    assert warnings_of(lambda: MESHES["closed"].to_bytes("stl")) == []
 
 
 def test_errors_of_files_are_those_of_python(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -116,4 +116,4 @@ def test_names_that_are_not_utf_8_are_kept_or_refused(tmp_path: pathlib.Path) ->
 def test_flags_that_a_file_does_not_hold_are_named() -> None:
     mesh = maquette.Mesh(V, F, seen=[True, False, True, True])
     for ending in ENDINGS:
-        assert any("`seen`" in it for it in told(lambda: mesh.to_bytes(ending))) == (ending != "ply"), ending
+        assert any("`seen`" in it for it in warnings_of(lambda: mesh.to_bytes(ending))) == (ending != "ply"), ending

@@ -1,4 +1,4 @@
-"""Whatever takes long can be stopped: by Ctrl-C, by another thread, after a time, and by asyncio."""
+"""Tests that long calls can be stopped: by Ctrl-C, by another thread, by a timeout, and by asyncio."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ TEXT = """Graph(
     outputs: { "s.ply": "coarse" },
 )"""
 
-# So many levels take `Simplify` ten seconds, on one core whatever the machine has.
+# The number of levels for which `Simplify` takes ten seconds, on one core of any machine.
 LONG = 8
 AFTER = 0.2
-# How long it may take until it has stopped: a busy machine is slower than the 80 ms of a free one.
+# The maximum time until a run has stopped: a busy machine is slower than the 80 ms of an idle one.
 SOON = 1.5
 
 
@@ -127,7 +127,7 @@ def test_asyncio_stops_a_run(graph: maquette.Graph) -> None:
             await task
         with pytest.raises(asyncio.TimeoutError):
             await asyncio.wait_for(awaited(), AFTER)
-        # A plain run on a thread of asyncio is stopped by the graph.
+        # A plain run on a thread of asyncio is stopped by `Graph.cancel`.
         begun = threading.Event()
         thread = asyncio.get_running_loop().run_in_executor(None, lambda: graph.run(levels=LONG, progress=lambda _: begun.set()))
         while not begun.is_set():

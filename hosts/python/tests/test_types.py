@@ -1,4 +1,4 @@
-"""Types and words for editors: stubs are true, and everything that users see is documented."""
+"""Tests that type stubs are correct and that everything public is documented."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Values from arrays, and arrays from values: copied, whole, and refused where they are wrong."""
+"""Tests of values from arrays and arrays from values: they are copied and complete, and invalid ones are refused."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
 
 
 def memory() -> int:
-    """What this process holds, in bytes."""
+    """The memory of this process, in bytes."""
     with open("/proc/self/statm") as file:
         return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 

@@ -1,4 +1,4 @@
-"""One wheel, for every version of Python from 3.9 on."""
+"""Tests that one wheel works with every version of Python since 3.9."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ print(model.hash)
 
 
 def pythons() -> dict[str, str]:
-    """Each version of Python that is here, and its interpreter."""
+    """The installed versions of Python, and their interpreters."""
     names = [shutil.which(f"python3.{minor}") for minor in range(9, 15)]
     names += glob.glob(os.path.expanduser("~/.pyenv/versions/3.*/bin/python3"))
     found: dict[str, str] = {}
@@ -54,8 +54,8 @@ def test_the_same_file_works_on_every_python_here(graphs: pathlib.Path, tmp_path
     found = pythons()
     print("versions:", ", ".join(sorted(found)))
 
-    def told(version: str) -> str:
-        """What it says in an environment of its own, into which the pip of this one installs: making another pip takes longer than all else."""
+    def output_of(version: str) -> str:
+        """The output of a script in a new environment, into which this pip installs, since creating another pip takes long."""
         python = tmp_path / version / "bin/python"
         subprocess.run([found[version], "-m", "venv", "--without-pip", tmp_path / version], check=True)
         subprocess.run([sys.executable, "-m", "pip", "--python", python, "install", "-q", WHEEL], check=True)
@@ -64,17 +64,17 @@ def test_the_same_file_works_on_every_python_here(graphs: pathlib.Path, tmp_path
         return done.stdout
 
     with concurrent.futures.ThreadPoolExecutor() as pool:
-        assert len(set(pool.map(told, found))) == 1
+        assert len(set(pool.map(output_of, found))) == 1
 
 
 def best_of(times: int, text: str, *words: str) -> float:
-    """The least time, in ms, that a process of its own tells."""
+    """The minimum time, in ms, that other processes report."""
     told = [subprocess.run([sys.executable, "-c", text, *words], capture_output=True, text=True, check=True) for _ in range(times)]
     return min(float(done.stdout) for done in told)
 
 
 def test_importing_takes_at_most_10_ms() -> None:
-    # The least of many: whatever else the machine does only adds to it.
+    # The minimum of many, since other load only adds time.
     text = "import time; t = time.perf_counter(); import maquette; print((time.perf_counter() - t) * 1e3)"
     assert best_of(15, text) <= 10.0
 

@@ -1,4 +1,4 @@
-// A real VS Code in a browser without a window, with the extension in it, on a project of its own.
+// A real VS Code in a headless browser, with the extension and a copy of the project.
 import { spawn, execFileSync } from "node:child_process";
 import { cpSync, mkdirSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { createServer } from "node:net";
@@ -9,15 +9,15 @@ import { setTimeout as sleep } from "node:timers/promises";
 const ROOT = resolve(import.meta.dirname, "../../..");
 const MADE = join(ROOT, "target/vscode");
 
-/** How long anything may take to be seen, in milliseconds. */
-export const PATIENCE = 10_000;
+/** The timeout of waits, in milliseconds. */
+export const TIMEOUT = 10_000;
 
-/** The program that is tested. */
+/** The tested program. */
 export const PROGRAM = resolve(process.env.MAQUETTE ?? join(ROOT, "target/debug/maquette"));
 
 export class Editor {
   /**
-   * Starts the editor on the files of `graphs` that the doll needs.
+   * Starts the editor with a copy of the files of `graphs` that the doll needs.
    * @param {{ program?: string, settings?: object }} wanted
    */
   static async start({ program = PROGRAM, settings = {} } = {}) {
@@ -41,12 +41,12 @@ export class Editor {
     return [join(MADE, "server/node_modules/code-server/out/node/entry.js"), ...folders];
   }
 
-  /** Nothing of whoever runs this is read or changed; nor is what other runs have computed. */
+  /** The environment: the user's own configuration and caches are neither read nor changed. */
   #env() {
     return { ...process.env, HOME: this.home, XDG_CONFIG_HOME: this.home, XDG_DATA_HOME: this.home, XDG_CACHE_HOME: this.home };
   }
 
-  /** Runs the editor's own command, and says that it went well. */
+  /** Runs the editor's command line; throws if it fails. */
   #code(...words) {
     execFileSync("node", [...this.#words(), ...words], { env: this.#env(), stdio: "pipe" });
     return true;
@@ -57,7 +57,7 @@ export class Editor {
     this.#code("--install-extension", join(MADE, `maquette-${version}.vsix`));
     const port = await free();
     const words = ["--auth", "none", "--bind-addr", `127.0.0.1:${port}`, "--disable-telemetry", "--disable-update-check"];
-    // A group of its own, which ends as one.
+    // A separate process group, so that all of its processes can be ended.
     this.server = spawn("node", [...this.#words(), ...words, "--disable-workspace-trust", this.project], {
       env: this.#env(),
       detached: true,
@@ -74,12 +74,12 @@ export class Editor {
     const context = await this.browser.newContext({ viewport: { width: 1600, height: 1000 }, colorScheme: "dark" });
     await context.grantPermissions(["clipboard-read", "clipboard-write"]);
     this.page = await context.newPage();
-    this.page.setDefaultTimeout(PATIENCE);
+    this.page.setDefaultTimeout(TIMEOUT);
     await this.page.goto(`${this.address}?folder=${this.project}`);
     await this.page.locator(".monaco-workbench .part.statusbar").waitFor();
   }
 
-  /** Ends everything; what is still there after that is returned, as lines of `ps`. */
+  /** Ends everything; returns the processes that remain, as lines of `ps`. */
   async stop() {
     await this.browser?.close();
     const group = this.server?.pid;
@@ -88,7 +88,7 @@ export class Editor {
       process.kill(-group, signal);
       await until(() => alive(group).length === 0, 3000).catch(() => {});
     }
-    // What has left the group still has the folder in its words.
+    // Processes that have left the group still have the folder in their arguments.
     const left = execFileSync("ps", ["-eo", "pid,stat,args"], { encoding: "utf8" }).split("\n").filter((line) => line.includes(this.home));
     rmSync(this.home, { recursive: true, force: true });
     return left;
@@ -97,7 +97,7 @@ export class Editor {
   /** Runs a command by its name in the palette. @param {string} name */
   async command(name) {
     const words = this.page.locator(".quick-input-widget input");
-    // What has the keyboard may be about to change.
+    // The focus may be about to change, so try again if that fails.
     await until(async () => {
       await this.page.keyboard.press("F1");
       await words.fill(`>${name}`, { timeout: 1000 });
@@ -108,15 +108,15 @@ export class Editor {
 
   /** Opens a file of the project. @param {string} name */
   async open(name) {
-    // A window is known only a little after it is there.
+    // The editor finds a new window only after a short time.
     await until(() => this.#code("--reuse-window", join(this.project, name)));
     await this.page.locator(`.tab.active[data-resource-name="${name.split("/").at(-1)}"]`).waitFor();
     await this.page.locator(".view-lines .view-line").first().waitFor();
-    // An editor that has not the keyboard does not ask for lenses anew.
+    // Without the focus, the editor does not request code lenses again.
     await this.focus();
   }
 
-  /** Closes all files and drops what was not saved. */
+  /** Closes all files and discards unsaved changes. */
   async closeAll() {
     const { keyboard } = this.page;
     for (let k = 0; k < 3; k++) await keyboard.press("Escape");
@@ -129,13 +129,13 @@ export class Editor {
     }
   }
 
-  /** Gives the keyboard to the text, whoever has it: a page beside it takes all keys for itself. */
+  /** Moves the focus to the text; a web page beside it would take all keys. */
   async focus() {
     await this.page.locator(".editor-group-container .tab.active").first().click();
     await this.page.locator(".editor-group-container .monaco-editor.focused").first().waitFor();
   }
 
-  /** Puts the cursor before the first place of a text in a file, and so many letters on. */
+  /** Moves the cursor to the first occurrence of a text in a file, and `on` characters further. */
   async goto(name, text, on = 0) {
     const before = this.read(name).split(text)[0].split("\n");
     await this.line(before.length, before.at(-1).length + 1 + on);
@@ -158,12 +158,12 @@ export class Editor {
     await this.page.locator(".tab.active.dirty").waitFor({ state: "detached" });
   }
 
-  /** The language servers that run, as lines of `ps`. */
+  /** The running language servers, as lines of `ps`. */
   servers() {
     return alive(this.server.pid).filter((line) => line.includes("maquette lsp"));
   }
 
-  /** Sets what the project says beside the user's settings. */
+  /** Writes the settings of the workspace. */
   set(settings) {
     mkdirSync(join(this.project, ".vscode"), { recursive: true });
     this.write(".vscode/settings.json", JSON.stringify(settings));
@@ -173,7 +173,7 @@ export class Editor {
     return readFileSync(join(this.project, name), "utf8");
   }
 
-  /** Writes a file from outside, as another program would. */
+  /** Writes a file as another program would. */
   write(name, text) {
     writeFileSync(join(this.project, name), text);
   }
@@ -184,7 +184,7 @@ export class Editor {
   }
 }
 
-/** A quiet editor, which saves nothing by itself. */
+/** Settings without notifications and automatic saves. */
 const SETTINGS = {
   "chat.sendElementsToChat.enabled": false,
   "editor.minimap.enabled": false,
@@ -201,14 +201,14 @@ const SETTINGS = {
   "workbench.tips.enabled": false,
 };
 
-/** Waits until something holds, and gives it; errors do not. */
-export async function until(holds, patience = PATIENCE) {
-  const end = Date.now() + patience;
+/** Waits until a function returns a truthy value, and returns it; errors count as false. */
+export async function until(holds, timeout = TIMEOUT) {
+  const end = Date.now() + timeout;
   for (;;) {
     let why;
     const it = await Promise.resolve().then(holds).catch((error) => void (why = error));
     if (it) return it;
-    if (Date.now() > end) throw new Error(`not within ${patience} ms: ${why ?? holds}`);
+    if (Date.now() > end) throw new Error(`not within ${timeout} ms: ${why ?? holds}`);
     await sleep(50);
   }
 }
@@ -219,7 +219,7 @@ function alive(group) {
   return lines.filter((line) => +line.trim().split(/\s+/)[0] === group && !/^\s*\d+\s+Z/.test(line));
 }
 
-/** A port that nobody listens at. */
+/** Finds a free port. */
 function free() {
   return new Promise((tell) => {
     const server = createServer().listen(0, "127.0.0.1", () => {

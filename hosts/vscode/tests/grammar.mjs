@@ -1,4 +1,4 @@
-// The colors of the text: what each part of a line is for the grammar, as VS Code itself reads it.
+// Tests of the syntax colors, with the TextMate engine of VS Code.
 import assert from "node:assert/strict";
 import { readdirSync, readFileSync } from "node:fs";
 import { createRequire } from "node:module";
@@ -21,22 +21,22 @@ const registry = new textmate.Registry({
 });
 const grammar = await registry.loadGrammar("source.ron");
 
-/** Each part of `text` with its innermost scopes, but what has none. */
+/** The parts of `text` with their scopes, without parts that have none. */
 function parts(text) {
   let state = textmate.INITIAL;
-  const told = [];
+  const found = [];
   for (const line of text.split("\n")) {
     const { tokens, ruleStack } = grammar.tokenizeLine(line, state);
     state = ruleStack;
     for (const { startIndex, endIndex, scopes } of tokens) {
       const part = line.slice(startIndex, endIndex);
       const scope = scopes.slice(1).join(" ").replaceAll(".ron", "");
-      const last = told.at(-1);
+      const last = found.at(-1);
       if (last?.[1] === scope) last[0] += part;
-      else told.push([part, scope]);
+      else found.push([part, scope]);
     }
   }
-  return told.filter(([, scope]) => scope && !scope.startsWith("punctuation")).map(([part, scope]) => `${part} is ${scope}`);
+  return found.filter(([, scope]) => scope && !scope.startsWith("punctuation")).map(([part, scope]) => `${part} is ${scope}`);
 }
 
 const cases = {
@@ -146,7 +146,7 @@ for (const [text, wanted] of Object.entries(cases)) {
   test(`colors of ${JSON.stringify(text)}`, () => assert.deepEqual(parts(text), wanted));
 }
 
-test("every letter of every graph has a color, and no text runs on", () => {
+test("every character of every graph has a color, and no string is unterminated", () => {
   const folder = join(ROOT, "graphs");
   const graphs = readdirSync(folder, { recursive: true }).filter((it) => it.endsWith(".ron"));
   assert.ok(graphs.length > 50);

@@ -1,4 +1,4 @@
-// Snippets and problem matchers: held against what the program says.
+// Tests of snippets and problem matchers with the program.
 import assert from "node:assert/strict";
 import { spawnSync } from "node:child_process";
 import { mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
@@ -17,7 +17,7 @@ after(() => rmSync(folder, { recursive: true }));
 const write = (name, text) => writeFileSync(join(folder, name), text);
 const check = (name, ...words) => spawnSync(PROGRAM, ["check", name, ...words], { cwd: folder, encoding: "utf8" });
 
-/** What a snippet is if nothing is typed into it. */
+/** The text of a snippet with its default values. */
 function plain(name) {
   const body = [snippets[name].body].flat().join("\n");
   const text = body.replaceAll(/\$\{\d+\|([^,|]*)[^|]*\|\}/g, "$1").replaceAll(/\$\{\d+:([^}]*)\}/g, "$1");
@@ -27,7 +27,7 @@ function plain(name) {
 const MESH = "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
 for (const [name, text] of [["maquette.toml", ""], ["scan.obj", MESH], ["graph.ron", plain("Graph") + "\n"]]) write(name, text);
 
-/** Each snippet in a file of its own: a piece of a graph in a graph. */
+/** A file for each snippet; parts of a graph are embedded in a graph. */
 const files = {
   Graph: ["whole.ron", plain("Graph")],
   "Graph with inputs": ["part.ron", plain("Graph with inputs")],
@@ -48,18 +48,18 @@ function graph(nodes, params = "") {
   return `Graph(format: 1, use: { "Part": "lifted.ron" }, params: { ${all} }, nodes: { ${nodes} }, outputs: { "scan.ply": "scan" })`;
 }
 
-test("each snippet is tried", () => assert.deepEqual(Object.keys(files).sort(), Object.keys(snippets).sort()));
+test("each snippet is tested", () => assert.deepEqual(Object.keys(files).sort(), Object.keys(snippets).sort()));
 
 for (const [name, [file, text]] of Object.entries(files)) {
-  test(`the snippet ${name} has no errors as it comes`, () => {
+  test(`the snippet ${name} has no errors with its default values`, () => {
     write(file, text + "\n");
     const { problems } = JSON.parse(check(file, "--json").stdout);
     assert.deepEqual(problems.filter((it) => it.severity === "error").map((it) => it.message), [], text);
   });
 }
 
-/** What a matcher finds in lines, as the editor applies it: each of its patterns to one line. */
-function matched(name, lines) {
+/** The problems that a matcher finds in lines. Like the editor, applies each of its patterns to one line. */
+function applyMatcher(name, lines) {
   const patterns = [contributes.problemMatchers.find((it) => it.name === name).pattern].flat();
   const found = [];
   for (let at = 0; at + patterns.length <= lines.length; at++) {
@@ -77,15 +77,15 @@ test("the problem matcher finds the problems of check", () => {
   const { problems } = JSON.parse(check("bad.ron", "--json").stdout);
   const wanted = problems.map(({ severity, code, message, file, line, column }) => ({ severity, code, message, file, line: `${line}`, column: `${column}` }));
   assert.ok(wanted.length > 1);
-  assert.deepEqual(matched("maquette", check("bad.ron").stderr.split("\n")), wanted);
+  assert.deepEqual(applyMatcher("maquette", check("bad.ron").stderr.split("\n")), wanted);
 });
 
 test("the problem matcher of batches finds failed tasks", () => {
   write("none.obj", "no mesh\n");
   const { stderr } = spawnSync(PROGRAM, ["batch", "graph.ron", "--sweep", "scan.path=none.obj,scan.obj", "--no-cache"], { cwd: folder, encoding: "utf8" });
-  const [first] = matched("maquette-batch", stderr.split("\n"));
+  const [first] = applyMatcher("maquette-batch", stderr.split("\n"));
   assert.equal(first?.severity, "error", stderr);
   assert.ok(first.file.endsWith("graph.ron") && Number(first.line) > 0, stderr);
 });
 
-test("where there is no machine, the extension says so", () => assert.equal(browser, "web.js"));
+test("the extension has an entry point for editors without a machine", () => assert.equal(browser, "web.js"));

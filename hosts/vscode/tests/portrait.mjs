@@ -1,4 +1,4 @@
-// Makes the picture of the README: `node hosts/vscode/tests/portrait.mjs FILE.png`, after `bash hosts/vscode/test`.
+// Takes the screenshot of the README: `node hosts/vscode/tests/portrait.mjs FILE.png`, after `bash hosts/vscode/test`.
 import { execFileSync } from "node:child_process";
 import { Editor, until } from "./editor.mjs";
 
@@ -22,7 +22,7 @@ const editor = await Editor.start({
 });
 const { page } = editor;
 
-/** Moves what is pulled from one place to another. */
+/** Drags the mouse from one point to another. */
 async function drag(from, to) {
   await page.mouse.move(...from);
   await page.mouse.down();
@@ -45,7 +45,7 @@ try {
 
   const group = await page.locator(".editor-group-container").nth(1).boundingBox();
   await drag([group.x, 400], [940, 400]);
-  // The doll, seen from the side and near; the graph needs no more than it has.
+  // Make room for the doll: the graph needs less than its default height.
   const graph = await frame.locator("#graph").boundingBox();
   await drag([graph.x + graph.width - 4, graph.y + graph.height - 4], [graph.x + graph.width - 4, graph.y + 130]);
   const canvas = await frame.locator(".frame canvas").first().boundingBox();
@@ -61,7 +61,7 @@ try {
   await page.locator(".monaco-hover:visible").first().waitFor();
   await page.waitForTimeout(1500);
   await page.screenshot({ path: process.argv[2] });
-  // Few colors are enough, and a third of the bytes.
+  // 256 colors are enough, with a third of the bytes.
   execFileSync("convert", [process.argv[2], "-dither", "FloydSteinberg", "-colors", "256", "-strip", `PNG8:${process.argv[2]}`]);
 } finally {
   await editor.stop();

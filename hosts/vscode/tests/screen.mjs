@@ -1,4 +1,4 @@
-// What a user sees. The first word of a test is the number of the statement that it is about, in the design of the language server.
+// Tests of the user interface. A test's name begins with the number of a requirement in the design of the language server.
 import assert from "node:assert/strict";
 import { spawnSync } from "node:child_process";
 import { existsSync, rmSync } from "node:fs";
@@ -8,7 +8,7 @@ import { Editor, PROGRAM, until } from "./editor.mjs";
 
 /** @type {Editor} */
 let editor;
-/** The files that tests change, as they were. */
+/** The original texts of the files that tests change. */
 let originals;
 
 before(async () => {
@@ -18,10 +18,10 @@ before(async () => {
 
 after(async () => {
   const left = await editor.stop();
-  assert.deepEqual(left, [], "nothing runs on");
+  assert.deepEqual(left, [], "no process remains");
 });
 
-/** A test that begins with the files as they were, and leaves a picture. */
+/** Defines a test that starts with the original files and takes a screenshot at the end. */
 function check(name, body) {
   test(name, { timeout: 60_000 }, async () => {
     await editor.closeAll();
@@ -34,45 +34,45 @@ function check(name, body) {
   });
 }
 
-/** Does something until this is seen: while the editor takes in what has changed, it cancels its own questions, and says that there is nothing. */
-function untilSeen(locator, does) {
+/** Repeats an action until an element is visible: after a change, the editor cancels its own requests and shows no results for a while. */
+function untilVisible(locator, act) {
   return until(async () => {
-    await does();
+    await act();
     await locator.waitFor({ timeout: 2000 });
     return true;
   });
 }
 
-/** Waits until a file is this: whoever looks while it is written sees a part of it. */
-async function becomes(name, text) {
+/** Waits until a file has this text; during a write, it may have only a part of it. */
+async function waitForFile(name, text) {
   await until(() => editor.read(name) === text).catch(() => assert.equal(editor.read(name), text));
 }
 
-/** What `maquette check` says of a file. */
-function checked(name) {
+/** The problems that `maquette check` reports for a file. */
+function problemsOfCheck(name) {
   const { stdout } = spawnSync(PROGRAM, ["check", "--json", name], { cwd: editor.project, encoding: "utf8" });
   return JSON.parse(stdout).problems;
 }
 
-/** Types over the node's name in the link of `spots`. */
-async function mistake() {
+/** Makes an error: changes the node's name in the link of `spots`. */
+async function makeError() {
   await editor.open("doll.ron");
   await editor.command("Problems: Focus on Problems View");
   await editor.goto("doll.ron", 'red", connectivity');
   for (let k = 0; k < 3; k++) await editor.page.keyboard.press("Shift+ArrowRight");
   await editor.type("rad");
   await editor.page.locator(".squiggly-error").first().waitFor();
-  // Not what was told of the letters before.
+  // Not a problem of an earlier, partial change.
   await problems().filter({ hasText: "`rad`" }).first().waitFor();
 }
 
-/** The problems that the panel lists. */
+/** The problems in the panel. */
 const problems = () => editor.page.locator(".markers-panel .monaco-list-row .marker-message-details-container");
 
-check("1 a mistake that is typed has a squiggle and the words of check", async () => {
-  await mistake();
+check("1 an error has a squiggle and the message of check", async () => {
+  await makeError();
   editor.write("copy.ron", originals["doll.ron"].replace('"red", connectivity', '"rad", connectivity'));
-  const [problem, ...others] = checked("copy.ron");
+  const [problem, ...others] = problemsOfCheck("copy.ron");
   assert.deepEqual(others, []);
   const text = (await problems().first().innerText()).replaceAll(/\s+/g, " ");
   assert.ok(text.includes(problem.message), `${text}, not ${problem.message}`);
@@ -80,23 +80,23 @@ check("1 a mistake that is typed has a squiggle and the words of check", async (
 });
 
 check("7 a quick fix is one click, and the problem is gone", async (page) => {
-  await mistake();
+  await makeError();
   await page.keyboard.press("ArrowLeft");
   const fix = page.locator(".action-widget .monaco-list-row.action").filter({ hasText: "red" }).first();
-  await untilSeen(fix, async () => {
+  await untilVisible(fix, async () => {
     await page.keyboard.press("Escape");
     await page.keyboard.press("Control+.");
   });
-  // What shields the list from a mouse that was there before it goes away as the mouse moves.
+  // The list ignores the mouse until it moves.
   await fix.hover({ force: true });
   await fix.click({ force: true });
   await page.locator(".squiggly-error").first().waitFor({ state: "detached" });
   await until(async () => (await problems().count()) === 0);
   await editor.save();
-  await becomes("doll.ron", originals["doll.ron"]);
+  await waitForFile("doll.ron", originals["doll.ron"]);
 });
 
-check("2 completion offers the fields of a node that are not there yet", async (page) => {
+check("2 completion offers the missing fields of a node", async (page) => {
   await editor.open("doll.ron");
   await editor.goto("doll.ron", ", select: Near");
   await editor.type(", ");
@@ -105,17 +105,17 @@ check("2 completion offers the fields of a node that are not there yet", async (
     await page.keyboard.press("Escape");
     await page.keyboard.press("Control+Space");
   };
-  await untilSeen(list.filter({ hasText: "within" }).first(), suggest);
+  await untilVisible(list.filter({ hasText: "within" }).first(), suggest);
   const offered = await list.allInnerTexts();
   const first = offered.slice(0, 5).map((it) => it.trim().split(/\W/)[0]);
   assert.ok(first.includes("within") && first.includes("invert"), offered.join("; "));
   assert.ok(!first.includes("image") && !first.includes("select"), offered.join("; "));
   await page.keyboard.press("Escape");
   await editor.goto("doll.ron", '"whole", pick', 1);
-  await untilSeen(list.filter({ hasText: "scan.range" }).first(), suggest);
+  await untilVisible(list.filter({ hasText: "scan.range" }).first(), suggest);
 });
 
-check("4 a hover over a type of nodes shows its words", async (page) => {
+check("4 a hover over a node type shows its documentation", async (page) => {
   await editor.open("doll.ron");
   await page.locator(".view-line span", { hasText: /^Threshold$/ }).first().hover();
   await page.locator(".monaco-hover:visible", { hasText: "Marks the pixels that belong together by their color." }).waitFor();
@@ -136,16 +136,16 @@ check("6 a rename changes the name in all files and nothing else", async (page) 
   await page.keyboard.press("Enter");
   await page.locator(".rename-box:visible").waitFor({ state: "detached" });
   await editor.command("File: Save All");
-  await becomes("lib/feature.ron", originals["lib/feature.ron"].replaceAll('"growth"', '"rise"'));
-  await becomes("face.ron", originals["face.ron"].replaceAll("growth:", "rise:"));
-  assert.deepEqual(checked("face.ron"), []);
+  await waitForFile("lib/feature.ron", originals["lib/feature.ron"].replaceAll('"growth"', '"rise"'));
+  await waitForFile("face.ron", originals["face.ron"].replaceAll("growth:", "rise:"));
+  assert.deepEqual(problemsOfCheck("face.ron"), []);
 });
 
-check("8 a node becomes a graph of its own, and comes back", async (page) => {
+check("8 a node is extracted into a graph and inlined again", async (page) => {
   await editor.open("doll.ron");
   const choose = async (title) => {
     const action = page.locator(".action-widget .monaco-list-row.action").filter({ hasText: title }).first();
-    await untilSeen(action, async () => {
+    await untilVisible(action, async () => {
       await editor.goto("doll.ron", '"spots":', 2);
       await page.keyboard.press("Control+Shift+R");
     });
@@ -159,11 +159,11 @@ check("8 a node becomes a graph of its own, and comes back", async (page) => {
   await editor.command("File: Save All");
   await until(() => editor.read("doll.ron").includes('"Spots": "spots.ron"') && editor.read("spots.ron").includes("Label("));
   editor.write("copy.ron", originals["doll.ron"]);
-  assert.deepEqual(checked("doll.ron"), checked("copy.ron"));
+  assert.deepEqual(problemsOfCheck("doll.ron"), problemsOfCheck("copy.ron"));
   await choose("Inline `spots`");
   await page.locator(".view-line", { hasText: "Spots(" }).first().waitFor({ state: "detached" });
   await editor.command("File: Save All");
-  await becomes("doll.ron", originals["doll.ron"]);
+  await waitForFile("doll.ron", originals["doll.ron"]);
   rmSync(join(editor.project, "spots.ron"));
 });
 
@@ -215,7 +215,7 @@ check("9 the path of a scan is a link to it", async (page) => {
   await page.locator('.tab[data-resource-name="range.pcd"]').waitFor();
 });
 
-check("11 the run of a lens writes the outputs, and its words are shown", async (page) => {
+check("11 the run of a lens writes the outputs, and its text is shown", async (page) => {
   await editor.open("doll.ron");
   await lens(/run/i).click();
   await until(() => existsSync(join(editor.project, "out/doll/model.glb")), 60_000);
@@ -223,12 +223,12 @@ check("11 the run of a lens writes the outputs, and its words are shown", async 
   assert.deepEqual(await page.locator(".notification-toast").allInnerTexts(), [], "nothing pops up beside it");
 });
 
-check("10 after a run, nodes have hints of what they gave", async (page) => {
+check("10 after a run, nodes have hints with their results", async (page) => {
   await editor.open("doll.ron");
   await page.locator(".view-line", { hasText: /"nose":\sExtractRegion.*\d+\s(ms|s)\b/ }).waitFor();
 });
 
-check("11 lenses tell why a node would run and what it gave", async (page) => {
+check("11 lenses show why a node would run and its results", async (page) => {
   await editor.open("doll.ron");
   await lens(/inspect/i).first().click();
   const output = page.locator(".output-view-container, .pane-body.output-view");
@@ -247,7 +247,7 @@ check("11 the live page is beside the text, follows it, and stops", async (page)
   await until(() => frame.evaluate(() => document.querySelector(".frame canvas")?.dataset.shown), 40_000);
   await editor.focus();
   await lens(/stop/).waitFor();
-  // What is saved is followed.
+  // The page follows saved changes.
   await editor.goto("doll.ron", "12.0, min");
   for (let k = 0; k < 2; k++) await page.keyboard.press("Shift+ArrowRight");
   await editor.type("30");
@@ -258,19 +258,19 @@ check("11 the live page is beside the text, follows it, and stops", async (page)
   await until(async () => (await frame.locator("#link").innerText()) !== "live");
 });
 
-/** The lens of a name. */
+/** The code lens whose text matches. */
 const lens = (name) => editor.page.locator(".codelens-decoration a", { hasText: name });
 
-check("12 a program that is not there is told, with what to do", async (page) => {
+check("12 a missing program is reported with a way out", async (page) => {
   await editor.open("doll.ron");
-  for (const [program, told] of [["/nowhere/maquette", "is not there"], ["/bin/false", "is too old"]]) {
+  for (const [program, words] of [["/nowhere/maquette", "Cannot find the program `/nowhere/maquette`"], ["/bin/false", "`/bin/false` is too old"]]) {
     editor.set({ "maquette.path": program });
-    const message = page.locator(".notification-toast", { hasText: `\`${program}\` ${told}` });
+    const message = page.locator(".notification-toast", { hasText: words });
     await message.waitFor();
     const text = await message.innerText();
-    for (const part of ["`cargo install --path src/program`", "`maquette.path`", "Say where it is", "Try again"]) assert.ok(text.includes(part), text);
+    for (const part of ["`cargo install --path src/program`", "`maquette.path`", "Set path", "Try again"]) assert.ok(text.includes(part), text);
   }
-  // Its commands say why they do nothing.
+  // The commands report the same reason.
   await editor.command("Notifications: Clear All Notifications");
   await editor.command("Maquette: Run graph");
   await page.locator(".notification-toast", { hasText: "`/bin/false` is too old" }).waitFor();

@@ -1,12 +1,12 @@
-//! What the surface around a point looks like, in numbers that do not change when it moves.
+//! Motion-invariant descriptors of the surface around a point.
 
 use maquette_value::parallel::*;
 
 use crate::cloud::Cloud;
 
-/// Intervals of each of the three angles.
+/// The number of histogram intervals for each of the three angles.
 const INTERVALS: usize = 11;
-/// Numbers of a histogram; filled up with zeros, so that they are compared eight by eight.
+/// The length of a histogram, padded with zeros to a multiple of eight for SIMD comparison.
 const NUMBERS: usize = 40;
 
 /// A fast point feature histogram: Rusu, Blodow and Beetz, "Fast point feature histograms (FPFH) for 3D registration" (2009).
@@ -14,12 +14,12 @@ const NUMBERS: usize = 40;
 pub(super) struct Histogram([f32; NUMBERS]);
 
 impl Histogram {
-    /// How far two are apart: the square of the distance, or a part of it that is as much as `most`.
-    pub(super) fn off(&self, other: &Self, most: f32) -> f32 {
+    /// Returns the squared distance of two histograms. If the sum reaches `max`, the computation ends early and returns the partial sum.
+    pub(super) fn distance_sq(&self, other: &Self, max: f32) -> f32 {
         let mut off = 0.0;
         for (a, b) in self.0.chunks_exact(8).zip(other.0.chunks_exact(8)) {
             off += (0..8).map(|k| (a[k] - b[k]) * (a[k] - b[k])).sum::<f32>();
-            if off >= most {
+            if off >= max {
                 break;
             }
         }
@@ -30,8 +30,8 @@ impl Histogram {
         self.0.iter_mut().zip(&other.0).for_each(|(sum, x)| *sum += weight * x);
     }
 
-    /// Each of the three parts adds up to 1.
-    fn normalized(mut self) -> Self {
+    /// Scales each of the histogram's three parts (one per angle) to a sum of 1.
+    fn normalize(mut self) -> Self {
         for part in self.0[..3 * INTERVALS].chunks_mut(INTERVALS) {
             let sum = part.iter().sum::<f32>().max(f32::MIN_POSITIVE);
             part.iter_mut().for_each(|x| *x /= sum);
@@ -40,54 +40,64 @@ impl Histogram {
     }
 }
 
-/// The histograms of all points, of what is nearer than `radius`; none where the surface ends, since only a part of what is around is
-/// there.
+/// Computes the histograms of all points from neighbors within `radius`. The result is `None` near the rim of the surface, where a part of
+/// the neighborhood is missing.
 pub(super) fn histograms(cloud: &Cloud, radius: f64) -> Vec<Option<Histogram>> {
     let points = || (0..cloud.positions.len()).into_par_iter().with_min_len(64);
     let near: Vec<Vec<u32>> =
-        points().map(|k| cloud.tree.within(&cloud.positions[k], radius)).collect();
-    // Equation 1, of each point and its neighbors.
+        points().map(|k| cloud.tree.points_within(&cloud.positions[k], radius)).collect();
+    // Equation 1 of the publication: the simple histogram of each point, from the angles between the point and its neighbors.
     let simple: Vec<Histogram> = points()
         .map(|k: usize| {
             let mut simple = Histogram([0.0; NUMBERS]);
             for &other in &near[k] {
                 let Some(angles) = angles(cloud, k, other as usize) else { continue };
-                for (part, share) in angles.into_iter().enumerate() {
-                    let interval = ((share * INTERVALS as f64) as usize).min(INTERVALS - 1);
+                for (part, fraction) in angles.into_iter().enumerate() {
+                    let interval = ((fraction * INTERVALS as f64) as usize).min(INTERVALS - 1);
                     simple.0[part * INTERVALS + interval] += 1.0;
                 }
             }
-            simple.normalized()
+            simple.normalize()
         })
         .collect();
-    // Equation 2: with those of the neighbors, the near ones most.
-    let whole = |k: usize| {
-        if cloud.rim[k] || near[k].len() < 8 {
-            return None;
-        }
-        let mut sum = Histogram([0.0; NUMBERS]);
-        for &other in near[k].iter().filter(|&&other| other as usize != k) {
-            let distance = (cloud.positions[k] - cloud.positions[other as usize]).norm();
-            sum.add(&simple[other as usize], (radius / distance.max(1e-3 * radius)) as f32);
-        }
-        let mut whole = sum.normalized();
-        whole.add(&simple[k], 1.0);
-        Some(whole.normalized())
-    };
-    points().map(whole).collect()
+    // Equation 2 of the publication: each combined histogram is made from the simple ones of the point and its neighbors.
+    points().map(|k| combine(cloud, k, &near[k], &simple, radius)).collect()
 }
 
-/// How two points with normals lie to each other, each number from 0 to 1; none of points at one place, or of one behind the other.
+/// Combines the simple histogram of point `k` with those of its neighbors, weighted by inverse distance. Returns `None` near the rim of the
+/// surface.
+fn combine(
+    cloud: &Cloud,
+    k: usize,
+    near: &[u32],
+    simple: &[Histogram],
+    radius: f64,
+) -> Option<Histogram> {
+    if cloud.rim[k] || near.len() < 8 {
+        return None;
+    }
+    let mut sum = Histogram([0.0; NUMBERS]);
+    for &other in near.iter().filter(|&&other| other as usize != k) {
+        let distance = (cloud.positions[k] - cloud.positions[other as usize]).norm();
+        sum.add(&simple[other as usize], (radius / distance.max(1e-3 * radius)) as f32);
+    }
+    let mut combined = sum.normalize();
+    combined.add(&simple[k], 1.0);
+    Some(combined.normalize())
+}
+
+/// Describes the relative position of two points with normals by three angles, each scaled to the range from 0 to 1. Returns `None` if the
+/// points coincide or a normal is parallel to the line between them.
 fn angles(cloud: &Cloud, k: usize, other: usize) -> Option<[f64; 3]> {
     let way = cloud.positions[other] - cloud.positions[k];
     let way = way.try_normalize(0.0)?;
     let (mut u, mut v, mut way) = (cloud.normals[k], cloud.normals[other], way);
-    // From the one whose normal is nearer to the way.
+    // Start at that point whose normal makes the smaller angle with the connecting line.
     if u.dot(&way).abs() < v.dot(&way).abs() {
         (u, v, way) = (v, u, -way);
     }
     let across = way.cross(&u).try_normalize(1e-9)?;
     let third = u.cross(&across);
-    let turn = libm::atan2(third.dot(&v), u.dot(&v)) / std::f64::consts::TAU + 0.5;
-    Some([turn, 0.5 + 0.5 * across.dot(&v), 0.5 + 0.5 * u.dot(&way)])
+    let rotation = libm::atan2(third.dot(&v), u.dot(&v)) / std::f64::consts::TAU + 0.5;
+    Some([rotation, 0.5 + 0.5 * across.dot(&v), 0.5 + 0.5 * u.dot(&way)])
 }

@@ -1,12 +1,12 @@
-//! Surfaces to scan.
+//! Surfaces that the tests scan.
 
 use maquette_scan::Scan;
 use maquette_value::{Faces, Mesh};
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use crate::moved::moved_scan;
+use crate::motion::move_scan;
 
-/// A lump of 40 mm that is the same from no two sides, its vertices spread otherwise for each `turn`.
+/// Creates an asymmetric blob of 40 mm. `turn` rotates the grid of vertices, but not the shape.
 pub(super) fn blob(turn: f64) -> Mesh {
     let bumps = [
         ([0.2, 0.4, 0.9], 9.0, 0.25),
@@ -22,7 +22,7 @@ pub(super) fn blob(turn: f64) -> Mesh {
         ([-0.2, 0.95, -0.2], 9.0, 0.3),
         ([0.1, -0.95, -0.1], -6.0, 0.2),
     ];
-    ball(turn, |way| {
+    closed_surface(turn, |way| {
         40.0 + bumps
             .map(|(at, height, width): ([f64; 3], f64, f64)| {
                 let off = (way - Vector3::from(at).normalize()).norm_squared();
@@ -33,29 +33,29 @@ pub(super) fn blob(turn: f64) -> Mesh {
     })
 }
 
-/// A ball of 30 mm.
+/// Creates a sphere with a radius of 30 mm.
 pub(super) fn sphere() -> Scan {
-    Scan::Mesh(ball(0.0, |_| 30.0))
+    Scan::Mesh(closed_surface(0.0, |_| 30.0))
 }
 
-/// Rings of triangles around the origin, closed at both ends.
-fn ball(turn: f64, radius: impl Fn(&Vector3<f64>) -> f64) -> Mesh {
+/// Creates a closed surface around the origin from rings of triangles. `radius` returns its distance from the origin in a direction.
+fn closed_surface(turn: f64, radius: impl Fn(&Vector3<f64>) -> f64) -> Mesh {
     const RINGS: usize = 90;
-    const ROUND: usize = 150;
+    const VERTICES_PER_RING: usize = 150;
     let turned = Isometry3::rotation(Vector3::new(turn, 2.0 * turn, -turn));
     let at = |ring: usize, k: usize| {
         let polar = std::f64::consts::PI * (ring as f64 + 0.5) / RINGS as f64;
-        let around = std::f64::consts::TAU * k as f64 / ROUND as f64;
+        let around = std::f64::consts::TAU * k as f64 / VERTICES_PER_RING as f64;
         let ((sp, cp), (sa, ca)) = (libm::sincos(polar), libm::sincos(around));
         let way = turned * Vector3::new(sp * ca, cp, sp * sa);
         Point3::from(way * radius(&way))
     };
-    let positions = (0..RINGS).flat_map(|ring| (0..ROUND).map(move |k| (ring, k)));
+    let positions = (0..RINGS).flat_map(|ring| (0..VERTICES_PER_RING).map(move |k| (ring, k)));
     let positions: Vec<_> = positions.map(|(ring, k)| at(ring, k)).collect();
     fn vertex(ring: usize, k: usize) -> u32 {
-        (ring * ROUND + k % ROUND) as u32
+        (ring * VERTICES_PER_RING + k % VERTICES_PER_RING) as u32
     }
-    let quads = (1..RINGS).flat_map(|ring| (0..ROUND).map(move |k| (ring, k)));
+    let quads = (1..RINGS).flat_map(|ring| (0..VERTICES_PER_RING).map(move |k| (ring, k)));
     let faces = quads.flat_map(|(ring, k)| {
         let [a, b] = [k, k + 1].map(|k| vertex(ring - 1, k));
         let [d, c] = [k, k + 1].map(|k| vertex(ring, k));
@@ -64,14 +64,14 @@ fn ball(turn: f64, radius: impl Fn(&Vector3<f64>) -> f64) -> Mesh {
     Mesh::new(positions, Faces::triangles(faces.collect())).unwrap()
 }
 
-/// The faces that look towards this side.
+/// Returns the faces whose normals point towards a viewer in the direction `way`.
 pub(super) fn seen_from(mesh: &Mesh, way: Vector3<f64>) -> Scan {
     let faces = (0..).zip(mesh.faces().iter());
     fn is_seen(face: &[u32], way: Vector3<f64>, mesh: &Mesh) -> bool {
         mesh.area_vector(face).normalize().dot(&way.normalize()) > 0.3
     }
     let seen = faces.filter(|(_, face)| is_seen(face, way, mesh)).map(|(face, _)| face);
-    Scan::Mesh(mesh.select(&Vec::from_iter(seen)))
+    Scan::Mesh(mesh.select(&seen.collect::<Vec<_>>()))
 }
 
 /// A flat sheet of 60 mm.
@@ -87,6 +87,6 @@ pub(super) fn sheet() -> Scan {
     Scan::Mesh(mesh.unwrap())
 }
 
-pub(super) fn moved_by(scan: &Scan, motion: &Isometry3<f64>) -> Scan {
-    moved_scan(scan, &motion.to_homogeneous(), None).unwrap()
+pub(super) fn move_by(scan: &Scan, motion: &Isometry3<f64>) -> Scan {
+    move_scan(scan, &motion.to_homogeneous(), None).unwrap()
 }

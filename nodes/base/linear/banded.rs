@@ -1,36 +1,42 @@
-//! Systems of equations whose matrix is zero away from the diagonal.
+//! Linear systems with a banded matrix.
 
 use nalgebra::Vector3;
 
-/// A square matrix with entries within `half` of the diagonal.
-pub struct Banded {
+/// A square matrix whose nonzero entries are at most `half` columns away from the diagonal.
+pub struct BandedMatrix {
     n: usize,
     half: usize,
-    /// Row by row, from `half` before the diagonal to `half` after it.
+    /// The entries of the band, row by row; each row from `half` columns before the diagonal to `half` columns after it.
     entries: Vec<f64>,
 }
 
-/// Below this share of a row's largest entry a pivot counts as zero: what is left is rounding.
-const LEAST_PIVOT: f64 = 1e-13;
+/// A pivot that is less than this fraction of its row's largest entry counts as zero, because it consists only of rounding errors.
+const MIN_PIVOT: f64 = 1e-13;
 
-impl Banded {
-    /// Zeros: `n` rows, with `half` entries on each side of the diagonal.
+impl BandedMatrix {
+    /// Creates a zero matrix with `n` rows and `half` entries on each side of the diagonal.
     pub fn new(n: usize, half: usize) -> Self {
         Self { n, half, entries: vec![0.0; n * (2 * half + 1)] }
     }
 
-    /// Adds to the entry in a row and a column, which must lie within the band.
+    /// Adds `x` to an entry, which must be within the band.
     pub fn add(&mut self, row: usize, column: usize, x: f64) {
-        let at = self.at(row, column);
+        let at = self.entry_index(row, column);
         self.entries[at] += x;
     }
 
-    fn at(&self, row: usize, column: usize) -> usize {
+    /// Returns the columns that the band covers in a row.
+    fn band(&self, row: usize) -> std::ops::Range<usize> {
+        row.saturating_sub(self.half)..(row + self.half + 1).min(self.n)
+    }
+
+    fn entry_index(&self, row: usize, column: usize) -> usize {
         row * (2 * self.half + 1) + column + self.half - row
     }
 
-    /// Factors the matrix into L U without exchanging rows, which is stable for the matrices of B-splines, whose minors are not
-    /// negative: de Boor and Pinkus, "Backward error analysis for totally positive linear systems" (1977). None if it is singular.
+    /// Factors the matrix into L U without pivoting. Returns `None` if it is singular. Without pivoting the factorization is stable for
+    /// B-spline matrices, whose minors are not negative: de Boor and Pinkus, "Backward error analysis for totally positive linear systems"
+    /// (1977).
     pub fn factor(mut self) -> Option<Factors> {
         let width = 2 * self.half + 1;
         let sizes: Vec<f64> = self
@@ -39,20 +45,20 @@ impl Banded {
             .map(|row| row.iter().map(|x| x.abs()).fold(0.0, f64::max))
             .collect();
         for (k, &size) in sizes.iter().enumerate() {
-            let pivot = self.entries[self.at(k, k)];
-            // A pivot that is NaN divides no better.
-            let divides = pivot.abs() > LEAST_PIVOT * size;
-            if !divides {
+            let pivot = self.entries[self.entry_index(k, k)];
+            // The comparison is also false for a NaN pivot.
+            let is_usable = pivot.abs() > MIN_PIVOT * size;
+            if !is_usable {
                 return None;
             }
             for row in k + 1..(k + self.half + 1).min(self.n) {
-                let at = self.at(row, k);
+                let at = self.entry_index(row, k);
                 let factor = self.entries[at] / pivot;
                 self.entries[at] = factor;
                 if factor != 0.0 {
                     for column in k + 1..(k + self.half + 1).min(self.n) {
-                        let change = factor * self.entries[self.at(k, column)];
-                        let at = self.at(row, column);
+                        let change = factor * self.entries[self.entry_index(k, column)];
+                        let at = self.entry_index(row, column);
                         self.entries[at] -= change;
                     }
                 }
@@ -62,27 +68,25 @@ impl Banded {
     }
 }
 
-/// A factored matrix.
-pub struct Factors(Banded);
+/// The L U factors of a banded matrix.
+pub struct Factors(BandedMatrix);
 
 impl Factors {
-    /// Turns the right side into the solution.
+    /// Replaces the right side by the solution.
     pub fn solve(&self, right: &mut [Vector3<f64>]) {
         let matrix = &self.0;
-        let near =
-            |row: usize| (row.saturating_sub(matrix.half), (row + matrix.half + 1).min(matrix.n));
         for row in 0..matrix.n {
-            for column in near(row).0..row {
-                let known = right[column];
-                right[row] -= known * matrix.entries[matrix.at(row, column)];
+            for column in matrix.band(row).start..row {
+                let solved = right[column];
+                right[row] -= solved * matrix.entries[matrix.entry_index(row, column)];
             }
         }
         for row in (0..matrix.n).rev() {
-            for column in row + 1..near(row).1 {
-                let known = right[column];
-                right[row] -= known * matrix.entries[matrix.at(row, column)];
+            for column in row + 1..matrix.band(row).end {
+                let solved = right[column];
+                right[row] -= solved * matrix.entries[matrix.entry_index(row, column)];
             }
-            right[row] /= matrix.entries[matrix.at(row, row)];
+            right[row] /= matrix.entries[matrix.entry_index(row, row)];
         }
     }
 }
@@ -101,7 +105,7 @@ mod tests {
                 _ => 0.0,
             }
         }
-        let mut matrix = Banded::new(9, 2);
+        let mut matrix = BandedMatrix::new(9, 2);
         for row in 0..9usize {
             for column in row.saturating_sub(2)..(row + 3).min(9) {
                 matrix.add(row, column, entry(row, column));
@@ -117,11 +121,11 @@ mod tests {
 
     #[test]
     fn a_singular_matrix_has_no_factors() {
-        let mut matrix = Banded::new(2, 1);
+        let mut matrix = BandedMatrix::new(2, 1);
         [(0, 0), (0, 1), (1, 0), (1, 1)]
             .iter()
             .for_each(|&(row, column)| matrix.add(row, column, 1.0));
         assert!(matrix.factor().is_none());
-        assert!(Banded::new(1, 0).factor().is_none());
+        assert!(BandedMatrix::new(1, 0).factor().is_none());
     }
 }

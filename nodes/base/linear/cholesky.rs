@@ -1,27 +1,27 @@
-//! Sparse symmetric equations, factored once and solved for many right sides.
+//! Sparse Cholesky factorization, for symmetric systems that are factored once and solved for many right sides.
 //!
-//! The factor `L` of `L L^T` is found group by group of unknowns, each in a dense front: Duff and Reid, "The multifrontal solution of
-//! indefinite sparse symmetric linear equations" (1983); Liu, "The multifrontal method for sparse matrix solution: theory and practice"
-//! (1992). Unknowns are ordered and grouped by nested dissection, which keeps the factors of a mesh's equations small. Sums are in one
-//! order, for any number of threads.
+//! The factor `L` in `L L^T` is computed for one group of unknowns after another, each in a dense matrix called its front: Duff and Reid,
+//! "The multifrontal solution of indefinite sparse symmetric linear equations" (1983); Liu, "The multifrontal method for sparse matrix
+//! solution: theory and practice" (1992). Unknowns are ordered and grouped by nested dissection, which keeps the factors of mesh equations
+//! small. Sums are computed in a fixed order, so the result does not depend on the number of threads.
 
 use std::collections::BTreeMap;
 
 pub use dissection::{Dissection, Links};
 use front::Front;
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use maquette_value::parallel::*;
 
 mod dissection;
 mod front;
 
-/// A symmetric matrix: each row's entries, both halves given.
+/// A sparse symmetric matrix, stored by rows. Both halves are stored.
 pub struct Symmetric {
-    /// Where each row begins in the other two lists, with the end behind the last.
+    /// For each row the index at which it begins in `indices` and `entries`, followed by the length of these lists.
     pub starts: Vec<u32>,
-    /// The columns of entries.
+    /// The column index of each entry.
     pub indices: Vec<u32>,
-    /// The entries.
+    /// The value of each entry.
     pub entries: Vec<f64>,
 }
 
@@ -37,49 +37,49 @@ impl Symmetric {
     }
 }
 
-/// The factors of a matrix.
+/// The Cholesky factor of a matrix.
 pub struct Cholesky {
-    /// The unknown that is eliminated at each place.
+    /// The unknowns in elimination order.
     order: Vec<u32>,
     factors: Vec<Factor>,
 }
 
-/// The columns of `L` of one group of unknowns.
+/// The columns of `L` for one group of unknowns.
 struct Factor {
-    /// The place of the first one.
+    /// The position of the group's first unknown in the elimination order.
     first: usize,
-    /// How many they are.
+    /// The number of unknowns in the group.
     count: usize,
-    /// The places of their rows behind the group, ascending.
+    /// The nonzero rows after the group, as positions in the elimination order, ascending.
     below: Vec<u32>,
     columns: Front,
 }
 
-/// Below this share of a row's diagonal entry a pivot counts as zero: what is left is rounding.
-const LEAST_PIVOT: f64 = 1e-13;
+/// A pivot that is less than this fraction of its row's diagonal entry counts as zero, because it consists only of rounding errors.
+const MIN_PIVOT: f64 = 1e-13;
 
-/// In place of a parent that does not exist.
+/// Marks a group that has no parent in the assembly tree.
 const ROOT: u32 = u32::MAX;
 
-/// Equations of at most so many unknowns are solved on one thread.
-const ALONE: usize = 500;
+/// A system with at most this many unknowns is factored on one thread.
+const MAX_SEQUENTIAL_UNKNOWNS: usize = 500;
 
 impl Cholesky {
-    /// The factors; none if the matrix is not positive definite.
+    /// Factors a matrix. Returns `None` if it is not positive definite.
     pub fn new(matrix: &Symmetric) -> Option<Self> {
         let links = Links { starts: &matrix.starts, neighbors: &matrix.indices };
-        Self::ordered(matrix, &Dissection::new(links, 1), &Progress::none()).ok().flatten()
+        Self::with_ordering(matrix, &Dissection::new(links, 1), &Progress::silent()).ok().flatten()
     }
 
-    /// As [`new`](Self::new), with an order that is known.
+    /// Factors a matrix like [`new`](Self::new), with a given elimination order.
     ///
     /// # Errors
-    /// If the evaluation is told to stop.
-    pub fn ordered(
+    /// If the evaluation is cancelled.
+    pub fn with_ordering(
         matrix: &Symmetric,
         dissection: &Dissection,
         progress: &Progress<'_>,
-    ) -> Result<Option<Self>, Cancelled> {
+    ) -> Result<Option<Self>, CancelledError> {
         let order = &dissection.order;
         let mut place = vec![0u32; order.len()];
         (0..).zip(order).for_each(|(at, &unknown)| place[unknown as usize] = at);
@@ -89,7 +89,7 @@ impl Cholesky {
         let done = tasks
             .par_iter()
             .map(|groups| elimination.run(groups, BTreeMap::new()))
-            .collect::<Result<Vec<_>, Cancelled>>()?;
+            .collect::<Result<Vec<_>, CancelledError>>()?;
         let Some(done) = done.into_iter().collect::<Option<Vec<_>>>() else { return Ok(None) };
         let mut factors = Vec::with_capacity(tree.below.len());
         let mut left = BTreeMap::new();
@@ -103,7 +103,7 @@ impl Cholesky {
         Ok(Some(Self { order: order.clone(), factors }))
     }
 
-    /// Turns right sides into solutions, three at once.
+    /// Replaces three right sides (one per coordinate) by their solutions.
     pub fn solve(&self, right: &mut [[f64; 3]]) {
         let mut x: Vec<[f64; 3]> = self.order.iter().map(|&k| right[k as usize]).collect();
         let mut own = Vec::new();
@@ -130,7 +130,8 @@ impl Cholesky {
 }
 
 impl Factor {
-    /// Solves for the group, and leaves in the rows below what this takes from their right sides.
+    /// Forward substitution: solves for the unknowns of the group, and subtracts their contributions from the right sides of the rows
+    /// below.
     fn forwards(&self, x: &mut [[f64; 3]]) {
         for (k, column) in self.columns.entries.chunks_exact(self.columns.height).enumerate() {
             let known = x[k].map(|right| right / column[k]);
@@ -141,7 +142,7 @@ impl Factor {
         }
     }
 
-    /// Solves for the group what the rows below leave.
+    /// Back substitution: solves for the unknowns of the group, given the solution for the rows below.
     fn backwards(&self, x: &mut [[f64; 3]]) {
         for (k, column) in self.columns.entries.chunks_exact(self.columns.height).enumerate().rev()
         {
@@ -154,13 +155,14 @@ impl Factor {
     }
 }
 
-/// The assembly tree: to the front of which later group each group of unknowns passes its update.
+/// The assembly tree of the groups. The parent of a group is a later group; its front receives the update that the elimination of the group
+/// leaves.
 struct Tree {
-    /// Where each group begins in the order, with the end behind the last.
+    /// For each group the position in the elimination order at which it begins, followed by the number of unknowns.
     starts: Vec<u32>,
-    /// For each group the rows below its own, by place in the order, ascending.
+    /// For each group the nonzero rows below it, as positions in the elimination order, ascending.
     below: Vec<Vec<u32>>,
-    /// The first later group that each updates; [`ROOT`] if there is none.
+    /// For each group its parent, the first later group that it updates; [`ROOT`] if there is none.
     parents: Vec<u32>,
     children: Vec<Vec<u32>>,
 }
@@ -202,7 +204,8 @@ impl Tree {
         tree
     }
 
-    /// Groups that can be eliminated side by side, in parts that need nothing of each other, and those that need the parts.
+    /// Divides the groups into tasks that are independent and can run in parallel. Also returns the remaining groups, which depend on these
+    /// tasks.
     fn tasks(&self, unknowns: usize) -> (Vec<Vec<u32>>, Vec<u32>) {
         let count = self.parents.len();
         let mut sizes: Vec<u32> = self.starts.windows(2).map(|ends| ends[1] - ends[0]).collect();
@@ -211,7 +214,7 @@ impl Tree {
                 sizes[self.parents[k] as usize] += sizes[k];
             }
         }
-        let most = if unknowns <= ALONE { 0 } else { unknowns * 3 / 5 };
+        let most = if unknowns <= MAX_SEQUENTIAL_UNKNOWNS { 0 } else { unknowns * 3 / 5 };
         let (mut tasks, mut last) = (Vec::new(), Vec::new());
         let mut task = vec![ROOT; count];
         for k in (0..count).rev() {
@@ -233,8 +236,8 @@ impl Tree {
     }
 }
 
-/// What groups leave to their parents.
-type Rest = BTreeMap<u32, Front>;
+/// The updates that groups have left for their parents. The key is the group that has left the update.
+type PendingUpdates = BTreeMap<u32, Front>;
 
 struct Elimination<'a> {
     matrix: &'a Symmetric,
@@ -244,12 +247,16 @@ struct Elimination<'a> {
     progress: &'a Progress<'a>,
 }
 
-/// The columns of some groups, and what they leave to others; none if a pivot is not positive.
-type Eliminated = Option<(Vec<Factor>, Rest)>;
+/// The factor's columns for some groups, and the updates that these groups have left for their parents; `None` if a pivot is not positive.
+type EliminationResult = Option<(Vec<Factor>, PendingUpdates)>;
 
 impl Elimination<'_> {
-    /// Eliminates groups in order, `rest` being what others have left to them.
-    fn run(&self, groups: &[u32], mut rest: Rest) -> Result<Eliminated, Cancelled> {
+    /// Eliminates groups in order. `rest` has the updates that previously eliminated groups have left for them.
+    fn run(
+        &self,
+        groups: &[u32],
+        mut rest: PendingUpdates,
+    ) -> Result<EliminationResult, CancelledError> {
         let mut local = vec![0u32; self.order.len()];
         let mut factors = Vec::with_capacity(groups.len());
         for &group in groups {
@@ -259,7 +266,7 @@ impl Elimination<'_> {
             (0..).zip(first..end).for_each(|(row, place)| local[place] = row);
             (count as u32..).zip(below).for_each(|(row, &place)| local[place as usize] = row);
             let mut front = Front::new(count + below.len());
-            let mut least = vec![0.0; count];
+            let mut min_pivots = vec![0.0; count];
             for k in 0..count {
                 let column = front.column(k);
                 for (other, entry) in self.matrix.row(self.order[first + k] as usize) {
@@ -268,14 +275,14 @@ impl Elimination<'_> {
                         column[local[row] as usize] += entry;
                     }
                 }
-                least[k] = LEAST_PIVOT * column[k];
+                min_pivots[k] = MIN_PIVOT * column[k];
             }
             for &child in &self.tree.children[group as usize] {
                 let Some(left) = rest.remove(&child) else { continue };
                 let rows = &self.tree.below[child as usize];
                 front.add(&left, rows, &local);
             }
-            if !front.eliminate(&least, self.progress)? {
+            if !front.eliminate(&min_pivots, self.progress)? {
                 return Ok(None);
             }
             if !below.is_empty() {
@@ -291,7 +298,7 @@ impl Elimination<'_> {
 mod tests {
     use super::*;
 
-    /// The equations of a membrane on a grid, with a spring at each point.
+    /// Returns the Laplace matrix of a grid, with `spring` added to the diagonal.
     fn grid(width: usize, height: usize, spring: f64) -> Symmetric {
         let mut matrix = Symmetric { starts: vec![0], indices: vec![], entries: vec![] };
         for k in 0..width * height {
@@ -343,9 +350,9 @@ mod tests {
     }
 
     #[test]
-    fn every_unknown_has_its_place_in_the_order_also_of_separate_parts() {
+    fn the_order_contains_every_unknown_of_disconnected_matrices() {
         let mut matrix = grid(30, 20, 1.0);
-        // A second grid that nothing links to the first, and a lonely unknown.
+        // The matrix has a second grid without links to the first one, and an isolated unknown.
         let other = grid(25, 25, 1.0);
         let (rows, entries) = (600u32, matrix.indices.len() as u32);
         matrix.starts.extend(other.starts[1..].iter().map(|start| start + entries));
@@ -362,16 +369,16 @@ mod tests {
     }
 
     #[test]
-    fn dissection_fills_far_less_than_the_given_order() {
+    fn dissection_gives_much_less_fill_than_the_given_order() {
         let factors = Cholesky::new(&grid(100, 100, 1.0)).unwrap();
-        // In the given order the factor is a full band: 100 entries in each of 10 000 columns.
+        // In the order of the rows, the factor would be a full band: 100 entries in each of 10 000 columns.
         let entries: usize =
             factors.factors.iter().map(|factor| factor.columns.entries.len()).sum();
         assert!(entries < 500_000, "{entries}");
     }
 
     #[test]
-    fn unknowns_around_one_hub_fill_little() {
+    fn unknowns_around_one_hub_give_little_fill() {
         let count = 1000;
         let mut matrix = Symmetric { starts: vec![0], indices: vec![], entries: vec![] };
         for k in 0..count {
@@ -386,9 +393,9 @@ mod tests {
         let factors = Cholesky::new(&matrix).unwrap();
         let entries: usize =
             factors.factors.iter().map(|factor| factor.columns.entries.len()).sum();
-        // Two in each column, but for one small group. With the hub first it would be half a million.
+        // Each column has two entries, except in one small group. If the hub came first, the factor would have half a million entries.
         assert!(entries < 3000, "{entries}");
-        // All are 1: a leaf has 2 - 1, the hub nothing.
+        // The solution is 1 everywhere, because the row of a leaf gives 2 - 1, and the row of the hub gives 0.
         let mut x = vec![[1.0; 3]; count as usize];
         x.push([0.0; 3]);
         factors.solve(&mut x);
@@ -411,15 +418,15 @@ mod tests {
     }
 
     #[test]
-    fn any_number_of_threads_finds_the_same_factors() {
+    fn factors_do_not_depend_on_the_number_of_threads() {
         let matrix = grid(60, 50, 0.01);
-        fn solved(threads: usize, matrix: &Symmetric) -> Vec<[f64; 3]> {
+        fn solve_with_threads(threads: usize, matrix: &Symmetric) -> Vec<[f64; 3]> {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let mut x = vec![[1.0, 2.0, 3.0]; 3000];
             pool.install(|| Cholesky::new(matrix).unwrap().solve(&mut x));
             x
         }
-        assert_eq!(solved(1, &matrix), solved(3, &matrix));
+        assert_eq!(solve_with_threads(1, &matrix), solve_with_threads(3, &matrix));
     }
 
     #[test]

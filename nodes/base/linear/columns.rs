@@ -1,18 +1,18 @@
-//! Long lists of three numbers, as iterative solvers add and multiply them.
+//! Vector operations of iterative solvers, for three right sides at a time.
 //!
-//! Sums are taken of fixed chunks and added in their order, so that they are the same for any number of threads.
+//! Sums are computed over fixed chunks and added in order, so results do not depend on the number of threads.
 
 use maquette_value::parallel::*;
 
-use super::missed::Missed;
+use super::residuals::Residuals;
 
-/// A right side, an unknown or a residual: three coordinates, solved side by side.
+/// One entry of a right side, solution or residual: three coordinates that are solved independently.
 pub type Column = [f64; 3];
 
-/// Entries of a chunk.
+/// The number of entries per chunk.
 pub const CHUNK: usize = 1024;
 
-/// `to + direction * step`, coordinate by coordinate.
+/// Adds `direction * step` to `to`, coordinate by coordinate.
 pub fn add(to: &mut [Column], direction: &[Column], step: Column) {
     to.par_chunks_mut(CHUNK).zip(direction.par_chunks(CHUNK)).for_each(|(to, direction)| {
         for (to, direction) in to.iter_mut().zip(direction) {
@@ -21,7 +21,8 @@ pub fn add(to: &mut [Column], direction: &[Column], step: Column) {
     });
 }
 
-/// `direction * ratio + residual`, coordinate by coordinate: the next direction of conjugate gradients.
+/// Sets `direction` to `direction * ratio + residual`, coordinate by coordinate. In the conjugate gradient method this is the next search
+/// direction.
 pub fn follow(direction: &mut [Column], residual: &[Column], ratio: Column) {
     direction.par_chunks_mut(CHUNK).zip(residual.par_chunks(CHUNK)).for_each(
         |(direction, residual)| {
@@ -32,7 +33,7 @@ pub fn follow(direction: &mut [Column], residual: &[Column], ratio: Column) {
     );
 }
 
-/// The sums of `scale a b`, coordinate by coordinate; without `scale` it is 1.
+/// Returns the sum over all entries of `scale * a * b`, for each coordinate.
 pub fn dot(a: &[Column], b: &[Column], scale: &[f64]) -> Column {
     let parts = a.par_chunks(CHUNK).zip(b.par_chunks(CHUNK)).zip(scale.par_chunks(CHUNK)).map(
         |((a, b), scale)| {
@@ -47,12 +48,12 @@ pub fn dot(a: &[Column], b: &[Column], scale: &[f64]) -> Column {
     parts.into_iter().fold([0.0; 3], |sum, part| [0, 1, 2].map(|k| sum[k] + part[k]))
 }
 
-/// How long the entries are as vectors.
-pub fn missed(residual: &[Column]) -> Missed {
+/// Summarizes the lengths of the entries, each taken as a vector.
+pub fn residual_lengths(residual: &[Column]) -> Residuals {
     let parts = residual.par_chunks(CHUNK).map(|chunk| {
         let lengths_sq = chunk.iter().map(|[x, y, z]| x * x + y * y + z * z);
-        lengths_sq.fold(Missed::none(), Missed::and_by)
+        lengths_sq.fold(Residuals::empty(), Residuals::with_distance_sq)
     });
-    let parts: Vec<Missed> = parts.collect();
-    parts.into_iter().fold(Missed::none(), Missed::and)
+    let parts: Vec<Residuals> = parts.collect();
+    parts.into_iter().fold(Residuals::empty(), Residuals::merge)
 }

@@ -1,44 +1,44 @@
 //! The discrete Poisson equation on part of a grid, solved by conjugate gradients.
 //!
-//! Hestenes and Stiefel, "Methods of conjugate gradients for solving linear systems" (1952), with the diagonal as
-//! preconditioner, or for a large part, whose width would decide how many steps are taken, coarser grids. Sums run in index order, so that
-//! the result is the same for any number of threads.
+//! Hestenes and Stiefel, "Methods of conjugate gradients for solving linear systems" (1952). The preconditioner is the diagonal for a small
+//! part of a grid, and a sequence of coarser grids for a large part, where otherwise the number of steps would grow with the width of the
+//! part. Sums are computed in index order, so the result is the same for any number of threads.
 
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use thiserror::Error;
 
 use super::multigrid::{Grid, Multigrid, NONE};
 
-/// Why the Poisson equation has no solution.
+/// An error of [`solve`].
 #[derive(Clone, Debug, PartialEq, Error)]
-pub enum Unsolved {
+pub enum PoissonError {
     /// The iteration did not converge.
     #[error("the Poisson equation was not solved: residual {residual:e} after {iterations} steps")]
     NotConverged {
-        /// The length of the residual.
+        /// The norm of the residual.
         residual: f64,
-        /// The steps done.
+        /// The number of steps that were performed.
         iterations: usize,
     },
-    /// The evaluation was told to stop.
+    /// The evaluation was cancelled.
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }
 
-/// Residual at which a solution is good enough, relative to the right side: well above rounding (1e-16 times the condition,
-/// some 1e4 for a 100 x 100 part) and far below what a scan resolves.
+/// The maximum residual of a solution, relative to the right side. It is well above the rounding errors (1e-16 times the condition number,
+/// which is about 1e4 for a part of 100 x 100 cells) and far below the resolution of a scan.
 const TOLERANCE: f64 = 1e-12;
 
-/// From so many unknowns on coarser grids help.
-const MANY: usize = 20_000;
+/// The minimum number of unknowns for which the coarser grids save time.
+const MIN_MULTIGRID_UNKNOWNS: usize = 20_000;
 
 /// Solves `sum over the 4-neighbors of (x - neighbor) = load` for each free cell of a `width` x `height` grid.
 ///
-/// `values` holds the known values and receives the solution. A neighbor that is not free and whose value is NaN is left out
-/// of the sum, as is one beyond the grid. A part of the free cells that touches no known value gets NaN.
+/// `values` contains the known values and receives the solution. The sum does not include neighbors outside of the grid, nor neighbors that
+/// are not free and have the value NaN. Free cells that are not connected to a known value get NaN.
 ///
 /// # Errors
-/// If the iteration does not converge, which well-formed input never causes, or the evaluation is told to stop.
+/// If the iteration does not converge, which well-formed input never causes, or the evaluation is cancelled.
 ///
 /// # Panics
 /// If `free` or `values` does not have `width * height` entries.
@@ -49,13 +49,16 @@ pub fn solve(
     load: f64,
     values: &mut [f64],
     progress: &Progress<'_>,
-) -> Result<(), Unsolved> {
+) -> Result<(), PoissonError> {
     assert_eq!([free.len(), values.len()], [width * height; 2], "one entry per cell");
     let system = System::new(width, height, free, load, values);
-    let coarser = if system.cells.len() < MANY { None } else { system.coarser(width) };
+    let coarser =
+        if system.cells.len() < MIN_MULTIGRID_UNKNOWNS { None } else { system.coarser(width) };
     let solution = match coarser {
         Some(coarser) => system.solve(|residual| coarser.solve(residual), progress)?,
-        None => system.solve(|residual| system.by_diagonal(residual), progress)?,
+        None => {
+            system.solve(|residual| system.apply_diagonal_preconditioner(residual), progress)?
+        }
     };
     for cell in (0..free.len()).filter(|&cell| free[cell] == 1) {
         values[cell] = f64::NAN;
@@ -66,7 +69,7 @@ pub fn solve(
     Ok(())
 }
 
-/// `diagonal x - sum of the unknown neighbors = right`, for the unknowns that some known value reaches.
+/// The equations `diagonal * x - sum of the unknown neighbors = right` for those unknowns that are connected to a known value.
 struct System {
     cells: Vec<usize>,
     neighbors: Vec<[u32; 4]>,
@@ -76,7 +79,7 @@ struct System {
 
 impl System {
     fn new(width: usize, height: usize, free: &[u8], load: f64, values: &[f64]) -> Self {
-        fn around(cell: usize, width: usize, height: usize) -> [Option<usize>; 4] {
+        fn grid_neighbors(cell: usize, width: usize, height: usize) -> [Option<usize>; 4] {
             let (row, column) = (cell / width, cell % width);
             [
                 (row > 0).then(|| cell - width),
@@ -86,11 +89,11 @@ impl System {
             ]
         }
         let known = |cell: usize| free[cell] == 0 && !values[cell].is_nan();
-        // Unknowns, reached from the known cells.
+        // Find the unknowns that are connected to known cells.
         let mut reached: Vec<bool> = (0..free.len()).map(known).collect();
         let mut stack: Vec<usize> = (0..free.len()).filter(|&cell| reached[cell]).collect();
         while let Some(cell) = stack.pop() {
-            for next in around(cell, width, height).into_iter().flatten() {
+            for next in grid_neighbors(cell, width, height).into_iter().flatten() {
                 if free[next] == 1 && !reached[next] {
                     reached[next] = true;
                     stack.push(next);
@@ -109,7 +112,7 @@ impl System {
         };
         for &cell in &cells {
             let (mut diagonal, mut right) = (0.0, load);
-            for next in around(cell, width, height).into_iter().flatten() {
+            for next in grid_neighbors(cell, width, height).into_iter().flatten() {
                 if known(next) {
                     right += values[next];
                 }
@@ -120,13 +123,14 @@ impl System {
             system.diagonal.push(diagonal);
             system.right.push(right);
             system.neighbors.push(
-                around(cell, width, height).map(|next| next.map_or(NONE, |next| unknown[next])),
+                grid_neighbors(cell, width, height)
+                    .map(|next| next.map_or(NONE, |next| unknown[next])),
             );
         }
         Self { cells, ..system }
     }
 
-    /// None if rounding leaves nothing of its equations.
+    /// Creates the sequence of coarser grids. Returns `None` if a pivot is lost to rounding.
     fn coarser(&self, width: usize) -> Option<Multigrid> {
         Multigrid::new(Grid {
             cells: self.cells.clone(),
@@ -137,7 +141,7 @@ impl System {
         })
     }
 
-    fn by_diagonal(&self, residual: &[f64]) -> Vec<f64> {
+    fn apply_diagonal_preconditioner(&self, residual: &[f64]) -> Vec<f64> {
         residual.iter().zip(&self.diagonal).map(|(r, diagonal)| r / diagonal).collect()
     }
 
@@ -153,7 +157,7 @@ impl System {
         &self,
         precondition: impl Fn(&[f64]) -> Vec<f64>,
         progress: &Progress<'_>,
-    ) -> Result<Vec<f64>, Unsolved> {
+    ) -> Result<Vec<f64>, PoissonError> {
         let n = self.cells.len();
         fn dot(a: &[f64], b: &[f64]) -> f64 {
             a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>()
@@ -165,8 +169,8 @@ impl System {
         let mut q = vec![0.0; n];
         let mut rz = dot(&r, &z);
         let goal = TOLERANCE * TOLERANCE * dot(&r, &r);
-        let most = 100 + 10 * n;
-        for _ in 0..most {
+        let max_iterations = 100 + 10 * n;
+        for _ in 0..max_iterations {
             progress.check()?;
             if dot(&r, &r) <= goal {
                 return Ok(x);
@@ -179,14 +183,14 @@ impl System {
             }
             z = precondition(&r);
             let next = dot(&r, &z);
-            let share = next / rz;
+            let ratio = next / rz;
             rz = next;
-            p.iter_mut().zip(&z).for_each(|(p, z)| *p = z + share * *p);
+            p.iter_mut().zip(&z).for_each(|(p, z)| *p = z + ratio * *p);
         }
         if dot(&r, &r) <= goal {
             return Ok(x);
         }
-        Err(Unsolved::NotConverged { residual: dot(&r, &r).sqrt(), iterations: most })
+        Err(PoissonError::NotConverged { residual: dot(&r, &r).sqrt(), iterations: max_iterations })
     }
 }
 
@@ -199,7 +203,7 @@ mod tests {
     #[test]
     fn without_load_the_solution_is_linear_between_its_ends() {
         let mut values = vec![1.0, 0.0, 0.0, 0.0, 5.0];
-        solve(5, 1, &[0, 1, 1, 1, 0], 0.0, &mut values, &Progress::none()).unwrap();
+        solve(5, 1, &[0, 1, 1, 1, 0], 0.0, &mut values, &Progress::silent()).unwrap();
         let expected = [1.0, 2.0, 3.0, 4.0, 5.0];
         assert!(values.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-11), "{values:?}");
     }
@@ -207,14 +211,14 @@ mod tests {
     #[test]
     fn with_load_it_is_a_parabola() {
         let mut values = vec![0.0; 5];
-        solve(5, 1, &[0, 1, 1, 1, 0], 1.0, &mut values, &Progress::none()).unwrap();
+        solve(5, 1, &[0, 1, 1, 1, 0], 1.0, &mut values, &Progress::silent()).unwrap();
         let expected = [0.0, 1.5, 2.0, 1.5, 0.0];
         assert!(values.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-11), "{values:?}");
     }
 
     #[test]
-    fn coarser_grids_change_nothing_but_the_number_of_steps() {
-        // A disk with a known cell and one that is left out inside of it.
+    fn coarser_grids_change_only_the_number_of_steps() {
+        // The free cells form a disk. It contains a known cell and a cell that has no value.
         let (width, height) = (73, 70);
         fn free(cell: usize, width: usize) -> bool {
             let [x, y] = [cell % width, cell / width].map(|k| k as f64 - 35.0);
@@ -229,25 +233,25 @@ mod tests {
         let system = System::new(width, height, &free, 1.0, &values);
         let coarser = system.coarser(width).unwrap();
         let steps = [Cell::new(0), Cell::new(0)];
-        fn counted(which: usize, steps: &[Cell<i32>; 2]) {
-            steps[which].set(steps[which].get() + 1)
+        fn count_step(which: usize, steps: &[Cell<i32>; 2]) {
+            steps[which].set(steps[which].get() + 1);
         }
         let plain = system
             .solve(
                 |r| {
-                    counted(0, &steps);
-                    system.by_diagonal(r)
+                    count_step(0, &steps);
+                    system.apply_diagonal_preconditioner(r)
                 },
-                &Progress::none(),
+                &Progress::silent(),
             )
             .unwrap();
         let helped = system
             .solve(
                 |r| {
-                    counted(1, &steps);
+                    count_step(1, &steps);
                     coarser.solve(r)
                 },
-                &Progress::none(),
+                &Progress::silent(),
             )
             .unwrap();
         assert!(plain.len() > 2700);
@@ -257,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn a_large_disk_is_a_paraboloid_soon() {
+    fn a_large_disk_is_a_paraboloid() {
         let size = 401;
         let center = (size / 2) as f64;
         fn from_center(cell: usize, size: usize, center: f64) -> f64 {
@@ -269,16 +273,16 @@ mod tests {
             .clone()
             .map(|it| u8::from(from_center(it, size, center) < 190.0 * 190.0))
             .collect::<Vec<_>>();
-        assert!(free.iter().filter(|&&free| free == 1).count() > MANY);
+        assert!(free.iter().filter(|&&free| free == 1).count() > MIN_MULTIGRID_UNKNOWNS);
         let mut values = vec![0.0; size * size];
-        solve(size, size, &free, 1.0, &mut values, &Progress::none()).unwrap();
-        // Its rim is a staircase, within a cell of the circle.
-        fn expected(cell: usize, size: usize, center: f64) -> f64 {
+        solve(size, size, &free, 1.0, &mut values, &Progress::silent()).unwrap();
+        // The boundary of the disk is a staircase that deviates from the circle by up to one cell.
+        fn exact_value(cell: usize, size: usize, center: f64) -> f64 {
             (190.0 * 190.0 - from_center(cell, size, center)) / 4.0
         }
         let worst = cells
             .filter(|&cell| free[cell] == 1)
-            .map(|cell: usize| (values[cell] - expected(cell, size, center)).abs())
+            .map(|cell: usize| (values[cell] - exact_value(cell, size, center)).abs())
             .fold(0.0, f64::max);
         assert!(worst < 190.0 / 2.0, "{worst}");
     }
@@ -286,7 +290,7 @@ mod tests {
     #[test]
     fn unknown_neighbors_are_left_out_and_islands_stay_unknown() {
         let mut values = vec![2.0, 0.0, f64::NAN, 0.0];
-        solve(4, 1, &[0, 1, 0, 1], 0.0, &mut values, &Progress::none()).unwrap();
+        solve(4, 1, &[0, 1, 0, 1], 0.0, &mut values, &Progress::silent()).unwrap();
         assert_eq!(values[..2], [2.0, 2.0]);
         assert!(values[2].is_nan() && values[3].is_nan());
     }

@@ -1,30 +1,30 @@
 //! Square systems of linear equations, by elimination with partial pivoting.
 //!
-//! Golub and Van Loan, *Matrix Computations*, 4th ed. (2013), algorithm 3.4.1. The condition is estimated as in Higham,
-//! "FORTRAN codes for estimating the one-norm of a real or complex matrix" (1988), algorithm 2.1 after Hager (1984). All sums
-//! run in index order, so that the result is the same on every machine.
+//! Golub and Van Loan, *Matrix Computations*, 4th ed. (2013), algorithm 3.4.1. The condition number is estimated as in Higham, "FORTRAN
+//! codes for estimating the one-norm of a real or complex matrix" (1988), algorithm 2.1 after Hager (1984). All sums are computed in index
+//! order, so the result is the same on every machine.
 
 use maquette_value::Memo;
 use maquette_value::simd::{Kernel, widest};
 use maquette_value::{Column, Encoder};
 
-/// A matrix and its factors: `rows` of `matrix` in order = `L U`.
+/// A matrix and its L U factors: if the rows of `matrix` are permuted into the order `rows`, they equal the product `L U`.
 #[derive(Clone, Debug)]
 pub struct Lu {
     size: usize,
-    /// Row by row.
+    /// The entries row by row.
     matrix: Column<f64>,
-    /// U, and below its diagonal L without its diagonal of ones.
+    /// The entries of U, and below the diagonal the entries of L. The diagonal of L consists of ones and is not stored.
     factors: Column<f64>,
     rows: Column<u32>,
     condition: f64,
 }
 
-/// Steps of the estimate: it hardly ever takes more than three.
-const ESTIMATES: usize = 5;
+/// The maximum number of steps for estimating the condition number. More than three are rarely necessary.
+const MAX_ESTIMATE_STEPS: usize = 5;
 
 impl Lu {
-    /// Factors a matrix, given row by row. A singular one has an infinite condition.
+    /// Factors a matrix that is given row by row. A singular matrix has an infinite condition number.
     ///
     /// # Panics
     /// If the matrix is not square.
@@ -34,16 +34,10 @@ impl Lu {
         let mut rows: Vec<u32> = (0..size as u32).collect();
         let mut regular = true;
         for step in 0..size {
-            fn entry(row: usize, factors: &[f64], size: usize, step: usize) -> f64 {
-                factors[row * size + step].abs()
-            }
-            // The first of the largest; NaN never is.
+            // The pivot is the entry of largest absolute value; of several, the first. A NaN is never chosen.
             let pivot = (step..size).fold(step, |best, row| {
-                if entry(row, &factors, size, step) > entry(best, &factors, size, step) {
-                    row
-                } else {
-                    best
-                }
+                let [entry, max] = [row, best].map(|row| factors[row * size + step].abs());
+                if entry > max { row } else { best }
             });
             rows.swap(step, pivot);
             let (upper, lower) = factors.split_at_mut((step + 1) * size);
@@ -72,12 +66,12 @@ impl Lu {
         lu
     }
 
-    /// An estimate of the condition in the 1-norm, hardly ever below a third of it.
+    /// An estimate of the condition number in the 1-norm. It is rarely less than a third of the exact value.
     pub fn condition(&self) -> f64 {
         self.condition
     }
 
-    /// The solution for one right side, with one step of refinement.
+    /// Solves for one right side, with one step of iterative refinement.
     pub fn solve(&self, right: &[f64]) -> Vec<f64> {
         let mut solution = self.eliminate(right);
         let rows = self.matrix.chunks_exact(self.size.max(1));
@@ -88,33 +82,36 @@ impl Lu {
         solution
     }
 
+    /// Row `k` of the combined factors.
+    fn factor_row(&self, k: usize) -> &[f64] {
+        &self.factors[k * self.size..][..self.size]
+    }
+
     fn eliminate(&self, right: &[f64]) -> Vec<f64> {
-        let row = |k: usize| &self.factors[k * self.size..][..self.size];
         let mut x: Vec<f64> = self.rows.iter().map(|&row| right[row as usize]).collect();
         for k in 0..self.size {
-            x[k] -= dot(&row(k)[..k], &x[..k]);
+            x[k] -= dot(&self.factor_row(k)[..k], &x[..k]);
         }
         for k in (0..self.size).rev() {
-            x[k] = (x[k] - dot(&row(k)[k + 1..], &x[k + 1..])) / row(k)[k];
+            x[k] = (x[k] - dot(&self.factor_row(k)[k + 1..], &x[k + 1..])) / self.factor_row(k)[k];
         }
         x
     }
 
-    /// The solution for the transposed matrix.
+    /// Solves the system whose matrix is the transpose of this matrix.
     fn eliminate_transposed(&self, right: &[f64]) -> Vec<f64> {
-        let row = |k: usize| &self.factors[k * self.size..][..self.size];
         let mut x = right.to_vec();
         for k in 0..self.size {
-            x[k] /= row(k)[k];
-            let share = x[k];
+            x[k] /= self.factor_row(k)[k];
+            let ratio = x[k];
             x[k + 1..]
                 .iter_mut()
-                .zip(&row(k)[k + 1..])
-                .for_each(|(x, factor)| *x -= share * factor);
+                .zip(&self.factor_row(k)[k + 1..])
+                .for_each(|(x, factor)| *x -= ratio * factor);
         }
         for k in (0..self.size).rev() {
-            let share = x[k];
-            x[..k].iter_mut().zip(row(k)).for_each(|(x, factor)| *x -= share * factor);
+            let ratio = x[k];
+            x[..k].iter_mut().zip(self.factor_row(k)).for_each(|(x, factor)| *x -= ratio * factor);
         }
         let mut solution = vec![0.0; self.size];
         self.rows.iter().zip(x).for_each(|(&row, x)| solution[row as usize] = x);
@@ -136,7 +133,7 @@ impl Lu {
         }
         let mut x = vec![1.0 / n; self.size];
         let mut estimate = 0.0_f64;
-        for step in 0..ESTIMATES {
+        for step in 0..MAX_ESTIMATE_STEPS {
             let y = self.eliminate(&x);
             estimate = estimate.max(length(&y));
             let signs: Vec<f64> = y.iter().map(|y| if *y < 0.0 { -1.0 } else { 1.0 }).collect();
@@ -165,9 +162,9 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// Takes multiples of the pivot's row off the rows below it.
+/// Subtracts multiples of the pivot row from the rows below it.
 struct Eliminate<'a> {
-    /// The pivot's row from the pivot on.
+    /// The pivot row, from the pivot on.
     top: &'a [f64],
     step: usize,
     size: usize,
@@ -180,14 +177,14 @@ impl Kernel for Eliminate<'_> {
         let Self { top, step, size, lower } = self;
         for row in lower.chunks_exact_mut(size) {
             let row = &mut row[step..];
-            let share = row[0] / top[0];
-            row[0] = share;
-            row[1..].iter_mut().zip(&top[1..]).for_each(|(x, top)| *x -= share * top);
+            let ratio = row[0] / top[0];
+            row[0] = ratio;
+            row[1..].iter_mut().zip(&top[1..]).for_each(|(x, top)| *x -= ratio * top);
         }
     }
 }
 
-/// Kept in memory for the next targets of the same handles.
+/// The factors are memoized, because they are used again if only the targets of the handles change.
 impl Memo for Lu {
     const NAME: &'static str = "FactoredMatrix";
 
@@ -204,7 +201,7 @@ impl Memo for Lu {
 mod tests {
     use super::*;
 
-    /// Numbers that look random: -1 to 1.
+    /// Returns reproducible numbers from -1 to 1 that look random.
     fn number(k: usize) -> f64 {
         libm::sin((k * k) as f64 * 0.7 + k as f64 + 1.0)
     }
@@ -233,8 +230,8 @@ mod tests {
                 m.column_iter().map(|column| column.lp_norm(1)).fold(0.0, f64::max)
             }
             let exact = norm(&inverse) * norm(&nalgebra::DMatrix::from_row_slice(n, n, &matrix));
-            let share = lu.condition() / exact;
-            assert!((0.33..=1.000_001).contains(&share), "{n}: {share}");
+            let ratio = lu.condition() / exact;
+            assert!((0.33..=1.000_001).contains(&ratio), "{n}: {ratio}");
         }
     }
 

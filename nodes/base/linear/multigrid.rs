@@ -1,40 +1,41 @@
-//! A preconditioner for Poisson's equation on part of a grid: what changes slowly is solved on coarser grids.
+//! A multigrid preconditioner for the Poisson equation on part of a grid: slowly varying errors are reduced on coarser grids.
 //!
-//! Braess, "Towards algebraic multigrid for elliptic problems of second order" (1995): four cells become one, over which a correction is
-//! constant. Such corrections are too small, and are enlarged. So conjugate gradients take some dozens of steps, however wide the part is.
+//! Braess, "Towards algebraic multigrid for elliptic problems of second order" (1995): four cells become one coarse cell, and the
+//! correction is constant on it. Such corrections are too small and are therefore scaled up. With this preconditioner conjugate gradients
+//! take a few dozen steps, whatever the width of the part.
 
 use maquette_value::parallel::*;
 
 use super::cholesky::{Cholesky, Symmetric};
 
-/// In place of a neighbor that is not an unknown.
+/// Marks a neighboring cell that is not an unknown.
 pub(super) const NONE: u32 = u32::MAX;
 
-/// Unknowns that one task works on.
+/// The number of unknowns per parallel task.
 const BLOCK: usize = 8192;
 
-/// So few unknowns are solved exactly.
-const FEW: usize = 1000;
+/// A grid with at most this many unknowns is solved directly.
+const MAX_DIRECT_UNKNOWNS: usize = 1000;
 
-/// How much of a Jacobi step is taken.
+/// The damping factor of Jacobi steps, which reduce quickly varying errors.
 const DAMPING: f64 = 0.7;
 
-/// By how much corrections of coarser grids are enlarged, as Braess has it.
-const ENLARGED: f64 = 1.8;
+/// The factor by which corrections from coarser grids are scaled up, after Braess.
+const CORRECTION_SCALE: f64 = 1.8;
 
-/// `diagonal x - sum of weight times neighbor`, for some cells of a grid.
+/// The equations `diagonal * x - sum of weight * neighbor = right` for some cells of a grid.
 pub(super) struct Grid {
-    /// Which cells, and how many of the whole grid are in a row.
+    /// The index of each cell in the full grid, whose rows have `width` cells.
     pub(super) cells: Vec<usize>,
     pub(super) width: usize,
-    /// Above, to the left, to the right, below.
+    /// For each cell the indices of the unknowns above it, to its left, to its right and below it.
     pub(super) neighbors: Vec<[u32; 4]>,
     pub(super) weights: Vec<[f64; 4]>,
     pub(super) diagonal: Vec<f64>,
 }
 
 impl Grid {
-    /// What is left of `right` with these values.
+    /// Returns the residual of `x`: `right` minus the matrix times `x`.
     fn residual(&self, right: &[f64], x: &[f64]) -> Vec<f64> {
         let numbers = (0..right.len()).into_par_iter().with_min_len(BLOCK);
         numbers
@@ -47,14 +48,14 @@ impl Grid {
             .collect()
     }
 
-    /// A damped step of Jacobi's iteration.
+    /// Performs a damped Jacobi step.
     fn smooth(&self, right: &[f64], x: &mut [f64]) {
         let residual = self.residual(right, x);
         let terms = x.iter_mut().zip(residual.iter().zip(&self.diagonal));
         terms.for_each(|(x, (residual, diagonal))| *x += DAMPING * residual / diagonal);
     }
 
-    /// The grid of half as many rows and columns, and the cell there of each one here.
+    /// Returns the grid with half as many rows and columns, and for each cell the coarse cell that contains it.
     fn coarser(&self) -> (Self, Vec<u32>) {
         let width = self.width.div_ceil(2);
         fn cell(&cell: &usize, width: usize, self_width: usize) -> usize {
@@ -95,8 +96,9 @@ impl Grid {
     fn factors(&self) -> Option<Cholesky> {
         let mut matrix = Symmetric { starts: vec![0], indices: Vec::new(), entries: Vec::new() };
         for (own, &diagonal) in self.diagonal.iter().enumerate() {
-            let entry = |side: usize| (self.neighbors[own][side], -self.weights[own][side]);
-            let row = [entry(0), entry(1), (own as u32, diagonal), entry(2), entry(3)];
+            let [above, left, right, below] =
+                [0, 1, 2, 3].map(|side| (self.neighbors[own][side], -self.weights[own][side]));
+            let row = [above, left, (own as u32, diagonal), right, below];
             for (column, entry) in row.into_iter().filter(|(column, _)| *column != NONE) {
                 matrix.indices.push(column);
                 matrix.entries.push(entry);
@@ -107,7 +109,7 @@ impl Grid {
     }
 }
 
-/// Grids, each of half as many rows and columns as the one before it.
+/// A sequence of grids, each with half as many rows and columns as the previous one.
 pub(super) struct Multigrid {
     levels: Vec<Level>,
     last: Cholesky,
@@ -115,16 +117,16 @@ pub(super) struct Multigrid {
 
 struct Level {
     grid: Grid,
-    /// For each cell the one of the next grid, and how many there are.
+    /// For each cell the cell of the next grid that contains it. `n_parents` is the number of cells in the next grid.
     parents: Vec<u32>,
     n_parents: usize,
 }
 
 impl Multigrid {
-    /// None if rounding leaves nothing of a pivot.
+    /// Creates the sequence of grids below `grid`. Returns `None` if a pivot is lost to rounding.
     pub(super) fn new(mut grid: Grid) -> Option<Self> {
         let mut levels = Vec::new();
-        while grid.cells.len() > FEW {
+        while grid.cells.len() > MAX_DIRECT_UNKNOWNS {
             let (coarse, parents) = grid.coarser();
             let n_parents = coarse.cells.len();
             let grid = std::mem::replace(&mut grid, coarse);
@@ -133,7 +135,7 @@ impl Multigrid {
         Some(Self { levels, last: grid.factors()? })
     }
 
-    /// About the solution for these right sides: a linear map of them, symmetric and positive.
+    /// Returns an approximate solution. It is a linear function of `right` whose matrix is symmetric and positive definite.
     pub(super) fn solve(&self, right: &[f64]) -> Vec<f64> {
         self.solve_on(0, right)
     }
@@ -152,7 +154,7 @@ impl Multigrid {
         parents.iter().zip(residual).for_each(|(&parent, rest)| sums[parent as usize] += rest);
         let correction = self.solve_on(level + 1, &sums);
         let corrected = x.iter_mut().zip(parents);
-        corrected.for_each(|(x, &parent)| *x += ENLARGED * correction[parent as usize]);
+        corrected.for_each(|(x, &parent)| *x += CORRECTION_SCALE * correction[parent as usize]);
         grid.smooth(right, &mut x);
         grid.smooth(right, &mut x);
         x

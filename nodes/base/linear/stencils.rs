@@ -1,15 +1,15 @@
-//! Sparse matrices from old to new vertices.
+//! Sparse matrices. Typically a row expresses a new vertex as a weighted sum of old vertices.
 
 use maquette_value::Column;
 use maquette_value::parallel::*;
 use nalgebra::Point3;
 
-use super::mix::Mix;
+use super::weighted_mean::WeightedMean;
 
-/// Rows that one task computes: enough to outweigh the cost of giving it to a thread, some 10 us.
+/// The number of rows per parallel task: enough to outweigh the cost of starting a task, about 10 us.
 const BLOCK: usize = 4096;
 
-/// A sparse matrix by rows: row `r` has the entries `starts[r]..starts[r + 1]`.
+/// A sparse matrix, stored by rows: row `r` has the entries with the indices `starts[r]..starts[r + 1]`.
 #[derive(Clone, Debug)]
 pub struct Stencils {
     starts: Column<u32>,
@@ -17,7 +17,7 @@ pub struct Stencils {
     weights: Column<f64>,
 }
 
-/// Rows of a sparse matrix while they are written.
+/// Collects the rows of a sparse matrix while they are written.
 #[derive(Default)]
 pub struct Rows {
     ends: Vec<u32>,
@@ -32,22 +32,22 @@ impl Rows {
         self.weights.push(weight);
     }
 
-    /// Number of entries of all rows.
+    /// The number of entries in all rows.
     pub fn len(&self) -> usize {
         self.indices.len()
     }
 
-    /// Whether there is none.
+    /// Returns true if there are no entries.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Multiplies the entries from the one at `first` on.
+    /// Multiplies the weights of all entries from index `first` on by `factor`.
     pub fn scale_from(&mut self, first: usize, factor: f64) {
         self.weights[first..].iter_mut().for_each(|weight| *weight *= factor);
     }
 
-    /// Takes all entries away.
+    /// Removes and returns all entries.
     pub fn take_entries(&mut self) -> Vec<(u32, f64)> {
         self.indices.drain(..).zip(self.weights.drain(..)).collect()
     }
@@ -59,8 +59,9 @@ impl Rows {
 }
 
 impl Stencils {
-    /// The rows that `write` writes for each of `items`, in their order, and the first row of each item (with the number of
-    /// rows behind the last). `write` gets a scratch space, an item, and where to write its rows.
+    /// Builds a matrix. `write` is called for each of the items `0..items` and writes any number of rows; the rows are in the order of the
+    /// items. Also returns the index of each item's first row, followed by the number of rows. The arguments of `write` are a scratch
+    /// space, an item, and the writer.
     pub fn build<S: Default>(
         items: usize,
         write: impl Fn(&mut S, usize, &mut Rows) + Sync,
@@ -100,34 +101,34 @@ impl Stencils {
         (stencils, groups.into())
     }
 
-    /// The rows that end where the next one of `starts` is; the first one starts at 0.
+    /// Creates a matrix whose row `r` has the entries with the indices `starts[r]..starts[r + 1]`. `starts` must begin with 0.
     pub fn from_parts(starts: Vec<u32>, indices: Vec<u32>, weights: Vec<f64>) -> Self {
         Self { starts: starts.into(), indices: indices.into(), weights: weights.into() }
     }
 
-    /// Number of rows.
+    /// The number of rows.
     pub fn len(&self) -> usize {
         self.starts.len() - 1
     }
 
-    /// Whether there is none.
+    /// Returns true if there are no rows.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// How many products of two entries of one row there are.
+    /// The number of pairs of entries in the same row, that is, the sum of the squared row lengths.
     pub fn products(&self) -> f64 {
         let lengths = self.starts.windows(2).map(|ends| f64::from(ends[1] - ends[0]));
         lengths.map(|length| length * length).sum()
     }
 
-    /// The entries of a row: indices and weights.
+    /// The column indices and weights of a row's entries.
     pub fn row(&self, row: usize) -> (&[u32], &[f64]) {
         let entries = self.starts[row] as usize..self.starts[row + 1] as usize;
         (&self.indices[entries.clone()], &self.weights[entries])
     }
 
-    /// The rows from one on, with their numbers.
+    /// Iterates over the rows from `first` on. Each item is the row's index, its column indices and its weights.
     #[inline(always)]
     pub fn rows_from(&self, first: usize) -> impl Iterator<Item = (usize, &[u32], &[f64])> {
         let (indices, weights) = (&self.indices[..], &self.weights[..]);
@@ -137,34 +138,34 @@ impl Stencils {
         })
     }
 
-    /// One row times a column.
-    pub fn apply_row<T: Mix>(&self, row: usize, column: &[T]) -> T {
+    /// Multiplies one row by a column vector.
+    pub fn apply_row<T: WeightedMean>(&self, row: usize, column: &[T]) -> T {
         let (indices, weights) = self.row(row);
-        T::mix(
+        T::weighted_mean(
             weights.iter().zip(indices).map(|(&weight, &index)| (weight, column[index as usize])),
         )
     }
 
-    /// One row times the places that `column` gives.
+    /// Multiplies one row by a column vector of positions. `column` returns the position for each column index.
     pub fn point(&self, row: usize, column: impl Fn(u32) -> Point3<f64>) -> Point3<f64> {
         let (indices, weights) = self.row(row);
         let terms = indices.iter().zip(weights);
         terms.fold(Point3::origin(), |sum, (&index, &weight)| sum + column(index).coords * weight)
     }
 
-    /// The matrix times a column, row by row in parallel; each row adds its terms in their order.
-    pub fn apply<T: Mix>(&self, column: &[T]) -> Vec<T> {
+    /// Multiplies the matrix by a column vector, in parallel over the rows. The terms of each row are added in order.
+    pub fn apply<T: WeightedMean>(&self, column: &[T]) -> Vec<T> {
         let rows = (0..self.len()).into_par_iter().with_min_len(BLOCK);
         rows.map(|row| self.apply_row(row, column)).collect()
     }
 
-    /// Bytes of memory.
+    /// The memory use in bytes.
     pub fn size(&self) -> usize {
         self.starts.size() + self.indices.size() + self.weights.size()
     }
 }
 
-/// Adds entries to the current row, those of the same column as one; sorts them.
+/// Sorts entries by column and adds them to the current row. Entries of the same column are summed.
 pub fn push_merged(rows: &mut Rows, row: &mut [(u32, f64)]) {
     row.sort_by_key(|(column, _)| *column);
     for group in row.chunk_by(|a, b| a.0 == b.0) {

@@ -1,12 +1,12 @@
-//! The transposed of a sparse matrix, and the symmetric matrices that are made of one.
+//! Transposes and products of sparse matrices, and symmetric matrices computed from sparse matrices.
 
 use super::cholesky::Symmetric;
 use super::stencils::{Stencils, push_merged};
 use crate::topology::lists::Lists;
 
 impl Stencils {
-    /// The same matrix with rows and columns exchanged; it has this many columns.
-    pub fn transposed(&self, columns: usize) -> Self {
+    /// Returns the transposed matrix. `columns` is the number of columns of the original matrix.
+    pub fn transpose(&self, columns: usize) -> Self {
         let entries = Lists::group(columns, || {
             (0..self.len()).flat_map(|row| {
                 let (indices, weights) = self.row(row);
@@ -15,14 +15,14 @@ impl Stencils {
             })
         });
         let (transposed, _) = Self::build(columns, |_: &mut (), column, rows| {
-            let own = entries.of(column);
+            let own = entries.list(column);
             own.iter().for_each(|&(row, weight)| rows.push(row, weight));
             rows.end();
         });
         transposed
     }
 
-    /// The first rows.
+    /// Returns the first `count` rows.
     pub fn head(&self, count: usize) -> Self {
         let (head, _) = Self::build(count, |_: &mut (), row, rows| {
             let (indices, weights) = self.row(row);
@@ -32,8 +32,8 @@ impl Stencils {
         head
     }
 
-    /// These rows, and below them others, so many times.
-    pub fn above(&self, others: &Self, factor: f64) -> Self {
+    /// Appends the rows of `others`, multiplied by `factor`, below the rows of this matrix.
+    pub fn stack(&self, others: &Self, factor: f64) -> Self {
         let (rows, _) = Self::build(self.len() + others.len(), |_: &mut (), row, rows| {
             let ((indices, weights), factor) = match row.checked_sub(self.len()) {
                 None => (self.row(row), 1.0),
@@ -48,8 +48,8 @@ impl Stencils {
         rows
     }
 
-    /// The rows times these factors, which make them a symmetric matrix.
-    pub fn scaled(&self, scale: &[f64]) -> Symmetric {
+    /// Multiplies each row by its entry in `scale`. The result must be symmetric.
+    pub fn scale_rows(&self, scale: &[f64]) -> Symmetric {
         let mut matrix = Symmetric { starts: vec![0], indices: Vec::new(), entries: Vec::new() };
         for (row, scale) in scale.iter().enumerate() {
             let (indices, weights) = self.row(row);
@@ -60,7 +60,7 @@ impl Stencils {
         matrix
     }
 
-    /// These rows of rows: the product with a matrix that is applied before.
+    /// Returns the matrix product of this matrix and `before`.
     pub fn times(&self, before: &Self) -> Self {
         let (rows, _) = Self::build(self.len(), |terms: &mut Vec<(u32, f64)>, row, rows| {
             terms.clear();
@@ -75,13 +75,14 @@ impl Stencils {
         rows
     }
 
-    /// `A^T A` of this matrix `A` with so many columns.
-    pub fn squared(&self, columns: usize) -> Symmetric {
-        self.squared_with(&self.transposed(columns))
+    /// Returns `A^T A`, where `A` is this matrix with `columns` columns.
+    pub fn normal_matrix(&self, columns: usize) -> Symmetric {
+        self.normal_matrix_with(&self.transpose(columns))
     }
 
-    /// The same, where the transposed matrix is known. Terms are added in the order of the rows, so that both halves are equal sums.
-    pub fn squared_with(&self, transposed: &Self) -> Symmetric {
+    /// Returns `A^T A`, where `A` is this matrix and `transposed` is `A^T`. Terms are added in row order, so the result is exactly
+    /// symmetric.
+    pub fn normal_matrix_with(&self, transposed: &Self) -> Symmetric {
         let columns = transposed.len();
         let (rows, _) = Self::build(columns, |sums: &mut Sums, column, rows| {
             sums.entries.resize(columns, 0.0);
@@ -91,25 +92,25 @@ impl Stencils {
                 for (&k, other) in indices.iter().zip(others) {
                     let entry = &mut sums.entries[k as usize];
                     if *entry == 0.0 {
-                        sums.met.push(k);
+                        sums.touched.push(k);
                     }
                     *entry += weight * other;
                 }
             }
-            sums.met.sort_unstable();
-            sums.met.dedup();
-            for k in sums.met.drain(..) {
+            sums.touched.sort_unstable();
+            sums.touched.dedup();
+            for k in sums.touched.drain(..) {
                 rows.push(k, std::mem::take(&mut sums.entries[k as usize]));
             }
             rows.end();
         });
-        rows.scaled(&vec![1.0; columns])
+        rows.scale_rows(&vec![1.0; columns])
     }
 }
 
-/// Sums while they are made: one for each column, and which of them have terms.
+/// Scratch space for one row of a product: a sum for each column, and the list of columns that have terms.
 #[derive(Default)]
 struct Sums {
     entries: Vec<f64>,
-    met: Vec<u32>,
+    touched: Vec<u32>,
 }

@@ -1,15 +1,15 @@
-//! Many short lists in one.
+//! A list of lists in contiguous memory.
 
-/// Lists, one after the other in one piece of memory.
+/// A list of lists, stored one after another in contiguous memory.
 #[derive(Clone, Debug, Default)]
 pub struct Lists<T = u32> {
-    /// Where each list begins in `items`, with the end behind the last.
+    /// For each list the index in `items` at which it begins, followed by the number of items.
     starts: Vec<u32>,
     items: Vec<T>,
 }
 
 impl Lists {
-    /// One list after the other.
+    /// Collects lists. Their order is kept.
     pub fn collect(lists: impl Iterator<Item = impl AsRef<[u32]>>) -> Self {
         let mut all = Self { starts: vec![0], items: Vec::new() };
         for list in lists {
@@ -21,7 +21,8 @@ impl Lists {
 }
 
 impl<T: Copy + Default> Lists<T> {
-    /// A list for each number below `count`: the items that are paired with it, in their order.
+    /// Groups items by key: list `k` contains the items of all pairs `(k, item)`, in the order of the pairs. All keys must be less than
+    /// `count`.
     pub fn group<I: Iterator<Item = (u32, T)>>(count: usize, pairs: impl Fn() -> I) -> Self {
         let mut starts = vec![0u32; count + 1];
         pairs().for_each(|(list, _)| starts[list as usize + 1] += 1);
@@ -45,23 +46,23 @@ impl<T> Lists<T> {
         self.starts.len() - 1
     }
 
-    /// Whether there is none.
+    /// Returns true if there are no lists.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Where the items of a list are among all.
+    /// The range of a list's items among all items.
     pub fn range(&self, list: usize) -> std::ops::Range<usize> {
         self.starts[list] as usize..self.starts[list + 1] as usize
     }
 
     /// The items of a list.
-    pub fn of(&self, list: usize) -> &[T] {
+    pub fn list(&self, list: usize) -> &[T] {
         &self.items[self.range(list)]
     }
 
-    /// The items of all lists.
-    pub fn all(&self) -> &[T] {
+    /// The items of all lists, one list after another.
+    pub fn items(&self) -> &[T] {
         &self.items
     }
 }

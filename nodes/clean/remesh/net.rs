@@ -1,30 +1,31 @@
-//! Triangles whose edges are split, collapsed and flipped.
+//! Triangles whose edges can be split, collapsed and flipped.
 //!
-//! Half-edge `h` leads from a corner of triangle `h / 3` to the next one, counter-clockwise; its twin leads back in the triangle beside.
+//! Half-edge `h` runs counter-clockwise from a corner of triangle `h / 3` to the next corner. Its twin runs back, in the adjacent triangle.
 
 use nalgebra::{Point3, Vector3};
 
-/// No half-edge: there is no triangle beside, or this one is gone.
+/// Index of a half-edge that does not exist: no triangle is adjacent, or the triangle is deleted.
 pub(super) const NONE: u32 = u32::MAX;
 
-/// Largest turn of a triangle that changes: the cosine of 60 degrees.
-const LEAST_COSINE: f64 = 0.5;
+/// Cosine of the maximum rotation, 60 degrees, of a triangle that changes.
+const MIN_COSINE: f64 = 0.5;
 
-/// A triangle with less area than this share of the square of its longest edge is a needle, which nothing may become.
+/// A triangle whose doubled area, divided by its squared longest edge, is less than this value is a needle. No triangle may become a
+/// needle.
 const NEEDLE: f64 = 0.02;
 
-/// How far a vertex may move.
+/// The freedom of a vertex to move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
-    /// On the surface.
+    /// The vertex moves on the surface.
     Smooth,
-    /// Along the feature curve that it lies on.
+    /// The vertex moves along its feature curve (border, crease or sharp edge).
     Curve,
-    /// Not at all.
+    /// The vertex does not move.
     Corner,
 }
 
-/// The triangle of a half-edge, continued.
+/// Returns the other two half-edges of a half-edge's triangle.
 #[inline]
 pub(super) fn next(h: u32) -> u32 {
     if h % 3 == 2 { h - 2 } else { h + 1 }
@@ -35,19 +36,20 @@ pub(super) fn previous(h: u32) -> u32 {
     if h.is_multiple_of(3) { h + 2 } else { h - 1 }
 }
 
-/// The triangles; each vertex has one fan of them, which a border may open.
+/// A triangle mesh as half-edges. The triangles around each vertex form one fan: closed, or open at a border.
 #[derive(Clone, Debug)]
 pub(super) struct Net {
     pub(super) places: Vec<Point3<f64>>,
     pub(super) kinds: Vec<Kind>,
-    /// Where each half-edge begins; `NONE` where the triangle is gone.
+    /// The start vertex of each half-edge; `NONE` if its triangle is deleted.
     pub(super) from: Vec<u32>,
     pub(super) twins: Vec<u32>,
-    /// How sharp the crease is that a half-edge lies on, 0 for other features; none if it lies on no feature. Equal for twins.
+    /// For each half-edge, the sharpness of the crease that contains it, 0 for other features; `None` for an edge that is not a feature.
+    /// Twins have equal entries.
     pub(super) features: Vec<Option<f64>>,
-    /// A half-edge that leaves each vertex; `NONE` if it is gone.
+    /// A half-edge that leaves each vertex; `NONE` if the vertex is deleted.
     pub(super) leaving: Vec<u32>,
-    /// Triangles and vertices that are gone, whose places are taken again.
+    /// The deleted triangles and vertices, whose indices are reused.
     free_triangles: Vec<u32>,
     free_vertices: Vec<u32>,
 }
@@ -75,7 +77,7 @@ impl Net {
     }
 
     #[inline]
-    pub(super) fn to(&self, h: u32) -> u32 {
+    pub(super) fn end(&self, h: u32) -> u32 {
         self.from[next(h) as usize]
     }
 
@@ -98,38 +100,37 @@ impl Net {
         self.features[h as usize].is_some()
     }
 
-    /// Makes an edge a feature that is so sharp.
+    /// Makes an edge a feature with a sharpness.
     pub(super) fn set_feature(&mut self, h: u32, sharpness: f64) {
         self.mark(h, Some(sharpness));
         self.mark(self.twin(h), Some(sharpness));
     }
 
-    /// The square of the length of a half-edge.
+    /// Returns the squared length of a half-edge.
     #[inline]
     pub(super) fn square(&self, h: u32) -> f64 {
-        (self.place(self.to(h)) - self.place(self.from(h))).norm_squared()
+        (self.place(self.end(h)) - self.place(self.from(h))).norm_squared()
     }
 
-    /// The corners of a triangle, as far as it is there.
+    /// Returns the corners of a triangle; `None` if it is deleted.
     pub(super) fn triangle(&self, triangle: u32) -> Option<[u32; 3]> {
         let first = 3 * triangle as usize;
         (self.from[first] != NONE).then(|| [0, 1, 2].map(|k| self.from[first + k]))
     }
 
-    /// Twice the area of a triangle, as a vector along its normal.
+    /// Returns twice the area of a half-edge's triangle, as a vector along the triangle's normal.
     #[inline]
     pub(super) fn area(&self, h: u32) -> Vector3<f64> {
         area([h, next(h), previous(h)].map(|h| self.place(self.from(h))))
     }
 
-    /// Each edge once, by one of its half-edges.
+    /// Returns one half-edge of each edge.
     pub(super) fn edges(&self) -> impl Iterator<Item = u32> {
-        let is_there =
-            |h: &u32| self.from(*h) != NONE && (self.twin(*h) == NONE || *h < self.twin(*h));
-        (0..self.from.len() as u32).filter(is_there)
+        (0..self.from.len() as u32)
+            .filter(|&h| self.from(h) != NONE && (self.twin(h) == NONE || h < self.twin(h)))
     }
 
-    /// Shows the half-edges that leave a vertex.
+    /// Visits the half-edges that leave a vertex.
     #[inline]
     pub(super) fn visit(&self, vertex: u32, mut see: impl FnMut(u32)) {
         let start = self.leaving[vertex as usize];
@@ -144,7 +145,7 @@ impl Net {
                 break;
             }
         }
-        // A border is there: the others are on the other side of where it began.
+        // A border was reached. The half-edges that remain are on the other side of the start.
         let mut h = self.twin(start);
         while h != NONE {
             see(next(h));
@@ -152,11 +153,12 @@ impl Net {
         }
     }
 
-    /// Shows the vertices around one, with the half-edges that join it to them: one that leaves it, or the one that comes along a border.
+    /// Visits the neighbors of a vertex, each with a connecting half-edge: one that leaves the vertex, or, along a border, the one that
+    /// arrives.
     #[inline]
     pub(super) fn visit_neighbors(&self, vertex: u32, mut see: impl FnMut(u32, u32)) {
         self.visit(vertex, |h| {
-            see(self.to(h), h);
+            see(self.end(h), h);
             let last = previous(h);
             if self.twin(last) == NONE {
                 see(self.from(last), last);
@@ -216,9 +218,9 @@ impl Net {
         vertex
     }
 
-    /// Puts a vertex in the middle of an edge.
+    /// Inserts a vertex at the middle of an edge.
     pub(super) fn split(&mut self, h: u32) {
-        let (a, b, twin) = (self.from(h), self.to(h), self.twin(h));
+        let (a, b, twin) = (self.from(h), self.end(h), self.twin(h));
         let feature = self.features[h as usize];
         let kind = if feature.is_some() { Kind::Curve } else { Kind::Smooth };
         let middle = nalgebra::center(&self.place(a), &self.place(b));
@@ -234,12 +236,12 @@ impl Net {
         }
     }
 
-    /// Cuts the triangle of a half-edge in two at its middle. The half-edge ends there then; the other half is given back, which has no
-    /// twin yet.
+    /// Splits the triangle of a half-edge at the half-edge's middle. Afterwards the half-edge ends at the middle; its other half is
+    /// returned, without a twin.
     fn halve(&mut self, h: u32, middle: u32, feature: Option<f64>) -> u32 {
-        let (h1, b) = (next(h), self.to(h));
+        let (h1, b) = (next(h), self.end(h));
         let (outer, of_outer) = (self.twin(h1), self.features[h1 as usize]);
-        let other = self.new_triangle([middle, b, self.to(h1)]);
+        let other = self.new_triangle([middle, b, self.end(h1)]);
         self.from[h1 as usize] = middle;
         self.twins[other as usize] = NONE;
         self.mark(other, feature);
@@ -252,10 +254,10 @@ impl Net {
         other
     }
 
-    /// Makes one vertex of an edge's ends, in the place where it begins, if the surface stays one, no triangle turns over and no edge
-    /// becomes longer than the root of `longest`. Says whether it did.
+    /// Merges the ends of an edge at its start, if the surface stays a manifold, no triangle flips, and no edge becomes longer than the
+    /// square root of `longest`. Returns true if the ends were merged.
     pub(super) fn collapse(&mut self, h: u32, longest: f64) -> bool {
-        let (a, b, twin) = (self.from(h), self.to(h), self.twin(h));
+        let (a, b, twin) = (self.from(h), self.end(h), self.twin(h));
         let may_move = match self.kind(b) {
             Kind::Smooth => true,
             Kind::Curve => self.is_feature(h),
@@ -264,11 +266,15 @@ impl Net {
         if !may_move {
             return false;
         }
-        // The link condition of Dey, Edelsbrunner, Guha and Nekhayev, "Topology preserving edge contraction" (1999).
+        // The collapse must satisfy the link condition of Dey, Edelsbrunner, Guha and Nekhayev, "Topology preserving edge contraction"
+        // (1999).
         let (of_a, of_b) = (self.neighbors(a), self.neighbors(b));
         let common = of_b.iter().filter(|&vertex| of_a.contains(vertex)).count();
         let sides = if twin == NONE { 1 } else { 2 };
-        if common != sides || !self.may_lose(h) || (twin != NONE && !self.may_lose(twin)) {
+        if common != sides
+            || !self.can_remove_triangle(h)
+            || (twin != NONE && !self.can_remove_triangle(twin))
+        {
             return false;
         }
         let place = match self.kind(a) == self.kind(b) {
@@ -278,12 +284,12 @@ impl Net {
         let fits = |vertex: u32, other: u32| {
             let mut fits = true;
             self.visit(vertex, |spoke| {
-                let others = [self.to(spoke), self.from(previous(spoke))];
+                let others = [self.end(spoke), self.from(previous(spoke))];
                 if fits && !others.contains(&other) {
                     let [p, q] = others.map(|vertex| self.place(vertex));
                     fits = (p - place).norm_squared() <= longest
                         && (q - place).norm_squared() <= longest
-                        && keeps_side([self.place(vertex), p, q], [place, p, q]);
+                        && keeps_orientation([self.place(vertex), p, q], [place, p, q]);
                 }
             });
             fits
@@ -294,9 +300,9 @@ impl Net {
         let mut fan = Vec::with_capacity(8);
         self.visit(b, |spoke| fan.push(spoke));
         fan.iter().for_each(|&spoke| self.from[spoke as usize] = a);
-        self.lose(h, a);
+        self.remove_triangle(h, a);
         if twin != NONE {
-            self.lose(twin, a);
+            self.remove_triangle(twin, a);
         }
         self.places[a as usize] = place;
         self.leaving[b as usize] = NONE;
@@ -304,12 +310,12 @@ impl Net {
         true
     }
 
-    /// Whether the triangle of a half-edge may become a line.
-    fn may_lose(&self, h: u32) -> bool {
+    /// Returns true if the triangle of a half-edge may be removed by merging the half-edge's ends, which joins the other two edges.
+    fn can_remove_triangle(&self, h: u32) -> bool {
         let (h1, h2) = (next(h), previous(h));
         let apex = self.from(h2);
         let (x, y) = (self.twin(h1), self.twin(h2));
-        // A crease of two edges would become a line there and back, and a vertex would be left with two triangles, or none.
+        // Two feature edges must not become one, and no vertex may keep two triangles or fewer.
         let closes = self.is_feature(h1) && self.is_feature(h2);
         let is_left_over = match (x, y) {
             (NONE, NONE) => true,
@@ -319,8 +325,8 @@ impl Net {
         !closes && !is_left_over
     }
 
-    /// Takes out the triangle of a half-edge whose ends have both become `vertex`.
-    fn lose(&mut self, h: u32, vertex: u32) {
+    /// Removes the triangle of a half-edge both of whose ends have become `vertex`.
+    fn remove_triangle(&mut self, h: u32, vertex: u32) {
         let (h1, h2) = (next(h), previous(h));
         let apex = self.from(h2);
         let (x, y) = (self.twin(h1), self.twin(h2));
@@ -336,13 +342,13 @@ impl Net {
         self.free_triangles.push(first / 3);
     }
 
-    /// Whether an edge can be turned to join the two vertices beside it: it has two triangles that stay on their side, and is no feature.
+    /// Returns true if an edge can be flipped: it has two triangles, which keep their orientation, and it is not a feature.
     pub(super) fn is_flippable(&self, h: u32) -> bool {
         let twin = self.twin(h);
         if twin == NONE || self.is_feature(h) {
             return false;
         }
-        let (a, b) = (self.from(h), self.to(h));
+        let (a, b) = (self.from(h), self.end(h));
         let (c, d) = (self.from(previous(h)), self.from(previous(twin)));
         let mut are_joined = false;
         self.visit_neighbors(c, |neighbor, _| are_joined |= neighbor == d);
@@ -355,12 +361,12 @@ impl Net {
         let worst = before.map(shape).into_iter().fold(f64::INFINITY, f64::min);
         after.into_iter().all(|triangle| {
             let area = area(triangle);
-            let is_turned = area.dot(&sum) <= LEAST_COSINE * area.norm() * sum.norm();
+            let is_turned = area.dot(&sum) <= MIN_COSINE * area.norm() * sum.norm();
             !is_turned && (NEEDLE < shape(triangle) || worst < shape(triangle))
         })
     }
 
-    /// Turns an edge that [`is_flippable`](Self::is_flippable) allows.
+    /// Flips an edge for which [`is_flippable`](Self::is_flippable) is true.
     pub(super) fn flip(&mut self, h: u32) {
         let t = self.twin(h);
         let (h1, h2, t1, t2) = (next(h), previous(h), next(t), previous(t));
@@ -380,13 +386,13 @@ impl Net {
         }
     }
 
-    /// Moves a vertex, if no triangle around it turns over or becomes a needle.
+    /// Moves a vertex to `place`, if no triangle around it flips or becomes a needle.
     pub(super) fn shift(&mut self, vertex: u32, place: Point3<f64>) {
         let old = self.place(vertex);
         let mut fits = true;
         self.visit(vertex, |h| {
-            let others = [self.to(h), self.from(previous(h))].map(|vertex| self.place(vertex));
-            fits &= keeps_side([old, others[0], others[1]], [place, others[0], others[1]]);
+            let others = [self.end(h), self.from(previous(h))].map(|vertex| self.place(vertex));
+            fits &= keeps_orientation([old, others[0], others[1]], [place, others[0], others[1]]);
         });
         if fits {
             self.places[vertex as usize] = place;
@@ -399,7 +405,7 @@ fn area([a, b, c]: [Point3<f64>; 3]) -> Vector3<f64> {
     (b - a).cross(&(c - a))
 }
 
-/// Twice the area of a triangle beside the square of its longest edge: some .87 if it is equilateral, 0 if it is a line.
+/// Returns twice the area of a triangle divided by its squared longest edge: about 0.87 if equilateral, 0 if degenerate.
 pub(super) fn shape(triangle: [Point3<f64>; 3]) -> f64 {
     let [a, b, c] = triangle;
     let longest =
@@ -407,10 +413,10 @@ pub(super) fn shape(triangle: [Point3<f64>; 3]) -> f64 {
     if longest > 0.0 { area(triangle).norm() / longest } else { 0.0 }
 }
 
-/// Whether a triangle keeps its side, and is no needle unless it was a worse one.
+/// Returns true if a moved triangle keeps its orientation, and does not become a worse needle.
 #[inline]
-fn keeps_side(before: [Point3<f64>; 3], after: [Point3<f64>; 3]) -> bool {
+fn keeps_orientation(before: [Point3<f64>; 3], after: [Point3<f64>; 3]) -> bool {
     let [old, new] = [before, after].map(area);
-    let is_turned = old.dot(&new) < LEAST_COSINE * old.norm() * new.norm();
+    let is_turned = old.dot(&new) < MIN_COSINE * old.norm() * new.norm();
     !is_turned && (NEEDLE < shape(after) || shape(before) < shape(after))
 }

@@ -1,36 +1,36 @@
-//! The surface that is given new triangles: as triangles that know their neighbors, and as what new vertices are put on.
+//! The original surface: its triangles with their neighbors, and searches for the positions of new vertices on it.
 
 use std::iter;
 
-use maquette_base::linear::carry::Carry;
-use maquette_base::linear::mix::Mix;
+use maquette_base::linear::attribute_transfer::AttributeTransfer;
+use maquette_base::linear::weighted_mean::WeightedMean;
 use maquette_base::topology::union_find::UnionFind;
-use maquette_value::{Faces, Mesh, MeshError, NearestPlace, TriangleTree};
+use maquette_value::{Faces, Mesh, MeshError, NearestPoint, TriangleTree};
 use nalgebra::{Point3, Vector3};
 
 use super::net::{Kind, NONE, Net, next, previous};
 use crate::remesh_error::RemeshError;
 
-/// A curve that turns by more than this between two places that are an edge's length away has a corner: the cosine of 45 degrees.
+/// Cosine of the angle, 45 degrees, by which a curve must turn between two points an edge length apart to have a corner.
 const CORNER_COSINE: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
-/// Creases that are shorter than so many edges in all are noise.
-const LEAST_CREASE: f64 = 2.0;
+/// Minimum total length of a crease, in edge lengths; shorter creases are noise.
+const MIN_CREASE: f64 = 2.0;
 
-/// The surface before.
+/// The original surface, on which new vertices are placed.
 pub(super) struct Original<'a> {
     mesh: &'a Mesh,
     tree: TriangleTree,
-    /// Its feature curves as triangles without area; none if it has none.
+    /// The feature curves, stored as degenerate triangles; `None` without features.
     curves: Option<(Mesh, TriangleTree)>,
 }
 
 impl<'a> Original<'a> {
-    /// The surface with its features, and its triangles. A vertex that joins several fans of faces becomes one for
-    /// each.
+    /// Returns the surface with its features, and its triangles. A vertex that joins several fans of faces is split into one vertex for
+    /// each fan.
     ///
     /// # Errors
-    /// If faces around an edge are more than two, or look to different sides.
+    /// Returns an error if an edge has more than two faces, or its faces are oriented inconsistently.
     pub(super) fn new(mesh: &'a Mesh, length: f64, angle: f64) -> Result<(Self, Net), RemeshError> {
         let parents = (0u32..).zip(mesh.faces().iter());
         let parents = parents.flat_map(|(parent, face)| iter::repeat_n(parent, face.len() - 2));
@@ -61,23 +61,23 @@ impl<'a> Original<'a> {
         Ok((Self { mesh, tree: TriangleTree::new(mesh), curves }, net))
     }
 
-    /// The nearest places of the surface, with its normals there: as long as twice the area of the triangle.
+    /// Returns, for each point, the nearest point of the surface, and the normal of its triangle with twice the triangle's area as length.
     pub(super) fn on_surface(
         &self,
         points: &[Point3<f64>],
     ) -> Vec<Option<(Point3<f64>, Vector3<f64>)>> {
         let found = self.tree.nearest_to_all(points).into_iter();
-        found.map(|place| place.map(|place| on(self.mesh, &place))).collect()
+        found.map(|place| place.map(|place| interpolate(self.mesh, &place))).collect()
     }
 
-    /// The nearest places of the feature curves.
+    /// Returns, for each point, the nearest point of the feature curves; `None` without features.
     pub(super) fn on_curves(&self, points: &[Point3<f64>]) -> Vec<Option<Point3<f64>>> {
         let Some((curves, tree)) = &self.curves else { return vec![None; points.len()] };
         let found = tree.nearest_to_all(points).into_iter();
-        found.map(|place| place.map(|place| on(curves, &place).0)).collect()
+        found.map(|place| place.map(|place| interpolate(curves, &place).0)).collect()
     }
 
-    /// What the triangles are now, with what lies on the surface in their places.
+    /// Builds the mesh of the current triangles; vertices and faces get the attributes of the surface at their positions.
     pub(super) fn into_mesh(self, net: &Net) -> Result<Mesh, MeshError> {
         let mesh = self.mesh;
         let mut names = vec![NONE; net.places.len()];
@@ -98,7 +98,7 @@ impl<'a> Original<'a> {
             .collect();
         let creases = net.edges().filter_map(|h| {
             let sharpness = net.features[h as usize].filter(|sharpness| *sharpness > 0.0)?;
-            Some(([net.from(h), net.to(h)].map(|vertex| names[vertex as usize]), sharpness))
+            Some(([net.from(h), net.end(h)].map(|vertex| names[vertex as usize]), sharpness))
         });
         let creases = Vec::from_iter(creases);
         let of_vertices = AtPlaces { mesh, found: self.nearest(&places) };
@@ -116,57 +116,58 @@ impl<'a> Original<'a> {
         Ok(even)
     }
 
-    fn nearest(&self, points: &[Point3<f64>]) -> Vec<NearestPlace> {
+    fn nearest(&self, points: &[Point3<f64>]) -> Vec<NearestPoint> {
         let found = self.tree.nearest_to_all(points).into_iter();
-        // Places so far away that no distance can be told have what is on the first face.
-        let far = NearestPlace {
+        // A point whose distance overflows gets the values of the first face.
+        let far = NearestPoint {
             distance_sq: f64::INFINITY,
             face: 0,
             corners: [0; 3],
-            shares: [1.0, 0.0, 0.0],
+            barycentric: [1.0, 0.0, 0.0],
         };
         found.map(|place| place.unwrap_or(far)).collect()
     }
 }
 
-/// Vertex attributes at places of a mesh.
+/// A vertex attribute, evaluated at points of a mesh.
 struct AtPlaces<'a> {
     mesh: &'a Mesh,
-    found: Vec<NearestPlace>,
+    found: Vec<NearestPoint>,
 }
 
-impl Carry for AtPlaces<'_> {
-    fn column<T: Mix>(&self, old: &[T]) -> Vec<T> {
+impl AttributeTransfer for AtPlaces<'_> {
+    fn column<T: WeightedMean>(&self, old: &[T]) -> Vec<T> {
         let corners = self.mesh.faces().corners();
         self.found
             .iter()
             .map(|place| {
                 let vertices = place.corners.map(|corner| corners[corner as usize]);
-                let parts = [0, 1, 2].map(|k| (place.shares[k], old[vertices[k] as usize]));
-                // Indices have no mean: the nearest one comes first. What has no share must not set a flag.
+                let parts = [0, 1, 2].map(|k| (place.barycentric[k], old[vertices[k] as usize]));
+                // Indices have no mean: the value of the nearest vertex is taken. A vertex with the weight 0 must not set a flag.
                 let mut parts: Vec<_> =
                     parts.into_iter().filter(|(share, _)| *share > 0.0).collect();
                 parts.sort_by(|a, b| b.0.total_cmp(&a.0));
-                T::mix(parts.into_iter())
+                T::weighted_mean(parts.into_iter())
             })
             .collect()
     }
 }
 
-fn on(mesh: &Mesh, place: &NearestPlace) -> (Point3<f64>, Vector3<f64>) {
+fn interpolate(mesh: &Mesh, place: &NearestPoint) -> (Point3<f64>, Vector3<f64>) {
     let corners = mesh.faces().corners();
     let [a, b, c] = place.corners.map(|corner| mesh.positions()[corners[corner as usize] as usize]);
     let (ab, ac) = (b - a, c - a);
-    (a + ab * place.shares[1] + ac * place.shares[2], ab.cross(&ac))
+    (a + ab * place.barycentric[1] + ac * place.barycentric[2], ab.cross(&ac))
 }
 
-/// Borders, creases, and edges whose faces meet at more than `angle` degrees, unless these are short in all.
+/// Finds the feature edges: borders, creases, and edges whose faces meet at more than `angle` degrees. A connected set of sharp edges whose
+/// total length is short is left out as noise.
 fn find_features(mesh: &Mesh, parents: &[u32], length: f64, angle: f64, net: &mut Net) {
     let given: Vec<_> = mesh.creases().filter(|(_, sharpness)| *sharpness > 0.0).collect();
     let cosine = libm::cos(angle.to_radians());
     let mut bent = Vec::new();
     for h in Vec::from_iter(net.edges()) {
-        let (a, b, twin) = (net.from(h), net.to(h), net.twin(h));
+        let (a, b, twin) = (net.from(h), net.end(h), net.twin(h));
         let ends = [a.min(b), a.max(b)];
         let crease = given.binary_search_by_key(&ends, |(ends, _)| *ends);
         let feature = match crease {
@@ -184,20 +185,20 @@ fn find_features(mesh: &Mesh, parents: &[u32], length: f64, angle: f64, net: &mu
     }
     let mut parts = UnionFind::new(net.places.len());
     bent.iter().for_each(|&h| {
-        parts.join(net.from(h), net.to(h));
+        parts.union(net.from(h), net.end(h));
     });
     let mut lengths = vec![0.0; net.places.len()];
     for &h in &bent {
-        lengths[parts.first(net.from(h)) as usize] += net.square(h).sqrt();
+        lengths[parts.find(net.from(h)) as usize] += net.square(h).sqrt();
     }
     for h in bent {
-        if LEAST_CREASE * length <= lengths[parts.first(net.from(h)) as usize] {
+        if MIN_CREASE * length <= lengths[parts.find(net.from(h)) as usize] {
             net.set_feature(h, 0.0);
         }
     }
 }
 
-/// Gives each fan of triangles around a vertex a vertex of its own. What was one before does not move.
+/// Splits vertices that several fans of triangles share: each fan gets a vertex of its own. Triangles that share an edge stay connected.
 fn part_fans(net: &mut Net) {
     let mut is_seen = vec![false; net.from.len()];
     let mut is_taken = vec![false; net.places.len()];
@@ -224,13 +225,14 @@ fn part_fans(net: &mut Net) {
     }
 }
 
-/// Says how far vertices on features may move. Those do not where curves end or meet, and where one turns sharply, seen from `length` away.
+/// Determines how vertices on feature curves may move. A vertex is fixed where curves end or meet, or where a curve bends sharply within
+/// `length`.
 fn find_corners(net: &mut Net, length: f64) {
-    // The two vertices beside one along its curve; no entry where there is none, or not two.
+    // For each vertex, its two neighbors along its curve; [`NONE`] for missing ones.
     let mut beside = vec![[NONE; 2]; net.places.len()];
     let mut counts = vec![0u32; net.places.len()];
     for h in net.edges().filter(|&h| net.is_feature(h)) {
-        for (vertex, other) in [(net.from(h), net.to(h)), (net.to(h), net.from(h))] {
+        for (vertex, other) in [(net.from(h), net.end(h)), (net.end(h), net.from(h))] {
             let count = &mut counts[vertex as usize];
             if let Some(place) = beside[vertex as usize].get_mut(*count as usize) {
                 *place = other;
@@ -245,7 +247,8 @@ fn find_corners(net: &mut Net, length: f64) {
             _ => Kind::Corner,
         };
     }
-    // Shows the vertices along a curve, from one into a direction, that are nearer than `reach`; gives the one at which it ends.
+    // Walks along a curve from a vertex to one side, and visits the vertices closer than `reach`. Returns the vertex at which the walk
+    // ends.
     let walk = |start: u32, side: usize, reach: f64, see: &mut dyn FnMut(u32)| {
         let (mut before, mut at, mut gone) = (start, beside[start as usize][side], 0.0);
         loop {
@@ -283,11 +286,11 @@ fn find_corners(net: &mut Net, length: f64) {
     corners.into_iter().for_each(|vertex| net.kinds[vertex as usize] = Kind::Corner);
 }
 
-/// The feature curves as triangles without area.
+/// Returns the feature curves as degenerate triangles.
 fn curves(net: &Net) -> Result<Option<(Mesh, TriangleTree)>, MeshError> {
     let mut places = Vec::new();
     for h in net.edges().filter(|&h| net.is_feature(h)) {
-        let [a, b] = [net.from(h), net.to(h)].map(|vertex| net.place(vertex));
+        let [a, b] = [net.from(h), net.end(h)].map(|vertex| net.place(vertex));
         places.extend([a, b, b]);
     }
     if places.is_empty() {
@@ -300,7 +303,7 @@ fn curves(net: &Net) -> Result<Option<(Mesh, TriangleTree)>, MeshError> {
 }
 
 impl Net {
-    /// The two vertices beside one on a curve.
+    /// Returns the two neighbors of a vertex on a curve; `None` if it does not have exactly two.
     pub(super) fn along_curve(&self, vertex: u32) -> Option<[u32; 2]> {
         let (mut found, mut count) = ([NONE; 2], 0);
         self.visit_neighbors(vertex, |other, h| {
@@ -314,8 +317,8 @@ impl Net {
         (count == 2).then_some(found)
     }
 
-    /// The normal at a vertex, as long as twice the area around it, and the middle of that area.
-    pub(super) fn around(&self, vertex: u32) -> (Vector3<f64>, Point3<f64>) {
+    /// Returns the normal at a vertex, whose length is twice the area around the vertex, and the centroid of that area.
+    pub(super) fn normal_and_center(&self, vertex: u32) -> (Vector3<f64>, Point3<f64>) {
         let (mut normal, mut sum, mut total) = (Vector3::zeros(), Vector3::zeros(), 0.0);
         let at = self.place(vertex);
         self.visit(vertex, |h| {

@@ -1,36 +1,36 @@
-//! A low-pass filter on the vertices of a net.
+//! A low-pass filter on the vertices of a mesh.
 
 use maquette_base::topology::lists::Lists;
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 use thiserror::Error;
 
-/// Why there is no solution.
+/// Reasons why the filter has no solution.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum FilterError {
-    /// The iteration did not end.
+    /// The iteration did not converge.
     #[error(
-        "the mesh is too distorted, or `length` too great beside its edges: after {steps} steps places are still off by {off:.2e} of what they were; `Remesh` makes its faces even"
+        "the mesh is too distorted, or `length` is too large for its edges: the residual is still {off:.2e} after {steps} steps; use `Remesh` to make its faces uniform"
     )]
     NotSolved {
-        /// How many steps were done.
+        /// The number of steps.
         steps: usize,
         /// The residual, relative to the right side.
         off: f64,
     },
-    /// The evaluation was told to stop.
+    /// The evaluation was cancelled.
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }
 
-/// When places are right: the residual relative to the first one, far below what a scan resolves.
+/// Residual at which the iteration stops, relative to the initial residual; it is far below the resolution of a scan.
 const TOLERANCE: f64 = 1e-8;
 
-/// So many steps are enough for waves of a thousand edges.
-const MOST_STEPS: usize = 20_000;
+/// Maximum number of steps of the iteration: enough for waves of a thousand edges.
+const MAX_STEPS: usize = 20_000;
 
-/// Vertices with masses, joined by edges with weights.
+/// A graph whose vertices have masses and whose edges have weights.
 pub(super) struct Filter {
     edges: Vec<([u32; 2], f64)>,
     masses: Vec<f64>,
@@ -50,11 +50,11 @@ impl Filter {
         self.masses[vertex as usize] += mass;
     }
 
-    /// Solves `(M + c K M^-1 K) x = M x_before` for the vertices that are free and have a mass, where `K` has the weights, `M` the masses, and `c`
-    /// is such that half of a wave of this `length` stays.
+    /// Solves `(M + c K M^-1 K) x = M x_before` for the free vertices with a mass. `K` contains the weights, `M` the masses, and `c` is
+    /// chosen such that a wave of the given `length` keeps half of its height.
     ///
-    /// By conjugate gradients with the diagonal as preconditioner, Hestenes and Stiefel, "Methods of conjugate gradients for
-    /// solving linear systems" (1952), all coordinates at once.
+    /// The solver is that of conjugate gradients with the diagonal as preconditioner, for all coordinates at once: Hestenes and Stiefel,
+    /// "Methods of conjugate gradients for solving linear systems" (1952).
     pub(super) fn apply(
         &self,
         places: &mut [Point3<f64>],
@@ -63,7 +63,7 @@ impl Filter {
         progress: &Progress<'_>,
     ) -> Result<(), FilterError> {
         let system = System::new(self, is_free, length);
-        // What must be added to the places: zero where they are not free.
+        // The unknown is the correction of the positions, which is zero for vertices that are not free.
         let before: Vec<_> = places.iter().map(|place| place.coords).collect();
         let mut residual = system.bend(&before);
         residual.par_iter_mut().with_min_len(4096).for_each(|x| *x = -*x);
@@ -72,18 +72,18 @@ impl Filter {
         if first.amax() == 0.0 {
             return Ok(());
         }
-        fn conditioned(r: &[Vector3<f64>], system_over_diagonal: &[f64]) -> Vec<Vector3<f64>> {
+        fn precondition(r: &[Vector3<f64>], system_over_diagonal: &[f64]) -> Vec<Vector3<f64>> {
             let all = r.par_iter().zip(system_over_diagonal).with_min_len(4096);
             all.map(|(r, over)| r * *over).collect()
         }
-        let mut z = conditioned(&residual, &system.over_diagonal);
+        let mut z = precondition(&residual, &system.over_diagonal);
         let mut p = z.clone();
         let mut rz = system.dot(&residual, &z);
         fn ratio(a: Vector3<f64>, b: Vector3<f64>) -> Vector3<f64> {
             a.zip_map(&b, |a, b| if b > 0.0 { a / b } else { 0.0 })
         }
-        for step in 0..MOST_STEPS {
-            // How many there will be is not known.
+        for step in 0..MAX_STEPS {
+            // The number of steps is not known in advance.
             progress.tick(step as f64 / (step as f64 + 50.0))?;
             let q = system.apply(&p);
             let along = ratio(rz, system.dot(&p, &q));
@@ -94,7 +94,7 @@ impl Filter {
                 places.iter_mut().zip(&x).for_each(|(place, x)| *place += x);
                 return Ok(());
             }
-            z = conditioned(&residual, &system.over_diagonal);
+            z = precondition(&residual, &system.over_diagonal);
             let next = system.dot(&residual, &z);
             let share = ratio(next, rz);
             rz = next;
@@ -102,7 +102,7 @@ impl Filter {
             all.for_each(|(p, z)| *p = z + p.component_mul(&share));
         }
         let off = (system.dot(&residual, &residual).amax() / first.amax()).sqrt();
-        Err(FilterError::NotSolved { steps: MOST_STEPS, off })
+        Err(FilterError::NotSolved { steps: MAX_STEPS, off })
     }
 }
 
@@ -111,14 +111,15 @@ fn add(x: &mut [Vector3<f64>], factor: Vector3<f64>, p: &[Vector3<f64>]) {
     all.for_each(|(x, p)| *x += p.component_mul(&factor));
 }
 
-/// The matrices by rows.
+/// The matrices of the equation, row by row.
 struct System {
     rows: Lists<(u32, f64)>,
     diagonal: Vec<f64>,
     masses: Vec<f64>,
-    /// One over the masses; 0 where nothing is to be solved. There no bend counts, so that what is straight up to there stays so.
+    /// The inverse masses; 0 for vertices that are not solved for. With 0, the bending at these vertices is ignored, and a straight surface
+    /// stays straight up to them.
     over_mass: Vec<f64>,
-    /// One over the diagonal of the left side; 0 where nothing is to be solved.
+    /// The inverse diagonal of the left side; 0 for vertices that are not solved for.
     over_diagonal: Vec<f64>,
     strength: f64,
 }
@@ -126,37 +127,41 @@ struct System {
 impl System {
     fn new(filter: &Filter, is_free: &[bool], length: f64) -> Self {
         let mut edges = filter.edges.clone();
-        // Those of one edge stay in their order, for the sum.
+        // The sort is stable: entries of one edge stay in order, because their rounded sum depends on the order.
         edges.sort_by_key(|(ends, _)| *ends);
         let same = edges.chunk_by(|a, b| a.0 == b.0);
         let edges: Vec<_> = same
             .map(|same| (same[0].0, same.iter().map(|(_, weight)| weight).sum::<f64>()))
             .collect();
-        let both =
-            || edges.iter().flat_map(|&([a, b], weight)| [(a, (b, weight)), (b, (a, weight))]);
-        let rows = Lists::group(filter.masses.len(), both);
+        let rows = Lists::group(filter.masses.len(), || {
+            edges.iter().flat_map(|&([a, b], weight)| [(a, (b, weight)), (b, (a, weight))])
+        });
         let diagonal =
-            (0..rows.len()).map(|row| rows.of(row).iter().map(|(_, weight)| weight).sum());
+            (0..rows.len()).map(|row| rows.list(row).iter().map(|(_, weight)| weight).sum());
         let diagonal: Vec<f64> = diagonal.collect();
-        fn over(x: f64) -> f64 {
+        fn inverse(x: f64) -> f64 {
             if x > 0.0 { 1.0 / x } else { 0.0 }
         }
         let over_mass = filter
             .masses
             .iter()
             .zip(is_free)
-            .map(|(&mass, &is_free)| if is_free { over(mass) } else { 0.0 });
+            .map(|(&mass, &is_free)| if is_free { inverse(mass) } else { 0.0 });
         let over_mass = Vec::from_iter(over_mass);
         let unit = length / std::f64::consts::TAU;
         let strength = unit * unit * unit * unit;
         let over_diagonal = (0..rows.len())
             .map(|row: usize| {
                 let others = rows
-                    .of(row)
+                    .list(row)
                     .iter()
                     .map(|&(other, weight)| weight * weight * over_mass[other as usize]);
                 let bends = diagonal[row] * diagonal[row] * over_mass[row] + others.sum::<f64>();
-                if over_mass[row] > 0.0 { over(filter.masses[row] + strength * bends) } else { 0.0 }
+                if over_mass[row] > 0.0 {
+                    inverse(filter.masses[row] + strength * bends)
+                } else {
+                    0.0
+                }
             })
             .collect();
         Self { rows, diagonal, masses: filter.masses.clone(), over_mass, over_diagonal, strength }
@@ -169,7 +174,7 @@ impl System {
             .map(|row: usize| {
                 let sum: Vector3<f64> = self
                     .rows
-                    .of(row)
+                    .list(row)
                     .iter()
                     .map(|&(other, weight)| x[other as usize] * weight)
                     .sum();
@@ -178,7 +183,7 @@ impl System {
             .collect()
     }
 
-    /// `c K M^-1 K x`, 0 where nothing is to be solved.
+    /// Returns `c K M^-1 K x`; 0 for vertices that are not solved for.
     fn bend(&self, x: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let mut bent = self.laplacian(x);
         let all = bent.par_iter_mut().zip(&self.over_mass).with_min_len(4096);
@@ -189,7 +194,7 @@ impl System {
         twice
     }
 
-    /// The left side.
+    /// Returns the left side of the equation for `x`.
     fn apply(&self, x: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let mut left = self.bend(x);
         let all = left.par_iter_mut().zip(x.par_iter().zip(&self.masses)).with_min_len(4096);

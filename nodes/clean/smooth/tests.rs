@@ -1,21 +1,21 @@
 use maquette_value::Faces;
-use maquette_value::random::Random;
+use maquette_value::rng::Random;
 use nalgebra::Vector3;
 
 use super::*;
 use crate::shapes::{area, even_ball, fine_cube, sheet, volume};
 
-fn smoothed(mesh: &Mesh, length: f64, keep_borders: bool) -> Mesh {
-    smooth(mesh, length, keep_borders, &Progress::none()).unwrap()
+fn smooth_with(mesh: &Mesh, length: f64, keep_borders: bool) -> Mesh {
+    smooth(mesh, length, keep_borders, &Progress::silent()).unwrap()
 }
 
 fn noise(random: &mut Random) -> f64 {
-    // Of twelve even numbers: nearly normal, with the deviation 1.
+    // The sum of twelve uniform numbers is nearly normally distributed, with a standard deviation of 1.
     (0..12).map(|_| random.even()).sum::<f64>() - 6.0
 }
 
-/// The deviation of a ball's vertices from the radius 10, root mean square.
-fn off(ball: &Mesh) -> f64 {
+/// Returns the root mean square deviation of a sphere's vertices from the radius 10.
+fn deviation(ball: &Mesh) -> f64 {
     let squares =
         ball.positions().iter().map(|p| (p.coords.norm() - 10.0) * (p.coords.norm() - 10.0));
     (squares.sum::<f64>() / ball.positions().len() as f64).sqrt()
@@ -25,17 +25,23 @@ fn off(ball: &Mesh) -> f64 {
 fn a_ball_loses_its_noise_and_keeps_its_volume() {
     let ball = even_ball(5);
     let mut random = Random(1);
-    let mut shake = |p: &Point3<f64>| p + p.coords.normalize() * (0.05 * noise(&mut random));
-    let noisy = ball.with_positions(ball.positions().iter().map(&mut shake).collect()).unwrap();
-    assert!(off(&noisy) > 0.049);
+    let shaken =
+        ball.positions().iter().map(|p| p + p.coords.normalize() * (0.05 * noise(&mut random)));
+    let noisy = ball.with_positions(shaken.collect()).unwrap();
+    assert!(deviation(&noisy) > 0.049);
     for length in [0.0, 6.0] {
-        let smooth = smoothed(&noisy, length, false);
-        assert!(off(&smooth) < off(&noisy) / 3.0, "{length}: {} {}", off(&noisy), off(&smooth));
+        let smooth = smooth_with(&noisy, length, false);
+        assert!(
+            deviation(&smooth) < deviation(&noisy) / 3.0,
+            "{length}: {} {}",
+            deviation(&noisy),
+            deviation(&smooth)
+        );
         let ratio = volume(&smooth) / volume(&ball);
         assert!((ratio - 1.0).abs() < 5e-3, "{length}: {ratio}");
     }
-    // As the description says: with the radius as length.
-    let ratio = volume(&smoothed(&ball, 10.0, false)) / volume(&ball);
+    // The loss of volume is as documented if `length` is the radius.
+    let ratio = volume(&smooth_with(&ball, 10.0, false)) / volume(&ball);
     assert!((0.99..1.0).contains(&ratio), "{ratio}");
 }
 
@@ -43,7 +49,7 @@ fn a_ball_loses_its_noise_and_keeps_its_volume() {
 fn a_plane_stays_a_plane_vertex_by_vertex() {
     let flat = sheet(20, |x, y| 0.3 * x - y);
     for keep_borders in [true, false] {
-        let smooth = smoothed(&flat, 3.0, keep_borders);
+        let smooth = smooth_with(&flat, 3.0, keep_borders);
         for (before, after) in flat.positions().iter().zip(smooth.positions().iter()) {
             let along = Vector3::new(-0.3, 1.0, 1.0).normalize();
             assert!((after - before).dot(&along).abs() < 1e-8);
@@ -57,12 +63,12 @@ fn a_plane_stays_a_plane_vertex_by_vertex() {
 #[test]
 fn waves_keep_the_part_that_is_said() {
     for (wave, kept) in [(10.0, 0.941), (5.0, 0.5), (2.5, 1.0 / 17.0)] {
-        // As many waves as fit, between quiet borders far away.
+        // The sheet has several waves between distant flat borders.
         let turn = std::f64::consts::TAU / wave;
         let sheet = sheet(80, |x, _| 0.01 * libm::cos(turn * 4.0 * x));
         let wide = sheet.positions().iter().map(|p| Point3::new(4.0 * p.x, 4.0 * p.y, p.z));
         let wide = sheet.with_positions(wide.collect()).unwrap();
-        let smooth = smoothed(&wide, 5.0, true);
+        let smooth = smooth_with(&wide, 5.0, true);
         let at = wide
             .positions()
             .iter()
@@ -80,41 +86,43 @@ fn borders_and_creases_stay_or_are_smoothed_along_themselves() {
     fn is_side(p: &Point3<f64>, axis: usize) -> bool {
         (p[axis].abs() - 5.0).abs() < 1e-9
     }
-    fn at(vertex: u32, cube: &Mesh) -> Point3<f64> {
+    fn position(vertex: u32, cube: &Mesh) -> Point3<f64> {
         cube.positions()[vertex as usize]
     }
     let sharp = edges
         .iter()
         .filter(|ends| {
-            (0..3).filter(|&axis| ends.iter().all(|&end| is_side(&at(end, &cube), axis))).count()
+            (0..3)
+                .filter(|&axis| ends.iter().all(|&end| is_side(&position(end, &cube), axis)))
+                .count()
                 == 2
         })
         .map(|&ends| (ends, 10.0));
     let sharp = cube.clone().with_creases(Vec::from_iter(sharp)).unwrap();
     for keep_borders in [true, false] {
-        let smooth = smoothed(&sharp, 2.0, keep_borders);
+        let smooth = smooth_with(&sharp, 2.0, keep_borders);
         assert!((volume(&smooth) - 1000.0).abs() < 1e-5 && (area(&smooth) - 600.0).abs() < 1e-5);
     }
-    // Without creases it becomes round.
-    assert!(area(&smoothed(&cube, 2.0, false)) < 599.0);
+    // Without creases the cube becomes round.
+    assert!(area(&smooth_with(&cube, 2.0, false)) < 599.0);
 
     let mut random = Random(2);
     let flat = sheet(40, |_, _| 0.0);
     let shaken = flat.positions().iter().map(|p| p + Vector3::x() * (0.05 * noise(&mut random)));
     let shaken = flat.with_positions(shaken.collect()).unwrap();
-    // Away from the corners, which become round.
+    // Returns the roughness of the border, without the corners, which become round.
     fn rough(mesh: &Mesh) -> f64 {
         let left = mesh.positions().iter().step_by(41).skip(10).take(21).map(|p| p.x * p.x);
         (left.sum::<f64>() / 21.0).sqrt()
     }
-    assert_eq!(rough(&smoothed(&shaken, 3.0, true)), rough(&shaken));
-    assert!(rough(&smoothed(&shaken, 3.0, false)) < rough(&shaken) / 2.0);
+    assert_eq!(rough(&smooth_with(&shaken, 3.0, true)), rough(&shaken));
+    assert!(rough(&smooth_with(&shaken, 3.0, false)) < rough(&shaken) / 2.0);
 }
 
 #[test]
 fn odd_meshes_stay_sound() {
     fn run(mesh: &Mesh, length: f64) -> Result<Mesh, SmoothError> {
-        smooth(mesh, length, false, &Progress::none())
+        smooth(mesh, length, false, &Progress::silent())
     }
     let places = Vec::from(
         [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.], [1., 1., 1.]].map(Point3::from),
@@ -122,7 +130,7 @@ fn odd_meshes_stay_sound() {
     let of =
         |faces: &[[u32; 3]]| Mesh::new(places.clone(), Faces::triangles(faces.to_vec())).unwrap();
     assert_eq!(run(&of(&[]), 0.0).unwrap(), of(&[]));
-    // Three faces at an edge, faces that look to different sides, and one that has no area.
+    // Tested are three faces at an edge, inconsistently oriented faces, and a face without area.
     for faces in [&[[0, 1, 2], [1, 0, 3], [0, 1, 4]][..], &[[0, 1, 2], [0, 1, 3]], &[[0, 1, 2]]] {
         run(&of(faces), 1.0).unwrap();
     }
@@ -138,7 +146,7 @@ fn the_bytes_are_the_same_for_any_number_of_threads() {
     let wave = sheet(120, |x, y| libm::sin(9.0 * x) * libm::cos(7.0 * y));
     fn run(threads: usize, wave: &Mesh) -> Mesh {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| smoothed(wave, 0.5, false))
+        pool.install(|| smooth_with(wave, 0.5, false))
     }
     let one = run(1, &wave);
     assert!([2, 3, 8].iter().all(|&threads| run(threads, &wave) == one));

@@ -1,74 +1,74 @@
-//! Why captures were not put on a mesh.
+//! Errors of baking.
 
-use maquette_node::{Cancelled, TooMuch};
+use maquette_node::{CancelledError, LimitError};
 use maquette_value::MeshError;
 
 use super::super::layout::LayoutError;
 
-/// Why captures were not put on a mesh.
+/// Reasons why captures cannot be baked.
 #[derive(Debug, thiserror::Error)]
 pub enum BakeError {
-    /// No captures.
+    /// The list of captures is empty.
     #[error("the list `captures` is empty: there is nothing to take colors from")]
     NoCaptures,
-    /// A mesh without a picture.
-    #[error("capture {capture} has no {what}: give it its picture by `Texture`")]
+    /// A capture has no picture.
+    #[error("capture {capture} has no {what}: add its picture with `Texture`")]
     NoPicture {
-        /// Its place in the list, from 1.
+        /// The number of the capture in the list, from 1.
         capture: usize,
-        /// What it lacks.
+        /// The name of the missing part.
         what: &'static str,
     },
-    /// A capture whose camera is not known.
+    /// The camera of a capture is unknown.
     #[error(
-        "the camera of capture {capture} is not known, and its texture coordinates do not tell it ({why}): give a camera file, or leave the \
+        "the camera of capture {capture} is unknown and cannot be computed from its texture coordinates ({why}): give a camera file, or leave the \
          capture where it was taken"
     )]
     NoCamera {
-        /// Its place in the list, from 1.
+        /// The number of the capture in the list, from 1.
         capture: usize,
-        /// Why not.
+        /// The reason why the camera cannot be computed.
         why: String,
     },
-    /// A capture without a pose.
+    /// A capture has no pose.
     #[error(
         "capture {capture} has no pose: only captures whose camera file has `world_from_camera_mm` have one, and only until they are moved"
     )]
     NoPose {
-        /// Its place in the list, from 1.
+        /// The number of the capture in the list, from 1.
         capture: usize,
     },
-    /// Captures of something else.
+    /// No capture sees the mesh; the captures show another object.
     #[error(
         "none of the {captures} captures sees anything of the mesh: its vertices are {distance:.3} mm from the nearest capture in the middle \
          of all, and {tolerance:.3} mm are tolerated; are `poses` and `tolerance` right?"
     )]
     NothingSeen {
-        /// How many captures.
+        /// The number of captures.
         captures: usize,
-        /// The median distance, in mm.
+        /// The median distance of the vertices from the nearest capture in mm.
         distance: f64,
-        /// The largest tolerance of a capture, in mm.
+        /// The largest tolerance of a capture in mm.
         tolerance: f64,
     },
-    /// A parameter out of its range.
+    /// A parameter is out of range.
     #[error("`{what}` is {value}, but must be a length, or 0")]
     Parameter {
-        /// Its name.
+        /// The name of the parameter.
         what: &'static str,
-        /// Its value.
+        /// The value of the parameter.
         value: f64,
     },
-    /// No texture coordinates.
+    /// The mesh has no texture coordinates.
     #[error(transparent)]
     Layout(#[from] LayoutError),
     /// Too many captures.
     #[error(transparent)]
-    TooMuch(#[from] TooMuch),
-    /// Places out of the numbers.
+    TooMuch(#[from] LimitError),
+    /// The positions exceed the largest coordinate of a mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
-    /// The evaluation was told to stop.
+    /// The evaluation was cancelled.
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }

@@ -1,4 +1,4 @@
-//! How colors are taken from captures.
+//! Parameters of the transfer of colors from captures.
 
 use maquette_mesh::Poses;
 use schemars::JsonSchema;
@@ -6,40 +6,40 @@ use serde::{Deserialize, Serialize};
 
 use super::bake_error::BakeError;
 
-/// How colors are taken from captures.
+/// Parameters of the transfer of colors from captures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Baking {
-    /// Whether captures are moved from their cameras' places to the world's, or to the place of the camera of the mesh, if it has one.
+    /// If true, captures are moved from camera to world coordinates, or to those of the mesh's camera if it has one.
     #[serde(default)]
     pub poses: Poses,
-    /// How far the mesh may be from what a capture saw and still be seen by it; 0 is three times the distance of the capture's points.
+    /// Maximum distance in mm between the mesh and a capture that sees it; 0 means three times the spacing of the capture's points.
     #[schemars(range(min = 0.0), extend("unit" = "mm"))]
     #[serde(default)]
     pub tolerance: f64,
-    /// How far from the border of what it saw a capture counts less; 0 is five times the distance of its points.
+    /// Distance in mm from the border of a capture below which it has less weight; 0 means five times the spacing of its points.
     #[schemars(range(min = 0.0), extend("unit" = "mm"))]
     #[serde(default)]
     pub feather: f64,
-    /// How captures are made equal.
+    /// Equalization of captures.
     #[serde(default)]
     pub level: Level,
 }
 
-/// How the colors of captures are made equal where they overlap.
+/// Equalization of the captures' colors where they overlap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Level {
-    /// They stay as they are.
+    /// Colors are not changed.
     None,
-    /// By one factor for each channel of each capture: another exposure or another white.
+    /// One factor for each channel of each capture: corrects exposure and white balance.
     Exposure,
-    /// Also by a factor that varies slowly over the surface: another light.
+    /// Also a factor that varies slowly over the surface: corrects lighting.
     #[default]
     Smooth,
 }
 
 impl Baking {
     /// # Errors
-    /// If a length is none.
+    /// Returns an error if a length is invalid.
     pub(super) fn check(&self) -> Result<(), BakeError> {
         let lengths = [("tolerance", self.tolerance), ("feather", self.feather)];
         match lengths.into_iter().find(|it| !(0.0..1e50).contains(&it.1)) {

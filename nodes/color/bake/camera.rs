@@ -1,47 +1,48 @@
-//! Where a camera sees places.
+//! Projection of points into the picture of a camera.
 
 use maquette_value::{Mesh, Pinhole};
 use nalgebra::{Matrix3, Matrix3x4, Matrix4, Point3, SMatrix, SVector, Vector2, Vector3, Vector4};
 
 use super::super::atlas::corner_uv;
 
-/// A camera by its matrix: a place `x` is seen at the pixel `P (x, 1)`, whose third number is its depth.
+/// A camera, given by its projection matrix `P`: it sees a point `x` at the pixel `P (x, 1)`, in homogeneous coordinates whose third
+/// component is the depth.
 pub(super) struct Camera {
     matrix: Matrix3x4<f64>,
-    /// Its place, times its last number; 0 there for one that is infinitely far away.
+    /// The center of the camera in homogeneous coordinates, whose last component is 0 for a camera at infinity.
     center: Vector4<f64>,
 }
 
-/// A camera found by texture coordinates sees vertices off by so many pixels at most, as root mean square.
-const MOST_OFF: f64 = 2.0;
+/// Maximum root mean square reprojection error, in pixels, of a camera that is computed from texture coordinates.
+const MAX_REPROJECTION_ERROR: f64 = 2.0;
 
-/// So many vertices are enough to find a camera.
-const ENOUGH: usize = 3000;
+/// Maximum number of vertices used to find a camera.
+const MAX_VERTICES: usize = 3000;
 
-/// Below this share of the largest eigenvalue the second smallest one is nothing.
-const NOTHING: f64 = 1e-11;
+/// Minimum ratio of the second smallest to the largest eigenvalue for which the solution is unique; a smaller ratio counts as zero.
+const MIN_EIGENVALUE: f64 = 1e-11;
 
 impl Camera {
-    /// A pinhole that has moved with what it saw.
-    pub(super) fn moved(pinhole: &Pinhole, motion: &Matrix4<f64>) -> Option<Self> {
+    /// Returns a pinhole camera that was moved together with its capture.
+    pub(super) fn from_pinhole(pinhole: &Pinhole, motion: &Matrix4<f64>) -> Option<Self> {
         let Pinhole { focal, center } = pinhole;
         let own = Matrix3::new(focal[0], 0.0, center[0], 0.0, focal[1], center[1], 0.0, 0.0, 1.0);
         let back = motion.try_inverse()?;
-        Some(Self::of(own * back.fixed_rows::<3>(0)))
+        Some(Self::from_matrix(own * back.fixed_rows::<3>(0)))
     }
 
-    /// The camera that sees each vertex where it lies on the picture of `size` pixels.
+    /// Returns the camera that sees each vertex at its texture coordinates in the picture of `size` pixels.
     ///
-    /// The direct linear transformation: Abdel-Aziz and Karara, "Direct linear transformation from comparator coordinates into object
-    /// space coordinates in close-range photogrammetry" (1971), with places and pixels brought to the same size before, as Hartley, "In
-    /// defense of the eight-point algorithm" (1997), shows is needed.
+    /// The direct linear transformation: Abdel-Aziz and Karara, "Direct linear transformation from comparator coordinates into object space
+    /// coordinates in close-range photogrammetry" (1971). Points and pixels are normalized first, which is necessary according to Hartley,
+    /// "In defense of the eight-point algorithm" (1997).
     ///
     /// # Errors
-    /// If the vertices do not tell the camera; the text says why.
-    pub(super) fn found(mesh: &Mesh, size: [usize; 2]) -> Result<Self, String> {
+    /// Returns the reason as an error if the vertices do not determine the camera.
+    pub(super) fn from_texture_coordinates(mesh: &Mesh, size: [usize; 2]) -> Result<Self, String> {
         let uv = corner_uv(mesh).ok_or("there are none")?;
         let corners = mesh.faces().corners();
-        let step = corners.len().div_ceil(ENOUGH).max(1);
+        let step = corners.len().div_ceil(MAX_VERTICES).max(1);
         let size = size.map(|size| size as f64);
         let pairs = (0..corners.len()).step_by(step).map(|corner| {
             let [u, v] = uv[corner];
@@ -74,20 +75,20 @@ impl Camera {
             .ok_or("their equations have no solution")?;
         let mut order: Vec<_> = (0..12).collect();
         order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
-        if eigen.eigenvalues[order[1]] < NOTHING * eigen.eigenvalues[order[11]] {
+        if eigen.eigenvalues[order[1]] < MIN_EIGENVALUE * eigen.eigenvalues[order[11]] {
             return Err("all vertices lie in a plane".into());
         }
         let best = eigen.eigenvectors.column(order[0]).into_owned();
         let own = Matrix3x4::from_row_slice(best.as_slice());
         let to_pixels = Matrix3::new(wide, 0.0, pixel.x, 0.0, wide, pixel.y, 0.0, 0.0, 1.0);
         let from_places = Matrix4::new_scaling(1.0 / far) * Matrix4::new_translation(&-place);
-        let camera = Self::of(to_pixels * own * from_places);
+        let camera = Self::from_matrix(to_pixels * own * from_places);
         let off = pairs.iter().map(|(at, seen)| match camera.pixel(Point3::from(*at)) {
             Some(pixel) => (Vector2::from(pixel) - seen).norm_squared(),
             None => f64::INFINITY,
         });
         let off = (off.sum::<f64>() / count).sqrt();
-        match off <= MOST_OFF {
+        match off <= MAX_REPROJECTION_ERROR {
             true => Ok(camera),
             false => {
                 Err(format!("no camera sees them there: the best one is off by {off:.1} pixels"))
@@ -95,29 +96,30 @@ impl Camera {
         }
     }
 
-    fn of(matrix: Matrix3x4<f64>) -> Self {
-        // What the matrix makes nothing of: the determinants without each column in turn.
-        fn without(k: usize, matrix: &Matrix3x4<f64>) -> f64 {
+    fn from_matrix(matrix: Matrix3x4<f64>) -> Self {
+        // The components of the center are the null space of the matrix: determinants of the matrix without one of its columns.
+        fn determinant_without(k: usize, matrix: &Matrix3x4<f64>) -> f64 {
             matrix.remove_column(k).determinant()
         }
         let center = Vector4::new(
-            without(0, &matrix),
-            -without(1, &matrix),
-            without(2, &matrix),
-            -without(3, &matrix),
+            determinant_without(0, &matrix),
+            -determinant_without(1, &matrix),
+            determinant_without(2, &matrix),
+            -determinant_without(3, &matrix),
         );
         Self { matrix, center: center / center.amax() }
     }
 
-    /// The pixel (column, row) at which it sees a place; none for one in its own plane.
+    /// Returns the pixel (column, row) at which the camera sees a point; `None` for a point in the camera's own plane.
     pub(super) fn pixel(&self, place: Point3<f64>) -> Option<[f64; 2]> {
         let [x, y, z] = (self.matrix * place.to_homogeneous()).into();
         let pixel = [x / z, y / z];
         pixel.iter().all(|x| x.is_finite()).then_some(pixel)
     }
 
-    /// Towards the camera from a place, or away from it: the same for all places.
-    pub(super) fn towards(&self, place: Point3<f64>) -> Vector3<f64> {
+    /// Returns the direction from a point towards the camera, or away from it. Which of the two it is, is the same for all points of one
+    /// camera.
+    pub(super) fn direction_to_camera(&self, place: Point3<f64>) -> Vector3<f64> {
         let direction = self.center.xyz() - place.coords * self.center.w;
         direction.try_normalize(0.0).unwrap_or_default()
     }

@@ -1,19 +1,19 @@
-//! Captures that are made equal, and colors for what none of them shows.
+//! Equalizes captures, and extrapolates colors to texels that no capture shows.
 
 use std::collections::BTreeMap;
 
 use maquette_base::topology::lists::Lists;
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use nalgebra::{DMatrix, DVector};
 
 use super::super::atlas::Texels;
 use super::super::light::channel;
 use super::baking::Level;
 use super::membrane::Membrane;
-use super::sample::{Mixed, Sample, mix};
+use super::sample::{MeanColor, Sample, weighted_mean};
 
-/// What the colors of texels are leveled with.
-pub(super) struct Leveled<'a> {
+/// The data that is used to equalize the colors of texels.
+pub(super) struct Leveling<'a> {
     pub(super) texels: &'a Texels,
     /// The vertices at all corners.
     pub(super) corners: &'a [u32],
@@ -22,28 +22,29 @@ pub(super) struct Leveled<'a> {
     pub(super) of_texels: &'a Lists,
 }
 
-/// Light that is added before logarithms are taken, so that noise in the dark counts little.
-const DARK: f64 = 0.01;
+/// Offset added to intensities before their logarithms are taken, so that noise in dark regions has a low weight.
+const DARK_OFFSET: f64 = 0.01;
 
-/// Texels that are looked at before the evaluation may stop.
+/// Texels processed between two checks for cancellation.
 const BLOCK: usize = 1 << 16;
 
-/// Lengths, as shares of the mesh's diagonal: how fast a correction may change where captures overlap, and how far it reaches beyond.
+/// Lengths, as fractions of the diagonal of the mesh's bounding box: the distance over which a correction may change where captures
+/// overlap, and the distance to which it extends beyond the overlap.
 const CHANGE: f64 = 0.04;
 const REACH: f64 = 0.5;
 
-impl Leveled<'_> {
-    /// Multiplies the light of all samples so that captures agree: first by a factor for each channel of each capture, as Agarwala et al.
-    /// and others do for panoramas (Brown and Lowe, "Automatic panoramic image stitching using invariant features", 2007, equation 29),
-    /// here by medians of ratios; then by one that changes slowly over the surface, as Lempitsky and Ivanov, "Seamless mosaicing of
-    /// image-based texture maps" (2007), section 4, but of factors, and towards the mean of all that overlap.
+impl Leveling<'_> {
+    /// Multiplies the light of all samples by factors that make the captures agree. The first factor is one for each channel of each
+    /// capture, as for panoramas (Brown and Lowe, "Automatic panoramic image stitching using invariant features", 2007, equation 29), but
+    /// computed from medians of ratios. The second factor changes slowly over the surface, as in Lempitsky and Ivanov, "Seamless mosaicing
+    /// of image-based texture maps" (2007), section 4, who add offsets; here it draws each capture towards the mean of all that overlap.
     pub(super) fn level(
         &self,
         samples: &mut [Sample],
         captures: usize,
         level: Level,
         progress: &Progress<'_>,
-    ) -> Result<(), Cancelled> {
+    ) -> Result<(), CancelledError> {
         if level == Level::None || captures < 2 {
             return Ok(());
         }
@@ -62,16 +63,16 @@ impl Leveled<'_> {
         }
         for sample in samples.iter_mut() {
             let Some(field) = &fields[sample.capture as usize] else { continue };
-            let log = self.at(sample.texel as usize, field);
+            let log = self.interpolate(sample.texel as usize, field);
             (0..3).for_each(|k| sample.light[k] *= libm::exp(log[k]) as f32);
         }
         Ok(())
     }
 
-    /// The pairs of samples at each texel.
+    /// Returns the pairs of samples at each texel.
     fn pairs<'a>(&'a self, samples: &'a [Sample]) -> impl Iterator<Item = [&'a Sample; 2]> {
         (0..self.of_texels.len()).flat_map(move |texel| {
-            let own = self.of_texels.of(texel);
+            let own = self.of_texels.list(texel);
             let pairs = own
                 .iter()
                 .enumerate()
@@ -80,8 +81,8 @@ impl Leveled<'_> {
         })
     }
 
-    /// How much captures differ where they overlap, as root mean square over channels, in levels; each texel counts as the less sure one
-    /// is.
+    /// Returns the root mean square difference, over channels, between captures where they overlap, in levels of 0 to 255. Each texel has
+    /// the weight of the less certain sample.
     pub(super) fn difference(&self, samples: &[Sample]) -> f64 {
         let (mut sum, mut weight) = (0.0, 0.0);
         for [a, b] in self.pairs(samples) {
@@ -95,7 +96,7 @@ impl Leveled<'_> {
         if weight > 0.0 { (sum / weight).sqrt() } else { 0.0 }
     }
 
-    /// The logarithm of the factor of each channel of each capture; their sum is 0.
+    /// Returns, for each channel of each capture, the logarithm of its factor; the logarithms of a channel sum up to 0.
     fn gains(&self, samples: &[Sample], captures: usize) -> Vec<[f64; 3]> {
         let mut ratios: BTreeMap<[u32; 2], Vec<(f64, [f64; 3])>> = BTreeMap::new();
         for [a, b] in self.pairs(samples) {
@@ -107,7 +108,7 @@ impl Leveled<'_> {
         }
         let mut gains = vec![[0.0; 3]; captures];
         for k in 0..3 {
-            // Held a little to 1, so that captures which overlap with none stay.
+            // A weak spring pulls the factors to 1; captures without overlap therefore do not change.
             let mut matrix = DMatrix::identity(captures, captures) * 1e-6;
             let mut right = DVector::zeros(captures);
             for (pair, all) in &ratios {
@@ -127,13 +128,13 @@ impl Leveled<'_> {
         gains
     }
 
-    /// The logarithm of a capture's factor at each vertex.
+    /// Returns the logarithm of a capture's slowly changing factor at each vertex.
     fn field(
         &self,
         samples: &[Sample],
         capture: u32,
         progress: &Progress<'_>,
-    ) -> Result<Option<Vec<[f64; 3]>>, Cancelled> {
+    ) -> Result<Option<Vec<[f64; 3]>>, CancelledError> {
         let count = self.membrane.areas.len();
         let (mut sums, mut weights, mut texels) =
             (vec![[0.0; 3]; count], vec![0.0; count], vec![0.0; count]);
@@ -143,14 +144,14 @@ impl Leveled<'_> {
             }
             let shares = self.shares(texel);
             shares.iter().for_each(|(vertex, share)| texels[*vertex] += share);
-            let all = self.of_texels.of(texel);
+            let all = self.of_texels.list(texel);
             let own = all.iter().map(|&it| &samples[it as usize]).find(|it| it.capture == capture);
             let Some(own) = own.filter(|_| 1 < all.len()) else { continue };
             let others =
                 all.iter().map(|&it| &samples[it as usize]).filter(|it| it.capture != capture);
             let sure =
                 f64::from(own.sure) * others.map(|it| f64::from(it.sure)).fold(0.0, f64::max);
-            let mixed = mix(all.iter().map(|&it| &samples[it as usize]));
+            let mixed = weighted_mean(all.iter().map(|&it| &samples[it as usize]));
             let apart = [0, 1, 2].map(|k| log(mixed.light[k]) - log(f64::from(own.light[k])));
             for (vertex, share) in shares {
                 let weight = share * sure;
@@ -173,12 +174,12 @@ impl Leveled<'_> {
         self.membrane.solve(&springs, &values, progress)
     }
 
-    /// A color for each texel, from those that are seen, over the surface: a membrane that is held where something is seen.
+    /// Returns a color for each texel. Unseen texels get the values of a membrane over the surface that is fixed at the seen texels.
     pub(super) fn fill(
         &self,
-        mixed: &[Mixed],
+        mixed: &[MeanColor],
         progress: &Progress<'_>,
-    ) -> Result<Vec<[f64; 3]>, Cancelled> {
+    ) -> Result<Vec<[f64; 3]>, CancelledError> {
         let count = self.membrane.areas.len();
         let (mut sums, mut weights, mut texels) =
             (vec![[0.0; 3]; count], vec![0.0; count], vec![0.0; count]);
@@ -196,7 +197,7 @@ impl Leveled<'_> {
             }
         }
         let mean = mean.map(|sum| sum / all);
-        // A part of which nothing is seen gets the mean of all.
+        // A connected part without any sample gets the mean color of all samples.
         let (mut springs, mut values) = (vec![1e-9; count], vec![mean; count]);
         for vertex in 0..count {
             if weights[vertex] > 0.0 {
@@ -205,10 +206,10 @@ impl Leveled<'_> {
             }
         }
         let values = self.membrane.solve(&springs, &values, progress)?.unwrap_or(values);
-        Ok((0..mixed.len()).map(|texel| self.at(texel, &values)).collect())
+        Ok((0..mixed.len()).map(|texel| self.interpolate(texel, &values)).collect())
     }
 
-    /// The vertices of a texel's triangle, and how far each weighs.
+    /// Returns the vertices of a texel's triangle, and their weights.
     fn shares(&self, texel: usize) -> [(usize, f64); 3] {
         let texel = &self.texels.texels[texel];
         let triangle = self.texels.triangles[texel.triangle as usize];
@@ -216,20 +217,21 @@ impl Leveled<'_> {
         [0, 1, 2].map(|k| (self.corners[triangle[k] as usize] as usize, shares[k]))
     }
 
-    fn at(&self, texel: usize, values: &[[f64; 3]]) -> [f64; 3] {
+    fn interpolate(&self, texel: usize, values: &[[f64; 3]]) -> [f64; 3] {
         let shares = self.shares(texel);
         [0, 1, 2].map(|k| shares.iter().map(|(vertex, share)| values[*vertex][k] * share).sum())
     }
 }
 
-/// How strongly a membrane is held where all is seen; its edges pull with about 1.
+/// Stiffness of the springs at a vertex whose surroundings are all seen. For comparison, the edges of the membrane have a stiffness of
+/// about 1.
 const HOLD: f64 = 10.0;
 
 fn log(light: f64) -> f64 {
-    libm::log(light.max(0.0) + DARK)
+    libm::log(light.max(0.0) + DARK_OFFSET)
 }
 
-/// The value with half of the weight below it, and the weight of all.
+/// Returns the weighted median, and the sum of the weights.
 fn weighted_median(values: impl Iterator<Item = (f64, f64)>) -> (f64, f64) {
     let mut sorted = Vec::from_iter(values);
     sorted.sort_by(|a, b| a.0.total_cmp(&b.0));

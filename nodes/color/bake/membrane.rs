@@ -2,25 +2,25 @@
 
 use maquette_base::linear::cholesky::{Cholesky, Dissection, Links, Symmetric};
 use maquette_base::topology::lists::Lists;
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use maquette_value::Mesh;
 
-/// How the vertices of a mesh hang together, for values at them that are as smooth as they can be.
+/// The connectivity of a mesh's vertices, from which values at the vertices are computed that are as smooth as possible.
 pub(super) struct Membrane {
-    /// The neighbors of each vertex, and how strongly each pulls: the cotangent weights of Pinkall and Polthier, "Computing discrete minimal
-    /// surfaces and their conjugates" (1993), with a least one, so that all pull.
+    /// The neighbors of each vertex with the weights of their edges: the cotangent weights of Pinkall and Polthier, "Computing discrete
+    /// minimal surfaces and their conjugates" (1993), with a minimum that keeps them positive.
     links: Vec<Vec<(u32, f64)>>,
-    /// The surface around each vertex, in mm^2.
+    /// The surface area around each vertex, in mm^2.
     pub(super) areas: Vec<f64>,
-    /// The diagonal of the mesh's box, in mm.
+    /// The diagonal of the mesh's bounding box in mm.
     pub(super) extent: f64,
 }
 
-/// The least pull of an edge; in a regular net it is 1 / sqrt 3.
-const LEAST_PULL: f64 = 0.05;
+/// Minimum weight of an edge; in a regular mesh it is 1 / sqrt 3.
+const MIN_EDGE_WEIGHT: f64 = 0.05;
 
-/// The most, for triangles that are nearly lines.
-const MOST_PULL: f64 = 20.0;
+/// Maximum weight of an edge, which is reached at nearly degenerate triangles.
+const MAX_EDGE_WEIGHT: f64 = 20.0;
 
 impl Membrane {
     pub(super) fn new(mesh: &Mesh) -> Self {
@@ -39,9 +39,9 @@ impl Membrane {
                 let [own, next, last] = [k, (k + 1) % 3, (k + 2) % 3];
                 let cotangent = (at[next] - at[own]).dot(&(at[last] - at[own])) / twice;
                 let pull = if cotangent.is_nan() {
-                    LEAST_PULL
+                    MIN_EDGE_WEIGHT
                 } else {
-                    cotangent.clamp(LEAST_PULL, MOST_PULL)
+                    cotangent.clamp(MIN_EDGE_WEIGHT, MAX_EDGE_WEIGHT)
                 };
                 pulls.push(([triangle[next], triangle[last]], pull / 2.0));
                 areas[triangle[own] as usize] += twice / 6.0;
@@ -51,7 +51,7 @@ impl Membrane {
             pulls.iter().flat_map(|&([a, b], pull)| [(a, (b, pull)), (b, (a, pull))])
         });
         let links = (0..count).map(|own| {
-            let mut row = lists.of(own).to_vec();
+            let mut row = lists.list(own).to_vec();
             row.sort_by_key(|it| it.0);
             let merged =
                 row.chunk_by(|a, b| a.0 == b.0).map(|it| (it[0].0, it.iter().map(|it| it.1).sum()));
@@ -61,19 +61,19 @@ impl Membrane {
         Self { links: links.collect(), areas, extent: (high - low).norm() }
     }
 
-    /// The smoothest values: the least of `sum pull (x - y)^2` over edges plus `sum spring (x - value)^2` over vertices. Nothing if no
-    /// spring holds a part of the mesh.
+    /// Returns the smoothest values `x`: the minimum of `sum pull (x - y)^2` over edges, with `y` the value at the other end, plus `sum
+    /// spring (x - value)^2` over vertices. Returns `None` if a part of the mesh has no spring.
     pub(super) fn solve(
         &self,
         springs: &[f64],
         values: &[[f64; 3]],
         progress: &Progress<'_>,
-    ) -> Result<Option<Vec<[f64; 3]>>, Cancelled> {
+    ) -> Result<Option<Vec<[f64; 3]>>, CancelledError> {
         let mut matrix = Symmetric { starts: vec![0], indices: Vec::new(), entries: Vec::new() };
         let mut own = vec![0.0; springs.len()];
         for (vertex, links) in self.links.iter().enumerate() {
             let sum: f64 = links.iter().map(|it| it.1).sum();
-            // A vertex of no face has any value.
+            // A vertex without faces gets an arbitrary value.
             own[vertex] =
                 if links.is_empty() && springs[vertex] == 0.0 { 1.0 } else { springs[vertex] };
             matrix.indices.push(vertex as u32);
@@ -84,7 +84,9 @@ impl Membrane {
         }
         let order =
             Dissection::new(Links { starts: &matrix.starts, neighbors: &matrix.indices }, 1);
-        let Some(factors) = Cholesky::ordered(&matrix, &order, progress)? else { return Ok(None) };
+        let Some(factors) = Cholesky::with_ordering(&matrix, &order, progress)? else {
+            return Ok(None);
+        };
         let mut right: Vec<_> =
             values.iter().zip(&own).map(|(value, spring)| value.map(|x| x * spring)).collect();
         factors.solve(&mut right);

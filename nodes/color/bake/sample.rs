@@ -1,27 +1,27 @@
-//! What captures show at a texel.
+//! Samples of captures at a texel: the colors that the captures show.
 
-/// What a capture shows at a texel.
+/// The color that a capture shows at a texel.
 #[derive(Clone, Copy)]
 pub(super) struct Sample {
     pub(super) texel: u32,
     pub(super) capture: u32,
-    /// How much it counts beside others.
+    /// The weight relative to other samples.
     pub(super) weight: f32,
-    /// How sure it is that it is seen at all: 0 to 1.
+    /// Confidence that the capture sees the texel: 0 to 1.
     pub(super) sure: f32,
     pub(super) light: [f32; 3],
 }
 
-/// What all captures together show of a texel.
+/// The mean of all captures at a texel.
 #[derive(Clone, Copy, Default)]
-pub(super) struct Mixed {
+pub(super) struct MeanColor {
     pub(super) light: [f64; 3],
-    /// From 0, nobody sees it, to 1.
+    /// Confidence: 0 if no capture sees the texel, up to 1.
     pub(super) sure: f64,
 }
 
-/// What some captures show of one texel, each as far as it counts.
-pub(super) fn mix<'a>(samples: impl Iterator<Item = &'a Sample>) -> Mixed {
+/// Returns the weighted mean of the samples at a texel.
+pub(super) fn weighted_mean<'a>(samples: impl Iterator<Item = &'a Sample>) -> MeanColor {
     let (mut sum, mut weight, mut sure) = ([0.0; 3], 0.0, 0.0_f64);
     for sample in samples {
         (0..3).for_each(|k| sum[k] += f64::from(sample.weight) * f64::from(sample.light[k]));
@@ -29,7 +29,7 @@ pub(super) fn mix<'a>(samples: impl Iterator<Item = &'a Sample>) -> Mixed {
         sure = sure.max(f64::from(sample.sure));
     }
     match weight > 0.0 {
-        true => Mixed { light: sum.map(|sum| sum / weight), sure: (2.0 * sure).min(1.0) },
-        false => Mixed::default(),
+        true => MeanColor { light: sum.map(|sum| sum / weight), sure: (2.0 * sure).min(1.0) },
+        false => MeanColor::default(),
     }
 }

@@ -7,10 +7,10 @@ use super::super::light::{channel, light};
 use super::camera::Camera;
 use super::*;
 
-/// The radius of the ball that all cameras look at, in mm.
+/// The radius in mm of the sphere that all cameras look at.
 const RADIUS: f64 = 20.0;
 
-/// The light of the ball's paint at a place in the world.
+/// Returns the light of the sphere's paint at a point in world coordinates.
 fn paint(place: Point3<f64>) -> [f64; 3] {
     fn wave(x: f64) -> f64 {
         0.25 + 0.15 * libm::sin(x / 4.0)
@@ -18,7 +18,7 @@ fn paint(place: Point3<f64>) -> [f64; 3] {
     [wave(place.x), wave(place.y + 3.0), wave(place.z - 5.0)]
 }
 
-/// A ball in the world: rows of latitude, with a small hole at each pole.
+/// Returns a sphere in world coordinates: rows of latitude, with a small hole at each pole.
 fn ball() -> Mesh {
     let (n, m) = (96u32, 48u32);
     let places = (0..n * (m + 1)).map(|k| {
@@ -27,17 +27,22 @@ fn ball() -> Mesh {
         Point3::new(RADIUS * t * c, -RADIUS * d, -RADIUS * t * s)
     });
     let faces = (0..n * m).flat_map(|k| {
-        let at = |i: u32, j: u32| (k / n + j) * n + (k % n + i) % n;
-        [[at(0, 0), at(1, 0), at(1, 1)], [at(0, 0), at(1, 1), at(0, 1)]]
+        fn vertex(i: u32, j: u32, k: u32, n: u32) -> u32 {
+            (k / n + j) * n + (k % n + i) % n
+        }
+        [
+            [vertex(0, 0, k, n), vertex(1, 0, k, n), vertex(1, 1, k, n)],
+            [vertex(0, 0, k, n), vertex(1, 1, k, n), vertex(0, 1, k, n)],
+        ]
     });
     Mesh::new(places.collect::<Vec<_>>(), Faces::triangles(faces.collect())).unwrap()
 }
 
-/// What a camera sees that is turned about y by this angle and looks at the ball from 150 mm, in front of a wall far behind it. Its light
-/// is multiplied by `exposure`, and by up to `slope` more or less from left to right.
+/// Returns the capture of a camera that is rotated about y by `degrees` and looks at the sphere from 150 mm, in front of a distant wall.
+/// The light is multiplied by `exposure`, and by a factor that differs from 1 by up to `slope` from left to right.
 fn shot(degrees: f64, exposure: [f64; 3], slope: f64) -> Mesh {
     let turn = Rotation3::from_axis_angle(&Vector3::y_axis(), degrees.to_radians());
-    // The camera looks along its z and has y down; so it is turned over, then back by its distance, then round the ball.
+    // The camera looks along its z axis and has y down. Therefore it is flipped, moved back by its distance, and rotated around the sphere.
     let over = Rotation3::from_axis_angle(&Vector3::x_axis(), PI);
     let pose = Isometry3::from_parts(Translation3::identity(), (turn * over).into())
         * Translation3::new(0.0, 0.0, -150.0);
@@ -88,20 +93,21 @@ fn shot(degrees: f64, exposure: [f64; 3], slope: f64) -> Mesh {
     mesh.select(&all).with_texture(Some(picture.unwrap())).with_frame(Some(frame))
 }
 
-fn baked(captures: &[Mesh], level: Level) -> Baked {
+fn bake_captures(captures: &[Mesh], level: Level) -> BakedMesh {
     let layout = Layout { size: 256, ..Layout::default() };
     let mesh = lay_out(&ball(), &layout);
     let how = Baking { level, ..Baking::default() };
-    bake(&mesh, &Vec::from_iter(captures), 256, &how, &Progress::none()).unwrap()
+    bake(&mesh, &Vec::from_iter(captures), 256, &how, &Progress::silent()).unwrap()
 }
 
 fn lay_out(mesh: &Mesh, layout: &Layout) -> Mesh {
-    with_atlas(mesh, Coordinates::New, layout, &|_| (), &Progress::none()).unwrap()
+    with_atlas(mesh, Coordinates::New, layout, &|_| (), &Progress::silent()).unwrap()
 }
 
-/// How far the colors of texels that are seen are from the paint, times one factor for each channel, in levels.
-fn off(baked: &Baked) -> f64 {
-    let texels = Texels::new(&baked.mesh, [256; 2], &Progress::none()).unwrap();
+/// Returns the difference between the colors of visible texels and the painted colors, in levels of 0 to 255, after scaling each channel by
+/// one factor.
+fn color_error(baked: &BakedMesh) -> f64 {
+    let texels = Texels::new(&baked.mesh, [256; 2], &Progress::silent()).unwrap();
     let spots = Spot::of_all(&baked.mesh, &texels);
     let seen =
         texels.texels.iter().zip(&spots).filter(|it| baked.mask.pixels()[it.0.pixel as usize] == 0);
@@ -132,9 +138,9 @@ const EQUAL: [f64; 3] = [1.0; 3];
 #[test]
 fn equal_captures_give_the_paint() {
     let captures = [0.0, 90.0, 180.0, 270.0].map(|angle| shot(angle, EQUAL, 0.0));
-    let baked = baked(&captures, Level::None);
-    assert!(off(&baked) < 1.5, "{}", off(&baked));
-    // All but the poles is seen.
+    let baked = bake_captures(&captures, Level::None);
+    assert!(color_error(&baked) < 1.5, "{}", color_error(&baked));
+    // All of the ball except its poles is visible.
     assert!(0.0 < baked.unseen && baked.unseen < 0.12, "{}", baked.unseen);
     assert!(baked.steps[0] < 1.5, "{:?}", baked.steps);
 }
@@ -147,48 +153,57 @@ fn captures_of_other_exposure_and_light_are_made_equal() {
         angles.map(|(angle, exposure)| shot(angle, exposure, slope)).collect::<Vec<_>>()
     }
     let exposed = shots(0.0, &exposures);
-    let plain = baked(&exposed, Level::None);
-    assert!(10.0 < off(&plain) && 15.0 < plain.steps[1], "{} {:?}", off(&plain), plain.steps);
+    let plain = bake_captures(&exposed, Level::None);
+    assert!(
+        10.0 < color_error(&plain) && 15.0 < plain.steps[1],
+        "{} {:?}",
+        color_error(&plain),
+        plain.steps
+    );
     for level in [Level::Exposure, Level::Smooth] {
-        let leveled = baked(&exposed, level);
+        let leveled = bake_captures(&exposed, level);
         assert!(
-            off(&leveled) < 2.0 && leveled.steps[1] < 2.0,
+            color_error(&leveled) < 2.0 && leveled.steps[1] < 2.0,
             "{} {:?}",
-            off(&leveled),
+            color_error(&leveled),
             leveled.steps
         );
     }
-    // A lamp at the camera's side: no factor makes captures equal, but a field does.
+    // A lamp is beside the camera: no constant factor equalizes the captures, but a slowly changing one does.
     let lit = shots(0.4, &exposures);
     let [exposure, smooth] =
-        [Level::Exposure, Level::Smooth].map(|level| baked(&lit, level).steps[1]);
+        [Level::Exposure, Level::Smooth].map(|level| bake_captures(&lit, level).steps[1]);
     assert!(20.0 < exposure && smooth < 6.0, "{exposure} {smooth}");
 }
 
 #[test]
-fn a_moved_capture_tells_its_camera_by_its_texture_coordinates() {
+fn the_camera_of_a_moved_capture_follows_from_its_texture_coordinates() {
     let known = shot(30.0, EQUAL, 0.0);
     let frame = known.frame().copied().unwrap();
     let motion = frame.world_from_camera.unwrap();
     let places = known.positions().iter().map(|at| motion.transform_point(at)).collect();
     let moved = known.with_positions(places).unwrap().with_frame(None);
-    let found = Camera::found(&moved, [160; 2]).unwrap();
-    let given = Camera::moved(&frame.camera.unwrap(), &motion).unwrap();
+    let found = Camera::from_texture_coordinates(&moved, [160; 2]).unwrap();
+    let given = Camera::from_pinhole(&frame.camera.unwrap(), &motion).unwrap();
     for place in moved.positions().iter() {
         let [a, b] = [&found, &given].map(|it| it.pixel(*place).unwrap());
         assert!((0..2).all(|k| (a[k] - b[k]).abs() < 1e-6), "{a:?} {b:?}");
-        assert!((found.towards(*place).dot(&given.towards(*place)).abs() - 1.0).abs() < 1e-9);
+        assert!(
+            (found.direction_to_camera(*place).dot(&given.direction_to_camera(*place)).abs() - 1.0)
+                .abs()
+                < 1e-9
+        );
     }
-    let [a, b] = [known, moved].map(|it| baked(&[it], Level::None));
+    let [a, b] = [known, moved].map(|it| bake_captures(&[it], Level::None));
     let differ = a.picture.pixels().iter().zip(b.picture.pixels()).filter(|(a, b)| a != b).count();
     assert!(differ < 100, "{differ}");
 }
 
 #[test]
 fn what_is_not_seen_has_the_colors_around_it() {
-    let front = baked(&[shot(0.0, EQUAL, 0.0)], Level::Smooth);
+    let front = bake_captures(&[shot(0.0, EQUAL, 0.0)], Level::Smooth);
     assert!((0.5..0.75).contains(&front.unseen), "{}", front.unseen);
-    // Nothing of what is behind the ball, and nothing darker or lighter than the paint.
+    // The texture has no color of the background, and no color that is darker or lighter than the paint.
     let range = [0.1, 0.4].map(channel);
     for pixel in front.picture.pixels() {
         assert!(
@@ -196,9 +211,9 @@ fn what_is_not_seen_has_the_colors_around_it() {
             "{pixel:?}"
         );
     }
-    // Across the edge of what is seen there is no step: neighbors in the atlas are near.
+    // At the border of the visible area there is no step: neighbors in the atlas have similar colors.
     let flags = front.mask.pixels();
-    let texels = Texels::new(&front.mesh, [256; 2], &Progress::none()).unwrap();
+    let texels = Texels::new(&front.mesh, [256; 2], &Progress::silent()).unwrap();
     let shown: Vec<_> = (0..256 * 256)
         .map(|k| texels.texels.binary_search_by_key(&k, |it| it.pixel).is_ok())
         .collect();
@@ -217,24 +232,24 @@ fn what_is_not_seen_has_the_colors_around_it() {
 #[test]
 fn the_picture_is_the_same_on_any_number_of_threads() {
     let captures = [shot(0.0, EQUAL, 0.2), shot(60.0, [0.8; 3], 0.0)];
-    fn on(threads: usize, captures: &[Mesh; 2]) -> Image {
+    fn bake_with(threads: usize, captures: &[Mesh; 2]) -> Image {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| baked(captures, Level::Smooth).picture)
+        pool.install(|| bake_captures(captures, Level::Smooth).picture)
     }
-    assert_eq!(on(1, &captures), on(3, &captures));
+    assert_eq!(bake_with(1, &captures), bake_with(3, &captures));
 }
 
 #[test]
-fn poses_bring_captures_to_the_mesh_where_it_lies() {
+fn poses_move_captures_to_the_mesh() {
     let capture = shot(70.0, EQUAL, 0.0);
     let own = capture.clone().with_texture(None);
     let layout = Layout { size: 128, ..Layout::default() };
     let run = |mesh: &Mesh, poses: Poses| {
         let mesh = lay_out(mesh, &layout);
         let how = Baking { poses, ..Baking::default() };
-        bake(&mesh, &[&capture], 128, &how, &Progress::none()).map(|it| it.unseen)
+        bake(&mesh, &[&capture], 128, &how, &Progress::silent()).map(|it| it.unseen)
     };
-    // The mesh in the frame of the camera, where a tenth of half a ball is seen at less than 6 degrees, and in the world.
+    // The mesh is baked in the camera's frame, where a tenth of half a sphere is seen at less than 6 degrees, and in world coordinates.
     let in_world = ball();
     assert!(run(&own, Poses::Auto).unwrap() < 0.15 && run(&own, Poses::Ignore).unwrap() < 0.15);
     assert!(run(&in_world, Poses::Auto).unwrap() < 0.75);
@@ -244,46 +259,50 @@ fn poses_bring_captures_to_the_mesh_where_it_lies() {
 }
 
 #[test]
-fn what_cannot_be_baked_is_told_why() {
+fn unsuitable_captures_are_errors() {
     let mesh = lay_out(&ball(), &Layout { size: 64, ..Layout::default() });
-    let told = |captures: &[&Mesh], how: Baking| {
-        bake(&mesh, captures, 64, &how, &Progress::none()).unwrap_err().to_string()
-    };
+    fn error(captures: &[&Mesh], how: Baking, mesh: &Mesh) -> String {
+        bake(mesh, captures, 64, &how, &Progress::silent()).unwrap_err().to_string()
+    }
     let how = Baking::default();
     assert_eq!(
-        told(&[], how),
+        error(&[], how, &mesh),
         "the list `captures` is empty: there is nothing to take colors from"
     );
     let good = shot(0.0, EQUAL, 0.0);
     let bare = good.clone().with_texture(None);
     assert_eq!(
-        told(&[&good, &bare], how),
-        "capture 2 has no picture: give it its picture by `Texture`"
+        error(&[&good, &bare], how, &mesh),
+        "capture 2 has no picture: add its picture with `Texture`"
     );
     let lost = good.clone().with_frame(None);
     assert_eq!(
-        told(&[&lost.clone().without("uv")], how),
-        "the camera of capture 1 is not known, and its texture coordinates do not tell it (there are none): give a camera file, or leave the \
+        error(&[&lost.clone().without_attribute("uv")], how, &mesh),
+        "the camera of capture 1 is unknown and cannot be computed from its texture coordinates (there are none): give a camera file, or leave the \
          capture where it was taken"
     );
     let flat = lost
         .with_positions(good.positions().iter().map(|p| Point3::new(p.x, p.y, 0.0)).collect())
         .unwrap();
-    assert!(told(&[&flat], how).contains("(all vertices lie in a plane)"));
+    assert!(error(&[&flat], how, &mesh).contains("(all vertices lie in a plane)"));
     let curled = good
         .positions()
         .iter()
         .map(|p| Point3::new(p.x + 5.0 * libm::sin(p.y), p.y, p.z))
         .collect();
     let curled = good.clone().with_frame(None).with_positions(curled).unwrap();
-    assert!(told(&[&curled], how).contains("the best one is off by"), "{}", told(&[&curled], how));
+    assert!(
+        error(&[&curled], how, &mesh).contains("the best one is off by"),
+        "{}",
+        error(&[&curled], how, &mesh)
+    );
     let apply = Baking { poses: Poses::Apply, ..how };
     let nowhere = good.clone().with_frame(None);
-    assert!(told(&[&good, &nowhere], apply).starts_with("capture 2 has no pose: "));
+    assert!(error(&[&good, &nowhere], apply, &mesh).starts_with("capture 2 has no pose: "));
     assert_eq!(
-        told(&[&good], Baking { tolerance: f64::NAN, ..how }),
+        error(&[&good], Baking { tolerance: f64::NAN, ..how }, &mesh),
         "`tolerance` is NaN, but must be a length, or 0"
     );
     let many = vec![&good; 201];
-    assert!(told(&many, how).contains("at most 200 are made: bake fewer at once"));
+    assert!(error(&many, how, &mesh).contains("at most 200 are made: bake fewer at once"));
 }

@@ -1,9 +1,9 @@
-//! What one capture shows of a surface.
+//! The view that one capture has of a surface.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use maquette_value::parallel::*;
 use maquette_value::{Image, Mesh, TriangleTree};
 use nalgebra::{Matrix4, Point3, Vector3};
@@ -15,34 +15,34 @@ use super::camera::Camera;
 use super::sample::Sample;
 use super::spot::Spot;
 
-/// A capture that lies where the mesh does.
+/// A capture in the coordinates of the mesh.
 pub(super) struct View<'a> {
     number: usize,
     mesh: Mesh,
     tree: TriangleTree,
     picture: &'a Image,
     camera: Camera,
-    /// 1 or -1, so that what the camera says is towards it is.
+    /// 1 or -1, the sign that makes the camera's direction point towards the camera.
     side: f64,
-    /// The corners of the box around it.
+    /// The corners of the bounding box around the capture.
     around: [Point3<f64>; 8],
-    /// How far each vertex is from the border, up to `feather`, in mm.
+    /// The distance of each vertex from the border of the capture, up to `feather`, in mm.
     inside: Vec<f64>,
     feather: f64,
     pub(super) tolerance: f64,
 }
 
-/// Distances of a capture's points: how far from them the mesh may be, and how wide their border is.
+/// Default lengths in multiples of the spacing of a capture's points: the maximum distance of the mesh, and the width of the border.
 const TOLERANCE: f64 = 3.0;
 const FEATHER: f64 = 5.0;
 
-/// Cosines at which a capture sees nothing, and from which on it is sure.
-const GRAZING: [f64; 2] = [0.1, 0.35];
+/// Cosines of the viewing angle: at the first a capture has no weight, from the second on it has full weight.
+const GRAZING_COSINES: [f64; 2] = [0.1, 0.35];
 
-/// Pixels at the border of the picture that count less.
+/// Width in pixels of the border of the picture in which weights are reduced.
 const MARGIN: f64 = 4.0;
 
-/// Spots that are looked at before the evaluation may stop.
+/// Points processed between two checks for cancellation.
 const BLOCK: usize = 1 << 16;
 
 impl<'a> View<'a> {
@@ -71,16 +71,17 @@ impl<'a> View<'a> {
         let size = [picture.width(), picture.height()];
         let known =
             capture.frame().filter(|frame| frame.picture == size).and_then(|frame| frame.camera);
-        let camera = match known.and_then(|pinhole| Camera::moved(&pinhole, motion)) {
+        let camera = match known.and_then(|pinhole| Camera::from_pinhole(&pinhole, motion)) {
             Some(camera) => camera,
-            None => Camera::found(&mesh, size)
+            None => Camera::from_texture_coordinates(&mesh, size)
                 .map_err(|why| BakeError::NoCamera { capture: number + 1, why })?,
         };
         let side = if mesh
             .faces()
             .iter()
             .map(|face| {
-                mesh.area_vector(face).dot(&camera.towards(mesh.positions()[face[0] as usize]))
+                mesh.area_vector(face)
+                    .dot(&camera.direction_to_camera(mesh.positions()[face[0] as usize]))
             })
             .sum::<f64>()
             < 0.0
@@ -99,28 +100,32 @@ impl<'a> View<'a> {
             })
             .sum::<f64>()
             / edges.vertices.len() as f64;
-        fn or(given: f64, times: f64, distance: f64) -> f64 {
+        fn given_or(given: f64, times: f64, distance: f64) -> f64 {
             if given > 0.0 { given } else { times * distance }
         }
-        let (tolerance, feather) =
-            (or(how.tolerance, TOLERANCE, distance), or(how.feather, FEATHER, distance));
+        let (tolerance, feather) = (
+            given_or(how.tolerance, TOLERANCE, distance),
+            given_or(how.feather, FEATHER, distance),
+        );
         let inside = from_border(&mesh, feather);
         let tree = TriangleTree::new(&mesh);
         let (low, high) = mesh.bounds().unwrap_or_default();
         let around = std::array::from_fn(|k| {
-            let side = |axis: usize| if k >> axis & 1 == 0 { low[axis] } else { high[axis] };
-            Point3::new(side(0), side(1), side(2))
+            fn side(axis: usize, k: usize, low: Point3<f64>, high: Point3<f64>) -> f64 {
+                if k >> axis & 1 == 0 { low[axis] } else { high[axis] }
+            }
+            Point3::new(side(0, k, low, high), side(1, k, low, high), side(2, k, low, high))
         });
         Ok(Self { number, mesh, tree, picture, camera, side, around, inside, feather, tolerance })
     }
 
-    /// Adds what it shows of all spots that it sees.
+    /// Adds samples of the capture at all points that it sees.
     pub(super) fn sample(
         &self,
         spots: &[Spot],
         samples: &mut Vec<Sample>,
         progress: &Progress<'_>,
-    ) -> Result<(), Cancelled> {
+    ) -> Result<(), CancelledError> {
         for (block, spots) in spots.chunks(BLOCK).enumerate() {
             progress.check()?;
             let found =
@@ -135,14 +140,14 @@ impl<'a> View<'a> {
     }
 
     fn look(&self, spot: &Spot) -> Option<(f32, f32, [f32; 3])> {
-        let towards = self.camera.towards(spot.place) * self.side;
+        let towards = self.camera.direction_to_camera(spot.place) * self.side;
         let cos = towards.dot(&spot.normal);
-        if cos <= GRAZING[0] {
+        if cos <= GRAZING_COSINES[0] {
             return None;
         }
         let pixel = self.camera.pixel(spot.place)?;
         let size = [self.picture.width(), self.picture.height()];
-        // The border of the picture is one of what is seen, too.
+        // The border of the picture is a border of the visible area, too.
         let margin =
             [0, 1].map(|axis| pixel[axis].min(size[axis] as f64 - 1.0 - pixel[axis]) + 0.5);
         let margin = margin[0].min(margin[1]);
@@ -152,16 +157,19 @@ impl<'a> View<'a> {
         let (off, inside) = self.meet(spot.place, towards)?;
         let near = (1.0 - off * off) * (1.0 - off * off);
         let fade = smooth(inside / self.feather) * smooth(margin / MARGIN);
-        let sure = near * fade * smooth((cos - GRAZING[0]) / (GRAZING[1] - GRAZING[0]));
+        let sure = near
+            * fade
+            * smooth((cos - GRAZING_COSINES[0]) / (GRAZING_COSINES[1] - GRAZING_COSINES[0]));
         let density = self.density(spot.place, towards, pixel)?;
         let weight = (sure * cos * cos * cos * density * density) as f32;
-        // What is infinitely near counts as nothing rather than as all.
+        // An infinite weight, which results from a distance of 0, counts as not seen.
         let is_seen = 0.0 < weight && weight.is_finite();
         is_seen.then(|| (weight, sure as f32, light_at(self.picture, pixel).map(|x| x as f32)))
     }
 
-    /// Where the line from the camera to a place meets what the capture saw: how far from the place, across the surface and as a share of the
-    /// tolerance, and how far from the border. None if that is beyond the tolerance, or another surface is in front.
+    /// Intersects the ray from the camera to a point with the captured surface. Returns the distance of the intersection from the point,
+    /// measured across the surface as a fraction of the tolerance, and its distance from the border. `None` if it is beyond the tolerance,
+    /// or another surface is in front.
     fn meet(&self, place: Point3<f64>, towards: Vector3<f64>) -> Option<(f64, f64)> {
         let ahead = self
             .around
@@ -178,7 +186,7 @@ impl<'a> View<'a> {
         if !(0.0..1.0).contains(&off) {
             return None;
         }
-        let at = hit.place(&self.mesh);
+        let at = hit.position(&self.mesh);
         fn share(from: Point3<f64>, to: Point3<f64>, at: Point3<f64>, double: Vector3<f64>) -> f64 {
             (from - at).cross(&(to - at)).dot(&double) / double.norm_squared()
         }
@@ -186,7 +194,7 @@ impl<'a> View<'a> {
         Some((off, corners.iter().zip(shares).map(|(&it, share)| self.inside[it] * share).sum()))
     }
 
-    /// Pixels for each mm across the line of sight.
+    /// Returns the number of pixels per mm perpendicular to the line of sight.
     fn density(&self, place: Point3<f64>, towards: Vector3<f64>, pixel: [f64; 2]) -> Option<f64> {
         let aside = Vector3::ith(towards.iamin(), 1.0).cross(&towards).try_normalize(0.0)?;
         let step = 0.01 * self.tolerance;
@@ -195,7 +203,7 @@ impl<'a> View<'a> {
         Some((x * x + y * y).sqrt() / step)
     }
 
-    /// Lowers how far the nearest capture is from each place.
+    /// Updates `nearest`, the distance of the nearest capture from each point.
     pub(super) fn approach(&self, places: &[Point3<f64>], nearest: &mut [f64]) {
         for (least, found) in nearest.iter_mut().zip(self.tree.nearest_to_all(places)) {
             *least = least.min(found.map_or(f64::INFINITY, |it| it.distance_sq.sqrt()));
@@ -203,13 +211,13 @@ impl<'a> View<'a> {
     }
 }
 
-/// From 0 to 1 without an edge.
+/// Returns the value of a smooth step from 0 to 1.
 fn smooth(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
     x * x * (3.0 - 2.0 * x)
 }
 
-/// The light at a pixel (column, row), mixed of the four around it.
+/// Returns the light at a pixel (column, row), interpolated between four pixels.
 fn light_at(picture: &Image, [column, row]: [f64; 2]) -> [f64; 3] {
     let most = [picture.width() - 1, picture.height() - 1];
     let [(left, x), (top, y)] = [(column, most[0]), (row, most[1])].map(|(at, most)| {
@@ -218,11 +226,12 @@ fn light_at(picture: &Image, [column, row]: [f64; 2]) -> [f64; 3] {
     });
     let (right, below) = ((left + 1).min(most[0]), (top + 1).min(most[1]));
     let [a, b, c, d] = [[left, top], [right, top], [left, below], [right, below]]
-        .map(|at| light_of(picture.at(at)));
+        .map(|at| light_of(picture.pixel(at)));
     [0, 1, 2].map(|k| (a[k] * (1.0 - x) + b[k] * x) * (1.0 - y) + (c[k] * (1.0 - x) + d[k] * x) * y)
 }
 
-/// How far each vertex is from the border along edges, up to `most`: Dijkstra, "A note on two problems in connexion with graphs" (1959).
+/// Returns the distance of each vertex from the border along edges, up to `most`: Dijkstra, "A note on two problems in connexion with
+/// graphs" (1959).
 fn from_border(mesh: &Mesh, most: f64) -> Vec<f64> {
     let edges = mesh.edges();
     let mut distances = vec![most; mesh.positions().len()];
@@ -236,13 +245,13 @@ fn from_border(mesh: &Mesh, most: f64) -> Vec<f64> {
     let around = maquette_base::topology::lists::Lists::group(distances.len(), || {
         edges.vertices.iter().flat_map(|&[a, b]| [(a, b), (b, a)])
     });
-    // Numbers that are not negative have the order of their bits.
+    // The bits of nonnegative floating-point numbers have the order of the numbers.
     while let Some((Reverse(bits), vertex)) = heap.pop() {
         let distance = f64::from_bits(bits);
         if distances[vertex as usize] < distance {
             continue;
         }
-        for &other in around.of(vertex as usize) {
+        for &other in around.list(vertex as usize) {
             let [a, b] = [vertex, other].map(|it| mesh.positions()[it as usize]);
             let longer = distance + (b - a).norm();
             if longer < distances[other as usize] {

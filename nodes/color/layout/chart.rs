@@ -1,4 +1,4 @@
-//! A piece of a surface that lies flat.
+//! A piece of a surface that is flattened.
 
 use maquette_base::linear::cholesky::{Cholesky, Symmetric};
 use maquette_base::topology::lists::Lists;
@@ -8,26 +8,26 @@ use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 
 use super::segment::NONE;
 
-/// Faces that hang together by their sides, and where their corners lie in the plane.
+/// Faces connected by their sides, and the positions of their corners in the plane.
 pub(super) struct Chart {
-    /// The faces, ascending.
+    /// The faces, in ascending order.
     pub(super) faces: Vec<u32>,
-    /// The chart's vertex at each corner of the faces, one face after the other. Corners have one vertex if faces of the chart hang
-    /// together there, so that a seam within a chart may open.
+    /// The chart's vertex at each corner of the faces, face by face. Corners share a vertex only if the faces around it are connected
+    /// within the chart; a seam within the chart may therefore open.
     pub(super) corners: Vec<u32>,
-    /// Polygons as fans, of the chart's vertices, without those that have no area.
+    /// The polygons divided as fans, with the indices of the chart's vertices; degenerate triangles are left out.
     pub(super) triangles: Vec<[u32; 3]>,
-    /// Where the vertices are in space, in mm.
+    /// Positions of the vertices in space, in mm.
     positions: Vec<Point3<f64>>,
-    /// Where they lie in the plane, in mm.
+    /// Positions of the vertices in the plane, in mm.
     pub(super) flat: Vec<Vector2<f64>>,
 }
 
-/// Triangles thinner than this, as a share of their longest side, have no area.
+/// Triangles whose height is less than this fraction of their longest side are degenerate.
 const THIN: f64 = 1e-9;
 
 impl Chart {
-    /// The chart of some faces, ascending, which lies as it is seen along its mean normal.
+    /// Returns the chart of some faces, in ascending order, projected along its mean normal.
     pub(super) fn new(mesh: &Mesh, opposites: &[u32], of_corner: &[u32], faces: Vec<u32>) -> Self {
         let all = mesh.faces();
         let mut starts = Vec::with_capacity(faces.len());
@@ -37,12 +37,18 @@ impl Chart {
             let first = all.first_corner(face as usize) as u32;
             own.extend(first..first + all.face(face as usize).len() as u32);
         }
-        // The place of a corner of the mesh among those of the chart.
-        let place = |corner: u32| {
+        // Maps each corner of the mesh to the chart's corner.
+        fn place(
+            corner: u32,
+            faces: &[u32],
+            starts: &[u32],
+            of_corner: &[u32],
+            all: &maquette_value::Faces,
+        ) -> Option<u32> {
             let face = of_corner[corner as usize];
             let chart_face = faces.binary_search(&face).ok()?;
             Some(starts[chart_face] + corner - all.first_corner(face as usize) as u32)
-        };
+        }
         fn next(corner: u32, of_corner: &[u32], all: &maquette_value::Faces) -> u32 {
             let face = of_corner[corner as usize] as usize;
             let (first, count) = (all.first_corner(face) as u32, all.face(face).len() as u32);
@@ -54,16 +60,18 @@ impl Chart {
             if opposite == NONE || opposite < corner {
                 continue;
             }
-            let Some(other) = place(opposite) else { continue };
-            let ends = [next(corner, of_corner, all), next(opposite, of_corner, all)]
-                .map(|it| place(it).expect("of a face of the chart"));
-            sets.join(at, ends[1]);
-            sets.join(ends[0], other);
+            let Some(other) = place(opposite, &faces, &starts, of_corner, all) else { continue };
+            let ends = [next(corner, of_corner, all), next(opposite, of_corner, all)].map(|it| {
+                place(it, &faces, &starts, of_corner, all).expect("of a face of the chart")
+            });
+            sets.union(at, ends[1]);
+            sets.union(ends[0], other);
         }
-        let (corners, firsts) = sets.numbered();
-        let vertex =
-            |&at: &u32| mesh.positions()[all.corners()[own[at as usize] as usize] as usize];
-        let positions: Vec<_> = firsts.iter().map(vertex).collect();
+        let (corners, firsts) = sets.into_labels();
+        let positions: Vec<_> = firsts
+            .iter()
+            .map(|&at| mesh.positions()[all.corners()[own[at as usize] as usize] as usize])
+            .collect();
         let end = own.len() as u32;
         let ends = starts[1..].iter().chain([&end]);
         let fans = starts
@@ -93,12 +101,12 @@ impl Chart {
         Self { faces, corners, triangles, positions, flat }
     }
 
-    /// The same, as little stretched as it can be; none if there are no equations for it.
+    /// Flattens the chart with minimum stretch. Returns `None` if the equations have no solution.
     ///
-    /// As rigid as possible: Liu, Zhang, Xu, Gotsman and Gortler, "A local/global approach to mesh parameterization" (2008), section 4. Each
-    /// triangle is turned as it fits best to where it lies (equation 5), then all vertices go where the turned triangles pull them
-    /// (equation 6), whose matrix is the cotangent Laplacian.
-    pub(super) fn relaxed(&self) -> Option<Vec<Vector2<f64>>> {
+    /// As rigid as possible: Liu, Zhang, Xu, Gotsman and Gortler, "A local/global approach to mesh parameterization" (2008), section 4.
+    /// Each triangle is rotated to fit its flat position best (equation 5). Then all vertices move where the rotated triangles pull them
+    /// (equation 6); the matrix of these equations is the cotangent Laplacian.
+    pub(super) fn relax(&self) -> Option<Vec<Vector2<f64>>> {
         let shapes: Vec<_> = self.triangles.iter().map(|it| self.shape(*it)).collect();
         let count = self.flat.len();
         let lists = Lists::group(count, || {
@@ -109,14 +117,14 @@ impl Chart {
                 })
             })
         });
-        // The first vertex is held, so that there is one solution; one of no triangle stays.
+        // The first vertex is fixed, which makes the solution unique; a vertex without triangles stays.
         fn hold(own: usize, lists: &Lists<(u32, f64)>) -> f64 {
-            let sum: f64 = lists.of(own).iter().map(|entry| entry.1).sum();
-            if own == 0 || lists.of(own).is_empty() { sum.abs().max(1.0) } else { 0.0 }
+            let sum: f64 = lists.list(own).iter().map(|entry| entry.1).sum();
+            if own == 0 || lists.list(own).is_empty() { sum.abs().max(1.0) } else { 0.0 }
         }
         let mut matrix = Symmetric { starts: vec![0], indices: Vec::new(), entries: Vec::new() };
         for own in 0..count {
-            let mut row = lists.of(own).to_vec();
+            let mut row = lists.list(own).to_vec();
             row.sort_unstable_by_key(|entry| entry.0);
             let sum: f64 = row.iter().map(|entry| entry.1).sum();
             matrix.indices.push(own as u32);
@@ -169,18 +177,18 @@ impl Chart {
     }
 }
 
-/// Steps of relaxation: a few are enough for what is nearly flat.
+/// Number of steps of relaxation: a few suffice for a nearly flat chart.
 const STEPS: usize = 20;
 
-/// A triangle in its own plane.
+/// The shape of a triangle, in its own plane.
 struct Shape {
     corners: [Vector2<f64>; 3],
-    /// The cotangents of its angles.
+    /// The cotangents of the triangle's angles.
     cotangents: [f64; 3],
 }
 
 impl Shape {
-    /// How it must be turned to fit best to where it lies.
+    /// Returns the rotation that fits the shape best to the triangle's flat position `lies`.
     fn turn(&self, lies: [Vector2<f64>; 3]) -> Matrix2<f64> {
         let (mut cos, mut sin) = (0.0, 0.0);
         for k in 0..3 {

@@ -1,4 +1,4 @@
-//! Whether triangles in the plane lie as they should: face up, and none on another one.
+//! Checks that triangles in the plane face up and do not overlap.
 
 use maquette_base::topology::lists::Lists;
 use nalgebra::Vector2;
@@ -9,46 +9,51 @@ fn side(a: Vector2<f64>, b: Vector2<f64>, c: Vector2<f64>) -> f64 {
     orient2d(a, b, c)
 }
 
-/// Whether all triangles are counter-clockwise, and no two have more than a border in common; decided by exact predicates (Shewchuk,
-/// "Adaptive precision floating-point arithmetic and fast robust geometric predicates", 1997).
-pub(super) fn lie_well(triangles: &[[u32; 3]], places: &[Vector2<f64>]) -> bool {
+/// Returns true if all triangles are counter-clockwise, and no two of them share more than a part of their borders. Uses exact predicates
+/// (Shewchuk, "Adaptive precision floating-point arithmetic and fast robust geometric predicates", 1997).
+pub(super) fn are_free_of_overlaps(triangles: &[[u32; 3]], places: &[Vector2<f64>]) -> bool {
     let all: Vec<_> =
         triangles.iter().map(|triangle| triangle.map(|it| places[it as usize])).collect();
     all.iter().all(|&[a, b, c]| side(a, b, c) > 0.0) && overlap(&all).is_none()
 }
 
-/// Two counter-clockwise triangles that have more than a border in common, if there are any: those of which no side has the other one on
-/// its outer side. Only those that meet in a cell of a grid are compared.
+/// Finds two counter-clockwise triangles whose interiors overlap, that is, no side of either triangle separates them. Only triangles in the
+/// same cell of a grid are compared.
 pub(crate) fn overlap(triangles: &[[Vector2<f64>; 3]]) -> Option<[u32; 2]> {
     let boxes =
         triangles.iter().map(|[a, b, c]| [a.inf(b).inf(c), a.sup(b).sup(c)]).collect::<Vec<_>>();
     let whole = boxes.iter().copied().reduce(|a, b| [a[0].inf(&b[0]), a[1].sup(&b[1])])?;
     let size = whole[1] - whole[0];
-    // About as many cells as triangles.
+    // The grid has about as many cells as there are triangles.
     let cell = (size.x * size.y / triangles.len() as f64).sqrt();
     let counts =
         [0, 1].map(|axis| ((size[axis] / cell).ceil() as usize).clamp(1, 2 * triangles.len()));
-    let cell_of = |at: Vector2<f64>| {
+    fn cell_of(
+        at: Vector2<f64>,
+        whole: &[Vector2<f64>; 2],
+        size: Vector2<f64>,
+        counts: [usize; 2],
+    ) -> [usize; 2] {
         [0, 1].map(|axis| {
             let place = (at[axis] - whole[0][axis]) / size[axis] * counts[axis] as f64;
             (place as usize).min(counts[axis] - 1)
         })
-    };
-    let cells = |[low, high]: [Vector2<f64>; 2]| {
-        let ([left, bottom], [right, top]) = (cell_of(low), cell_of(high));
-        (bottom..=top).flat_map(move |row| {
-            (left..=right).map(move |column| (row * counts[0] + column) as u32)
+    }
+    let lists = Lists::group(counts[0] * counts[1], || {
+        (0u32..).zip(&boxes).flat_map(|(number, &[low, high])| {
+            let [left, bottom] = cell_of(low, &whole, size, counts);
+            let [right, top] = cell_of(high, &whole, size, counts);
+            (bottom..=top).flat_map(move |row| {
+                (left..=right).map(move |column| ((row * counts[0] + column) as u32, number))
+            })
         })
-    };
-    let numbers =
-        || (0u32..).zip(&boxes).flat_map(|(number, it)| cells(*it).map(move |cell| (cell, number)));
-    let lists = Lists::group(counts[0] * counts[1], numbers);
+    });
     for own in 0..lists.len() {
-        for (k, &a) in lists.of(own).iter().enumerate() {
-            for &b in &lists.of(own)[k + 1..] {
+        for (k, &a) in lists.list(own).iter().enumerate() {
+            for &b in &lists.list(own)[k + 1..] {
                 let [one, other] = [a, b].map(|it| boxes[it as usize]);
-                // Each pair once, where what both boxes have in common begins.
-                let [column, row] = cell_of(one[0].sup(&other[0]));
+                // Each pair is tested once, in the cell where the intersection of the two bounding boxes begins.
+                let [column, row] = cell_of(one[0].sup(&other[0]), &whole, size, counts);
                 let is_apart = (0..2)
                     .any(|axis| one[1][axis] <= other[0][axis] || other[1][axis] <= one[0][axis]);
                 if !is_apart
@@ -63,7 +68,7 @@ pub(crate) fn overlap(triangles: &[[Vector2<f64>; 3]]) -> Option<[u32; 2]> {
     None
 }
 
-/// Whether the insides of two counter-clockwise triangles meet.
+/// Returns true if the interiors of two counter-clockwise triangles intersect.
 fn meet(one: [Vector2<f64>; 3], other: [Vector2<f64>; 3]) -> bool {
     fn parts(from: [Vector2<f64>; 3], it: [Vector2<f64>; 3]) -> bool {
         (0..3).any(|k| it.iter().all(|&at| side(from[k], from[(k + 1) % 3], at) <= 0.0))
@@ -82,30 +87,30 @@ mod tests {
     #[test]
     fn only_insides_overlap() {
         let own = triangle([[0., 0.], [4., 0.], [0., 4.]]);
-        let check = |other: [[f64; 2]; 3], expected: bool| {
+        fn check(other: [[f64; 2]; 3], expected: bool, own: [Vector2<f64>; 3]) {
             let other = triangle(other);
             assert_eq!(overlap(&[own, other]).is_some(), expected, "{other:?}");
             assert_eq!(overlap(&[other, own]).is_some(), expected, "{other:?}");
-        };
-        // By a side, by part of a side, by a corner, apart.
-        check([[4., 0.], [4., 4.], [0., 4.]], false);
-        check([[1., 0.], [2., -3.], [3., 0.]], false);
-        check([[4., 0.], [8., 0.], [8., 1.]], false);
-        check([[9., 0.], [10., 0.], [9., 1.]], false);
-        // Equal, inside, across, and by the least that there is.
-        check([[0., 0.], [4., 0.], [0., 4.]], true);
-        check([[1., 1.], [2., 1.], [1., 2.]], true);
-        check([[-1., 1.], [5., 1.], [5., 2.]], true);
-        check([[2.0f64.next_down(), 2.0], [5., 3.], [3., 5.]], true);
-        check([[2.0, 2.0], [5., 3.], [3., 5.]], false);
+        }
+        // The triangles touch in a side, in a part of a side, in a corner, or not at all.
+        check([[4., 0.], [4., 4.], [0., 4.]], false, own);
+        check([[1., 0.], [2., -3.], [3., 0.]], false, own);
+        check([[4., 0.], [8., 0.], [8., 1.]], false, own);
+        check([[9., 0.], [10., 0.], [9., 1.]], false, own);
+        // The triangles are equal, nested, crossing, or overlap by the smallest possible amount.
+        check([[0., 0.], [4., 0.], [0., 4.]], true, own);
+        check([[1., 1.], [2., 1.], [1., 2.]], true, own);
+        check([[-1., 1.], [5., 1.], [5., 2.]], true, own);
+        check([[2.0f64.next_down(), 2.0], [5., 3.], [3., 5.]], true, own);
+        check([[2.0, 2.0], [5., 3.], [3., 5.]], false, own);
     }
 
     #[test]
-    fn what_is_turned_over_does_not_lie_well() {
+    fn flipped_triangles_are_overlaps() {
         let places = [[0., 0.], [1., 0.], [0., 1.], [1., 1.]].map(Vector2::from);
-        assert!(lie_well(&[[0, 1, 2], [1, 3, 2]], &places));
-        assert!(!lie_well(&[[0, 1, 2], [1, 2, 3]], &places));
-        assert!(!lie_well(&[[0, 1, 2], [0, 1, 3]], &places));
-        assert!(lie_well(&[], &places));
+        assert!(are_free_of_overlaps(&[[0, 1, 2], [1, 3, 2]], &places));
+        assert!(!are_free_of_overlaps(&[[0, 1, 2], [1, 2, 3]], &places));
+        assert!(!are_free_of_overlaps(&[[0, 1, 2], [0, 1, 3]], &places));
+        assert!(are_free_of_overlaps(&[], &places));
     }
 }

@@ -1,59 +1,59 @@
-//! Charts in a square, without overlap.
+//! Packs charts into a square, without overlap.
 
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use nalgebra::Vector2;
 
 /// A chart to be packed.
 pub(super) struct Piece<'a> {
     pub(super) triangles: &'a [[u32; 3]],
-    /// Where its vertices lie, in mm.
+    /// Positions of the chart's vertices, in mm.
     pub(super) flat: Vec<Vector2<f64>>,
 }
 
-/// Texture coordinates of charts.
-pub(super) struct Packed {
-    /// Of the vertices of each chart.
+/// The texture coordinates of packed charts.
+pub(super) struct PackedCharts {
+    /// The coordinates of each chart's vertices.
     pub(super) places: Vec<Vec<[f64; 2]>>,
-    /// Texels for each mm.
+    /// Texels per mm.
     pub(super) scale: f64,
 }
 
-/// Why charts were not packed.
+/// Reasons why charts cannot be packed.
 pub(super) enum PackError {
     Full,
-    Cancelled(Cancelled),
+    Cancelled(CancelledError),
 }
 
-impl From<Cancelled> for PackError {
-    fn from(error: Cancelled) -> Self {
+impl From<CancelledError> for PackError {
+    fn from(error: CancelledError) -> Self {
         Self::Cancelled(error)
     }
 }
 
-/// Along each side of the square so many places are tried at most: a multiple of 64.
+/// Maximum number of positions that are tried along each side of the square: a multiple of 64.
 const PLACES: usize = 512;
 
-/// By how much charts shrink until they fit.
+/// Factor by which charts shrink until they fit.
 const SHRINK: f64 = 0.95;
 
-/// The share of the square that is tried first.
-const FULL: f64 = 0.85;
+/// Fraction of the square's area that the charts fill at the scale that is tried first.
+const INITIAL_FILL: f64 = 0.85;
 
-/// Steps in which they grow again as far as they can.
+/// Number of bisection steps that increase the scale again to the largest one that fits.
 const HALVINGS: usize = 3;
 
-/// All charts in a square of `size` texels, at one scale, as large as it is found to be possible, with `padding` texels between two of
-/// them and half of that at the border.
+/// Packs all charts into a square of `size` texels, with `padding` texels between two charts and half of that at the border. All charts
+/// have one scale, the largest that is found.
 ///
-/// Long charts first, each where its top comes to lie lowest among those that lie there, in one of four turns: the order and aim of Levy,
-/// Petitjean, Ray and Maillot, "Least squares conformal maps for automatic texture atlas generation" (2002), section 4, but by all
-/// blocks that a chart covers, so that small ones fill the gaps of large ones.
+/// Long charts come first. Each is placed in one of four orientations at the position where its top is lowest: the order and the aim of
+/// Levy, Petitjean, Ray and Maillot, "Least squares conformal maps for automatic texture atlas generation" (2002), section 4. Unlike there,
+/// all blocks that a chart covers are tracked, so that small charts fill the gaps of large ones.
 pub(super) fn pack(
     pieces: &[Piece<'_>],
     size: usize,
     padding: usize,
     progress: &Progress<'_>,
-) -> Result<Packed, PackError> {
+) -> Result<PackedCharts, PackError> {
     let pieces: Vec<_> = pieces.iter().map(upright).collect();
     let block = size.div_ceil(PLACES);
     let square = Square { blocks: size / block, block: block as f64, margin: padding as f64 / 2.0 };
@@ -63,13 +63,13 @@ pub(super) fn pack(
     if side * side < pieces.len() as f64 * least * least {
         return Err(PackError::Full);
     }
-    let mut order = Vec::from_iter(0..pieces.len());
-    let height = |k: &usize| pieces[*k].size.max();
-    order.sort_by(|a, b| height(b).total_cmp(&height(a)).then(a.cmp(b)));
-    let longest = order.first().map_or(1.0, height);
-    let mut scale = side * square.block * (FULL / area).sqrt().min(1.0 / longest);
+    let heights: Vec<f64> = pieces.iter().map(|piece| piece.size.max()).collect();
+    let mut order: Vec<usize> = (0..pieces.len()).collect();
+    order.sort_by(|&a, &b| heights[b].total_cmp(&heights[a]).then(a.cmp(&b)));
+    let longest = order.first().map_or(1.0, |&k| heights[k]);
+    let mut scale = side * square.block * (INITIAL_FILL / area).sqrt().min(1.0 / longest);
     let mut found = None;
-    // Far below what each chart needs at least.
+    // This many steps shrink charts far below their minimum size.
     for _ in 0..200 {
         found = square.place(&pieces, &order, scale, progress)?;
         if found.is_some() {
@@ -103,10 +103,10 @@ pub(super) fn pack(
             })
             .collect()
     });
-    Ok(Packed { places: places.collect(), scale })
+    Ok(PackedCharts { places: places.collect(), scale })
 }
 
-/// A chart whose box is as small as it can be, with its lower left corner at the origin.
+/// A chart rotated to the smallest bounding box, with its lower left corner at the origin.
 struct Upright<'a> {
     triangles: &'a [[u32; 3]],
     flat: Vec<Vector2<f64>>,
@@ -114,8 +114,8 @@ struct Upright<'a> {
     area: f64,
 }
 
-/// The box with the least area lies along a side of the convex hull: Freeman and Shapira, "Determining the minimum-area encasing
-/// rectangle for an arbitrary closed curve" (1975).
+/// Rotates a chart to its bounding box of minimum area. A side of that box is parallel to a side of the convex hull: Freeman and Shapira,
+/// "Determining the minimum-area encasing rectangle for an arbitrary closed curve" (1975).
 fn upright<'a>(piece: &Piece<'a>) -> Upright<'a> {
     let hull = hull(&piece.flat);
     fn extent(right: Vector2<f64>, hull: &[Vector2<f64>]) -> (Vector2<f64>, Vector2<f64>) {
@@ -134,7 +134,7 @@ fn upright<'a>(piece: &Piece<'a>) -> Upright<'a> {
     let directions = sides.filter_map(|(a, b)| (b - a).try_normalize(0.0));
     fn cost(right: &Vector2<f64>, hull: &[Vector2<f64>]) -> f64 {
         let size = extent(*right, hull).1;
-        // Of equal ones the one that is not as long.
+        // The second term prefers the shorter of two boxes with equal areas.
         size.x * size.y + 1e-6 * size.max() * size.max()
     }
     let best = directions.min_by(|a, b| cost(a, &hull).total_cmp(&cost(b, &hull)));
@@ -157,7 +157,8 @@ fn upright<'a>(piece: &Piece<'a>) -> Upright<'a> {
     Upright { triangles: piece.triangles, flat, size, area }
 }
 
-/// The corners of the convex hull, counter-clockwise: Andrew, "Another efficient algorithm for convex hulls in two dimensions" (1979).
+/// Returns the corners of the convex hull, counter-clockwise: Andrew, "Another efficient algorithm for convex hulls in two dimensions"
+/// (1979).
 fn hull(points: &[Vector2<f64>]) -> Vec<Vector2<f64>> {
     let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
@@ -179,48 +180,50 @@ fn hull(points: &[Vector2<f64>]) -> Vec<Vector2<f64>> {
     if hull.is_empty() { sorted.into_iter().take(1).collect() } else { hull }
 }
 
-/// Where charts go, in blocks of texels.
+/// The square divided into blocks of texels, in which charts are placed.
 struct Square {
     blocks: usize,
-    /// Texels along the side of a block.
+    /// Side length of a block in texels.
     block: f64,
-    /// Texels around each chart.
+    /// Margin around each chart in texels.
     margin: f64,
 }
 
-/// A row of blocks, a bit for each.
+/// A row of blocks, one bit per block.
 type Row = [u64; PLACES / 64];
 
-/// Neighboring blocks of a row: the row, the first block, how many.
+/// Adjacent blocks in a row: the index of the row, the first block, and the number of blocks.
 type Run = [usize; 3];
 
 #[derive(Clone, Copy)]
 struct Spot {
-    /// Quarter turns, counter-clockwise.
+    /// The number of counter-clockwise quarter rotations.
     turn: usize,
-    /// The block of its lower left corner: column, row.
+    /// The block (column, row) at the lower left corner of the chart.
     at: [usize; 2],
 }
 
 impl Square {
-    /// How many blocks a chart is wide and high.
+    /// Returns the width and height of a chart in blocks.
     fn blocks_of(&self, piece: &Upright<'_>, scale: f64) -> [usize; 2] {
-        let count = |axis: usize| (piece.size[axis] * scale + 2.0 * self.margin) / self.block;
-        [0, 1].map(|axis| (count(axis).ceil() as usize).max(1))
+        [0, 1].map(|axis| {
+            let count = (piece.size[axis] * scale + 2.0 * self.margin) / self.block;
+            (count.ceil() as usize).max(1)
+        })
     }
 
-    /// A place for each chart; none if not all fit.
+    /// Returns a position for each chart; `None` if not all charts fit.
     fn place(
         &self,
         pieces: &[Upright<'_>],
         order: &[usize],
         scale: f64,
         progress: &Progress<'_>,
-    ) -> Result<Option<Vec<Spot>>, Cancelled> {
+    ) -> Result<Option<Vec<Spot>>, CancelledError> {
         let mut taken = vec![Row::default(); self.blocks];
-        // The longest row of free blocks in each row.
+        // For each row, the length of its longest run of free blocks.
         let mut longest = vec![self.blocks; self.blocks];
-        // Where the search began last time from the lowest row: for a piece of which size, and where it ended.
+        // The size of the last piece that was searched from the lowest row, and the row in which it was placed.
         let (mut searched, mut begin) = ([usize::MAX / 9; 2], 0);
         let mut spots = vec![Spot { turn: 0, at: [0, 0] }; pieces.len()];
         for &index in order {
@@ -238,8 +241,8 @@ impl Square {
             let mut best: Option<(usize, Spot, Vec<Run>)> = None;
             for turn in 0..4 {
                 let [width, height] = if turn % 2 == 0 { counts } else { [counts[1], counts[0]] };
-                let mut runs = turned(&runs, counts, turn);
-                // Where the piece is widest it fits least.
+                let mut runs = rotate(&runs, counts, turn);
+                // The widest row is tried first, because it fits least often.
                 runs.sort_by_key(|run| (self.blocks - run[2], run[0]));
                 let most = best.as_ref().map_or(self.blocks, |best| best.0 - 1);
                 let Some(last) = most.checked_sub(height) else { continue };
@@ -251,7 +254,7 @@ impl Square {
                 }
             }
             let Some((_, spot, runs)) = best else { return Ok(None) };
-            // What is about as large will not fit below, either.
+            // A piece of similar size does not fit below this row, either.
             begin = spot.at[1];
             for [row, first, count] in runs {
                 let row = spot.at[1] + row;
@@ -263,7 +266,7 @@ impl Square {
         Ok(Some(spots))
     }
 
-    /// The blocks that a chart covers, with all that is at most a margin away along either axis; the lowest row first.
+    /// Returns the blocks that a chart covers, dilated by a margin along both axes; the lowest row comes first.
     fn cover(&self, piece: &Upright<'_>, scale: f64, [width, height]: [usize; 2]) -> Vec<Row> {
         let mut rows = vec![Row::default(); height];
         let margin = self.margin;
@@ -281,12 +284,12 @@ impl Square {
             for (row, bits) in
                 rows.iter_mut().enumerate().take(last + 1).skip(block(bottom, height, self.block))
             {
-                // What of the sides lies between these heights.
+                // Each side is clipped to the lower and upper edge of the row of blocks.
                 let low = row as f64 * self.block - 2.0 * margin;
                 let high = (row + 1) as f64 * self.block;
                 let next = corners[1..].iter().chain(&corners[..1]);
                 let cut = corners.iter().zip(next).flat_map(|(&a, &b)| {
-                    fn at(y: f64, a: Vector2<f64>, b: Vector2<f64>) -> Vector2<f64> {
+                    fn point_at_height(y: f64, a: Vector2<f64>, b: Vector2<f64>) -> Vector2<f64> {
                         match b.y - a.y {
                             0.0 => a,
                             rise => {
@@ -295,7 +298,11 @@ impl Square {
                         }
                     }
                     let misses = a.y.max(b.y) < low || high < a.y.min(b.y);
-                    let ends = if a.y == b.y { [a, b] } else { [at(low, a, b), at(high, a, b)] };
+                    let ends = if a.y == b.y {
+                        [a, b]
+                    } else {
+                        [point_at_height(low, a, b), point_at_height(high, a, b)]
+                    };
                     ends.into_iter().filter(move |_| !misses)
                 });
                 let [left, right] = ends(0, &mut cut.into_iter());
@@ -328,7 +335,7 @@ fn set(row: &mut Row, first: usize, count: usize) {
     }
 }
 
-/// The first place from `from` on whose bit is `bit`, or the end.
+/// Returns the first index from `from` on whose bit is `bit`, or the end of the row.
 fn next(row: &Row, from: usize, bit: bool) -> usize {
     let mut place = from;
     while place < PLACES {
@@ -341,7 +348,7 @@ fn next(row: &Row, from: usize, bit: bool) -> usize {
     PLACES
 }
 
-/// How many of the first `blocks` are free side by side.
+/// Returns the length of the longest run of free blocks among the first `blocks`.
 fn longest_free(row: &Row, blocks: usize) -> usize {
     let (mut longest, mut place) = (0, 0);
     while place < blocks {
@@ -365,8 +372,8 @@ fn runs(rows: &[Row]) -> Vec<Run> {
     runs
 }
 
-/// A piece after some quarter turns.
-fn turned(own: &[Run], [width, height]: [usize; 2], turn: usize) -> Vec<Run> {
+/// Returns the runs of a piece after some quarter rotations.
+fn rotate(own: &[Run], [width, height]: [usize; 2], turn: usize) -> Vec<Run> {
     match turn {
         0 => own.to_vec(),
         2 => own
@@ -390,21 +397,21 @@ fn turned(own: &[Run], [width, height]: [usize; 2], turn: usize) -> Vec<Run> {
     }
 }
 
-/// The first of `places` columns where a piece fits, if its lowest row is this one; all columns are tried at once.
+/// Returns the first of `places` columns at which a piece fits with its lowest row at `row`. All columns are tried at once.
 fn free(taken: &[Row], runs: &[Run], row: usize, places: usize) -> Option<usize> {
     let mut free = Row::default();
     set(&mut free, 0, places);
     for &[own, first, count] in runs {
-        // Bit k: whether one of the `count` blocks from k on is taken.
+        // Bit `k` is set if a run that starts at block `k` would cover a block that is taken.
         let mut met = taken[row + own];
         let mut done = 1;
         while done < count {
             let step = done.min(count - done);
-            let shifted = shifted(&met, step);
+            let shifted = shift(&met, step);
             met.iter_mut().zip(shifted).for_each(|(met, shifted)| *met |= shifted);
             done += step;
         }
-        let met = shifted(&met, first);
+        let met = shift(&met, first);
         free.iter_mut().zip(met).for_each(|(free, met)| *free &= !met);
         if free == Row::default() {
             return None;
@@ -414,12 +421,15 @@ fn free(taken: &[Row], runs: &[Run], row: usize, places: usize) -> Option<usize>
     Some(64 * word + free[word].trailing_zeros() as usize)
 }
 
-/// Bit k is what bit k + `by` was.
-fn shifted(row: &Row, by: usize) -> Row {
+/// Returns the row with its bits shifted: bit k becomes bit k + `by`.
+fn shift(row: &Row, by: usize) -> Row {
     let (words, bits) = (by / 64, by % 64);
-    let word = |k: usize| row.get(k + words).copied().unwrap_or(0);
+    #[inline(always)]
+    fn word(k: usize, row: &Row) -> u64 {
+        row.get(k).copied().unwrap_or(0)
+    }
     std::array::from_fn(|k| match bits {
-        0 => word(k),
-        _ => word(k) >> bits | word(k + 1) << (64 - bits),
+        0 => word(k + words, row),
+        _ => word(k + words, row) >> bits | word(k + words + 1, row) << (64 - bits),
     })
 }

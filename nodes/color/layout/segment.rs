@@ -1,19 +1,19 @@
-//! Which faces lie on one chart.
+//! Segments a mesh into charts.
 
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BinaryHeap};
 
 use maquette_base::topology::lists::Lists;
 use maquette_base::topology::union_find::UnionFind;
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use maquette_value::Mesh;
 use nalgebra::Vector3;
 
-/// No corner.
+/// Index of a corner that does not exist.
 pub(super) const NONE: u32 = u32::MAX;
 
-/// For each side of a face (named by the corner that it begins at) the side of the neighbor that is the same edge; [`NONE`] at borders,
-/// where more than two faces meet, and where the neighbor is turned round.
+/// Returns, for each side of a face (identified by its first corner), the side of the adjacent face along the same edge. It is [`NONE`] at
+/// borders, at edges with more than two faces, and if the adjacent face has the opposite orientation.
 pub(super) fn opposites(mesh: &Mesh) -> Vec<u32> {
     let edges = mesh.edges();
     let corners = mesh.faces().corners();
@@ -34,27 +34,27 @@ pub(super) fn opposites(mesh: &Mesh) -> Vec<u32> {
     opposites
 }
 
-/// The face of each corner.
+/// Returns the face of each corner.
 pub(super) fn faces_of_corners(mesh: &Mesh) -> Vec<u32> {
     let faces = (0u32..).zip(mesh.faces().iter());
     faces.flat_map(|(number, face)| std::iter::repeat_n(number, face.len())).collect()
 }
 
-/// Some faces that hang together.
+/// A set of connected faces.
 #[derive(Default)]
 struct Cluster {
     area: f64,
-    /// The sum of the faces' area vectors: the flatter the faces, the longer it is.
+    /// The sum of the faces' area vectors. Its length equals the area for a flat cluster, and is smaller for a bent one.
     vector: Vector3<f64>,
-    /// The length of its border.
+    /// The length of the cluster's border.
     rim: f64,
-    /// The lengths of the borders with neighbors.
+    /// The length of the common border with each neighbor.
     around: BTreeMap<u32, f64>,
-    /// How often it has changed.
+    /// The number of changes of the cluster; it identifies outdated pairs in the queue.
     version: u32,
 }
 
-/// Two clusters that may become one.
+/// Two clusters that may be merged.
 struct Merging {
     cost: f64,
     pair: [u32; 2],
@@ -62,7 +62,7 @@ struct Merging {
 }
 
 impl Ord for Merging {
-    /// The cheapest is the greatest.
+    /// The order is reversed: the cheapest pair is the greatest, which the queue returns first.
     fn cmp(&self, other: &Self) -> Ordering {
         other.cost.total_cmp(&self.cost).then_with(|| other.pair.cmp(&self.pair))
     }
@@ -82,21 +82,23 @@ impl PartialEq for Merging {
 
 impl Eq for Merging {}
 
-/// How much a long border counts beside bent faces: up to some 16 degrees between two clusters the rounder one is preferred.
+/// Weight of a long border relative to bent faces. With it, the rounder result is preferred if the clusters meet at an angle of up to about
+/// 16 degrees.
 const ROUNDNESS: f64 = 0.01;
 
-/// The faces of each chart, ascending: flat to `flatness`, the least share of a chart's area that is seen along its mean normal.
+/// Returns the faces of each chart, in ascending order. `flatness` is the minimum ratio of a chart's area projected along its mean normal
+/// to its area.
 ///
-/// Two neighbors at a time become one, those first that stay flat and round: Garland, Willmott and Heckbert, "Hierarchical face
-/// clustering on polygonal surfaces" (2001), with the deviation of normals of Cohen-Steiner, Alliez and Desbrun, "Variational shape
-/// approximation" (2004), as the cost: for sums `V` of area vectors `|V1| + |V2| - |V1 + V2|`. Then borders are straightened. Cost grows
-/// with n log n.
+/// Two neighboring clusters at a time are merged, beginning with those that stay flat and round: Garland, Willmott and Heckbert,
+/// "Hierarchical face clustering on polygonal surfaces" (2001). The cost is the deviation of normals of Cohen-Steiner, Alliez and Desbrun,
+/// "Variational shape approximation" (2004): `|V1| + |V2| - |V1 + V2|` for the sums `V1` and `V2` of area vectors of the two clusters. Then
+/// borders are straightened. The time is O(n log n).
 pub(super) fn segment(
     mesh: &Mesh,
     opposites: &[u32],
     flatness: f64,
     progress: &Progress<'_>,
-) -> Result<Vec<Vec<u32>>, Cancelled> {
+) -> Result<Vec<Vec<u32>>, CancelledError> {
     let of_corner = faces_of_corners(mesh);
     let lengths = side_lengths(mesh);
     let mut clusters: Vec<_> = mesh
@@ -115,7 +117,7 @@ pub(super) fn segment(
             *around.entry(of_corner[opposite as usize]).or_default() += lengths[corner];
         }
     }
-    // What has no area costs as if it had a little.
+    // A pair of faces without area gets the cost of a very small face.
     let least = clusters.iter().map(|it| it.area).sum::<f64>() * 1e-12;
     fn merging(clusters: &[Cluster], a: u32, b: u32, flatness: f64, least: f64) -> Option<Merging> {
         let [own, other] = [a, b].map(|it| &clusters[it as usize]);
@@ -138,7 +140,7 @@ pub(super) fn segment(
     let mut sets = UnionFind::new(clusters.len());
     let mut done = 0usize;
     while let Some(Merging { pair: [a, b], versions, .. }) = heap.pop() {
-        // A cluster that became part of another one has a version that nobody knows.
+        // Skip an outdated pair: one of its clusters has changed since it was queued.
         if [a, b].map(|it| clusters[it as usize].version) != versions {
             continue;
         }
@@ -146,7 +148,7 @@ pub(super) fn segment(
         if done.is_multiple_of(1024) {
             progress.tick(done as f64 / clusters.len() as f64)?;
         }
-        sets.join(a, b);
+        sets.union(a, b);
         join(&mut clusters, a, b);
         let around = clusters[a as usize].around.keys();
         heap.extend(
@@ -155,14 +157,14 @@ pub(super) fn segment(
             }),
         );
     }
-    let (mut charts, _) = sets.numbered();
+    let (mut charts, _) = sets.into_labels();
     straighten(mesh, opposites, &of_corner, &lengths, flatness, &mut charts);
     let count = charts.iter().max().map_or(0, |&last| last as usize + 1);
     let lists = Lists::group(count, || charts.iter().copied().zip(0..));
-    Ok((0..count).map(|chart| lists.of(chart).to_vec()).filter(|it| !it.is_empty()).collect())
+    Ok((0..count).map(|chart| lists.list(chart).to_vec()).filter(|it| !it.is_empty()).collect())
 }
 
-/// The length of each side.
+/// Returns the length of each side.
 fn side_lengths(mesh: &Mesh) -> Vec<f64> {
     fn place(vertex: &u32, mesh: &Mesh) -> nalgebra::Point3<f64> {
         mesh.positions()[*vertex as usize]
@@ -179,7 +181,7 @@ fn side_lengths(mesh: &Mesh) -> Vec<f64> {
         .collect()
 }
 
-/// Makes `b` part of `a`.
+/// Merges the cluster `b` into `a`.
 fn join(clusters: &mut [Cluster], a: u32, b: u32) {
     let mut other = std::mem::take(&mut clusters[b as usize]);
     clusters[b as usize].version = u32::MAX;
@@ -195,7 +197,7 @@ fn join(clusters: &mut [Cluster], a: u32, b: u32) {
         let length = around.remove(&b).expect("neighbors know each other");
         *around.entry(a).or_default() += length;
     }
-    // The shorter list goes into the longer one.
+    // The shorter list of neighbors is appended to the longer one.
     let own = &mut clusters[a as usize].around;
     if own.len() < other.around.len() {
         std::mem::swap(own, &mut other.around);
@@ -203,10 +205,11 @@ fn join(clusters: &mut [Cluster], a: u32, b: u32) {
     other.around.into_iter().for_each(|(it, length)| *own.entry(it).or_default() += length);
 }
 
-/// Rounds in which borders are straightened; the first ones change most.
+/// Number of rounds in which the borders of charts are straightened.
 const ROUNDS: usize = 4;
 
-/// Gives faces that hang by one side alone to the chart with which they have more border, if both stay flat.
+/// Straightens borders: a face connected to its chart by only one side moves to the chart with which it shares more border, if both charts
+/// stay flat.
 fn straighten(
     mesh: &Mesh,
     opposites: &[u32],

@@ -2,18 +2,18 @@ use std::collections::BTreeSet;
 use std::f64::consts::TAU;
 
 use maquette_value::Faces;
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector2};
 use robust::{Coord, orient2d};
 
 use super::*;
 
 fn lie(mesh: &Mesh, layout: &Layout) -> LaidOut {
-    let laid = lay_out(mesh, layout, &Progress::none()).unwrap();
+    let laid = lay_out(mesh, layout, &Progress::silent()).unwrap();
     check_layout(mesh, &laid, layout);
     laid
 }
 
-/// The corners of each triangle in the plane, in texels.
+/// Returns the corners of each triangle in the plane, in texels.
 fn triangles(mesh: &Mesh, size: usize) -> Vec<[Vector2<f64>; 3]> {
     let uv = mesh.corner().pairs("uv").unwrap();
     let faces = (0..mesh.faces().len())
@@ -28,7 +28,8 @@ fn triangles(mesh: &Mesh, size: usize) -> Vec<[Vector2<f64>; 3]> {
         .collect()
 }
 
-/// Nothing is turned over, overlaps, or leaves the square; faces that share a vertex of a seam lie together or `padding` apart.
+/// Checks that no triangle is inverted, overlaps another, or is closer to the border of the square than half of the padding, and that the
+/// layout keeps positions and faces.
 fn check_layout(mesh: &Mesh, laid: &LaidOut, layout: &Layout) {
     let all = triangles(&laid.mesh, layout.size);
     fn coord(at: Vector2<f64>) -> Coord<f64> {
@@ -45,7 +46,7 @@ fn check_layout(mesh: &Mesh, laid: &LaidOut, layout: &Layout) {
     assert_eq!(laid.mesh.faces(), mesh.faces());
 }
 
-/// Lengths in the plane of lengths in space: least and most over all sides, at the scale of the layout.
+/// Returns the minimum and maximum ratio of lengths in the plane to lengths in space, over all sides, at the scale of the layout.
 fn stretch(laid: &LaidOut, size: usize) -> [f64; 2] {
     let mesh = &laid.mesh;
     let uv = mesh.corner().pairs("uv").unwrap();
@@ -69,7 +70,7 @@ fn cube() -> Mesh {
     Mesh::new(places.collect::<Vec<_>>(), Faces::uniform(4, quads.to_vec()).unwrap()).unwrap()
 }
 
-/// A sheet of `n` by `m` cells, closed along the first direction if `is_closed`, two triangles each.
+/// Returns a sheet of `n` by `m` cells of two triangles each, closed along the first direction if `is_closed`.
 fn sheet([n, m]: [u32; 2], is_closed: bool, place: impl Fn(f64, f64) -> [f64; 3]) -> Mesh {
     let columns = if is_closed { n } else { n + 1 };
     let places = (0..columns * (m + 1)).map(|k| {
@@ -85,7 +86,7 @@ fn sheet([n, m]: [u32; 2], is_closed: bool, place: impl Fn(f64, f64) -> [f64; 3]
 }
 
 fn torus(n: u32, m: u32) -> Mesh {
-    // Closed in one direction, and slit in the other.
+    // The surface is closed in one direction and cut open in the other.
     sheet([n, m], true, |u, v| {
         let ((s, c), (t, d)) = (libm::sincos(TAU * u), libm::sincos(TAU * v));
         [(40.0 + 15.0 * d) * c, (40.0 + 15.0 * d) * s, 15.0 * t]
@@ -99,13 +100,13 @@ fn a_cube_has_six_charts_without_stretch() {
     assert_eq!(laid.charts, 6);
     let [least, most] = stretch(&laid, 256);
     assert!((1.0 - least).abs() < 1e-12 && (most - 1.0).abs() < 1e-12, "{least} {most}");
-    // Two by three squares and their padding, or nearly.
+    // The square is filled by nearly two by three charts and their padding.
     assert!(laid.scale > 256.0 / 3.0 - 4.0 - 3.0, "{}", laid.scale);
 }
 
 #[test]
 fn what_unrolls_is_not_stretched() {
-    // A quarter of a tube: 45 degrees to either side, 26 in the mean.
+    // The surface is a quarter of a tube: 45 degrees to either side, 26 on average.
     let tube = sheet([20, 10], false, |u, v| {
         let (s, c) = libm::sincos(TAU / 4.0 * u);
         [10.0 * c, 10.0 * s, 20.0 * v]
@@ -153,7 +154,7 @@ fn noise_and_folds_are_cut_out() {
         let mesh = sheet([40, 40], false, |u, v| [u, v, height * rough(u, v)]);
         lie(&mesh, &Layout::default());
     }
-    // A staircase that winds over itself.
+    // The surface is a staircase that winds over itself.
     let stairs = sheet([200, 4], false, |u, v| {
         let (s, c) = libm::sincos(3.0 * TAU * u);
         [(1.0 + v) * c, (1.0 + v) * s, 0.1 * u]
@@ -170,9 +171,9 @@ fn a_triangle_and_what_is_not_manifold_have_charts() {
     let layout = Layout { size: 64, ..Layout::default() };
     let one = lie(&fin(vec![[0, 1, 2]], &places), &layout);
     assert_eq!(one.charts, 1);
-    // As large as fits: the legs along the square's sides.
+    // The triangle has the largest possible scale: its legs are along the sides of the square.
     assert!(one.scale > 64.0 - 4.0 - 4.0, "{}", one.scale);
-    // Three faces at one edge, and a neighbor that is turned round.
+    // Three faces meet at one edge, and a neighbor has the opposite orientation.
     assert_eq!(lie(&fin(vec![[0, 1, 2], [0, 1, 3], [1, 0, 4]], &places), &layout).charts, 3);
     assert_eq!(lie(&fin(vec![[0, 1, 2], [0, 1, 4]], &places), &layout).charts, 2);
     assert_eq!(lie(&fin(vec![[0, 1, 2], [1, 0, 4]], &places), &layout).charts, 1);
@@ -185,14 +186,14 @@ fn charts_keep_their_distance() {
         let laid = lie(&torus(30, 16), &layout);
         let all = triangles(&laid.mesh, 256);
         let uv = laid.mesh.corner().pairs("uv").unwrap();
-        // The chart of each triangle, by corners that are in one place.
+        // Assigns triangles to charts: triangles with coincident corners belong to one chart.
         let mut sets = UnionFind::new(all.len());
         let mut places = std::collections::BTreeMap::new();
         for (corner, uv) in uv.iter().enumerate() {
             let first = *places.entry(uv.map(f64::to_bits)).or_insert(corner / 3);
-            sets.join(first as u32, (corner / 3) as u32);
+            sets.union(first as u32, (corner / 3) as u32);
         }
-        let (charts, _) = sets.numbered();
+        let (charts, _) = sets.into_labels();
         assert_eq!(charts.iter().collect::<BTreeSet<_>>().len(), laid.charts);
         let corners: Vec<_> =
             all.iter().zip(&charts).flat_map(|(it, chart)| it.map(|at| (at, chart))).collect();
@@ -208,46 +209,46 @@ fn charts_keep_their_distance() {
 #[test]
 fn the_layout_is_the_same_on_any_number_of_threads() {
     let mesh = torus(60, 30);
-    fn on(threads: usize, mesh: &Mesh) -> Mesh {
+    fn lay_out_with(threads: usize, mesh: &Mesh) -> Mesh {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| lay_out(mesh, &Layout::default(), &Progress::none()).unwrap().mesh)
+        pool.install(|| lay_out(mesh, &Layout::default(), &Progress::silent()).unwrap().mesh)
     }
-    assert_eq!(on(1, &mesh), on(3, &mesh));
+    assert_eq!(lay_out_with(1, &mesh), lay_out_with(3, &mesh));
 }
 
 #[test]
-fn what_has_no_layout_is_told_why() {
-    fn told(mesh: &Mesh, layout: Layout) -> String {
-        lay_out(mesh, &layout, &Progress::none()).unwrap_err().to_string()
+fn unsuitable_meshes_are_errors() {
+    fn error(mesh: &Mesh, layout: Layout) -> String {
+        lay_out(mesh, &layout, &Progress::silent()).unwrap_err().to_string()
     }
     let layout = Layout::default();
     let empty = Mesh::new(vec![], Faces::triangles(vec![])).unwrap();
-    assert_eq!(told(&empty, layout), "the mesh has no faces, so that there is nothing to lay out");
+    assert_eq!(error(&empty, layout), "the mesh has no faces, so that there is nothing to lay out");
     let line = Mesh::new(
         [0., 1., 2.].map(|x| Point3::new(x, 0., 0.)).to_vec(),
         Faces::triangles(vec![[0, 1, 2]]),
     );
     assert_eq!(
-        told(&line.unwrap(), layout),
-        "all 1 faces of the mesh are without an area: nothing can be laid out"
+        error(&line.unwrap(), layout),
+        "all 1 faces of the mesh have zero area: nothing can be laid out"
     );
     assert_eq!(
-        told(&cube(), Layout { size: 16, padding: 20, ..layout }),
+        error(&cube(), Layout { size: 16, padding: 20, ..layout }),
         "6 charts with a padding of 20 px do not fit into 16 x 16 px: choose a larger `size` or `bend`, or a smaller `padding`"
     );
     assert_eq!(
-        told(&cube(), Layout { size: 10_000, ..layout }),
+        error(&cube(), Layout { size: 10_000, ..layout }),
         "the atlas would need about 10 000 pixels along a side, at most 8 200 are made: choose a smaller `size`"
     );
     assert_eq!(
-        told(&cube(), Layout { size: 8, ..layout }),
+        error(&cube(), Layout { size: 8, ..layout }),
         "`size` is 8, but must be at least 16 px"
     );
     assert_eq!(
-        told(&cube(), Layout { bend: 90.0, ..layout }),
+        error(&cube(), Layout { bend: 90.0, ..layout }),
         "`bend` is 90, but must be from 1 to 80 degrees"
     );
     let far =
         cube().with_positions(cube().positions().iter().map(|at| at * 1e200).collect()).unwrap();
-    assert!(told(&far, layout).starts_with("the mesh is 1e200 mm large"));
+    assert!(error(&far, layout).starts_with("the mesh is 1e200 mm large"));
 }

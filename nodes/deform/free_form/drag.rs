@@ -1,7 +1,8 @@
-//! Targets that change while everything else stays: what does not depend on them is computed once.
+//! Deformation with changing targets: everything that does not depend on the targets is computed once.
 //!
-//! A deformation is linear in its targets. What a unit step of one handle does to each point is a field of numbers that depends
-//! on the layout alone; a drag adds multiples of such fields to what the handles do at rest, without a single power.
+//! A deformation is linear in its targets. The effect that a unit step of one handle has on each point is a field: one number per point,
+//! which depends on the layout of the handles only. A drag adds multiples of fields to the deformation before the drag, without evaluating
+//! any Gaussian.
 
 use maquette_mesh::Movable;
 use maquette_node::{Error, Progress};
@@ -9,146 +10,149 @@ use maquette_value::Memo;
 use maquette_value::{Column, Encoder, Handles};
 use nalgebra::{Matrix3, Point3};
 
-use super::object::{bounds, points, rebuilt, wanted};
-use super::pull::{Deforming, column, deformation, deformed_field, prepared, report};
+use super::object::{bounds, field_request, points, rebuild};
+use super::pull::{
+    DeformOptions, column, deformation, deformed_field, make_report, prepare_handles,
+};
 use super::report::Report;
 use crate::FfdError;
 use crate::gaussian::deformation::{Base, Deformation};
-use crate::gaussian::field::{CHUNK, Wanted, field};
-use crate::gaussian::layout::{Layout, Prepared};
+use crate::gaussian::field::{CHUNK_SIZE, FieldRequest, evaluate_field};
+use crate::gaussian::layout::{Layout, PreparedHandles};
 use crate::gaussian::system::System;
 use crate::mode::Mode;
 
-/// Fields that are kept together: as many as a point has coordinates, so that a group of them is computed like a deformation.
-const GROUP: usize = 3;
+/// Number of handles whose fields are stored together: as many as a point has coordinates, so that a group of fields is computed like one
+/// deformation.
+const GROUP_SIZE: usize = 3;
 
 /// An object and its handles, some of which are dragged.
 pub struct Drag {
-    what: Movable,
-    prepared: Prepared,
+    object: Movable,
+    prepared: PreparedHandles,
     system: System,
-    /// The handles of the layout that are dragged, without repetition.
+    /// The dragged handles of the layout, without repetition.
     dragged: Vec<usize>,
-    /// What the handles do before they are dragged; nothing if they all rest.
-    rest: Option<Kept>,
-    /// The fields of the dragged handles, three by three.
-    groups: Vec<Kept>,
+    /// The deformed points at the targets before the drag; `None` if no handle is moved.
+    rest: Option<FieldValues>,
+    /// The fields of the dragged handles, in groups of three.
+    groups: Vec<FieldValues>,
 }
 
-/// What the fields of a group depend on, by which they are remembered.
+/// The inputs from which the fields of a group are computed; they serve as cache key.
 #[derive(Clone)]
 pub(crate) struct FieldInputs {
     points: Column<Point3<f64>>,
-    prepared: Prepared,
-    /// The handles of a group; none for what the handles do at rest.
-    group: Option<[Option<usize>; GROUP]>,
+    prepared: PreparedHandles,
+    /// The handles of a group; `None` for the deformation before the drag.
+    group: Option<[Option<usize>; GROUP_SIZE]>,
     derivatives: bool,
-    /// How far, in mm, a point may be off.
+    /// The maximum error of a point in mm.
     error: f64,
 }
 
-/// Three numbers per point, and their derivatives if they are wanted.
+/// Three numbers per point, and their derivatives if requested.
 #[derive(Clone)]
-pub(crate) struct Kept {
+pub(crate) struct FieldValues {
     values: Column<Point3<f64>>,
     derivatives: Column<Matrix3<f64>>,
 }
 
 impl Drag {
-    /// Prepares an object for drags of the handles with these numbers, counted from 0; see [`ffd`](crate::ffd()).
+    /// Prepares an object for dragging the handles with the numbers `dragged`, counted from 0; see [`ffd`](crate::ffd()).
     ///
     /// # Errors
-    /// As [`ffd`](crate::ffd()), and if there is no such handle.
+    /// Returns the errors of [`ffd`](crate::ffd()), and an error if a handle does not exist.
     pub fn new(
-        what: &Movable,
+        object: &Movable,
         handles: &Handles,
         dragged: &[usize],
         mode: Mode,
-        how: Deforming,
+        options: DeformOptions,
     ) -> Result<Self, FfdError> {
-        Self::with(what, handles, dragged, mode, how, System::new, FieldInputs::make)
+        Self::with_memo(object, handles, dragged, mode, options, System::new, FieldInputs::make)
     }
 
-    /// [`Drag::new`] with what `system` and `keep` compute, or remember.
-    pub(crate) fn with<E: From<FfdError>>(
-        what: &Movable,
+    /// Like [`Drag::new`], but computes the linear system with `system` and the fields with `keep`; both functions may cache their results.
+    pub(crate) fn with_memo<E: From<FfdError>>(
+        object: &Movable,
         handles: &Handles,
         dragged: &[usize],
         mode: Mode,
-        how: Deforming,
+        options: DeformOptions,
         system: impl FnOnce(&Layout) -> Result<System, E>,
-        keep: impl Fn(&FieldInputs) -> Result<Kept, E>,
+        keep: impl Fn(&FieldInputs) -> Result<FieldValues, E>,
     ) -> Result<Self, E> {
         let origin = (Point3::origin(), Point3::origin());
-        let frame = how.frame.or_else(|| bounds(what)).unwrap_or(origin);
-        let prepared = prepared(handles, frame, mode, how)?;
-        let mut places = Vec::new();
+        let frame = options.frame.or_else(|| bounds(object)).unwrap_or(origin);
+        let prepared = prepare_handles(handles, frame, mode, options)?;
+        let mut indices = Vec::new();
         for &handle in dragged {
-            let place = prepared.place(handle)?;
-            if !places.contains(&place) {
-                places.push(place);
+            let index = prepared.layout_index(handle)?;
+            if !indices.contains(&index) {
+                indices.push(index);
             }
         }
-        let wanted = wanted(what);
-        let inputs = |group| FieldInputs {
-            points: column(what),
+        let rest_inputs = FieldInputs {
+            points: column(object),
             prepared: prepared.clone(),
-            group,
-            derivatives: wanted.folds,
-            error: how.accuracy * prepared.diagonal,
+            group: None,
+            derivatives: field_request(object).folds,
+            error: options.accuracy * prepared.diagonal,
         };
-        let rest = if prepared.rests() { None } else { Some(keep(&inputs(None))?) };
-        let groups = places
-            .chunks(GROUP)
-            .map(|group| keep(&inputs(Some([0, 1, 2].map(|k| group.get(k).copied())))))
+        let rest = if prepared.is_at_rest() { None } else { Some(keep(&rest_inputs)?) };
+        let groups = indices
+            .chunks(GROUP_SIZE)
+            .map(|group| {
+                let group = Some([0, 1, 2].map(|k| group.get(k).copied()));
+                keep(&FieldInputs { group, ..rest_inputs.clone() })
+            })
             .collect::<Result<_, _>>()?;
         let system = system(&prepared.layout)?;
-        Ok(Self { what: what.clone(), system, dragged: places, rest, groups, prepared })
+        Ok(Self { object: object.clone(), system, dragged: indices, rest, groups, prepared })
     }
 
-    /// The object with these targets (a handle's number and its place in mm) in place of those of its handles. Of two targets
-    /// for one handle the later counts; handles that were not to be dragged stay with theirs.
+    /// Returns the object deformed with new targets (handle number, position in mm) for some handles. If a handle has two targets, the
+    /// later one counts; handles that are not dragged keep their targets.
     ///
     /// # Errors
-    /// If there is no such handle, a place becomes infinite, or `progress` says so.
-    pub fn to(
+    /// Returns an error if a handle does not exist, a position becomes infinite, or the evaluation is cancelled.
+    pub fn apply_targets(
         &self,
         targets: &[(usize, Point3<f64>)],
         progress: &Progress<'_>,
     ) -> Result<(Movable, Report), FfdError> {
-        let now = self.prepared.clone().aimed(targets, |place| self.dragged.contains(&place))?;
-        if now.rests() {
-            return Ok((self.what.clone(), Report { merged: now.merged, ..Report::NOTHING }));
-        }
-        fn step(
-            place: &usize,
-            now_to: &[Point3<f64>],
-            prepared_to: &[Point3<f64>],
-        ) -> nalgebra::Vector3<f64> {
-            now_to[*place] - prepared_to[*place]
+        let now =
+            self.prepared.clone().with_targets(targets, |index| self.dragged.contains(&index))?;
+        if now.is_at_rest() {
+            return Ok((self.object.clone(), Report { merged: now.merged, ..Report::UNCHANGED }));
         }
         let steps: Vec<_> = self
             .dragged
-            .chunks(GROUP)
+            .chunks(GROUP_SIZE)
             .map(|group| {
                 Matrix3::from_fn(|axis, k| {
-                    group.get(k).map_or(0.0, |place| step(place, &now.to, &self.prepared.to)[axis])
+                    group.get(k).map_or(0.0, |&index| {
+                        now.targets[index][axis] - self.prepared.targets[index][axis]
+                    })
                 })
             })
             .collect();
-        let evaluate = |first: usize,
-                        points: &[Point3<f64>],
-                        moved: &mut [Point3<f64>],
-                        derivatives: Option<&mut [Matrix3<f64>]>| {
-            self.add(&steps, first, points, moved, derivatives);
-        };
-        let field = field(points(&self.what), CHUNK, wanted(&self.what), &evaluate, progress)?;
+        let field = evaluate_field(
+            points(&self.object),
+            CHUNK_SIZE,
+            field_request(&self.object),
+            &|first, points, moved, derivatives| {
+                self.add(&steps, first, points, moved, derivatives);
+            },
+            progress,
+        )?;
         let deformation = deformation(&now, &self.system);
-        let report = report(&now, &self.system, &deformation, &field);
-        Ok((rebuilt(&self.what, field)?, report))
+        let report = make_report(&now, &self.system, &deformation, &field);
+        Ok((rebuild(&self.object, field)?, report))
     }
 
-    /// Adds the steps of all groups to where points are at rest.
+    /// Adds the steps of the dragged handles, group by group, to the positions before the drag.
     fn add(
         &self,
         steps: &[Matrix3<f64>],
@@ -179,54 +183,59 @@ impl Drag {
     }
 }
 
-impl Prepared {
-    /// The same with these targets in place of those of its handles, where they may be others.
-    pub(crate) fn aimed(
+impl PreparedHandles {
+    /// Replaces the targets of those handles for which `may_change` is true.
+    pub(crate) fn with_targets(
         mut self,
         targets: &[(usize, Point3<f64>)],
-        may_be_other: impl Fn(usize) -> bool,
+        may_change: impl Fn(usize) -> bool,
     ) -> Result<Self, FfdError> {
         for &(handle, to) in targets {
-            let place = self.place(handle)?;
-            if may_be_other(place) {
-                self.to[place] = to;
+            let index = self.layout_index(handle)?;
+            if may_change(index) {
+                self.targets[index] = to;
             }
         }
         Ok(self)
     }
 
-    /// Which of the layout's handles this one became.
-    fn place(&self, handle: usize) -> Result<usize, FfdError> {
-        let handles = self.places.len();
-        self.places.get(handle).copied().ok_or(FfdError::NoHandle { handle, handles })
+    /// Returns the index of a handle in the layout.
+    fn layout_index(&self, handle: usize) -> Result<usize, FfdError> {
+        let handles = self.layout_indices.len();
+        self.layout_indices.get(handle).copied().ok_or(FfdError::NoHandle { handle, handles })
     }
 }
 
-/// The fields that these inputs give, to be remembered.
-pub(crate) fn memo(inputs: &FieldInputs) -> Result<Kept, Error> {
+/// Computes the fields of a group, for the cache.
+pub(crate) fn memo(inputs: &FieldInputs) -> Result<FieldValues, Error> {
     Ok(inputs.make()?)
 }
 
 impl FieldInputs {
-    fn make(&self) -> Result<Kept, FfdError> {
+    fn make(&self) -> Result<FieldValues, FfdError> {
         let system = System::new(&self.prepared.layout)?;
         let deformation = match &self.group {
             None => deformation(&self.prepared, &system),
             Some(group) => unit_steps(&self.prepared.layout, &system, group),
         };
-        let wanted = Wanted { jacobians: self.derivatives, ..Wanted::default() };
-        // What is left out of a unit step would be scaled up with it: only the rest may be off.
+        let request = FieldRequest { jacobians: self.derivatives, ..FieldRequest::default() };
+        // The errors of a field are multiplied by the step of its handle: therefore only the deformation before the drag may be inaccurate.
         let error = if self.group.is_some() { 0.0 } else { self.error };
-        let field = deformed_field(&deformation, &self.points, wanted, error, &Progress::none())?;
-        Ok(Kept { values: field.positions.into(), derivatives: field.jacobians.into() })
+        let field =
+            deformed_field(&deformation, &self.points, request, error, &Progress::silent())?;
+        Ok(FieldValues { values: field.positions.into(), derivatives: field.jacobians.into() })
     }
 }
 
-/// What a step of 1 of each of these handles does, along one axis each.
-fn unit_steps(layout: &Layout, system: &System, group: &[Option<usize>; GROUP]) -> Deformation {
-    let n = layout.at.len();
-    let solutions = group.map(|place: Option<usize>| {
-        system.solve((0..n).map(|row| if Some(row) == place { 1.0 } else { 0.0 }))
+/// Returns the deformation whose three coordinates are the effects of unit steps of the group's three handles.
+fn unit_steps(
+    layout: &Layout,
+    system: &System,
+    group: &[Option<usize>; GROUP_SIZE],
+) -> Deformation {
+    let n = layout.positions.len();
+    let solutions = group.map(|index: Option<usize>| {
+        system.solve((0..n).map(|row| if Some(row) == index { 1.0 } else { 0.0 }))
     });
     let values =
         (0..n).map(|k: usize| [0, 1, 2].map(|axis| solutions[axis].coefficients[k])).collect();
@@ -235,7 +244,7 @@ fn unit_steps(layout: &Layout, system: &System, group: &[Option<usize>; GROUP]) 
     Deformation::new(layout.gaussians(), values, base)
 }
 
-/// The key of what is remembered.
+/// The cache key of the fields.
 impl Memo for FieldInputs {
     const NAME: &'static str = "DragPart";
 
@@ -245,12 +254,12 @@ impl Memo for FieldInputs {
         match &self.group {
             Some(group) => {
                 to.plain(&1_u8);
-                to.counts(&group.map(|place| place.map_or(0, |place| place + 1)));
+                to.counts(&group.map(|index| index.map_or(0, |index| index + 1)));
             }
-            // Only what the handles do at rest depends on where they go.
+            // Of all fields, only the deformation before the drag depends on the targets.
             None => {
                 to.plain(&0_u8);
-                for target in &self.prepared.to {
+                for target in &self.prepared.targets {
                     let target: [f64; 3] = (*target).into();
                     to.plain(&target);
                 }
@@ -263,8 +272,8 @@ impl Memo for FieldInputs {
     }
 }
 
-/// Remembered for the next drag of the same handles.
-impl Memo for Kept {
+/// Cached for the next drag of the same handles.
+impl Memo for FieldValues {
     const NAME: &'static str = "DragFields";
 
     fn encode(&self, to: &mut Encoder) {

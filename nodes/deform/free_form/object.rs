@@ -1,4 +1,4 @@
-//! What can be deformed, as points and back.
+//! Conversion of deformable objects to points and back.
 
 use maquette_mesh::Movable;
 use maquette_value::parallel::*;
@@ -7,12 +7,12 @@ use maquette_value::{Attribute, Mesh, Points};
 use nalgebra::{Point3, Vector3};
 
 use crate::FfdError;
-use crate::gaussian::field::{Field, Wanted, spread, turned};
+use crate::gaussian::field::{Field, FieldRequest, scatter_rows, transform_normal};
 use crate::gaussian::layout::Bounds;
 
-/// All points of an object.
-pub(crate) fn points(what: &Movable) -> &[Point3<f64>] {
-    match what {
+/// Returns all points of an object.
+pub(crate) fn points(object: &Movable) -> &[Point3<f64>] {
+    match object {
         Movable::Mesh(mesh) => mesh.positions(),
         Movable::RangeImage(range) => range.points(),
         Movable::Points(points) => points.positions(),
@@ -21,40 +21,40 @@ pub(crate) fn points(what: &Movable) -> &[Point3<f64>] {
     }
 }
 
-/// The box around an object; none without points.
-pub(crate) fn bounds(what: &Movable) -> Option<Bounds> {
-    bounds_of(points(what))
+/// Returns the bounding box of an object; `None` without points.
+pub(crate) fn bounds(object: &Movable) -> Option<Bounds> {
+    bounds_of(points(object))
 }
 
-/// Points that one task looks at.
-const CHUNK: usize = 32768;
+/// The number of points that one task processes.
+const CHUNK_SIZE: usize = 32768;
 
-/// The box around the points that are there.
+/// Returns the bounding box of the valid points.
 pub(crate) fn bounds_of(points: &[Point3<f64>]) -> Option<Bounds> {
-    let chunks: Vec<Ends> = points.par_chunks(CHUNK).map(ends_of).collect();
-    around(&chunks)
+    let chunks: Vec<Extent> = points.par_chunks(CHUNK_SIZE).map(extent).collect();
+    merge_extents(&chunks)
 }
 
-/// The lowest and the highest coordinates of some points: infinite ones where there are none.
-pub(crate) type Ends = [[f64; 3]; 2];
+/// The minimum and maximum coordinates of some points; infinite without points.
+pub(crate) type Extent = [[f64; 3]; 2];
 
-pub(crate) fn ends_of(points: &[Point3<f64>]) -> Ends {
+pub(crate) fn extent(points: &[Point3<f64>]) -> Extent {
     let mut found = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
     widest(Span { points, found: &mut found });
     found
 }
 
-/// The box around all points between these ends.
-pub(crate) fn around(ends: &[Ends]) -> Option<Bounds> {
+/// Returns the bounding box of several extents.
+pub(crate) fn merge_extents(ends: &[Extent]) -> Option<Bounds> {
     let ends = ends.iter().map(|ends| ends.map(Vector3::from));
     let [low, high] = ends.reduce(|a, b| [a[0].inf(&b[0]), a[1].sup(&b[1])])?;
     (low.x <= high.x).then(|| (low.into(), high.into()))
 }
 
-/// The lowest and the highest coordinates of some points; those that are no numbers are passed over.
+/// A kernel that computes the minimum and maximum coordinates of points, ignoring NaN.
 struct Span<'a> {
     points: &'a [Point3<f64>],
-    found: &'a mut Ends,
+    found: &'a mut Extent,
 }
 
 impl Kernel for Span<'_> {
@@ -63,7 +63,7 @@ impl Kernel for Span<'_> {
         const LANES: usize = 8;
         let [mut low, mut high] = self.found.map(|found| [found; LANES]);
         let (blocks, rest) = self.points.as_chunks::<LANES>();
-        // Blocks of a known length stay in registers.
+        // Blocks of a constant length let the compiler keep the extrema in registers.
         for points in blocks {
             for ((low, high), point) in low.iter_mut().zip(&mut high).zip(points) {
                 extend(low, high, point);
@@ -87,38 +87,38 @@ fn extend(low: &mut [f64; 3], high: &mut [f64; 3], point: &Point3<f64>) {
     }
 }
 
-/// What an object needs of its deformation beside the positions. Points without normals have no inside that could be turned
-/// out.
-pub(crate) fn wanted(what: &Movable) -> Wanted<'_> {
-    let wanted = Wanted { folds: true, ..Wanted::default() };
-    match what {
-        Movable::Mesh(mesh) => Wanted {
+/// Returns the results that are requested for an object in addition to its positions. Points without normals enclose no inside, and cannot
+/// be folded over.
+pub(crate) fn field_request(object: &Movable) -> FieldRequest<'_> {
+    let request = FieldRequest { folds: true, ..FieldRequest::default() };
+    match object {
+        Movable::Mesh(mesh) => FieldRequest {
             normals: mesh.vertex().vectors("normal").map(|normals| &normals[..]),
             jacobians: mesh.corner().vectors("normal").is_some(),
-            ..wanted
+            ..request
         },
         Movable::Points(points) => match points.attributes().vectors("normal") {
-            Some(normals) => Wanted { normals: Some(normals), ..wanted },
-            None => Wanted::default(),
+            Some(normals) => FieldRequest { normals: Some(normals), ..request },
+            None => FieldRequest::default(),
         },
-        Movable::RangeImage(_) | Movable::Curve(_) | Movable::ControlNet(_) => wanted,
+        Movable::RangeImage(_) | Movable::Curve(_) | Movable::ControlNet(_) => request,
     }
 }
 
-/// The object with its points moved.
-pub(crate) fn rebuilt(what: &Movable, field: Field) -> Result<Movable, FfdError> {
-    let field = match what {
+/// Returns the object with its points moved.
+pub(crate) fn rebuild(object: &Movable, field: Field) -> Result<Movable, FfdError> {
+    let field = match object {
         Movable::Mesh(_) => field,
-        _ => field.of_all(points(what), wanted(what).normals),
+        _ => field.expand(points(object), field_request(object).normals),
     };
-    Ok(match what {
+    Ok(match object {
         Movable::Mesh(mesh) => Movable::Mesh(mesh_of(mesh, field)?),
         Movable::Points(points) => Movable::Points(points_of(points, field)?),
         Movable::Curve(curve) => Movable::Curve(curve.with_points(field.positions)?),
         Movable::RangeImage(range) => {
-            let places = range.points().iter().zip(&field.positions);
+            let pairs = range.points().iter().zip(&field.positions);
             if let Some(cell) =
-                places.into_iter().position(|(old, new): (&Point3<f64>, &Point3<f64>)| {
+                pairs.into_iter().position(|(old, new): (&Point3<f64>, &Point3<f64>)| {
                     !old.x.is_nan() && !new.coords.iter().all(|x| x.is_finite())
                 })
             {
@@ -128,7 +128,9 @@ pub(crate) fn rebuilt(what: &Movable, field: Field) -> Result<Movable, FfdError>
         }
         Movable::ControlNet(net) => {
             let mut positions = field.positions;
-            for ((new, old), fixed) in positions.iter_mut().zip(net.points()).zip(net.fixed()) {
+            for ((new, old), fixed) in
+                positions.iter_mut().zip(net.points()).zip(net.fixed_points())
+            {
                 if *fixed == 1 {
                     *new = *old;
                 }
@@ -147,19 +149,19 @@ fn mesh_of(mesh: &Mesh, field: Field) -> Result<Mesh, FfdError> {
         }
         None => (mesh.with_positions(field.positions)?, given.map(|_| field.normals.into())),
     };
-    let mut moved = moved.without("folded");
+    let mut moved = moved.without_attribute("folded");
     if let Some(normals) = normals {
         moved = moved.with_vertex("normal", Attribute::Vector(normals))?;
     }
     if let Some(normals) = mesh.corner().vectors("normal") {
         let corners = mesh.faces().corners().iter().zip(normals.iter());
-        let turned =
-            corners.map(|(&vertex, normal)| turned(&field.jacobians[vertex as usize], normal));
-        moved = moved.with_corner("normal", Attribute::Vector(turned.collect()))?;
+        let transformed = corners
+            .map(|(&vertex, normal)| transform_normal(&field.jacobians[vertex as usize], normal));
+        moved = moved.with_corner("normal", Attribute::Vector(transformed.collect()))?;
     }
     if field.folded.contains(&1) {
         let folded =
-            spread(field.rows.as_deref(), field.folded, || vec![0; mesh.positions().len()]);
+            scatter_rows(field.rows.as_deref(), field.folded, || vec![0; mesh.positions().len()]);
         moved = moved.with_vertex("folded", Attribute::Flag(folded.into()))?;
     }
     Ok(moved)

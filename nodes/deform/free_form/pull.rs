@@ -3,122 +3,125 @@
 use std::ops::Range;
 
 use maquette_mesh::Movable;
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use maquette_value::{Column, Handles};
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::object::{bounds, points, rebuilt, wanted};
-use super::reach::{Boxes, gathered};
+use super::object::{bounds, field_request, points, rebuild};
+use super::reach::{Boxes, gather_rows};
 use super::report::Report;
 use crate::ffd_error::FfdError;
 use crate::gaussian::cells::Cells;
 use crate::gaussian::deformation::{Base, Deformation};
-use crate::gaussian::field::{CHUNK, Field, Wanted, field};
-use crate::gaussian::layout::{Bounds, Prepared, prepare};
+use crate::gaussian::field::{CHUNK_SIZE, Field, FieldRequest, evaluate_field};
+use crate::gaussian::layout::{Bounds, Layout, PreparedHandles, prepare};
 use crate::gaussian::system::System;
 use crate::mode::Mode;
 
-/// How an object is deformed, beside its handles and what these share out.
+/// The options of a deformation in addition to its handles and mode.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct Deforming {
-    /// How much stays where it is, as a weight beside those of the handles: with more than 0 their pull ends at some deviations
-    /// from them. Only for displacements.
+#[serde(rename = "Deforming")]
+pub struct DeformOptions {
+    /// Weight of the undeformed object relative to the weights of the handles. With more than 0, the effect of a handle vanishes at some
+    /// deviations from it. Only for `mode: Displacement`.
     #[schemars(range(min = 0.0))]
     #[serde(default)]
     pub background: f64,
-    /// With more than 0, handles may miss their targets to keep the deformation calm: the weight of the coefficients beside
-    /// that of the misses, squared. For handles so close together that they could not be met otherwise.
+    /// With more than 0, handles may miss their targets to keep the deformation smooth: the squared misses are minimized together with the
+    /// squared coefficients, which are weighted by the square of this value. For handles that are too close together to be met exactly.
     #[schemars(range(min = 0.0))]
     #[serde(default)]
     pub regularize: f64,
-    /// How far a point may land from where it should, in diagonals of the box. With more than 0, handles too far from a point
-    /// to matter are left out, which is faster for small deviations; with 0 all of them count everywhere. With a `background`, too,
-    /// what none of them moves farther than that stays exactly where it is, and a moved handle costs what it moves.
+    /// Maximum error of a point, in diagonals of the box. With more than 0, handles that are too far from a point to matter are ignored,
+    /// which is faster for small deviations; with 0, all handles count everywhere. In combination with a `background`, points that no
+    /// handle moves by more than the maximum error stay exactly unchanged, and moving a handle costs only the points that it moves.
     #[schemars(range(min = 0.0, max = 0.001))]
     #[serde(default)]
     pub accuracy: f64,
-    /// The box that the handles' space is of, in mm; the object's own if none.
+    /// The box to which the handles' space refers, in mm; if `None`, the object's bounding box.
     #[serde(skip)]
     pub frame: Option<Bounds>,
 }
 
-/// Moves each handle to its target, and `what` along; see [`Ffd`](crate::Ffd).
+/// Moves each handle to its target, and deforms `object`; see [`Ffd`](crate::Ffd).
 ///
-/// Handles share out what `mode` says, and are in mm or in the box `how.frame`. Yoshida, Kanou and Kitajima, free-form
-/// deformation by rational Gaussian functions (equations 4 to 7); the other forms than the absolute one are as for radial basis
-/// functions. Positions have the unit of the object, mm. With `how.accuracy` above 0, a point is off by less than that many
-/// diagonals of the box.
+/// The handles are in mm or relative to the box `options.frame`; `mode` is the quantity that they blend. Positions are in the unit of the
+/// object, mm. With `options.accuracy` above 0, the error of a point is less than `accuracy` times the box's diagonal.
+///
+/// The absolute form is that of Yoshida, Kanou and Kitajima, free-form deformation by rational Gaussian functions (equations 4 to 7); the
+/// other forms are as for radial basis functions.
 ///
 /// # Errors
-/// If handles conflict, are too close together to be solved for, or too many; if a number is not one; if a place becomes
-/// infinite; if `progress` says so.
+/// Returns an error if handles conflict, are too close together to be solved for, or too many; if a parameter is not valid; if a position
+/// becomes infinite; or if the evaluation is cancelled.
 pub fn ffd(
-    what: &Movable,
+    object: &Movable,
     handles: &Handles,
     mode: Mode,
-    how: Deforming,
+    options: DeformOptions,
     progress: &Progress<'_>,
 ) -> Result<(Movable, Report), FfdError> {
-    let Some(frame) = how.frame.or_else(|| bounds(what)) else {
-        return Ok((what.clone(), Report::NOTHING));
+    let Some(frame) = options.frame.or_else(|| bounds(object)) else {
+        return Ok((object.clone(), Report::UNCHANGED));
     };
-    let prepared = prepared(handles, frame, mode, how)?;
-    let boxes = how.ends().then(|| Boxes::new(points(what)));
-    deform(what, &prepared, how, boxes.as_ref(), System::new, progress)
+    let prepared = prepare_handles(handles, frame, mode, options)?;
+    let boxes = options.is_limited().then(|| Boxes::new(points(object)));
+    deform_prepared(object, &prepared, options, boxes.as_ref(), System::new, progress)
 }
 
-impl Deforming {
-    /// Whether the handles' pull ends somewhere, so that what is beyond stays to the bit.
-    pub(crate) fn ends(&self) -> bool {
+impl DeformOptions {
+    /// Returns true if the effect of the handles is limited: points beyond their reach stay exactly unchanged.
+    pub(crate) fn is_limited(&self) -> bool {
         self.background > 0.0 && self.accuracy > 0.0
     }
 }
 
-/// The handles made ready, and the numbers checked.
-pub(crate) fn prepared(
+/// Checks the options and prepares the handles.
+pub(crate) fn prepare_handles(
     handles: &Handles,
     frame: Bounds,
     mode: Mode,
-    how: Deforming,
-) -> Result<Prepared, FfdError> {
-    if !(0.0..1.0).contains(&how.accuracy) {
-        return Err(FfdError::Accuracy { accuracy: how.accuracy });
+    options: DeformOptions,
+) -> Result<PreparedHandles, FfdError> {
+    if !(0.0..1.0).contains(&options.accuracy) {
+        return Err(FfdError::Accuracy { accuracy: options.accuracy });
     }
-    prepare(handles, frame, mode, how.background, how.regularize)
+    prepare(handles, frame, mode, options.background, options.regularize)
 }
 
-/// Deforms with a system from `system`, where the pull [ends](Deforming::ends) with the `boxes` of the points.
-pub(crate) fn deform<E: From<FfdError>>(
-    what: &Movable,
-    prepared: &Prepared,
-    how: Deforming,
+/// Deforms an object with a linear system computed by `system`. If the effect of the handles [is limited](DeformOptions::is_limited),
+/// `boxes` are the bounding boxes of the rows of points.
+pub(crate) fn deform_prepared<E: From<FfdError>>(
+    object: &Movable,
+    prepared: &PreparedHandles,
+    options: DeformOptions,
     boxes: Option<&Boxes>,
-    system: impl FnOnce(&crate::gaussian::layout::Layout) -> Result<System, E>,
+    system: impl FnOnce(&Layout) -> Result<System, E>,
     progress: &Progress<'_>,
 ) -> Result<(Movable, Report), E> {
-    if prepared.rests() {
+    if prepared.is_at_rest() {
         let merged = prepared.merged.clone();
-        return Ok((what.clone(), Report { merged, ..Report::NOTHING }));
+        return Ok((object.clone(), Report { merged, ..Report::UNCHANGED }));
     }
     let system = system(&prepared.layout)?;
     let deformation = deformation(prepared, &system);
-    let error = how.accuracy * prepared.diagonal;
-    let (points, wanted) = (points(what), wanted(what));
+    let error = options.accuracy * prepared.diagonal;
+    let (points, request) = (points(object), field_request(object));
     let reached =
-        boxes.filter(|_| !wanted.jacobians).map(|boxes| boxes.reached(&deformation, error));
+        boxes.filter(|_| !request.jacobians).map(|boxes| boxes.reached_rows(&deformation, error));
     let field = match reached {
-        Some(rows) => reached_field(&deformation, points, rows, wanted, error, progress),
-        None => deformed_field(&deformation, points, wanted, error, progress),
+        Some(rows) => reached_field(&deformation, points, rows, request, error, progress),
+        None => deformed_field(&deformation, points, request, error, progress),
     };
     let field = field.map_err(FfdError::from)?;
-    let report = report(prepared, &system, &deformation, &field);
-    Ok((rebuilt(what, field)?, report))
+    let report = make_report(prepared, &system, &deformation, &field);
+    Ok((rebuild(object, field)?, report))
 }
 
-pub(crate) fn report(
-    prepared: &Prepared,
+pub(crate) fn make_report(
+    prepared: &PreparedHandles,
     system: &System,
     deformation: &Deformation,
     field: &Field,
@@ -128,45 +131,38 @@ pub(crate) fn report(
         residual: residual(prepared, deformation),
         merged: prepared.merged.clone(),
         folded: field.folded.iter().filter(|flag| **flag == 1).count(),
-        least: field.least,
+        min_determinant: field.min_determinant,
     }
 }
 
-impl Prepared {
-    /// Whether everything stays where it is.
-    pub(crate) fn rests(&self) -> bool {
-        let moves = self.layout.mode == Mode::Absolute || self.layout.at != self.to;
-        self.to.is_empty() || !moves
+impl PreparedHandles {
+    /// Returns true if all handles are at rest and no point moves.
+    pub(crate) fn is_at_rest(&self) -> bool {
+        let moves = self.layout.mode == Mode::Absolute || self.layout.positions != self.targets;
+        self.targets.is_empty() || !moves
     }
 }
 
-/// What takes each handle to its target.
-pub(crate) fn deformation(prepared: &Prepared, system: &System) -> Deformation {
-    let Prepared { layout, to, .. } = prepared;
+/// Returns the deformation that moves each handle to its target.
+pub(crate) fn deformation(prepared: &PreparedHandles, system: &System) -> Deformation {
+    let PreparedHandles { layout, targets: to, .. } = prepared;
     let gaussians = layout.gaussians();
-    fn start(index: usize, axis: usize, layout_at: &[Point3<f64>], layout_mode: &Mode) -> f64 {
-        match *layout_mode {
-            Mode::Absolute => layout_at[index][axis],
-            Mode::Displacement | Mode::Affine => 0.0,
-        }
-    }
-    // What the coefficients do from which the solution starts: the handles' places in the absolute form, else nothing.
-    let shares = (layout.mode == Mode::Absolute)
-        .then(|| layout.at.iter().map(|&at| gaussians.shares(at)).collect::<Vec<_>>());
-    let missing = |axis: usize| {
-        let shares = &shares;
-        to.iter().enumerate().map(move |(row, to)| match shares {
-            None => to[axis] - layout.at[row][axis],
-            Some(shares) => {
-                let there = shares[row]
+    // In the absolute form the initial coefficients are the handles' positions, which act with these weights; in the other forms the
+    // initial coefficients are 0.
+    let weights = (layout.mode == Mode::Absolute)
+        .then(|| layout.positions.iter().map(|&at| gaussians.weights(at)).collect::<Vec<_>>());
+    let solutions = [0, 1, 2].map(|axis: usize| {
+        system.solve(to.iter().enumerate().map(|(row, to)| match &weights {
+            None => to[axis] - layout.positions[row][axis],
+            Some(weights) => {
+                let reached = weights[row]
                     .iter()
                     .enumerate()
-                    .map(|(k, share)| share * start(k, axis, &layout.at, &layout.mode));
-                to[axis] - there.sum::<f64>()
+                    .map(|(k, weight)| weight * layout.initial_coefficient(k, axis));
+                to[axis] - reached.sum::<f64>()
             }
-        })
-    };
-    let solutions = [0, 1, 2].map(|axis| system.solve(missing(axis)));
+        }))
+    });
     let mut base = Base::keep(if layout.mode == Mode::Absolute { 0.0 } else { 1.0 });
     base.affine = system.polynomial.combine([0, 1, 2].map(|axis| &solutions[axis].polynomial[..]));
     Deformation::new(
@@ -174,8 +170,7 @@ pub(crate) fn deformation(prepared: &Prepared, system: &System) -> Deformation {
         (0..to.len())
             .map(|index: usize| {
                 [0, 1, 2].map(|axis| {
-                    start(index, axis, &layout.at, &layout.mode)
-                        + solutions[axis].coefficients[index]
+                    layout.initial_coefficient(index, axis) + solutions[axis].coefficients[index]
                 })
             })
             .collect(),
@@ -183,72 +178,88 @@ pub(crate) fn deformation(prepared: &Prepared, system: &System) -> Deformation {
     )
 }
 
-/// The farthest that a handle is from its target.
-pub(crate) fn residual(prepared: &Prepared, deformation: &Deformation) -> f64 {
-    let mut there = vec![Point3::origin(); prepared.to.len()];
-    deformation.apply(&deformation.terms, &prepared.layout.at, &mut there, None);
-    there.iter().zip(&prepared.to).map(|(there, to)| (there - to).norm()).fold(0.0, f64::max)
+impl Layout {
+    /// Returns the initial coefficient of a handle along an axis, to which the solution of the system is added.
+    fn initial_coefficient(&self, index: usize, axis: usize) -> f64 {
+        match self.mode {
+            Mode::Absolute => self.positions[index][axis],
+            Mode::Displacement | Mode::Affine => 0.0,
+        }
+    }
 }
 
-/// A deformation on points, off by less than `error` mm.
+/// Returns the maximum distance of a handle from its target, in mm.
+pub(crate) fn residual(prepared: &PreparedHandles, deformation: &Deformation) -> f64 {
+    let mut moved = vec![Point3::origin(); prepared.targets.len()];
+    deformation.apply(&deformation.terms, &prepared.layout.positions, &mut moved, None);
+    moved.iter().zip(&prepared.targets).map(|(moved, to)| (moved - to).norm()).fold(0.0, f64::max)
+}
+
+/// Evaluates a deformation at points with an error of less than `error` mm.
 pub(crate) fn deformed_field(
     deformation: &Deformation,
     points: &[Point3<f64>],
-    wanted: Wanted<'_>,
+    request: FieldRequest<'_>,
     error: f64,
     progress: &Progress<'_>,
-) -> Result<Field, Cancelled> {
+) -> Result<Field, CancelledError> {
     let cells = relevant_cells(deformation, points, error);
-    let evaluate = |_: usize,
-                    points: &[Point3<f64>],
-                    moved: &mut [Point3<f64>],
-                    jacobians: Option<&mut [Matrix3<f64>]>| match &cells {
-        Some(cells) => cells.apply(deformation, points, moved, jacobians),
-        None => deformation.apply(&deformation.terms, points, moved, jacobians),
-    };
-    let chunk = cells.as_ref().map_or(CHUNK, |cells| cells.chunk().max(CHUNK));
-    field(points, chunk, wanted, &evaluate, progress)
+    let chunk = cells.as_ref().map_or(CHUNK_SIZE, |cells| cells.chunk().max(CHUNK_SIZE));
+    evaluate_field(
+        points,
+        chunk,
+        request,
+        &|_, points, moved, jacobians| match &cells {
+            Some(cells) => cells.apply(deformation, points, moved, jacobians),
+            None => deformation.apply(&deformation.terms, points, moved, jacobians),
+        },
+        progress,
+    )
 }
 
-/// A deformation on the points in these rows; the others stay.
+/// Evaluates a deformation at the points in the given rows; all other points stay.
 fn reached_field(
     deformation: &Deformation,
     points: &[Point3<f64>],
     rows: Vec<Range<u32>>,
-    wanted: Wanted<'_>,
+    request: FieldRequest<'_>,
     error: f64,
     progress: &Progress<'_>,
-) -> Result<Field, Cancelled> {
-    let near = gathered(points, &rows);
-    let normals = wanted.normals.map(|normals| gathered(normals, &rows));
-    let wanted = Wanted { normals: normals.as_deref(), ..wanted };
-    let field = deformed_field(deformation, &near, wanted, error, progress)?;
-    let least =
-        if near.len() < points.len() && wanted.folds { field.least.min(1.0) } else { field.least };
-    Ok(Field { rows: Some(rows), least, ..field })
+) -> Result<Field, CancelledError> {
+    let near = gather_rows(points, &rows);
+    let normals = request.normals.map(|normals| gather_rows(normals, &rows));
+    let request = FieldRequest { normals: normals.as_deref(), ..request };
+    let field = deformed_field(deformation, &near, request, error, progress)?;
+    let min_determinant = if near.len() < points.len() && request.folds {
+        field.min_determinant.min(1.0)
+    } else {
+        field.min_determinant
+    };
+    Ok(Field { rows: Some(rows), min_determinant, ..field })
 }
 
-/// Cells that leave out what changes places by less than `error`; none where all terms are to count.
+/// Returns cells that ignore Gaussians with an effect of less than `error` mm; `None` if all Gaussians are used.
 fn relevant_cells(deformation: &Deformation, points: &[Point3<f64>], error: f64) -> Option<Cells> {
     if error <= 0.0 {
         return None;
     }
     let bounds = super::object::bounds_of(points)?;
-    let values = || deformation.terms.iter().map(|term| Vector3::from(term.value));
-    // Without a background a common part of all coefficients is the same whatever is left out.
+    let values: Vec<Vector3<f64>> =
+        deformation.terms.iter().map(|term| term.value.into()).collect();
+    // Without a background, a part that all coefficients have in common is not affected by the ignored terms.
     let common = if deformation.background > 0.0 {
         Vector3::zeros()
     } else {
-        values().sum::<Vector3<f64>>() / deformation.terms.len() as f64
+        values.iter().sum::<Vector3<f64>>() / values.len() as f64
     };
-    let greatest = values().map(|value| (value - common).norm()).fold(0.0, f64::max);
-    let share = error / (2.0 * greatest);
-    (share > 0.0).then(|| Cells::new(deformation, bounds, points.len(), share.min(0.5)))
+    let greatest = values.iter().map(|value| (value - common).norm()).fold(0.0, f64::max);
+    let fraction = error / (2.0 * greatest);
+    (fraction > 0.0).then(|| Cells::new(deformation, bounds, points.len(), fraction.min(0.5)))
 }
 
-/// The points of an object as a column that can be part of a key.
-pub(crate) fn column(what: &Movable) -> Column<Point3<f64>> {
-    match what {
+/// Returns the points of an object as a column that is suitable as part of a cache key.
+pub(crate) fn column(object: &Movable) -> Column<Point3<f64>> {
+    match object {
         Movable::Mesh(mesh) => mesh.positions().clone(),
         Movable::Points(points) => points.positions().clone(),
         Movable::Curve(curve) => curve.points().clone(),

@@ -1,7 +1,7 @@
-//! Which points a deformation reaches where a background ends the pull of its handles: the others stay to the bit, and cost nothing.
+//! Finds the points that a deformation with limited effect moves. All other points stay exactly unchanged and cost nothing.
 //!
-//! The boxes are remembered, so that a moved handle costs its own rows. There is no `Node::update`, because points that stay are those of
-//! the input, not of the last result.
+//! The boxes are cached, so that moving a handle costs only the rows of points near it. `Node::update` is not used, because the unmoved
+//! points are those of the input, not of the previous result.
 
 use std::ops::Range;
 
@@ -11,48 +11,49 @@ use maquette_value::parallel::*;
 use maquette_value::{Column, Encoder};
 use nalgebra::{Point3, Vector3};
 
-use super::object::{Ends, around, ends_of};
+use super::object::{Extent, extent, merge_extents};
 use crate::gaussian::deformation::{Deformation, Term};
 use crate::gaussian::layout::Bounds;
 
-/// Points that are judged together. Neighbors in a list are mostly neighbors in space, too.
-const ROW: usize = 512;
+/// Number of points in a row, which are tested together. Points that are adjacent in a list are mostly near each other in space.
+const ROW_SIZE: usize = 512;
 
-/// Points in rows, and the box around each row.
+/// The bounding boxes of all rows; a row is [`ROW_SIZE`] consecutive points.
 #[derive(Clone)]
 pub(crate) struct Boxes {
-    boxes: Column<Ends>,
+    boxes: Column<Extent>,
     points: usize,
 }
 
 impl Boxes {
     pub(crate) fn new(points: &[Point3<f64>]) -> Self {
-        let boxes: Vec<_> = points.par_chunks(ROW).with_min_len(32).map(ends_of).collect();
+        let boxes: Vec<_> = points.par_chunks(ROW_SIZE).with_min_len(32).map(extent).collect();
         Self { boxes: boxes.into(), points: points.len() }
     }
 
-    /// To be remembered.
-    pub(crate) fn memo(places: &Places) -> Result<Self, Error> {
+    /// Computes the boxes of the points, for the cache.
+    pub(crate) fn memo(places: &MemoPoints) -> Result<Self, Error> {
         Ok(Self::new(&places.0))
     }
 
-    /// The box around all points; none without points.
-    pub(crate) fn around(&self) -> Option<Bounds> {
-        around(&self.boxes)
+    /// Returns the box around all points; `None` without points.
+    pub(crate) fn bounds(&self) -> Option<Bounds> {
+        merge_extents(&self.boxes)
     }
 
-    /// The rows of points that may move by more than `error` mm, those side by side as one.
-    pub(crate) fn reached(&self, deformation: &Deformation, error: f64) -> Vec<Range<u32>> {
+    /// Returns the rows of points that may move by more than `error` mm; adjacent rows are merged.
+    pub(crate) fn reached_rows(&self, deformation: &Deformation, error: f64) -> Vec<Range<u32>> {
         let mut rows: Vec<Range<u32>> = Vec::new();
-        // What is no number is computed, so that it is told.
+        // Rows that contain NaN are computed, which leads to the usual error.
         let stays: Vec<bool> = self
             .boxes
             .par_iter()
             .with_min_len(64)
-            .map(|ends| farthest(deformation, ends) <= error)
+            .map(|ends| max_displacement(deformation, ends) <= error)
             .collect();
         for row in (0..stays.len()).filter(|&row| !stays[row]) {
-            let [start, end] = [row * ROW, self.points.min((row + 1) * ROW)].map(|at| at as u32);
+            let [start, end] =
+                [row * ROW_SIZE, self.points.min((row + 1) * ROW_SIZE)].map(|at| at as u32);
             match rows.last_mut() {
                 Some(last) if last.end == start => last.end = end,
                 _ => rows.push(start..end),
@@ -62,8 +63,8 @@ impl Boxes {
     }
 }
 
-/// No point between these ends moves farther: the sum of all pulls, each where it is greatest, over the background alone.
-fn farthest(deformation: &Deformation, [low, high]: &Ends) -> f64 {
+/// Returns an upper bound of the displacements inside a box: the sum of the maxima of all terms, divided by the background.
+fn max_displacement(deformation: &Deformation, [low, high]: &Extent) -> f64 {
     deformation
         .terms
         .iter()
@@ -75,8 +76,8 @@ fn farthest(deformation: &Deformation, [low, high]: &Ends) -> f64 {
         / deformation.background
 }
 
-/// The items of some rows, one row after the other.
-pub(crate) fn gathered<T: Copy>(items: &[T], rows: &[Range<u32>]) -> Vec<T> {
+/// Returns the items of the given rows, one row after the other.
+pub(crate) fn gather_rows<T: Copy>(items: &[T], rows: &[Range<u32>]) -> Vec<T> {
     let mut gathered = Vec::with_capacity(rows.iter().map(ExactSizeIterator::len).sum());
     for row in rows {
         gathered.extend_from_slice(&items[row.start as usize..row.end as usize]);
@@ -84,11 +85,11 @@ pub(crate) fn gathered<T: Copy>(items: &[T], rows: &[Range<u32>]) -> Vec<T> {
     gathered
 }
 
-/// Points by whose hash their boxes are remembered.
+/// Points as input of their boxes; the hash of the points is the cache key.
 #[derive(Clone)]
-pub(crate) struct Places(pub(crate) Column<Point3<f64>>);
+pub(crate) struct MemoPoints(pub(crate) Column<Point3<f64>>);
 
-impl Memo for Places {
+impl Memo for MemoPoints {
     const NAME: &'static str = "DeformedPlaces";
 
     fn encode(&self, to: &mut Encoder) {

@@ -1,4 +1,4 @@
-//! What is to be known of a deformation.
+//! Quality measures of a deformation.
 
 use maquette_mesh::Movable;
 use maquette_node::Context;
@@ -6,53 +6,60 @@ use maquette_node::Context;
 use super::object::points;
 use crate::gaussian::layout::Bounds;
 
-/// What is to be known of a deformation.
+/// Quality measures of a deformation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Report {
-    /// The condition of the system that was solved, estimated in the 1-norm.
+    /// The condition number of the linear system, estimated in the 1-norm.
     pub condition: f64,
-    /// The farthest that a handle is from its target, in mm.
+    /// The maximum distance of a handle from its target, in mm.
     pub residual: f64,
-    /// Handles that are at one place and go to one target, and so count as one: the later and the earlier.
+    /// Handles with equal positions and equal targets, which count as one handle. Each pair lists the later handle, then the earlier one.
     pub merged: Vec<[usize; 2]>,
-    /// Points at which space is turned inside out.
+    /// The number of points at which space is folded over.
     pub folded: usize,
-    /// The least determinant of the derivatives at a point; infinite where they were not needed.
-    pub least: f64,
+    /// The minimum over all points of the determinant of the derivatives; infinite if the derivatives were not computed.
+    pub min_determinant: f64,
 }
 
 impl Report {
-    pub(crate) fn warn(&self, what: &Movable, frame: Bounds, cx: &Context<'_>) {
+    pub(crate) fn warn(&self, object: &Movable, frame: Bounds, cx: &Context<'_>) {
         for [later, earlier] in &self.merged {
-            cx.warn(format!("handles {earlier} and {later} are at one place and count as one"));
+            cx.warn(format!(
+                "handles {earlier} and {later} have the same position and count as one"
+            ));
         }
         let diagonal = (frame.1 - frame.0).norm();
-        if self.residual > NEAR_ENOUGH * diagonal {
+        if self.residual > MAX_RESIDUAL * diagonal {
             cx.warn(format!(
-                "handles miss their targets by up to {:.2e} mm (condition {:.1e})",
+                "handles miss their targets by up to {:.2e} mm (condition number {:.1e})",
                 self.residual, self.condition
             ));
         }
         if self.folded > 0 {
-            let count = points(what).len();
-            let marks = if matches!(what, Movable::Mesh(_) | Movable::Points(_)) {
+            let count = points(object).len();
+            let marks = if matches!(object, Movable::Mesh(_) | Movable::Points(_)) {
                 ", marked by the attribute `folded`"
             } else {
                 ""
             };
             cx.warn(format!(
-                "space is turned inside out at {} of {count} points{marks}; the least determinant is {:.2e}",
-                self.folded, self.least
+                "space is folded over at {} of {count} points{marks}; the minimum determinant is {:.2e}",
+                self.folded, self.min_determinant
             ));
         }
     }
 }
 
-/// From this miss on, in diagonals of the box, a handle is not where somebody put it.
-const NEAR_ENOUGH: f64 = 1e-9;
+/// Maximum distance between a handle and its target, in diagonals of the box, that causes no warning.
+const MAX_RESIDUAL: f64 = 1e-9;
 
 impl Report {
-    /// Nothing was done.
-    pub(crate) const NOTHING: Self =
-        Self { condition: 1.0, residual: 0.0, merged: Vec::new(), folded: 0, least: f64::INFINITY };
+    /// The report of a deformation that changes nothing.
+    pub(crate) const UNCHANGED: Self = Self {
+        condition: 1.0,
+        residual: 0.0,
+        merged: Vec::new(),
+        folded: 0,
+        min_determinant: f64::INFINITY,
+    };
 }

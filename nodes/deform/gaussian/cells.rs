@@ -1,81 +1,71 @@
-//! Which Gaussians count where: the others are left out, with a bound for what that changes.
+//! Divides space into cells and finds the Gaussians that are relevant in each. All other Gaussians are ignored with a bounded error.
 //!
-//! Space is divided into cells. In a cell, the Gaussian that is greatest at its middle is compared with each other one: the
-//! difference of two exponents is a sum of parabolas, one per axis, whose maximum over the cell is exact. So the test holds for
-//! points far from all handles, too, where only the ratio of two vanishing powers counts.
+//! In each cell, the Gaussian with the maximum value at the center is compared with every other one. The difference of their exponents is a
+//! sum of parabolas, one per axis, and its maximum over the cell is computed exactly. Therefore the test is also valid for points far from
+//! all handles, where only the ratio of two vanishing powers counts.
 
 use maquette_value::parallel::*;
-use maquette_value::simd::{Kernel, ROUGHLY, widest};
+use maquette_value::simd::{Kernel, MAX_ROUGH_ERROR, widest};
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::deformation::{Deformation, NONE_NEAR, Term};
+use super::deformation::{Deformation, EMPTY_BUFFER, Term};
 use super::layout::Bounds;
 
-/// Cells, and for each the terms that count in it.
+/// Cells of space, and the terms that are relevant in each cell.
 pub(crate) struct Cells {
     low: Point3<f64>,
-    /// Cells per mm.
+    /// The number of cells per mm.
     pitch: Vector3<f64>,
     counts: [usize; 3],
-    /// The terms of all cells, by number, those of one after those of the other.
+    /// The indices of the relevant terms: the list of the first cell, then that of the second, and so on.
     lists: Vec<u16>,
     starts: Vec<u32>,
-    /// Whether powers may be rough, too.
-    roughly: bool,
+    /// True if powers of 2 may be approximated.
+    is_rough: bool,
 }
 
-/// Rough powers are taken where what they are off by is at most this part of what may be left out.
-const ROUGH_PART: f64 = 0.05;
+/// Powers are approximated if their error is at most this fraction of the allowed error.
+const MAX_ROUGH_RATIO: f64 = 0.05;
 
-/// Points per cell, if they lay evenly: fewer make shorter lists of terms, but take longer to prepare.
+/// The mean number of points per cell. With fewer, the lists of terms are shorter, but take longer to prepare.
 const POINTS_PER_CELL: usize = 256;
 
-/// More cells leave so few points of a chunk in each that lanes of the processor stay empty.
-const MOST_CELLS: f64 = 512.0;
+/// Maximum number of cells. With more, a chunk has so few points per cell that SIMD lanes are unused.
+const MAX_CELLS: f64 = 512.0;
 
-/// Points of each cell that a chunk has if they lay evenly: several times the lanes, but few enough for the chunk to stay near the
-/// processor.
-const MEMBERS: usize = 32;
+/// The mean number of points per cell in a chunk: several times the number of lanes, but few enough for the chunk to stay in the cache.
+const POINTS_PER_CHUNK_AND_CELL: usize = 32;
 
 impl Cells {
-    /// Cells in `bounds`, for about `points` points. What is left out of the sums at a point is less than this share of them.
+    /// Creates cells in `bounds` for about `points` points. At each point, the ignored part of the sums is less than the fraction
+    /// `fraction`.
     pub(crate) fn new(
         deformation: &Deformation,
         bounds: Bounds,
         points: usize,
-        share: f64,
+        fraction: f64,
     ) -> Self {
         let extent = bounds.1 - bounds.0;
-        let wanted = ((points / POINTS_PER_CELL) as f64).clamp(1.0, MOST_CELLS);
+        let wanted = ((points / POINTS_PER_CELL) as f64).clamp(1.0, MAX_CELLS);
         let side = libm::cbrt(extent.iter().filter(|side| **side > 0.0).product::<f64>() / wanted);
         let counts: [usize; 3] =
             extent.map(|length| (length / side).ceil().clamp(1.0, 32.0) as usize).into();
         let size = Vector3::from_fn(|axis, _| extent[axis] / counts[axis] as f64);
         let terms = &deformation.terms;
-        let roughly = ROUGHLY <= ROUGH_PART * share;
-        let share = if roughly { share - ROUGHLY } else { share };
+        let is_rough = MAX_ROUGH_ERROR <= MAX_ROUGH_RATIO * fraction;
+        let fraction = if is_rough { fraction - MAX_ROUGH_ERROR } else { fraction };
         let total = counts.iter().product::<usize>();
         let all: Vec<Vec<u16>> = (0..total)
             .into_par_iter()
             .map(|cell: usize| {
-                let place =
+                let index =
                     [cell % counts[0], cell / counts[0] % counts[1], cell / counts[0] / counts[1]];
-                fn corner(
-                    step: usize,
-                    size: Vector3<f64>,
-                    place: [usize; 3],
-                    bounds_0: Point3<f64>,
-                ) -> Vector3<f64> {
+                let [low, high] = [0, 1].map(|step| {
                     Vector3::from_fn(|axis, _| {
-                        bounds_0[axis] + size[axis] * (place[axis] + step) as f64
+                        bounds.0[axis] + size[axis] * (index[axis] + step) as f64
                     })
-                }
-                relevant(
-                    terms,
-                    corner(0, size, place, bounds.0),
-                    corner(1, size, place, bounds.0),
-                    share,
-                )
+                });
+                relevant_terms(terms, low, high, fraction)
             })
             .collect();
         let mut starts = Vec::with_capacity(total + 1);
@@ -90,16 +80,16 @@ impl Cells {
             counts,
             lists: all.concat(),
             starts,
-            roughly,
+            is_rough,
         }
     }
 
-    /// How many points should be given to [`Cells::apply`] at once, so that there are some of each cell among them.
+    /// Returns the number of points to pass to [`Cells::apply`] at once; with it, each cell gets enough points.
     pub(crate) fn chunk(&self) -> usize {
-        MEMBERS * (self.starts.len() - 1)
+        POINTS_PER_CHUNK_AND_CELL * (self.starts.len() - 1)
     }
 
-    /// [`Deformation::apply`], with the terms of each point's cell alone.
+    /// Like [`Deformation::apply`], but uses only the relevant terms of each point's cell.
     pub(crate) fn apply(
         &self,
         deformation: &Deformation,
@@ -107,10 +97,10 @@ impl Cells {
         moved: &mut [Point3<f64>],
         mut jacobians: Option<&mut [Matrix3<f64>]>,
     ) {
-        let (order, ends) = self.sorted(points);
+        let (order, ends) = self.sort_by_cell(points);
         let mut terms = Vec::with_capacity(deformation.terms.len());
-        let mut together = NONE_NEAR;
-        let (mut near, mut there, mut derivatives) = (Vec::new(), Vec::new(), Vec::new());
+        let mut together = EMPTY_BUFFER;
+        let (mut near, mut results, mut derivatives) = (Vec::new(), Vec::new(), Vec::new());
         let mut first = 0;
         for (cell, &end) in ends.iter().enumerate() {
             let members = &order[first..end as usize];
@@ -122,15 +112,16 @@ impl Cells {
             terms.clear();
             terms.extend(self.lists[list].iter().map(|&term| deformation.terms[term as usize]));
             let Some(jacobians) = &mut jacobians else {
-                deformation.apply_to(&terms, members, points, moved, self.roughly, &mut together);
+                deformation.apply_to(&terms, members, points, moved, self.is_rough, &mut together);
                 continue;
             };
             near.clear();
             near.extend(members.iter().map(|&member| points[member as usize]));
-            there.resize(members.len(), Point3::origin());
+            results.resize(members.len(), Point3::origin());
             derivatives.resize(members.len(), Matrix3::zeros());
-            deformation.apply(&terms, &near, &mut there, Some(&mut derivatives));
-            for (&member, (point, derivative)) in members.iter().zip(there.iter().zip(&derivatives))
+            deformation.apply(&terms, &near, &mut results, Some(&mut derivatives));
+            for (&member, (point, derivative)) in
+                members.iter().zip(results.iter().zip(&derivatives))
             {
                 moved[member as usize] = *point;
                 jacobians[member as usize] = *derivative;
@@ -138,10 +129,10 @@ impl Cells {
         }
     }
 
-    /// The points' numbers by cell, and where each cell's end.
-    fn sorted(&self, points: &[Point3<f64>]) -> (Vec<u32>, Vec<u32>) {
+    /// Returns the points' indices sorted by cell, and the end of each cell's range.
+    fn sort_by_cell(&self, points: &[Point3<f64>]) -> (Vec<u32>, Vec<u32>) {
         let mut cells = vec![0; points.len()];
-        widest(Numbers { cells: self, points, numbers: &mut cells });
+        widest(CellNumbers { cells: self, points, numbers: &mut cells });
         let mut ends = vec![0_u32; self.starts.len() - 1];
         cells.iter().for_each(|&cell| ends[cell as usize] += 1);
         let mut start = 0;
@@ -150,74 +141,80 @@ impl Cells {
         }
         let mut order = vec![0; points.len()];
         for (index, &cell) in (0..).zip(&cells) {
-            let place = &mut ends[cell as usize];
-            order[*place as usize] = index;
-            *place += 1;
+            let end = &mut ends[cell as usize];
+            order[*end as usize] = index;
+            *end += 1;
         }
         (order, ends)
     }
 }
 
-/// The number of each point's cell; one of those at the border for a point outside.
-struct Numbers<'a> {
+/// A kernel that computes the cell of each point; a point outside all cells gets the nearest one.
+struct CellNumbers<'a> {
     cells: &'a Cells,
     points: &'a [Point3<f64>],
     numbers: &'a mut [u32],
 }
 
-/// Added to a number that is not negative and smaller, it leaves the nearest integer in the sum's lowest bits.
+/// Added to a smaller nonnegative number, this constant leaves the nearest integer in the lowest bits of the sum.
 const ROUND: f64 = (1_u64 << 52) as f64;
 
-impl Kernel for Numbers<'_> {
+impl Kernel for CellNumbers<'_> {
     #[inline(always)]
     fn run(self) {
         let Self { cells: Cells { low, pitch, counts, .. }, points, numbers } = self;
         let last = counts.map(|count| (count - 1) as f64);
         let [row, layer] = [counts[0] as f64, (counts[0] * counts[1]) as f64];
         for (number, point) in numbers.iter_mut().zip(points) {
-            // Half a cell less, rounded, is the cell; a point between two cells belongs to either.
-            let place = |axis: usize| {
-                let place = (point[axis] - low[axis]) * pitch[axis] - 0.5;
-                (place.max(0.0).min(last[axis]) + ROUND) - ROUND
-            };
-            let cell = place(0) + row * place(1) + layer * place(2);
+            // Subtracting 0.5 and rounding gives the cell; a point on the boundary of two cells may get either.
+            let [x, y, z] = [0, 1, 2].map(|axis: usize| {
+                let position = (point[axis] - low[axis]) * pitch[axis] - 0.5;
+                (position.max(0.0).min(last[axis]) + ROUND) - ROUND
+            });
+            let cell = x + row * y + layer * z;
             *number = (cell + ROUND).to_bits() as u32;
         }
     }
 }
 
-/// The terms without which less than this share of the sum of all is left out, anywhere between the corners.
-fn relevant(terms: &[Term], low: Vector3<f64>, high: Vector3<f64>, share: f64) -> Vec<u16> {
+/// Returns the indices of the terms that are relevant in a box. The sum of all other terms is less than `fraction` of the total sum.
+fn relevant_terms(
+    terms: &[Term],
+    low: Vector3<f64>,
+    high: Vector3<f64>,
+    fraction: f64,
+) -> Vec<u16> {
     let middle: [f64; 3] = ((low + high) / 2.0).into();
     let greatest = terms.iter().map(|term| (term.bump.exponent(middle), term));
     let Some((_, greatest)) = greatest.reduce(|a, b| if b.0 > a.0 { b } else { a }) else {
         return Vec::new();
     };
-    // The logarithm of the most that a term has of the greatest.
+    // Each term, with the logarithm of its maximum ratio to the greatest term.
     let mut terms: Vec<_> = (0..)
         .zip(terms.iter().map(|term| {
-            let most = |axis: usize| most_on_axis(term, greatest, axis, low[axis], high[axis]);
-            term.bump.level - greatest.bump.level + most(0) + most(1) + most(2)
+            let [x, y, z] =
+                [0, 1, 2].map(|axis| max_on_axis(term, greatest, axis, low[axis], high[axis]));
+            term.bump.level - greatest.bump.level + x + y + z
         }))
         .collect();
     terms.sort_unstable_by(|a: &(u16, f64), b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
-    let sums = terms.iter().scan(0.0, |sum, (_, most)| {
-        *sum += libm::exp2(*most);
+    let sums = terms.iter().scan(0.0, |sum, (_, ratio)| {
+        *sum += libm::exp2(*ratio);
         Some(*sum)
     });
-    // What is not a number is never left out.
-    let out = sums.take_while(|sum| *sum < share).count();
-    let mut kept = Vec::from_iter(terms[out..].iter().map(|(index, _)| *index));
+    // A term that gives NaN is always relevant.
+    let out = sums.take_while(|sum| *sum < fraction).count();
+    let mut kept: Vec<u16> = terms[out..].iter().map(|(index, _)| *index).collect();
     kept.sort_unstable();
     kept
 }
 
-/// The greatest difference of the parts of two exponents that belong to an axis, between two coordinates.
-fn most_on_axis(a: &Term, b: &Term, axis: usize, low: f64, high: f64) -> f64 {
-    fn of(term: &Term, axis: usize) -> (f64, f64) {
+/// Returns the maximum, between two coordinates on an axis, of the difference between the exponents of two terms along this axis.
+fn max_on_axis(a: &Term, b: &Term, axis: usize, low: f64, high: f64) -> f64 {
+    fn factor_and_center(term: &Term, axis: usize) -> (f64, f64) {
         (term.bump.factor[axis], term.bump.center[axis])
     }
-    let ((fa, ca), (fb, cb)) = (of(a, axis), of(b, axis));
+    let ((fa, ca), (fb, cb)) = (factor_and_center(a, axis), factor_and_center(b, axis));
     let difference = |x: f64| fa * (x - ca) * (x - ca) - fb * (x - cb) * (x - cb);
     let ends = f64::max(difference(low), difference(high));
     let top = (fa * ca - fb * cb) / (fa - fb);

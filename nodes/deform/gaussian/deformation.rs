@@ -1,41 +1,42 @@
-//! A deformation of space by Gaussians, on many points at once.
+//! A deformation of space by Gaussians, evaluated at many points.
 //!
 //! ```text
 //! x' = P(x) + S / W    W = b + sum_i v_i    S = sum_i v_i V_i    v_i = w_i G_i(x)
 //! J  = P'   + (sum_i v_i V_i l_i^T - S (sum_i v_i l_i)^T / W) / W        l_i = grad ln G_i
 //! ```
 //!
-//! The shares of [`Gaussians`] are not computed one by one: the sums are divided once. A point so
-//! far away that W vanishes is computed again with the greatest exponent taken off all of them.
+//! `V_i` is the coefficient of Gaussian i, `w_i` its weight, `b` the background, `P` the base map and `J` the matrix of derivatives of x'.
+//! The weights of [`Gaussians`] are not computed one by one: the sum S is divided once by W. At a point so far away that W vanishes, the
+//! sums are computed again with the greatest exponent subtracted from all exponents.
 
 use std::f64::consts::LN_2;
 use std::marker::PhantomData;
 
 use maquette_value::simd;
 use maquette_value::simd::{
-    Fused, FusedKernel, Lanes, exp2, exp2_of_normal, exp2_roughly, widest_fused,
+    FusedKernel, Lanes, MulAdd, exp2, exp2_of_normal, exp2_roughly, widest_fused,
 };
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::gaussians::{Bump, Gaussians};
 
-/// A Gaussian and the coefficient that it shares out.
+/// A Gaussian and its coefficient.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Term {
     pub(crate) bump: Bump,
     pub(crate) value: [f64; 3],
 }
 
-/// Where points go.
+/// A deformation of space.
 #[derive(Clone, Debug)]
 pub(crate) struct Deformation {
     pub(crate) terms: Vec<Term>,
-    /// b, in the unit of the greatest weight.
+    /// The background `b`, in units of the greatest weight.
     pub(crate) background: f64,
     pub(crate) base: Base,
 }
 
-/// The part P of a deformation that no Gaussian shares out: the point itself, once or not at all, and an affine map.
+/// The part `P` of a deformation that does not depend on Gaussians: `keep` times the point plus an affine map.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Base {
     pub(crate) keep: f64,
@@ -51,13 +52,13 @@ pub(crate) struct Affine {
 }
 
 impl Base {
-    /// Where nothing moves by itself (1), or everything to the origin (0).
+    /// Returns a base that keeps each point (1) or maps it to the origin (0).
     pub(crate) fn keep(keep: f64) -> Self {
         Self { keep, affine: None }
     }
 
     #[inline(always)]
-    fn at(&self, x: Vector3<f64>) -> Vector3<f64> {
+    fn map(&self, x: Vector3<f64>) -> Vector3<f64> {
         match &self.affine {
             None => x * self.keep,
             Some(affine) => x * self.keep + (affine.shift + affine.linear * (x - affine.origin)),
@@ -70,10 +71,10 @@ impl Base {
     }
 }
 
-/// Below this sum of powers the terms behind the greatest may be missing: the least power is 2^-1022.
-const LEAST_TOTAL: f64 = 1e-150;
+/// Below this sum of powers, some terms may have underflowed, since the minimum power is 2^-1022; the sum is computed again.
+const MIN_TOTAL: f64 = 1e-150;
 
-/// Points that are computed together: enough to be independent of each other, few enough to stay near the processor.
+/// The number of points that are computed together: enough for independent operations, and few enough to stay in registers.
 const LANES: usize = 8;
 
 impl Deformation {
@@ -83,12 +84,12 @@ impl Deformation {
         Self { terms, background: gaussians.background, base }
     }
 
-    /// Where `points` go, and how space is deformed there: the derivatives of the new coordinates (rows) by the old ones.
+    /// Computes the new positions of `points`, and the derivatives of the new coordinates (rows) with respect to the old ones.
     ///
-    /// `terms` are all of them, or those that count near these points.
+    /// `terms` are all terms, or the terms that are relevant near these points.
     ///
     /// # Panics
-    /// If the lists are not equally long.
+    /// Panics if the slices have different lengths.
     pub(crate) fn apply(
         &self,
         terms: &[Term],
@@ -99,141 +100,143 @@ impl Deformation {
         assert_eq!(points.len(), moved.len(), "one result per point");
         match jacobians {
             None if all_are_normal(terms, points) => {
-                run::<Normal>(Positions(self, terms, points, moved));
+                run::<NormalPower>(Positions(self, terms, points, moved));
             }
-            None => run::<Any>(Positions(self, terms, points, moved)),
+            None => run::<AnyPower>(Positions(self, terms, points, moved)),
             Some(jacobians) => {
                 assert_eq!(points.len(), jacobians.len(), "one derivative per point");
-                run::<Any>(Jacobians { deformation: self, terms, points, moved, jacobians });
+                run::<AnyPower>(Jacobians { deformation: self, terms, points, moved, jacobians });
             }
         }
     }
 }
 
 impl Deformation {
-    /// Where the `members` of `points` go, into their places of `moved`. With `roughly` each power may be off by
-    /// [`simd::ROUGHLY`] of itself.
+    /// Computes the new positions of those `points` whose indices are `members`, and writes them into `moved`. If `is_rough`, each power
+    /// has a relative error of up to [`simd::MAX_ROUGH_ERROR`].
     pub(crate) fn apply_to(
         &self,
         terms: &[Term],
         members: &[u32],
         points: &[Point3<f64>],
         moved: &mut [Point3<f64>],
-        roughly: bool,
-        near: &mut Near,
+        is_rough: bool,
+        buffer: &mut PointBuffer,
     ) {
-        let scattered = Scattered { deformation: self, terms, members, points, moved, near };
-        if roughly { run::<Rough>(scattered) } else { run::<Any>(scattered) }
+        let scattered =
+            ScatteredPoints { deformation: self, terms, members, points, moved, buffer };
+        if is_rough { run::<RoughPower>(scattered) } else { run::<AnyPower>(scattered) }
     }
 
     #[inline(always)]
-    fn moved<const N: usize>(
+    fn moved_point<const N: usize>(
         &self,
         point: Point3<f64>,
         sums: &Sums<N, 0>,
         lane: usize,
     ) -> Point3<f64> {
-        (self.base.at(point.coords) + sums.value(lane) * (1.0 / sums.total.0[lane])).into()
+        (self.base.map(point.coords) + sums.value(lane) * (1.0 / sums.total.0[lane])).into()
     }
 }
 
-/// How powers of 2 are taken.
+/// A method of computing powers of 2: exact or approximate.
 trait Power {
-    fn of<F: Fused>(exponent: f64) -> f64;
+    fn power<F: MulAdd>(exponent: f64) -> f64;
 }
 
-struct Any;
+struct AnyPower;
 
-impl Power for Any {
+impl Power for AnyPower {
     #[inline(always)]
-    fn of<F: Fused>(exponent: f64) -> f64 {
+    fn power<F: MulAdd>(exponent: f64) -> f64 {
         exp2::<F>(exponent)
     }
 }
 
-/// Where [`all_are_normal`].
-struct Normal;
+/// The method for exponents for which [`all_are_normal`] is true.
+struct NormalPower;
 
-impl Power for Normal {
+impl Power for NormalPower {
     #[inline(always)]
-    fn of<F: Fused>(exponent: f64) -> f64 {
+    fn power<F: MulAdd>(exponent: f64) -> f64 {
         exp2_of_normal::<F>(exponent)
     }
 }
 
-struct Rough;
+struct RoughPower;
 
-impl Power for Rough {
+impl Power for RoughPower {
     #[inline(always)]
-    fn of<F: Fused>(exponent: f64) -> f64 {
+    fn power<F: MulAdd>(exponent: f64) -> f64 {
         exp2_roughly::<F>(exponent)
     }
 }
 
-/// How the exponent of a term is taken, which is what its Gaussian alone says: one that is equally wide along all axes needs fewer
-/// operations, and a list of such terms no choice.
+/// A method of computing the exponent of a term. A Gaussian that is equally wide along all axes needs fewer operations, and a list of only
+/// such Gaussians needs no branch.
 trait Shape {
-    /// The exponent of 2 at a point with this offset from the center.
-    fn exponent<F: Fused>(bump: &Bump, offset: [f64; 3]) -> f64;
+    /// Returns the exponent of 2 at a point, given by its offset from the center.
+    fn exponent<F: MulAdd>(bump: &Bump, offset: [f64; 3]) -> f64;
 }
 
-struct Round;
+struct RoundShape;
 
-impl Shape for Round {
+impl Shape for RoundShape {
     #[inline(always)]
-    fn exponent<F: Fused>(Bump { factor, level, .. }: &Bump, [dx, dy, dz]: [f64; 3]) -> f64 {
-        F::fused(factor[0], F::fused(dz, dz, F::fused(dy, dy, dx * dx)), *level)
+    fn exponent<F: MulAdd>(Bump { factor, level, .. }: &Bump, [dx, dy, dz]: [f64; 3]) -> f64 {
+        F::mul_add(factor[0], F::mul_add(dz, dz, F::mul_add(dy, dy, dx * dx)), *level)
     }
 }
 
-struct Stretched;
+struct StretchedShape;
 
-impl Shape for Stretched {
+impl Shape for StretchedShape {
     #[inline(always)]
-    fn exponent<F: Fused>(Bump { factor, level, .. }: &Bump, [dx, dy, dz]: [f64; 3]) -> f64 {
+    fn exponent<F: MulAdd>(Bump { factor, level, .. }: &Bump, [dx, dy, dz]: [f64; 3]) -> f64 {
         let [x, y, z] = [dx * factor[0], dy * factor[1], dz * factor[2]];
-        F::fused(dx, x, *level) + F::fused(dz, z, dy * y)
+        F::mul_add(dx, x, *level) + F::mul_add(dz, z, dy * y)
     }
 }
 
-struct Mixed;
+struct MixedShape;
 
-impl Shape for Mixed {
+impl Shape for MixedShape {
     #[inline(always)]
-    fn exponent<F: Fused>(bump: &Bump, offset: [f64; 3]) -> f64 {
+    fn exponent<F: MulAdd>(bump: &Bump, offset: [f64; 3]) -> f64 {
         let [round, stretched] =
-            [Round::exponent::<F>(bump, offset), Stretched::exponent::<F>(bump, offset)];
+            [RoundShape::exponent::<F>(bump, offset), StretchedShape::exponent::<F>(bump, offset)];
         if bump.is_round() { round } else { stretched }
     }
 }
 
-/// What is done with terms, whatever their powers and shapes are.
+/// A computation over terms, generic in the methods [`Power`] and [`Shape`].
 trait Work {
     fn terms(&self) -> &[Term];
-    fn run<P: Power, S: Shape, F: Fused>(self);
+    fn run<P: Power, S: Shape, F: MulAdd>(self);
 }
 
-/// A work with its choices made.
-struct By<W, P, S>(W, PhantomData<(P, S)>);
+/// A computation with its [`Power`] and [`Shape`] chosen.
+struct WorkKernel<W, P, S>(W, PhantomData<(P, S)>);
 
-impl<W: Work, P: Power, S: Shape> FusedKernel for By<W, P, S> {
+impl<W: Work, P: Power, S: Shape> FusedKernel for WorkKernel<W, P, S> {
     #[inline(always)]
-    fn run<F: Fused>(self) {
+    fn run<F: MulAdd>(self) {
         self.0.run::<P, S, F>();
     }
 }
 
 fn run<P: Power>(work: impl Work) {
-    let (round, stretched) = (PhantomData::<(P, Round)>, PhantomData::<(P, Stretched)>);
+    let (round, stretched) = (PhantomData::<(P, RoundShape)>, PhantomData::<(P, StretchedShape)>);
     let count = work.terms().iter().filter(|term| term.bump.is_round()).count();
     match work.terms().len() {
-        all if count == all => widest_fused(By(work, round)),
-        _ if count == 0 => widest_fused(By(work, stretched)),
-        _ => widest_fused(By(work, PhantomData::<(P, Mixed)>)),
+        all if count == all => widest_fused(WorkKernel(work, round)),
+        _ if count == 0 => widest_fused(WorkKernel(work, stretched)),
+        _ => widest_fused(WorkKernel(work, PhantomData::<(P, MixedShape)>)),
     }
 }
 
-/// Whether no power of a term at any of the points is too small to have all its digits; not looked for at a few points.
+/// Returns true if every power of a term at the points is a normal floating-point number. Returns false without a test if there are few
+/// points.
 fn all_are_normal(terms: &[Term], points: &[Point3<f64>]) -> bool {
     if points.len() < 512 {
         return false;
@@ -243,22 +246,22 @@ fn all_are_normal(terms: &[Term], points: &[Point3<f64>]) -> bool {
     let (low, high) = points
         .iter()
         .fold(start, |(low, high), point| (low.inf(&point.coords), high.sup(&point.coords)));
-    fn least(
+    fn min_exponent(
         Term { bump: Bump { center, factor, level }, .. }: &Term,
         low: Vector3<f64>,
         high: Vector3<f64>,
     ) -> f64 {
-        let of_axis = |axis: usize| {
+        let [x, y, z] = [0, 1, 2].map(|axis| {
             let far = (low[axis] - center[axis]).abs().max((high[axis] - center[axis]).abs());
             far * (far * factor[axis])
-        };
-        level + of_axis(0) + of_axis(1) + of_axis(2)
+        });
+        level + x + y + z
     }
-    // A little more than the least, because the sums there are rounded in another order.
-    terms.iter().all(|term| least(term, low, high) > simd::LEAST + 1.0)
+    // The margin of 1 covers sums that the kernel rounds in another order.
+    terms.iter().all(|term| min_exponent(term, low, high) > simd::MIN_EXPONENT + 1.0)
 }
 
-/// The terms, the points, and where they go.
+/// A computation of new positions: the deformation, the terms, the points, and the results.
 struct Positions<'a>(&'a Deformation, &'a [Term], &'a [Point3<f64>], &'a mut [Point3<f64>]);
 
 impl Work for Positions<'_> {
@@ -267,54 +270,53 @@ impl Work for Positions<'_> {
     }
 
     #[inline(always)]
-    fn run<P: Power, S: Shape, F: Fused>(self) {
+    fn run<P: Power, S: Shape, F: MulAdd>(self) {
         let Self(deformation, terms, points, moved) = self;
         for (points, moved) in points.chunks(LANES).zip(moved.chunks_mut(LANES)) {
             let sums = sums::<LANES, 0, P, S, F>(terms, deformation.background, &columns(points));
             for (lane, (point, moved)) in points.iter().zip(moved).enumerate() {
-                *moved = deformation.moved(*point, &sums, lane);
+                *moved = deformation.moved_point(*point, &sums, lane);
             }
         }
     }
 }
 
-/// Coordinates of points that are gathered before any of them is computed: from places far apart in memory, which are waited for
-/// together.
-pub(crate) type Near = [[Lanes<LANES>; 3]; 8];
+/// A buffer of point coordinates, gathered before any point is computed, so that the memory accesses overlap.
+pub(crate) type PointBuffer = [[Lanes<LANES>; 3]; 8];
 
-/// None yet.
-pub(crate) const NONE_NEAR: Near = [[Lanes::ZERO; 3]; 8];
+/// An empty buffer.
+pub(crate) const EMPTY_BUFFER: PointBuffer = [[Lanes::ZERO; 3]; 8];
 
-/// Which of the points, the points, and where they go.
-struct Scattered<'a> {
+/// A computation of the new positions of some members of a list of points.
+struct ScatteredPoints<'a> {
     deformation: &'a Deformation,
     terms: &'a [Term],
     members: &'a [u32],
     points: &'a [Point3<f64>],
     moved: &'a mut [Point3<f64>],
-    near: &'a mut Near,
+    buffer: &'a mut PointBuffer,
 }
 
-impl Work for Scattered<'_> {
+impl Work for ScatteredPoints<'_> {
     fn terms(&self) -> &[Term] {
         self.terms
     }
 
     #[inline(always)]
-    fn run<P: Power, S: Shape, F: Fused>(self) {
-        let Self { deformation, terms, members, points, moved, near } = self;
-        for members in members.chunks(near.len() * LANES) {
+    fn run<P: Power, S: Shape, F: MulAdd>(self) {
+        let Self { deformation, terms, members, points, moved, buffer } = self;
+        for members in members.chunks(buffer.len() * LANES) {
             let last = members[members.len() - 1];
-            // Lanes that are left get the last point again.
+            // Unused lanes repeat the last point.
             for k in 0..members.len().next_multiple_of(LANES) {
                 let point = points[*members.get(k).unwrap_or(&last) as usize];
-                (0..3).for_each(|axis| near[k / LANES][axis].0[k % LANES] = point[axis]);
+                (0..3).for_each(|axis| buffer[k / LANES][axis].0[k % LANES] = point[axis]);
             }
-            for (x, members) in near.iter().zip(members.chunks(LANES)) {
+            for (x, members) in buffer.iter().zip(members.chunks(LANES)) {
                 let sums = sums::<LANES, 0, P, S, F>(terms, deformation.background, x);
                 for (lane, &member) in members.iter().enumerate() {
                     let point = Point3::from(x.each_ref().map(|x| x.0[lane]));
-                    moved[member as usize] = deformation.moved(point, &sums, lane);
+                    moved[member as usize] = deformation.moved_point(point, &sums, lane);
                 }
             }
         }
@@ -335,7 +337,7 @@ impl Work for Jacobians<'_> {
     }
 
     #[inline(always)]
-    fn run<P: Power, S: Shape, F: Fused>(self) {
+    fn run<P: Power, S: Shape, F: MulAdd>(self) {
         let Self { deformation, terms, points, moved, jacobians } = self;
         let derivative = deformation.base.derivative();
         let chunks = points.chunks(LANES).zip(moved.chunks_mut(LANES));
@@ -346,18 +348,18 @@ impl Work for Jacobians<'_> {
                 points.iter().zip(moved.iter_mut().zip(jacobians)).enumerate()
             {
                 let inverse = 1.0 / sums.total.0[lane];
-                let share = sums.value(lane) * inverse;
-                *moved = (deformation.base.at(point.coords) + share).into();
-                // The gradients of ln G are 2 ln 2 times the slopes, which are those of the exponents of 2, halved.
+                let mean = sums.value(lane) * inverse;
+                *moved = (deformation.base.map(point.coords) + mean).into();
+                // The gradients of `ln G` are `2 ln 2` times the slopes; a slope is half the derivative of an exponent of 2.
                 let slope = sums.slope(lane) * (2.0 * LN_2 * inverse);
                 let product = sums.product(lane) * (2.0 * LN_2 * inverse);
-                *jacobian = derivative + (product - share * slope.transpose());
+                *jacobian = derivative + (product - mean * slope.transpose());
             }
         }
     }
 }
 
-/// The coordinates of up to `N` points by axis; the last point again in lanes that are left.
+/// Returns the coordinates of up to `N` points by axis; unused lanes repeat the last point.
 #[inline(always)]
 fn columns<const N: usize>(points: &[Point3<f64>]) -> [Lanes<N>; 3] {
     let mut columns = [Lanes::ZERO; 3];
@@ -368,12 +370,12 @@ fn columns<const N: usize>(points: &[Point3<f64>]) -> [Lanes<N>; 3] {
     columns
 }
 
-/// The sums over all terms, for `N` points: those of the derivatives are by axis, 3 or, where they are not wanted, 0.
+/// The sums over all terms for `N` points. The derivatives are summed by axis; `DERIVATIVES` is 3, or 0 if no derivatives are requested.
 struct Sums<const N: usize, const DERIVATIVES: usize> {
     total: Lanes<N>,
     value: [Lanes<N>; 3],
     slope: [Lanes<N>; DERIVATIVES],
-    /// By the axis of the slope, then by that of the value.
+    /// The sums of the product of slope and value, indexed by the axis of the slope, then by the axis of the value.
     product: [[Lanes<N>; 3]; DERIVATIVES],
 }
 
@@ -394,10 +396,10 @@ impl<const N: usize, const DERIVATIVES: usize> Sums<N, DERIVATIVES> {
         Vector3::from([0, 1, 2].map(|axis| self.value[axis].0[lane]))
     }
 
-    /// Takes over the lanes of `other` in which the total here is too small.
+    /// Copies the sums of `other` for those lanes in which the total of `self` is too small.
     fn replace_lost(&mut self, other: &Self) {
         for lane in 0..N {
-            if self.total.0[lane] < LEAST_TOTAL {
+            if self.total.0[lane] < MIN_TOTAL {
                 let lists = self.product.as_flattened_mut().iter_mut().chain(&mut self.slope);
                 let others = other.product.as_flattened().iter().chain(&other.slope);
                 for (list, other) in lists.chain(&mut self.value).zip(others.chain(&other.value)) {
@@ -421,16 +423,16 @@ impl<const N: usize> Sums<N, 3> {
     }
 }
 
-/// The sums, with those that vanish computed again. Each lane depends on its own point alone.
+/// Computes the sums over all terms. Sums that underflow are recomputed with shifted exponents. Each lane depends only on its own point.
 #[inline(always)]
-fn sums<const N: usize, const DERIVATIVES: usize, P: Power, S: Shape, F: Fused>(
+fn sums<const N: usize, const DERIVATIVES: usize, P: Power, S: Shape, F: MulAdd>(
     terms: &[Term],
     background: f64,
     x: &[Lanes<N>; 3],
 ) -> Sums<N, DERIVATIVES> {
     let mut sums = Sums::new(&Lanes([background; N]));
     add::<N, DERIVATIVES, P, S, F, false>(terms, x, &Lanes::ZERO, &mut sums);
-    if sums.total.0.iter().any(|total| *total < LEAST_TOTAL) {
+    if sums.total.0.iter().any(|total| *total < MIN_TOTAL) {
         let rest = libm::log2(background);
         let mut greatest = Lanes([rest; N]);
         for term in terms {
@@ -443,20 +445,20 @@ fn sums<const N: usize, const DERIVATIVES: usize, P: Power, S: Shape, F: Fused>(
             .0
             .map(|greatest| if background > 0.0 { exp2::<F>(rest - greatest) } else { 0.0 });
         let mut again = Sums::new(&Lanes(rest));
-        add::<N, DERIVATIVES, Any, S, F, true>(terms, x, &greatest, &mut again);
+        add::<N, DERIVATIVES, AnyPower, S, F, true>(terms, x, &greatest, &mut again);
         sums.replace_lost(&again);
     }
     sums
 }
 
-/// Adds every term to the sums. One pass, without a branch: all lanes of the processor are at work.
+/// Adds every term to the sums in one branch-free pass, which uses all SIMD lanes.
 #[inline(always)]
 fn add<
     const N: usize,
     const DERIVATIVES: usize,
     P: Power,
     S: Shape,
-    F: Fused,
+    F: MulAdd,
     const SHIFTED: bool,
 >(
     terms: &[Term],
@@ -475,18 +477,18 @@ fn add<
             if SHIFTED {
                 exponent -= shift[k];
             }
-            let v = P::of::<F>(exponent);
+            let v = P::power::<F>(exponent);
             total.0[k] += v;
-            s0.0[k] = F::fused(v, value[0], s0.0[k]);
-            s1.0[k] = F::fused(v, value[1], s1.0[k]);
-            s2.0[k] = F::fused(v, value[2], s2.0[k]);
+            s0.0[k] = F::mul_add(v, value[0], s0.0[k]);
+            s1.0[k] = F::mul_add(v, value[1], s1.0[k]);
+            s2.0[k] = F::mul_add(v, value[2], s2.0[k]);
             let derivatives = slope.iter_mut().zip(product.iter_mut()).enumerate();
             for (axis, (slope, [px, py, pz])) in derivatives {
                 let vl = v * (offset[axis] * factor[axis]);
                 slope.0[k] += vl;
-                px.0[k] = F::fused(vl, value[0], px.0[k]);
-                py.0[k] = F::fused(vl, value[1], py.0[k]);
-                pz.0[k] = F::fused(vl, value[2], pz.0[k]);
+                px.0[k] = F::mul_add(vl, value[0], px.0[k]);
+                py.0[k] = F::mul_add(vl, value[1], py.0[k]);
+                pz.0[k] = F::mul_add(vl, value[2], pz.0[k]);
             }
         }
     }

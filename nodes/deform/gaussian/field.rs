@@ -1,76 +1,76 @@
-//! A deformation on all points of an object: where they go, how their normals turn, where space is turned inside out.
+//! Evaluates a deformation at all points of an object: positions, normals and folds.
 
 use std::ops::Range;
 
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use maquette_value::memory::huge_vec;
 use maquette_value::parallel::*;
 use nalgebra::{Matrix3, Point3, Vector3};
 
-/// Where the points from a first one on go, and the derivatives there if they are wanted.
+/// A function that computes the new positions of a chunk of points, given the index of the first one, and their derivatives if requested.
 pub(crate) type Evaluate<'a> =
     dyn Fn(usize, &[Point3<f64>], &mut [Point3<f64>], Option<&mut [Matrix3<f64>]>) + Sync + 'a;
 
-/// What is wanted beside the positions.
+/// The requested results in addition to the positions.
 #[derive(Clone, Copy, Default)]
-pub(crate) struct Wanted<'a> {
-    /// Normals at the points, to be turned.
+pub(crate) struct FieldRequest<'a> {
+    /// The normals at the points, to be transformed.
     pub(crate) normals: Option<&'a [[f64; 3]]>,
-    /// Where the deformation folds over.
+    /// True if folds are requested.
     pub(crate) folds: bool,
-    /// All derivatives.
+    /// True if all derivatives are requested.
     pub(crate) jacobians: bool,
 }
 
-/// The deformed points; what was not wanted is empty.
+/// The deformed points; results that were not requested are empty.
 #[derive(Default)]
 pub(crate) struct Field {
-    /// Which points they are, if not all; the others stay.
+    /// The rows that contain the points of the field; all other points stay. `None` if the field has all points.
     pub(crate) rows: Option<Vec<Range<u32>>>,
     pub(crate) positions: Vec<Point3<f64>>,
     pub(crate) normals: Vec<[f64; 3]>,
-    /// 1 where the determinant of the derivatives is not greater than 0.
+    /// For each point, 1 if space is folded over at the point, that is, the determinant of the derivatives is not greater than 0.
     pub(crate) folded: Vec<u8>,
-    /// The least determinant; infinite without points.
-    pub(crate) least: f64,
+    /// The minimum determinant of the derivatives; infinite without points.
+    pub(crate) min_determinant: f64,
     pub(crate) jacobians: Vec<Matrix3<f64>>,
 }
 
-/// Points that one task moves where nothing else is asked for: some 0.1 ms of work at least.
-pub(crate) const CHUNK: usize = 8192;
+/// The number of points that one task moves if only positions are requested: at least about 0.1 ms of work.
+pub(crate) const CHUNK_SIZE: usize = 8192;
 
-/// The field of a deformation on `points`, `chunk` of which are given to `evaluate` at once.
+/// Evaluates a deformation at `points`; `evaluate` gets up to `chunk` points at once.
 ///
 /// # Errors
-/// If the evaluation is told to stop.
-pub(crate) fn field(
+/// Returns an error if the evaluation is cancelled.
+pub(crate) fn evaluate_field(
     points: &[Point3<f64>],
     chunk: usize,
-    wanted: Wanted<'_>,
+    request: FieldRequest<'_>,
     evaluate: &Evaluate<'_>,
     progress: &Progress<'_>,
-) -> Result<Field, Cancelled> {
-    fn count(wanted: bool, points: &[Point3<f64>]) -> usize {
-        if wanted { points.len() } else { 0 }
+) -> Result<Field, CancelledError> {
+    fn count(request: bool, points: &[Point3<f64>]) -> usize {
+        if request { points.len() } else { 0 }
     }
     let mut field = Field {
         rows: None,
         positions: huge_vec(points.len()),
-        normals: huge_vec(count(wanted.normals.is_some(), points)),
-        folded: huge_vec(count(wanted.folds, points)),
-        least: f64::INFINITY,
-        jacobians: huge_vec(count(wanted.jacobians, points)),
+        normals: huge_vec(count(request.normals.is_some(), points)),
+        folded: huge_vec(count(request.folds, points)),
+        min_determinant: f64::INFINITY,
+        jacobians: huge_vec(count(request.jacobians, points)),
     };
-    let with_derivatives = wanted.folds || wanted.jacobians || wanted.normals.is_some();
+    let with_derivatives = request.folds || request.jacobians || request.normals.is_some();
     let n_chunks = points.len().div_ceil(chunk);
-    let least: Result<Vec<f64>, Cancelled> = points
+    let min_determinant: Result<Vec<f64>, CancelledError> = points
         .par_chunks(chunk)
         .zip(field.positions.par_chunks_mut(chunk))
-        .zip(parts(&mut field.normals, chunk, n_chunks))
-        .zip(parts(&mut field.folded, chunk, n_chunks))
-        .zip(parts(&mut field.jacobians, chunk, n_chunks))
+        .zip(optional_chunks(&mut field.normals, chunk, n_chunks))
+        .zip(optional_chunks(&mut field.folded, chunk, n_chunks))
+        .zip(optional_chunks(&mut field.jacobians, chunk, n_chunks))
         .enumerate()
-        // Fresh memory for each chunk would cost more than the work on it.
+        // Each task reuses its buffer: allocating memory for each chunk would cost more than the computation.
         .map_init(Vec::new, |own, (index, ((((points, moved), normals), folded), jacobians))| {
             progress.check()?;
             let first = index * chunk;
@@ -86,42 +86,42 @@ pub(crate) fn field(
                 }
             };
             evaluate(first, points, moved, Some(derivatives));
-            if let Some((normals, given)) = normals.zip(wanted.normals) {
+            if let Some((normals, given)) = normals.zip(request.normals) {
                 let given = &given[first..][..normals.len()];
                 let pairs = given.iter().zip(&*derivatives);
                 for (normal, (given, derivative)) in normals.iter_mut().zip(pairs) {
-                    *normal = turned(derivative, given);
+                    *normal = transform_normal(derivative, given);
                 }
             }
-            let mut least = f64::INFINITY;
+            let mut min_determinant = f64::INFINITY;
             for (flag, derivative) in folded.into_iter().flatten().zip(derivatives) {
                 let determinant = derivative.determinant();
                 *flag = u8::from(determinant <= 0.0);
-                least = least.min(determinant);
+                min_determinant = min_determinant.min(determinant);
             }
-            Ok(least)
+            Ok(min_determinant)
         })
         .collect();
-    field.least = least?.into_iter().fold(f64::INFINITY, f64::min);
+    field.min_determinant = min_determinant?.into_iter().fold(f64::INFINITY, f64::min);
     Ok(field)
 }
 
 impl Field {
-    /// The same with all points, and their normals if these were wanted.
-    pub(crate) fn of_all(self, points: &[Point3<f64>], normals: Option<&[[f64; 3]]>) -> Self {
+    /// Expands the field from its rows to all points, and to all normals if normals were requested.
+    pub(crate) fn expand(self, points: &[Point3<f64>], normals: Option<&[[f64; 3]]>) -> Self {
         let rows = self.rows.as_deref();
         Self {
-            positions: spread(rows, self.positions, || points.to_vec()),
-            normals: spread(rows, self.normals, || normals.unwrap_or_default().to_vec()),
-            folded: spread(rows, self.folded, || vec![0; points.len()]),
+            positions: scatter_rows(rows, self.positions, || points.to_vec()),
+            normals: scatter_rows(rows, self.normals, || normals.unwrap_or_default().to_vec()),
+            folded: scatter_rows(rows, self.folded, || vec![0; points.len()]),
             rows: None,
             ..self
         }
     }
 }
 
-/// The items of all points, of which those in the rows become these, one row after the other.
-pub(crate) fn spread<T: Copy>(
+/// Returns a copy of `all` in which the items of the rows are replaced by `items`, one row after the other.
+pub(crate) fn scatter_rows<T: Copy>(
     rows: Option<&[Range<u32>]>,
     items: Vec<T>,
     all: impl FnOnce() -> Vec<T>,
@@ -129,26 +129,26 @@ pub(crate) fn spread<T: Copy>(
     let Some(rows) = rows else { return items };
     let (mut all, mut rest) = (all(), &items[..]);
     for row in rows {
-        let (items, behind) = rest.split_at(row.len().min(rest.len()));
+        let (items, rest_items) = rest.split_at(row.len().min(rest.len()));
         all[row.start as usize..][..items.len()].copy_from_slice(items);
-        rest = behind;
+        rest = rest_items;
     }
     all
 }
 
-/// The chunks of a list; nothing for each chunk of one that is not wanted.
-fn parts<T>(list: &mut [T], chunk: usize, n_chunks: usize) -> Vec<Option<&mut [T]>> {
+/// Returns the chunks of a list; for an empty list, `None` repeated `n_chunks` times.
+fn optional_chunks<T>(list: &mut [T], chunk: usize, n_chunks: usize) -> Vec<Option<&mut [T]>> {
     let mut parts: Vec<_> = list.chunks_mut(chunk).map(Some).collect();
     parts.resize_with(n_chunks, || None);
     parts
 }
 
-/// A unit normal behind the deformation: what is tangential moves by the derivatives, what is normal to it by their cofactors.
-/// Zero where these vanish.
-pub(crate) fn turned(derivative: &Matrix3<f64>, normal: &[f64; 3]) -> [f64; 3] {
+/// Returns the unit normal of the deformed surface: the derivatives transform tangents, their cofactors transform normals. Zero where the
+/// cofactors vanish.
+pub(crate) fn transform_normal(derivative: &Matrix3<f64>, normal: &[f64; 3]) -> [f64; 3] {
     let [x, y, z] = [0, 1, 2].map(|row| derivative.row(row).transpose());
     let normal = Vector3::from(*normal);
-    let turned =
+    let transformed =
         Vector3::new(y.cross(&z).dot(&normal), z.cross(&x).dot(&normal), x.cross(&y).dot(&normal));
-    turned.try_normalize(0.0).unwrap_or_default().into()
+    transformed.try_normalize(0.0).unwrap_or_default().into()
 }

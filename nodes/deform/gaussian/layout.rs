@@ -1,4 +1,4 @@
-//! Handles made ready: in mm, with their deviations chosen, and no two of them at one place.
+//! Prepares handles: converts them to mm, chooses their deviations, and merges handles at the same position.
 
 use maquette_value::Memo;
 use maquette_value::{Encoder, Handle, HandleSpace, Handles};
@@ -7,13 +7,13 @@ use nalgebra::{Point3, Vector3};
 use super::gaussians::Gaussians;
 use crate::{FfdError, Mode};
 
-/// The lowest and the highest corner of a box.
+/// The minimum and maximum corner of a box.
 pub type Bounds = (Point3<f64>, Point3<f64>);
 
-/// All that the shares of handles, and what is solved for them, depend on: everything but their targets.
+/// All inputs of the linear system except the targets: the positions, deviations and weights of the handles, and the options.
 #[derive(Clone, Debug)]
 pub(crate) struct Layout {
-    pub(crate) at: Vec<Point3<f64>>,
+    pub(crate) positions: Vec<Point3<f64>>,
     pub(crate) sigma: Vec<[f64; 3]>,
     pub(crate) weight: Vec<f64>,
     pub(crate) mode: Mode,
@@ -21,48 +21,48 @@ pub(crate) struct Layout {
     pub(crate) regularize: f64,
 }
 
-/// A layout, where its handles go, and what became of the handles that it was made of.
+/// A layout, the targets of its handles, and the mapping from the original handles.
 #[derive(Clone, Debug)]
-pub(crate) struct Prepared {
+pub(crate) struct PreparedHandles {
     pub(crate) layout: Layout,
-    pub(crate) to: Vec<Point3<f64>>,
-    /// Which of the layout's handles each handle became.
-    pub(crate) places: Vec<usize>,
-    /// Handles that became one: the later and the earlier.
+    pub(crate) targets: Vec<Point3<f64>>,
+    /// For each handle, its index in the layout.
+    pub(crate) layout_indices: Vec<usize>,
+    /// The merged handles. Each pair lists the later handle, then the earlier one.
     pub(crate) merged: Vec<[usize; 2]>,
-    /// The diagonal of the box.
+    /// The diagonal of the box to which the handles' space refers.
     pub(crate) diagonal: f64,
 }
 
-/// Handles nearer than this many of their deviations are at one place: the equations of both would differ in rounding alone.
-const SAME_PLACE: f64 = 1e-6;
+/// Two handles closer to each other than this many deviations have the same position: their equations would differ by rounding errors only.
+const SAME_POSITION: f64 = 1e-6;
 
-/// Targets nearer than this share of the box's diagonal are one.
+/// Two targets closer to each other than this fraction of the box's diagonal are equal.
 const SAME_TARGET: f64 = 1e-9;
 
-/// More handles take seconds for one solution, and memory as their square.
-pub(crate) const MOST_HANDLES: usize = 2000;
+/// Maximum number of handles. With more, one solution takes seconds; memory grows with the square of the number.
+pub(crate) const MAX_HANDLES: usize = 2000;
 
-/// How many neighbors a chosen deviation looks at.
-const NEIGHBORS: usize = 3;
+/// The number of nearest handles from whose distances a deviation is chosen.
+const NEAREST_HANDLES: usize = 3;
 
-/// A chosen deviation, in mean distances to these neighbors: neighbors overlap, and the system is well conditioned.
-const REACH: f64 = 0.75;
+/// Ratio of a chosen deviation to the mean distance to the nearest handles. With it, Gaussians overlap, and the system is well conditioned.
+const DEVIATION_RATIO: f64 = 0.75;
 
 impl Layout {
     pub(crate) fn gaussians(&self) -> Gaussians {
-        Gaussians::new(&self.at, &self.sigma, &self.weight, self.background)
+        Gaussians::new(&self.positions, &self.sigma, &self.weight, self.background)
     }
 }
 
-/// The handles in mm, merged where they are at one place. `bounds` is the box that their space is of.
+/// Returns the handles in mm, merged if they have the same position. `bounds` is the box to which their space refers.
 pub(crate) fn prepare(
     handles: &Handles,
     bounds: Bounds,
     mode: Mode,
     background: f64,
     regularize: f64,
-) -> Result<Prepared, FfdError> {
+) -> Result<PreparedHandles, FfdError> {
     if !(0.0..f64::INFINITY).contains(&background)
         || (background > 0.0 && mode != Mode::Displacement)
     {
@@ -71,55 +71,56 @@ pub(crate) fn prepare(
     if !(0.0..f64::INFINITY).contains(&regularize) {
         return Err(FfdError::Regularize { regularize });
     }
-    if handles.len() > MOST_HANDLES {
-        return Err(FfdError::TooMany { handles: handles.len(), most: MOST_HANDLES });
+    if handles.len() > MAX_HANDLES {
+        return Err(FfdError::TooMany { handles: handles.len(), max: MAX_HANDLES });
     }
     let diagonal = (bounds.1 - bounds.0).norm();
-    let (all, to) = chosen(handles, bounds, mode)?;
-    let mut prepared = Prepared {
+    let (all, to) = choose_deviations(handles, bounds, mode)?;
+    let mut prepared = PreparedHandles {
         layout: Layout {
-            at: Vec::new(),
+            positions: Vec::new(),
             sigma: Vec::new(),
             weight: Vec::new(),
             mode,
             background,
             regularize,
         },
-        to: Vec::new(),
-        places: Vec::new(),
+        targets: Vec::new(),
+        layout_indices: Vec::new(),
         merged: Vec::new(),
         diagonal,
     };
     let mut originals = Vec::new();
     for (index, to) in to.into_iter().enumerate() {
-        let (at, sigma) = (all.at[index], all.sigma[index]);
+        let (at, sigma) = (all.positions[index], all.sigma[index]);
         let layout = &mut prepared.layout;
-        let twin = (0..layout.at.len()).find(|&other| {
-            let step = at - layout.at[other];
-            let scaled = |axis: usize| step[axis] / sigma[axis].min(layout.sigma[other][axis]);
-            Vector3::new(scaled(0), scaled(1), scaled(2)).norm() < SAME_PLACE
+        let twin = (0..layout.positions.len()).find(|&other| {
+            let step = at - layout.positions[other];
+            let scaled =
+                Vector3::from_fn(|axis, _| step[axis] / sigma[axis].min(layout.sigma[other][axis]));
+            scaled.norm() < SAME_POSITION
         });
         if let Some(twin) = twin {
-            if (to - prepared.to[twin]).norm() > SAME_TARGET * diagonal {
+            if (to - prepared.targets[twin]).norm() > SAME_TARGET * diagonal {
                 return Err(FfdError::Conflicting { first: originals[twin], second: index });
             }
             prepared.merged.push([index, originals[twin]]);
-            prepared.places.push(twin);
+            prepared.layout_indices.push(twin);
             continue;
         }
-        prepared.places.push(layout.at.len());
+        prepared.layout_indices.push(layout.positions.len());
         originals.push(index);
-        layout.at.push(at);
+        layout.positions.push(at);
         layout.sigma.push(sigma);
         layout.weight.push(all.weight[index]);
-        prepared.to.push(to);
+        prepared.targets.push(to);
     }
     Ok(prepared)
 }
 
-/// The handles in mm with every deviation, and where they go: deviations that were left out are 0.75 of the mean distance to
-/// the three nearest handles, measured where the box is a unit cube, and in the absolute form the box's sides.
-pub(crate) fn chosen(
+/// Returns the handles in mm with all deviations, and their targets. Omitted deviations are 0.75 of the mean distance to the three nearest
+/// handles, measured with the box scaled to a unit cube; in the absolute form they are the sides of the box.
+pub(crate) fn choose_deviations(
     handles: &Handles,
     bounds: Bounds,
     mode: Mode,
@@ -127,22 +128,13 @@ pub(crate) fn chosen(
     let world = handles.in_world(bounds)?;
     let unit = Handle { at: [0.0; 3], to: None, sigma: Some([1.0; 3]), weight: 1.0 };
     let sides = Handles::new(HandleSpace::Box, &[unit])?.in_world(bounds)?.sigma()[0];
-    let scaled: Vec<Vector3<f64>> =
-        world.at().iter().map(|at| (at - bounds.0).component_div(&Vector3::from(sides))).collect();
-    fn reach(index: usize, scaled: &[Vector3<f64>], mode: &Mode) -> f64 {
-        let others = scaled.iter().map(|other| (other - scaled[index]).norm());
-        let mut distances: Vec<f64> = others.filter(|distance| *distance > 0.0).collect();
-        distances.sort_by(f64::total_cmp);
-        distances.truncate(NEIGHBORS);
-        let mean = distances.iter().sum::<f64>() / distances.len() as f64;
-        if *mode == Mode::Absolute || !(0.0..f64::INFINITY).contains(&mean) {
-            1.0
-        } else {
-            REACH * mean
-        }
-    }
+    let scaled: Vec<Vector3<f64>> = world
+        .positions()
+        .iter()
+        .map(|at| (at - bounds.0).component_div(&Vector3::from(sides)))
+        .collect();
     let layout = Layout {
-        at: world.at().to_vec(),
+        positions: world.positions().to_vec(),
         sigma: world
             .sigma()
             .iter()
@@ -151,8 +143,11 @@ pub(crate) fn chosen(
                 if *given != [0.0; 3] {
                     return *given;
                 }
-                let reach = reach(index, &scaled, &mode);
-                sides.map(|side| reach * side)
+                let deviation = match mode {
+                    Mode::Absolute => 1.0,
+                    Mode::Displacement | Mode::Affine => relative_deviation(index, &scaled),
+                };
+                sides.map(|side| deviation * side)
             })
             .collect(),
         weight: world.weight().to_vec(),
@@ -160,23 +155,34 @@ pub(crate) fn chosen(
         background: 0.0,
         regularize: 0.0,
     };
-    Ok((layout, world.to().to_vec()))
+    Ok((layout, world.targets().to_vec()))
 }
 
-/// The key of what is remembered.
+/// Returns the deviation of a handle, in sides of the box, from the distances to the nearest handles; 1 if all handles have one position.
+/// `scaled` are the handles' positions in the unit cube.
+fn relative_deviation(index: usize, scaled: &[Vector3<f64>]) -> f64 {
+    let others = scaled.iter().map(|other| (other - scaled[index]).norm());
+    let mut distances: Vec<f64> = others.filter(|distance| *distance > 0.0).collect();
+    distances.sort_by(f64::total_cmp);
+    distances.truncate(NEAREST_HANDLES);
+    let mean = distances.iter().sum::<f64>() / distances.len() as f64;
+    if (0.0..f64::INFINITY).contains(&mean) { DEVIATION_RATIO * mean } else { 1.0 }
+}
+
+/// The layout is the cache key of the linear system.
 impl Memo for Layout {
     const NAME: &'static str = "HandleLayout";
 
     fn encode(&self, to: &mut Encoder) {
         to.plain(&(self.mode as u8)).plain(&[self.background, self.regularize]);
-        to.counts(&[self.at.len()]);
-        for index in 0..self.at.len() {
-            let at: [f64; 3] = self.at[index].into();
+        to.counts(&[self.positions.len()]);
+        for index in 0..self.positions.len() {
+            let at: [f64; 3] = self.positions[index].into();
             to.plain(&at).plain(&self.sigma[index]).plain(&self.weight[index]);
         }
     }
 
     fn size(&self) -> usize {
-        self.at.len() * size_of::<[f64; 7]>()
+        self.positions.len() * size_of::<[f64; 7]>()
     }
 }

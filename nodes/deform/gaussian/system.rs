@@ -1,6 +1,7 @@
-//! What makes handles reach their targets: a linear system that depends on their layout alone.
+//! The linear system that makes handles reach their targets. Its matrix depends only on the layout of the handles.
 //!
-//! With `M_ji` the share that handle i has of the place of handle j, the coefficients solve `M V = T`, one column per axis.
+//! With `M_ji` the weight of handle i at the position of handle j, the coefficients `V` solve `M V = T` for the targets `T`, one column per
+//! axis.
 
 use maquette_base::linear::lu::Lu;
 use maquette_node::Error;
@@ -14,8 +15,9 @@ use crate::{FfdError, Mode};
 
 /// The factored system of a layout.
 ///
-/// In the affine form a polynomial `a_0 + sum_k a_k p_k(x)` stands beside the Gaussians, whose coefficients `c` then have no
-/// constant and no linear part of their own:
+/// The affine form adds a polynomial `a_0 + sum_k a_k p_k(x)` to the Gaussians. Their coefficients `c` then have no constant and no linear
+/// part. `D` are the displacements of the handles, `P` the values of the polynomial's functions at the handles, and `l` is the
+/// regularization:
 ///
 /// ```text
 /// M  P   c     D            with regularization:   l I   M    P    r / l     D
@@ -23,8 +25,8 @@ use crate::{FfdError, Mode};
 ///                                                   PT    0    0    a         0
 /// ```
 ///
-/// The right system is the least-squares problem `|M c + P a - D|^2 + l^2 |c|^2` without squares of numbers: its condition
-/// is that of the problem, not its square.
+/// The system on the right solves the least-squares problem `|M c + P a - D|^2 + l^2 |c|^2` without squaring its matrix: the condition
+/// number of the system is that of the problem, not its square.
 #[derive(Clone, Debug)]
 pub(crate) struct System {
     lu: Lu,
@@ -33,57 +35,57 @@ pub(crate) struct System {
     pub(crate) polynomial: Polynomial,
 }
 
-/// The linear functions beside the Gaussians: 1, and `direction . (x - origin) / scale` for each direction.
+/// The linear functions of the affine form: 1, and `direction . (x - origin) / scale` for each direction.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Polynomial {
     pub(crate) origin: Point3<f64>,
     pub(crate) directions: Vec<Vector3<f64>>,
     pub(crate) scale: f64,
-    /// How many functions there are: 0, or one more than directions.
+    /// The number of linear functions: 0, or one more than the number of directions.
     pub(crate) terms: usize,
 }
 
-/// What a right side of the system comes to.
+/// The solution of the system for one right side.
 #[derive(Clone, Debug)]
 pub(crate) struct Solution {
-    /// One per handle.
+    /// One coefficient per handle.
     pub(crate) coefficients: Vec<f64>,
-    /// One per function of the polynomial.
+    /// One coefficient per function of the polynomial.
     pub(crate) polynomial: Vec<f64>,
 }
 
-/// From this condition on a solution has no digits left that could be trusted.
-const MOST_CONDITION: f64 = 1e12;
+/// Condition number above which no digit of a solution is reliable.
+const MAX_CONDITION: f64 = 1e12;
 
-/// A direction in which all handles are within this share of their extent is none.
-const FLAT: f64 = 1e-9;
+/// A direction is omitted if the extent of the handles along it is less than this fraction of their whole extent.
+const FLAT_RATIO: f64 = 1e-9;
 
 impl System {
     /// Builds and factors the system.
     ///
     /// # Errors
-    /// If it is singular.
+    /// Returns an error if the system is singular.
     pub(crate) fn new(layout: &Layout) -> Result<Self, FfdError> {
-        let n = layout.at.len();
+        let n = layout.positions.len();
         let polynomial = match layout.mode {
-            Mode::Affine => Polynomial::through(&layout.at),
+            Mode::Affine => Polynomial::from_points(&layout.positions),
             Mode::Displacement | Mode::Absolute => Polynomial::default(),
         };
         let (lambda, regularized) = (layout.regularize, layout.regularize > 0.0);
-        // Where the rows of r, c and a begin; the rows of the equations of M, MT and PT, too.
+        // The indices of the first rows of r, c and a. The equations of M, MT and PT begin at the same indices.
         let c = if regularized { n } else { 0 };
         let a = c + n;
         let size = a + polynomial.terms;
         let mut matrix = vec![0.0; size * size];
         let gaussians = layout.gaussians();
-        for (row, &at) in layout.at.iter().enumerate() {
-            for (column, share) in gaussians.shares(at).into_iter().enumerate() {
-                matrix[row * size + c + column] = share;
+        for (row, &at) in layout.positions.iter().enumerate() {
+            for (column, weight) in gaussians.weights(at).into_iter().enumerate() {
+                matrix[row * size + c + column] = weight;
                 if regularized {
-                    matrix[(c + column) * size + row] = share;
+                    matrix[(c + column) * size + row] = weight;
                 }
             }
-            for (term, value) in polynomial.at(at).into_iter().enumerate() {
+            for (term, value) in polynomial.values(at).into_iter().enumerate() {
                 matrix[row * size + a + term] = value;
                 matrix[(a + term) * size + row] = value;
             }
@@ -94,24 +96,24 @@ impl System {
         }
         let lu = Lu::new(size, matrix);
         let condition = lu.condition();
-        let most = if regularized { f64::MAX } else { MOST_CONDITION };
-        if condition > most {
+        let max_condition = if regularized { f64::MAX } else { MAX_CONDITION };
+        if condition > max_condition {
             return Err(FfdError::Singular { condition });
         }
         Ok(Self { lu, handles: n, regularized, polynomial })
     }
 
-    /// [`System::new`], to be remembered.
+    /// Like [`System::new`], but for the cache.
     pub(crate) fn memo(layout: &Layout) -> Result<Self, Error> {
         Ok(Self::new(layout)?)
     }
 
-    /// The estimate of the condition in the 1-norm.
+    /// Returns the estimated condition number in the 1-norm.
     pub(crate) fn condition(&self) -> f64 {
         self.lu.condition()
     }
 
-    /// What takes each handle to its number in `right`.
+    /// Solves the system for the right side `right`, which has one number per handle.
     pub(crate) fn solve(&self, right: impl Iterator<Item = f64>) -> Solution {
         let mut all: Vec<f64> = right.collect();
         all.resize(self.lu_size(), 0.0);
@@ -128,12 +130,13 @@ impl System {
 }
 
 impl Polynomial {
-    /// As many linear functions as the places tell apart: directions are taken one after the other to the place that is
-    /// farthest from all that the ones before span.
-    fn through(places: &[Point3<f64>]) -> Self {
-        let count = places.len() as f64;
-        let mean = places.iter().map(|place| place.coords / count).sum::<Vector3<f64>>();
-        let mut rest: Vec<Vector3<f64>> = places.iter().map(|place| place.coords - mean).collect();
+    /// Returns as many linear functions as the positions can distinguish. Each direction points to the position that is farthest from the
+    /// span of the previous directions.
+    fn from_points(positions: &[Point3<f64>]) -> Self {
+        let count = positions.len() as f64;
+        let mean = positions.iter().map(|position| position.coords / count).sum::<Vector3<f64>>();
+        let mut rest: Vec<Vector3<f64>> =
+            positions.iter().map(|position| position.coords - mean).collect();
         let (mut directions, mut scale) = (Vec::new(), 0.0);
         for _ in 0..3 {
             let longest = rest.iter().fold(Vector3::zeros(), |best: Vector3<f64>, rest| {
@@ -143,7 +146,7 @@ impl Polynomial {
             if directions.is_empty() {
                 scale = length;
             }
-            if length.is_nan() || length <= FLAT * scale {
+            if length.is_nan() || length <= FLAT_RATIO * scale {
                 break;
             }
             let direction = longest / length;
@@ -153,16 +156,16 @@ impl Polynomial {
         Self { origin: mean.into(), terms: 1 + directions.len(), directions, scale }
     }
 
-    /// The functions' values at a place.
-    pub(crate) fn at(&self, place: Point3<f64>) -> Vec<f64> {
+    /// Returns the functions' values at a position.
+    pub(crate) fn values(&self, position: Point3<f64>) -> Vec<f64> {
         if self.terms == 0 {
             return Vec::new();
         }
-        let linear = self.directions.iter().map(|d| d.dot(&(place - self.origin)) / self.scale);
+        let linear = self.directions.iter().map(|d| d.dot(&(position - self.origin)) / self.scale);
         std::iter::once(1.0).chain(linear).collect()
     }
 
-    /// The affine map of three combinations of the functions, one per axis; none without functions.
+    /// Returns the affine map whose three coordinates are the given combinations of the functions; `None` without functions.
     pub(crate) fn combine(&self, axes: [&[f64]; 3]) -> Option<Affine> {
         (self.terms > 0).then(|| Affine {
             origin: self.origin.coords,
@@ -176,7 +179,7 @@ impl Polynomial {
     }
 }
 
-/// Remembered for the next targets of the same handles.
+/// Cached for new targets of the same handles.
 impl Memo for System {
     const NAME: &'static str = "HandleSystem";
 

@@ -1,28 +1,29 @@
-//! The tables of algorithms.md, 9.2 and 9.4.
+//! Tests against the tables of algorithms.md, 9.2 and 9.4.
 
 use super::*;
 
-/// Greatest displacement, its root mean square, and the greatest along each axis, of 4000 points when nothing is moved.
-fn squeeze(sigma: [f64; 3]) -> (f64, f64, [f64; 3]) {
+/// Returns the maximum displacement, the root mean square displacement, and the maximum along each axis, of 4000 points with handles at
+/// rest.
+fn contraction(sigma: [f64; 3]) -> (f64, f64, [f64; 3]) {
     let points = Random(7).points(4000);
-    let there = moved(&points, &corners(sigma), how(Mode::Absolute));
-    let steps: Vec<Vector3<f64>> = points.iter().zip(&there).map(|(a, b)| b - a).collect();
-    let most = steps.iter().map(|step| step.norm()).fold(0.0, f64::max);
+    let result = move_points(&points, &corners(sigma), options_in_unit(Mode::Absolute));
+    let steps: Vec<Vector3<f64>> = points.iter().zip(&result).map(|(a, b)| b - a).collect();
+    let max = steps.iter().map(|step| step.norm()).fold(0.0, f64::max);
     let rms = (steps.iter().map(|step| step.norm_squared()).sum::<f64>() / 4000.0).sqrt();
     fn axis(axis: usize, steps: &[Vector3<f64>]) -> f64 {
         steps.iter().map(|step| step[axis].abs()).fold(0.0, f64::max)
     }
-    (most, rms, [axis(0, &steps), axis(1, &steps), axis(2, &steps)])
+    (max, rms, [axis(0, &steps), axis(1, &steps), axis(2, &steps)])
 }
 
-/// Sampled maxima are the same within 2 percent; the last numbers of the table have one digit.
-fn near(found: f64, expected: f64, digits: f64) -> bool {
+/// Returns true if sampled maxima agree within 2 percent, or within the digits of the table, whose last numbers have one digit.
+fn is_near(found: f64, expected: f64, digits: f64) -> bool {
     (found - expected).abs() <= f64::max(0.02 * expected, digits)
 }
 
 #[test]
-fn unmoved_handles_squeeze_as_in_the_table_of_the_absolute_form() {
-    for (sigma, cond, most, rms) in [
+fn handles_at_rest_contract_as_in_the_table_of_the_absolute_form() {
+    for (sigma, cond, max, rms) in [
         (0.1, 1.000, 0.7579, 0.4716),
         (0.2, 1.000, 0.5752, 0.3821),
         (0.3, 1.023, 0.3544, 0.2486),
@@ -32,19 +33,19 @@ fn unmoved_handles_squeeze_as_in_the_table_of_the_absolute_form() {
         (2.0, 4112.0, 0.00043, 0.00031),
         (4.0, 2.6e5, 3e-5, 2e-5),
     ] {
-        let (found_most, found_rms, _) = squeeze([sigma; 3]);
+        let (found_max, found_rms, _) = contraction([sigma; 3]);
         let found_cond = condition(&corners([sigma; 3]));
-        assert!(near(found_cond, cond, 0.0), "{sigma}: condition {found_cond}");
-        assert!(near(found_most, most, 5e-6), "{sigma}: max {found_most}");
-        assert!(near(found_rms, rms, 5e-6), "{sigma}: rms {found_rms}");
+        assert!(is_near(found_cond, cond, 0.0), "{sigma}: condition {found_cond}");
+        assert!(is_near(found_max, max, 5e-6), "{sigma}: max {found_max}");
+        assert!(is_near(found_rms, rms, 5e-6), "{sigma}: rms {found_rms}");
     }
-    let (_, _, axes) = squeeze([0.5, 0.25, 0.25]);
+    let (_, _, axes) = contraction([0.5, 0.25, 0.25]);
     for (found, expected) in axes.into_iter().zip([0.0537, 0.2687, 0.2687]) {
-        assert!(near(found, expected, 0.0), "{axes:?}");
+        assert!(is_near(found, expected, 0.0), "{axes:?}");
     }
 }
 
-/// The corners and a ninth handle so far from the first, moved by 0.1.
+/// Returns the corners and a ninth handle at a distance from the first one, moved by 0.1.
 fn twin(distance: f64) -> Vec<Handle> {
     let mut handles = corners([0.5; 3]);
     let at = Point3::new(distance, 0.0, 0.0);
@@ -62,7 +63,8 @@ fn a_handle_near_another_has_the_condition_of_the_table() {
         let greatest = (0..9)
             .map(|k: usize| Vector3::from(deformation.terms[k].value).norm())
             .fold(0.0, f64::max);
-        let (_, report) = try_move(&[Point3::origin()], &handles, how(Mode::Displacement)).unwrap();
+        let (_, report) =
+            try_move(&[Point3::origin()], &handles, options_in_unit(Mode::Displacement)).unwrap();
         let found = condition(&handles);
         assert!((found * distance * distance / 1.34 - 1.0).abs() <= 0.06, "{distance}: {found}");
         assert!((0.3..9.0).contains(&(report.condition / found)), "{distance}");
@@ -71,7 +73,8 @@ fn a_handle_near_another_has_the_condition_of_the_table() {
             assert!((greatest / 6.7e4 - 1.0).abs() <= 0.05, "{greatest}");
         }
     }
-    let error = try_move(&[Point3::origin()], &twin(1e-6), how(Mode::Displacement)).unwrap_err();
+    let error = try_move(&[Point3::origin()], &twin(1e-6), options_in_unit(Mode::Displacement))
+        .unwrap_err();
     assert!(matches!(error, FfdError::Singular { condition } if condition > 1e12), "{error}");
 }
 
@@ -79,11 +82,11 @@ fn a_handle_near_another_has_the_condition_of_the_table() {
 fn random_handles_have_conditions_of_the_order_of_the_table() {
     for (count, table) in [(64, [1.5e2, 1.3e4, 3.9e8]), (256, [1.1e3, 2.3e6, 1.9e14])] {
         for (sigma, expected) in [0.1, 0.2, 0.5].into_iter().zip(table) {
-            let places = Random(11).points(count);
+            let positions = Random(11).points(count);
             let handles: Vec<Handle> =
-                places.into_iter().map(|at| handle(at, at, [sigma; 3])).collect();
+                positions.into_iter().map(|at| handle(at, at, [sigma; 3])).collect();
             let found = condition(&handles);
-            // Other random places, whose nearest pair decides.
+            // The positions are random, and the nearest pair determines the result.
             let ratio = libm::log10(found / expected).abs();
             assert!(ratio <= 1.5, "{count} {sigma}: {found:e} {expected:e}");
         }

@@ -1,4 +1,4 @@
-//! Carries the attributes of a mesh over to what fills its holes.
+//! Transfers the attributes of a mesh to the vertices and faces that fill its holes.
 
 use std::cell::OnceCell;
 
@@ -10,33 +10,33 @@ use crate::exemplar::{Copies, Sources};
 use crate::triangles::filling::Filling;
 use crate::triangles::triangulation::{NONE, area_vector};
 
-/// How the filled vertices are connected with each other and the data, and what they copy.
-pub(crate) struct Carry<'a> {
+/// Computes attributes for filled vertices from their neighbors and from the data vertices that they copy.
+pub(crate) struct AttributeCarrier<'a> {
     filling: &'a Filling,
-    /// What is copied from exemplars, if the fill has any.
+    /// The exemplars from which attributes are copied; `None` for plain fills.
     copies: Option<&'a Copies>,
-    /// The data vertex that each filled vertex copies, or that is nearest along edges.
+    /// For each filled vertex, the data vertex that it copies; without exemplars, the data vertex that is nearest along edges.
     nearest: Vec<u32>,
     neighbors: Vec<Vec<u32>>,
-    /// Factored when first needed.
+    /// The interpolation equations, factored on first use; the inner `None` means that the matrix cannot be factored.
     equations: OnceCell<Option<Equations>>,
 }
 
-/// The equations of harmonic interpolation: each filled vertex has the mean of its neighbors.
+/// The linear system of harmonic interpolation: the value at each filled vertex is the mean of the values at its neighbors.
 struct Equations {
     factors: Cholesky,
-    /// Of each filled vertex its neighbors in the data.
-    known: Vec<Vec<u32>>,
+    /// For each filled vertex, its neighbors among the data vertices.
+    data_neighbors: Vec<Vec<u32>>,
 }
 
-impl<'a> Carry<'a> {
+impl<'a> AttributeCarrier<'a> {
     pub(crate) fn new(filling: &'a Filling, copies: Option<&'a Copies>) -> Self {
-        let count = filling.points.len() - filling.data;
+        let count = filling.points.len() - filling.n_data_vertices;
         let mut neighbors: Vec<Vec<u32>> = vec![Vec::new(); count];
-        for face in &filling.faces[filling.kept..] {
+        for face in &filling.faces[filling.n_data_faces..] {
             for k in 0..3 {
-                if filling.data <= face[k] as usize {
-                    neighbors[face[k] as usize - filling.data]
+                if filling.n_data_vertices <= face[k] as usize {
+                    neighbors[face[k] as usize - filling.n_data_vertices]
                         .extend([face[(k + 1) % 3], face[(k + 2) % 3]]);
                 }
             }
@@ -45,7 +45,7 @@ impl<'a> Carry<'a> {
             neighbors.sort_unstable();
             neighbors.dedup();
         });
-        let mut nearest = nearest(filling, &neighbors);
+        let mut nearest = nearest_data_vertices(filling, &neighbors);
         let exemplars = copies.iter().flat_map(|copies| &copies.exemplar);
         for (nearest, &exemplar) in nearest.iter_mut().zip(exemplars) {
             if exemplar != NONE {
@@ -55,26 +55,28 @@ impl<'a> Carry<'a> {
         Self { filling, copies, nearest, neighbors, equations: OnceCell::new() }
     }
 
-    /// The data vertex whose attributes each vertex takes: itself, the vertex of its exemplar, or the nearest one along filled edges.
-    pub(crate) fn examples(&self) -> Vec<u32> {
-        (0..self.filling.data as u32).chain(self.nearest.iter().copied()).collect()
+    /// Returns, for each vertex, the data vertex whose attributes it takes: the vertex itself, the vertex of its exemplar, or the nearest
+    /// data vertex along filled edges.
+    pub(crate) fn example_vertices(&self) -> Vec<u32> {
+        (0..self.filling.n_data_vertices as u32).chain(self.nearest.iter().copied()).collect()
     }
 
-    /// A column with entries for the filled vertices after those of the data, by harmonic interpolation: each is the mean of its neighbors.
-    fn spread<T: Copy, const N: usize>(
+    /// Returns `column` extended to the filled vertices by harmonic interpolation: each filled entry is the mean of its neighbors.
+    fn interpolate<T: Copy, const N: usize>(
         &self,
         column: &[T],
         read: impl Fn(T) -> [f64; N],
         write: impl Fn([f64; N]) -> T,
     ) -> Vec<T> {
         let mut all = column.to_vec();
-        let equations = self.equations.get_or_init(|| equations(self.filling, &self.neighbors));
+        let equations =
+            self.equations.get_or_init(|| harmonic_equations(self.filling, &self.neighbors));
         let Some(equations) = equations else {
             all.extend(self.nearest.iter().map(|&vertex| column[vertex as usize]));
             return all;
         };
         let mut x: Vec<[f64; 3]> = equations
-            .known
+            .data_neighbors
             .iter()
             .map(|known| {
                 let mut sum = [0.0; 3];
@@ -90,17 +92,17 @@ impl<'a> Carry<'a> {
         all
     }
 
-    /// As [`spread`](Self::spread), but the weighted mean of the exemplars' entries where there are exemplars.
-    fn voted<T: Copy, const N: usize>(
+    /// Like [`interpolate`](Self::interpolate), but filled vertices with exemplars get the weighted mean of the exemplars' entries.
+    fn interpolate_from_exemplars<T: Copy, const N: usize>(
         &self,
         column: &[T],
         read: impl Fn(T) -> [f64; N] + Copy,
         write: impl Fn([f64; N]) -> T + Copy,
     ) -> Vec<T> {
-        let mut all = self.spread(column, read, write);
+        let mut all = self.interpolate(column, read, write);
         if let Some(copies) = self.copies {
             let means = copies.votes.mean(|vertex| read(column[vertex as usize]));
-            for (own, mean) in all[self.filling.data..].iter_mut().zip(means) {
+            for (own, mean) in all[self.filling.n_data_vertices..].iter_mut().zip(means) {
                 if let Some(mean) = mean {
                     *own = write(mean);
                 }
@@ -109,69 +111,81 @@ impl<'a> Carry<'a> {
         all
     }
 
-    /// A column of the data's vertices, with entries for the filled ones: numbers, vectors, pairs and colors are mixed, colors as light;
-    /// of whole numbers and flags those of the nearest data are taken, or of the exemplars. Pairs may be
-    /// texture coordinates, which faces share here, so that those of exemplars would tear the picture: they are mixed.
-    fn vertex(&self, attribute: &Attribute) -> Attribute {
+    /// Returns a column of the data vertices with entries appended for the filled vertices. Numbers, vectors, pairs and colors are
+    /// interpolated, colors in linear light; whole numbers and flags are copied from the nearest data vertex or the exemplar. Pairs are
+    /// interpolated even in exemplar fills: they may be texture coordinates that faces share, and copies from different exemplars would
+    /// tear the picture apart.
+    fn vertex_column(&self, attribute: &Attribute) -> Attribute {
         match attribute {
             Attribute::Number(column) => {
-                Attribute::Number(self.voted(column, |x| [x], |[x]| x).into())
+                Attribute::Number(self.interpolate_from_exemplars(column, |x| [x], |[x]| x).into())
             }
-            Attribute::Pair(column) => Attribute::Pair(self.spread(column, |x| x, |x| x).into()),
-            Attribute::Vector(column) => Attribute::Vector(self.voted(column, |x| x, |x| x).into()),
+            Attribute::Pair(column) => {
+                Attribute::Pair(self.interpolate(column, |x| x, |x| x).into())
+            }
+            Attribute::Vector(column) => {
+                Attribute::Vector(self.interpolate_from_exemplars(column, |x| x, |x| x).into())
+            }
             Attribute::Color(column) => Attribute::Color(
-                self.voted(column, |color: [u8; 3]| color.map(light), |color| color.map(channel))
-                    .into(),
+                self.interpolate_from_exemplars(
+                    column,
+                    |color: [u8; 3]| color.map(linear_intensity),
+                    |color| color.map(srgb_channel),
+                )
+                .into(),
             ),
-            Attribute::Index(_) | Attribute::Flag(_) => attribute.select(&self.examples()),
+            Attribute::Index(_) | Attribute::Flag(_) => attribute.select(&self.example_vertices()),
         }
     }
 
-    /// The same, but normals are those of the filling.
-    fn named(&self, name: &str, attribute: &Attribute) -> Attribute {
+    /// Like [`vertex_column`](Self::vertex_column), but recomputes the attribute `normal` from the filled surface.
+    fn named_column(&self, name: &str, attribute: &Attribute) -> Attribute {
         match attribute {
             Attribute::Vector(column) if name == "normal" => {
                 Attribute::Vector(self.normals(column).into())
             }
-            _ => self.vertex(attribute),
+            _ => self.vertex_column(attribute),
         }
     }
 
-    /// The attributes of `from` on `onto`, the mesh that is filled: the same vertices and faces, and those of the filling behind them.
+    /// Transfers the attributes of `from` to the filled mesh `onto`, whose first vertices and faces are those of `from`, followed by the
+    /// filled ones.
     ///
     /// # Errors
-    /// None, as long as `onto` is that mesh.
-    pub(crate) fn onto(&self, from: &Mesh, mut onto: Mesh) -> Result<Mesh, MeshError> {
+    /// Does not fail if `onto` is `from` followed by filled vertices and faces.
+    pub(crate) fn transfer(&self, from: &Mesh, mut onto: Mesh) -> Result<Mesh, MeshError> {
         for (name, attribute) in from.vertex().iter() {
-            onto = onto.with_vertex(name, self.named(name, attribute))?;
+            onto = onto.with_vertex(name, self.named_column(name, attribute))?;
         }
-        // To find the corners and faces of all vertices takes a pass over all data, and is not always needed.
+        // The search for a corner and a face of each vertex takes a pass over all data, and only corner and face attributes need its
+        // result.
         if from.corner().iter().next().is_none() && from.face().iter().next().is_none() {
             return Ok(onto);
         }
-        let (corners, faces) = self.beside(from);
+        let (corners, faces) = self.first_corners_and_faces(from);
         for (name, attribute) in from.corner().iter() {
-            let of_vertices = self.named(name, &attribute.select(&corners));
-            onto = onto.with_corner(name, self.corner(from, attribute, of_vertices))?;
+            let of_vertices = self.named_column(name, &attribute.select(&corners));
+            onto = onto.with_corner(name, self.corner_column(from, attribute, of_vertices))?;
         }
-        let new_faces = &self.filling.faces[self.filling.kept..];
+        let new_faces = &self.filling.faces[self.filling.n_data_faces..];
         for (name, attribute) in from.face().iter() {
-            let places: Vec<u32> = (0..from.faces().len() as u32)
-                .chain(new_faces.iter().map(|face| faces[self.example(face[0]) as usize]))
+            let indices: Vec<u32> = (0..from.faces().len() as u32)
+                .chain(new_faces.iter().map(|face| faces[self.example_vertex(face[0]) as usize]))
                 .collect();
-            onto = onto.with_face(name, attribute.select(&places))?;
+            onto = onto.with_face(name, attribute.select(&indices))?;
         }
         Ok(onto)
     }
 
-    fn example(&self, vertex: u32) -> u32 {
-        let data = self.filling.data;
+    fn example_vertex(&self, vertex: u32) -> u32 {
+        let data = self.filling.n_data_vertices;
         if (vertex as usize) < data { vertex } else { self.nearest[vertex as usize - data] }
     }
 
-    /// The first corner and the first face at each vertex of the data.
-    fn beside(&self, mesh: &Mesh) -> (Vec<u32>, Vec<u32>) {
-        let (mut corners, mut faces) = (vec![0; self.filling.data], vec![0; self.filling.data]);
+    /// Returns, for each data vertex, one of its corners and one of its faces: those with the lowest index.
+    fn first_corners_and_faces(&self, mesh: &Mesh) -> (Vec<u32>, Vec<u32>) {
+        let (mut corners, mut faces) =
+            (vec![0; self.filling.n_data_vertices], vec![0; self.filling.n_data_vertices]);
         let mut corner = mesh.faces().corners().len() as u32;
         for face in (0..mesh.faces().len()).rev() {
             for &vertex in mesh.faces().face(face).iter().rev() {
@@ -183,56 +197,63 @@ impl<'a> Carry<'a> {
         (corners, faces)
     }
 
-    /// A column per corner. Filled corners get the entries of their vertices, computed from one corner at each vertex of the data.
-    fn corner(&self, mesh: &Mesh, attribute: &Attribute, of_vertices: Attribute) -> Attribute {
+    /// Returns a corner attribute extended to the filled corners. A filled corner gets the entry of its vertex; for a data vertex, that is
+    /// the entry of one of its corners.
+    fn corner_column(
+        &self,
+        mesh: &Mesh,
+        attribute: &Attribute,
+        of_vertices: Attribute,
+    ) -> Attribute {
         let count = mesh.faces().corners().len() as u32;
-        let new_corners = self.filling.faces[self.filling.kept..].as_flattened();
-        let joined = |first: &Attribute| {
-            // The places of both columns, one behind the other.
-            let places: Vec<u32> =
-                (0..count).chain(new_corners.iter().map(|&vertex| count + vertex)).collect();
-            first.select(&places)
-        };
+        let new_corners = self.filling.faces[self.filling.n_data_faces..].as_flattened();
         macro_rules! join {
             ($($kind:ident),+) => {
                 match (attribute, &of_vertices) {
                     $((Attribute::$kind(old), Attribute::$kind(new)) => {
-                        joined(&Attribute::$kind(old.iter().chain(new.iter()).copied().collect()))
+                        Attribute::$kind(old.iter().chain(new.iter()).copied().collect())
                     })+
                     _ => unreachable!("a carried column has the kind of its source"),
                 }
             };
         }
-        let mut all = join!(Number, Index, Flag, Pair, Vector, Color);
+        let joined = join!(Number, Index, Flag, Pair, Vector, Color);
+        // `indices` refer to the column of the data followed by the column of the filled vertices.
+        let indices: Vec<u32> =
+            (0..count).chain(new_corners.iter().map(|&vertex| count + vertex)).collect();
+        let mut all = joined.select(&indices);
         if let (Attribute::Pair(column), Some(copies)) = (&mut all, self.copies) {
-            let shown: Vec<[f64; 2]> = self.shown(mesh, column, &copies.sources);
+            let shown: Vec<[f64; 2]> = self.copied_pairs(mesh, column, &copies.sources);
             *column = shown.into();
         }
         all
     }
 
-    /// A column of pairs per corner, in which each filled face has those of the place that it copies.
-    fn shown(&self, mesh: &Mesh, column: &[[f64; 2]], sources: &Sources) -> Vec<[f64; 2]> {
+    /// Extends a column of pairs (texture coordinates) per corner: each filled face gets the pairs at the data position that it copies.
+    fn copied_pairs(&self, mesh: &Mesh, column: &[[f64; 2]], sources: &Sources) -> Vec<[f64; 2]> {
         let corners = mesh.triangle_corners();
         let mut shown = column.to_vec();
         let filled = shown[mesh.faces().corners().len()..].as_chunks_mut::<3>().0;
         for (face, own) in filled.iter_mut().enumerate() {
-            let Some((source, shares)) = sources.of(face) else { continue };
-            let there = corners[source as usize].map(|corner| column[corner as usize]);
-            *own = shares
-                .map(|shares| [0, 1].map(|axis| (0..3).map(|k| shares[k] * there[k][axis]).sum()));
+            let Some((source, weights)) = sources.get(face) else { continue };
+            let other_positions = corners[source as usize].map(|corner| column[corner as usize]);
+            *own = weights.map(|weights| {
+                [0, 1].map(|axis| (0..3).map(|k| weights[k] * other_positions[k][axis]).sum())
+            });
         }
         shown
     }
 
-    /// The data's normals, and those of the filled vertices by the areas of the faces around.
+    /// Returns the normals of the data vertices followed by the normals of the filled vertices, which are weighted by face area.
     fn normals(&self, data: &[[f64; 3]]) -> Vec<[f64; 3]> {
         let filling = self.filling;
-        let mut sums = vec![Vector3::zeros(); filling.points.len() - filling.data];
-        for &face in &filling.faces[filling.kept..] {
+        let mut sums = vec![Vector3::zeros(); filling.points.len() - filling.n_data_vertices];
+        for &face in &filling.faces[filling.n_data_faces..] {
             let area = area_vector(face.map(|vertex| filling.points[vertex as usize]));
-            for vertex in face.into_iter().filter(|&vertex| filling.data <= vertex as usize) {
-                sums[vertex as usize - filling.data] += area;
+            for vertex in
+                face.into_iter().filter(|&vertex| filling.n_data_vertices <= vertex as usize)
+            {
+                sums[vertex as usize - filling.n_data_vertices] += area;
             }
         }
         data.iter()
@@ -245,14 +266,14 @@ impl<'a> Carry<'a> {
     }
 }
 
-/// The linear intensity of an sRGB channel, 0 to 1 (IEC 61966-2-1).
-fn light(channel: u8) -> f64 {
+/// Converts an sRGB channel, 0 to 255, to linear intensity, 0 to 1 (IEC 61966-2-1).
+fn linear_intensity(channel: u8) -> f64 {
     let c = f64::from(channel) / 255.0;
     if c <= 0.04045 { c / 12.92 } else { libm::pow((c + 0.055) / 1.055, 2.4) }
 }
 
-/// The sRGB channel of a linear intensity.
-fn channel(light: f64) -> u8 {
+/// Converts a linear intensity, 0 to 1, to an sRGB channel.
+fn srgb_channel(light: f64) -> u8 {
     let light = light.clamp(0.0, 1.0);
     let c = match light <= 0.0031308 {
         true => light * 12.92,
@@ -261,12 +282,15 @@ fn channel(light: f64) -> u8 {
     (c * 255.0).round() as u8
 }
 
-/// The data vertex nearest to each filled one: the first that a search from the lowest on meets, edge by edge.
-fn nearest(filling: &Filling, neighbors: &[Vec<u32>]) -> Vec<u32> {
+/// Returns, for each filled vertex, the nearest data vertex, found by a breadth-first search along edges. If several are equally near, the
+/// vertex reached from the lowest vertex is returned.
+fn nearest_data_vertices(filling: &Filling, neighbors: &[Vec<u32>]) -> Vec<u32> {
     let mut nearest = vec![NONE; neighbors.len()];
     let mut reached = Vec::with_capacity(neighbors.len());
     for (vertex, neighbors) in (0u32..).zip(neighbors) {
-        if let Some(&first) = neighbors.iter().find(|&&other| (other as usize) < filling.data) {
+        if let Some(&first) =
+            neighbors.iter().find(|&&other| (other as usize) < filling.n_data_vertices)
+        {
             nearest[vertex as usize] = first;
             reached.push(vertex);
         }
@@ -275,7 +299,9 @@ fn nearest(filling: &Filling, neighbors: &[Vec<u32>]) -> Vec<u32> {
     while next < reached.len() {
         let vertex = reached[next] as usize;
         for &other in &neighbors[vertex] {
-            let Some(other) = (other as usize).checked_sub(filling.data) else { continue };
+            let Some(other) = (other as usize).checked_sub(filling.n_data_vertices) else {
+                continue;
+            };
             if nearest[other] == NONE {
                 nearest[other] = nearest[vertex];
                 reached.push(other as u32);
@@ -286,18 +312,18 @@ fn nearest(filling: &Filling, neighbors: &[Vec<u32>]) -> Vec<u32> {
     nearest.iter().map(|&vertex| if vertex == NONE { 0 } else { vertex }).collect()
 }
 
-fn equations(filling: &Filling, neighbors: &[Vec<u32>]) -> Option<Equations> {
+fn harmonic_equations(filling: &Filling, neighbors: &[Vec<u32>]) -> Option<Equations> {
     let mut matrix = Symmetric { starts: vec![0], indices: Vec::new(), entries: Vec::new() };
     let mut known = Vec::with_capacity(neighbors.len());
     for (vertex, neighbors) in (0u32..).zip(neighbors) {
         let (data, filled): (Vec<u32>, Vec<u32>) =
-            neighbors.iter().partition(|&&other| (other as usize) < filling.data);
-        matrix.indices.extend(filled.iter().map(|other| other - filling.data as u32));
+            neighbors.iter().partition(|&&other| (other as usize) < filling.n_data_vertices);
+        matrix.indices.extend(filled.iter().map(|other| other - filling.n_data_vertices as u32));
         matrix.entries.extend(filled.iter().map(|_| -1.0));
         matrix.indices.push(vertex);
         matrix.entries.push(neighbors.len() as f64);
         matrix.starts.push(matrix.indices.len() as u32);
         known.push(data);
     }
-    Some(Equations { factors: Cholesky::new(&matrix)?, known })
+    Some(Equations { factors: Cholesky::new(&matrix)?, data_neighbors: known })
 }

@@ -1,25 +1,29 @@
-//! The colors that count when exemplars are compared.
+//! Vertex colors, which are compared when exemplars are chosen.
 
 use maquette_value::{Color, Mesh};
 
-use super::carry::Carry;
-use crate::exemplar::Shown;
+use super::carry::AttributeCarrier;
+use crate::exemplar::TextureSource;
 use crate::triangles::filling::Filling;
 
-/// A color of each vertex in CIE L*a*b*: of the data's vertices that of the picture, if an exemplar fill copies it, else their own; of the
-/// filled ones that of the nearest one at the rim. None without colors.
-pub(crate) fn colors(mesh: &Mesh, filling: &Filling, shown: Shown) -> Option<Vec<[f64; 3]>> {
+/// Returns the CIE L*a*b* color of each vertex. The color of a data vertex comes from the picture if the fill copies the picture, otherwise
+/// from the color attribute; a filled vertex has the color of the nearest rim vertex. Returns `None` if the mesh has no colors.
+pub(crate) fn colors(
+    mesh: &Mesh,
+    filling: &Filling,
+    shown: TextureSource,
+) -> Option<Vec<[f64; 3]>> {
     let has_picture = mesh.texture().is_some_and(|picture| !picture.pixels().is_empty());
     let data: Vec<[f64; 3]> = match (has_picture, mesh.corner().pairs("uv"), shown) {
-        (true, Some(uv), Shown::Copied) => painted(mesh, uv),
+        (true, Some(uv), TextureSource::Copied) => sample_pictures(mesh, uv),
         _ => mesh.vertex().colors("color")?.iter().map(|&color| lab(color)).collect(),
     };
-    let likely = Carry::new(filling, None).examples();
+    let likely = AttributeCarrier::new(filling, None).example_vertices();
     Some(likely.iter().map(|&vertex| data[vertex as usize]).collect())
 }
 
-/// What the pictures have at each vertex: the mean over its corners.
-fn painted(mesh: &Mesh, uv: &[[f64; 2]]) -> Vec<[f64; 3]> {
+/// Returns the picture's color at each vertex: the mean over the vertex's corners.
+fn sample_pictures(mesh: &Mesh, uv: &[[f64; 2]]) -> Vec<[f64; 3]> {
     let count = mesh.positions().len();
     let (mut sums, mut corners) = (vec![[0.0; 3]; count], vec![0.0_f64; count]);
     let materials = (0..).map(|face| mesh.material_of(face));

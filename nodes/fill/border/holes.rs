@@ -1,4 +1,4 @@
-//! Which rims of a mesh are holes, and which of these are chosen.
+//! Finds the rims of a mesh that are holes, and selects those to fill.
 
 use maquette_base::topology::union_find::UnionFind;
 use maquette_value::{Mesh, MeshError};
@@ -7,52 +7,52 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::regions::{HoleRegion, cut};
-use super::rims::enclosed;
+use super::rims::vector_area;
 use crate::triangles::triangulation::area_vector;
 
-/// Which holes are filled.
+/// Selects the holes to fill.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 pub enum HoleChoice {
-    /// All of them; the outer border of an open scan is none.
+    /// All holes. The outer border of an open scan is not a hole.
     #[default]
     All,
-    /// The one with the longest rim.
+    /// The hole with the longest rim.
     Largest,
-    /// Small ones.
+    /// Holes with few edges.
     Edges {
-        /// The most edges around a hole.
+        /// Maximum number of edges around a hole.
         #[schemars(range(min = 3))]
         max: usize,
     },
-    /// These rims, even if they are outer borders; they are numbered from 0 by their lowest vertices.
+    /// The rims with the given numbers, even if they are outer borders. Rims are numbered from 0 in the order of their lowest vertices.
     Loops(Vec<usize>),
-    /// Damaged data, which is cut out first; what is left of it is the hole.
+    /// Damaged data: the region is cut out of the mesh first, and the gap is filled.
     Region(HoleRegion),
 }
 
-/// The rims to fill, by number, and the outer borders that the choice would include if they were holes.
+/// The numbers of the rims to fill, and the numbers of the outer borders that the choice would include if they were holes.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Chosen {
+pub(crate) struct ChosenRims {
     pub(crate) holes: Vec<usize>,
     pub(crate) outer: Vec<usize>,
 }
 
-/// A component whose faces look to one side by more than this share of their area is an open scan: of a sphere that lacks a cap
-/// this is the share of the cap, so that nearly half of it may be missing. A relief has one above 0.5 unless it is more rugged than any
-/// landscape.
-const OPEN: f64 = 0.4;
+/// A component is an open scan if more than this fraction of its face area looks to one side, that is, if its vector area divided by its
+/// area exceeds this value. For a sphere that lacks a cap, the value is the cap's fraction of the sphere's area, so nearly half of the
+/// sphere may be missing. A relief exceeds 0.5 unless it is more rugged than any landscape.
+const MIN_OPEN_FRACTION: f64 = 0.4;
 
-/// Chooses among the rims of `mesh`; `is_cut` says of a vertex whether data was cut out next to it.
+/// Selects the rims of `mesh` to fill. `is_cut` marks the vertices next to which damaged data was cut out.
 ///
 /// # Errors
-/// The number of a rim that does not exist.
+/// Returns the chosen rim number that does not exist.
 pub(crate) fn choose(
     mesh: &Mesh,
     components: &Components,
     rims: &[Vec<u32>],
     choice: &HoleChoice,
     is_cut: &[bool],
-) -> Result<Chosen, usize> {
+) -> Result<ChosenRims, usize> {
     if let HoleChoice::Loops(numbers) = choice {
         if let Some(&number) = numbers.iter().find(|&&number| rims.len() <= number) {
             return Err(number);
@@ -60,29 +60,32 @@ pub(crate) fn choose(
         let mut holes = numbers.clone();
         holes.sort_unstable();
         holes.dedup();
-        return Ok(Chosen { holes, outer: Vec::new() });
+        return Ok(ChosenRims { holes, outer: Vec::new() });
     }
     let is_outer = outer_borders(mesh, components, rims);
     let (outer, holes): (Vec<usize>, Vec<usize>) = (0..rims.len()).partition(|&rim| is_outer[rim]);
-    fn kept(rims: Vec<usize>, keep: &dyn Fn(usize) -> bool) -> Vec<usize> {
-        rims.into_iter().filter(|&rim| keep(rim)).collect()
-    }
+    let chosen = ChosenRims { holes, outer };
     Ok(match choice {
-        HoleChoice::All | HoleChoice::Loops(_) => Chosen { holes, outer },
+        HoleChoice::All | HoleChoice::Loops(_) => chosen,
         HoleChoice::Largest => {
-            let holes: Vec<usize> = longest(mesh, rims, &holes).into_iter().collect();
-            let outer = if holes.is_empty() { outer } else { Vec::new() };
-            Chosen { holes, outer }
+            let holes: Vec<usize> = longest(mesh, rims, &chosen.holes).into_iter().collect();
+            let outer = if holes.is_empty() { chosen.outer } else { Vec::new() };
+            ChosenRims { holes, outer }
         }
-        HoleChoice::Edges { max } => {
-            let small = |rim: usize| rims[rim].len() <= *max;
-            Chosen { holes: kept(holes, &small), outer: kept(outer, &small) }
-        }
+        HoleChoice::Edges { max } => chosen.filter(|rim| rims[rim].len() <= *max),
         HoleChoice::Region(_) => {
-            let cut = |rim: usize| rims[rim].iter().any(|&vertex| is_cut[vertex as usize]);
-            Chosen { holes: kept(holes, &cut), outer: kept(outer, &cut) }
+            chosen.filter(|rim| rims[rim].iter().any(|&vertex| is_cut[vertex as usize]))
         }
     })
+}
+
+impl ChosenRims {
+    /// Keeps only the rims for which `keep` is true.
+    fn filter(mut self, keep: impl Fn(usize) -> bool) -> Self {
+        self.holes.retain(|&rim| keep(rim));
+        self.outer.retain(|&rim| keep(rim));
+        self
+    }
 }
 
 fn length(mesh: &Mesh, rim: &[u32]) -> f64 {
@@ -90,77 +93,73 @@ fn length(mesh: &Mesh, rim: &[u32]) -> f64 {
     ends.map(|(&a, &b)| (mesh.positions()[b as usize] - mesh.positions()[a as usize]).norm()).sum()
 }
 
-/// The longest of some rims, the first of several; `None` without rims.
+/// Returns the longest of the candidate rims; if several are equally long, the first of them. Returns `None` without candidates.
 fn longest(mesh: &Mesh, rims: &[Vec<u32>], candidates: &[usize]) -> Option<usize> {
-    let length = |rim: usize| length(mesh, &rims[rim]);
-    candidates.iter().copied().max_by(|&a, &b| length(a).total_cmp(&length(b)).then(b.cmp(&a)))
+    candidates
+        .iter()
+        .copied()
+        .max_by(|&a, &b| length(mesh, &rims[a]).total_cmp(&length(mesh, &rims[b])).then(b.cmp(&a)))
 }
 
 /// The connected components of a mesh.
 pub(crate) struct Components {
-    /// The number of the component of each vertex.
-    of_vertices: Vec<u32>,
-    /// The area of each component, and the sum of its faces' normals by their areas.
+    /// For each vertex, the number of its component.
+    vertex_components: Vec<u32>,
+    /// For each component, its area and the sum of its face normals weighted by area.
     areas: Vec<(f64, Vector3<f64>)>,
 }
 
 impl Components {
     pub(crate) fn new(mesh: &Mesh) -> Self {
-        let of_vertices = connected_components(mesh);
-        let count = of_vertices.iter().max().map_or(0, |&last| last as usize + 1);
-        let mut areas = vec![(0.0, Vector3::zeros()); count];
-        fn add(
-            vertex: u32,
-            area: Vector3<f64>,
-            areas: &mut Vec<(f64, Vector3<f64>)>,
-            of_vertices: &[u32],
-        ) {
-            let (sum, side) = &mut areas[of_vertices[vertex as usize] as usize];
-            *sum += area.norm();
-            *side += area;
-        }
+        let vertex_components = connected_components(mesh);
+        let count = vertex_components.iter().max().map_or(0, |&last| last as usize + 1);
+        let mut components =
+            Self { vertex_components, areas: vec![(0.0, Vector3::zeros()); count] };
         match mesh.faces().as_triangles() {
             Some(faces) => {
-                faces.iter().for_each(|face| {
-                    add(
-                        face[0],
-                        area_vector(face.map(|vertex: u32| mesh.positions()[vertex as usize]))
-                            / 2.0,
-                        &mut areas,
-                        &of_vertices,
-                    )
-                });
+                for face in faces {
+                    let corners = face.map(|vertex: u32| mesh.positions()[vertex as usize]);
+                    components.add(face[0], area_vector(corners) / 2.0);
+                }
             }
-            None => mesh
-                .faces()
-                .iter()
-                .for_each(|face| add(face[0], mesh.area_vector(face), &mut areas, &of_vertices)),
+            None => {
+                for face in mesh.faces().iter() {
+                    components.add(face[0], mesh.area_vector(face));
+                }
+            }
         }
-        Self { of_vertices, areas }
+        components
     }
 
-    /// The number of the component that a vertex is in.
-    pub(crate) fn of(&self, vertex: u32) -> u32 {
-        self.of_vertices[vertex as usize]
+    /// Adds the area vector of a face to the component that contains the vertex `vertex` of the face.
+    fn add(&mut self, vertex: u32, area: Vector3<f64>) {
+        let (sum, side) = &mut self.areas[self.vertex_components[vertex as usize] as usize];
+        *sum += area.norm();
+        *side += area;
     }
 
-    /// How many there are that have faces.
+    /// Returns the number of the component that contains a vertex.
+    pub(crate) fn component_of(&self, vertex: u32) -> u32 {
+        self.vertex_components[vertex as usize]
+    }
+
+    /// Returns the number of components that have faces.
     pub(crate) fn count(&self) -> usize {
         self.areas.iter().filter(|(area, _)| *area > 0.0).count()
     }
 }
 
-/// Whether each rim is the outer border of an open component: the one that runs around the side to which the component's faces look
-/// together. Components that come from a capture are open, and others if their faces mostly look to one side.
+/// Returns, for each rim, whether it is the outer border of an open component. A component is open if the mesh comes from a capture or if
+/// its faces mostly look to one side; its outer border is the rim around that side.
 fn outer_borders(mesh: &Mesh, components: &Components, rims: &[Vec<u32>]) -> Vec<bool> {
     let mut is_outer = vec![false; rims.len()];
-    // Of each component the rim that has most of the faces on its outer side, and how much.
+    // For each component: the signed area enclosed by the outermost rim found so far, and the number of that rim.
     let mut outermost = vec![(0.0, usize::MAX); components.areas.len()];
     for (rim, vertices) in rims.iter().enumerate() {
-        let component = components.of_vertices[vertices[0] as usize] as usize;
+        let component = components.vertex_components[vertices[0] as usize] as usize;
         let (area, side) = components.areas[component];
-        if mesh.frame().is_some() || side.norm() > OPEN * area {
-            let towards = enclosed(mesh, vertices).dot(&side);
+        if mesh.frame().is_some() || side.norm() > MIN_OPEN_FRACTION * area {
+            let towards = vector_area(mesh, vertices).dot(&side);
             if towards < outermost[component].0 {
                 outermost[component] = (towards, rim);
             }
@@ -171,11 +170,11 @@ fn outer_borders(mesh: &Mesh, components: &Components, rims: &[Vec<u32>]) -> Vec
     is_outer
 }
 
-/// `mesh` without the components that a cut has isolated: those all of whose vertices lie next to the cut, as `is_cut` says. Nothing could
-/// close them, and the rims around them are no holes.
+/// Returns `mesh` without the components that a cut has isolated: those whose vertices are all marked by `is_cut`. Such components cannot
+/// be closed, and the rims around them are not holes.
 ///
 /// # Errors
-/// None that a mesh can cause.
+/// Does not fail for a valid mesh.
 pub(crate) fn without_isolated_components(
     mesh: Mesh,
     is_cut: Vec<bool>,
@@ -187,7 +186,7 @@ pub(crate) fn without_isolated_components(
     }
     let isolated: Vec<bool> =
         components.iter().map(|&component| is_isolated[component as usize]).collect();
-    // A mesh of isolated components alone stays as it is: nothing would be left of it.
+    // If all components are isolated, the mesh is kept unchanged; otherwise nothing would be left.
     if isolated.iter().all(|&isolated| isolated) || !isolated.contains(&true) {
         return Ok((mesh, is_cut));
     }
@@ -195,18 +194,18 @@ pub(crate) fn without_isolated_components(
     Ok((cut(&mesh, &isolated)?.0, kept.map(|(&is_cut, _)| is_cut).collect()))
 }
 
-/// The number of the connected component of each vertex; components are numbered in the order of their lowest vertices.
+/// Returns the component number of each vertex; components are numbered in the order of their lowest vertices.
 fn connected_components(mesh: &Mesh) -> Vec<u32> {
     let mut sets = UnionFind::new(mesh.positions().len());
     match mesh.faces().as_triangles() {
         Some(faces) => faces.iter().for_each(|&[a, b, c]| {
-            sets.join(a, b);
-            sets.join(b, c);
+            sets.union(a, b);
+            sets.union(b, c);
         }),
         None => {
             let pairs = mesh.faces().iter().flat_map(|face| face.windows(2));
-            pairs.for_each(|pair| sets.join(pair[0], pair[1]));
+            pairs.for_each(|pair| sets.union(pair[0], pair[1]));
         }
     }
-    sets.numbered().0
+    sets.into_labels().0
 }

@@ -5,77 +5,78 @@ use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Where data is damaged.
+/// A region of damaged data.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub enum HoleRegion {
-    /// Within a ball.
+    /// The vertices in a ball.
     Ball {
-        /// Its middle: x, y, z.
+        /// Center of the ball: x, y, z.
         #[schemars(extend("unit" = "mm"))]
         at: [f64; 3],
-        /// Its radius.
+        /// Radius of the ball.
         #[schemars(range(min = 0.0), extend("unit" = "mm"))]
         radius: f64,
     },
-    /// Within a box along the axes, sides included.
+    /// The vertices in an axis-aligned box, including its boundary.
     Box {
-        /// Its lowest x, y, z.
+        /// Minimum corner of the box: x, y, z.
         #[schemars(extend("unit" = "mm", "most" = "high"))]
         low: [f64; 3],
-        /// Its highest x, y, z.
+        /// Maximum corner of the box: x, y, z.
         #[schemars(extend("unit" = "mm"))]
         high: [f64; 3],
     },
-    /// Where a vertex attribute is not 0.
+    /// The vertices at which the given attribute is not 0.
     Marked {
-        /// Its name: a flag, a whole or a real number per vertex.
+        /// Name of the attribute: a flag, an integer or a number per vertex.
         attribute: String,
     },
 }
 
-/// A vertex attribute that cannot mark anything.
+/// Error for a vertex attribute that does not exist or is not a flag or number.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("there is no flag or number per vertex named `{0}`")]
-pub struct NoMarks(pub String);
+#[error("the mesh has no vertex attribute `{0}` of flags or numbers")]
+pub struct MissingMarks(pub String);
 
-/// Of each vertex whether it lies in the region.
+/// Returns, for each vertex, whether it is in the region.
 ///
 /// # Errors
-/// If the region names an attribute that the mesh does not have as a flag or number.
-pub(crate) fn within(mesh: &Mesh, region: &HoleRegion) -> Result<Vec<bool>, NoMarks> {
+/// Returns an error if the region names an attribute that the mesh does not have as a flag or number.
+pub(crate) fn vertices_in_region(
+    mesh: &Mesh,
+    region: &HoleRegion,
+) -> Result<Vec<bool>, MissingMarks> {
     let points = mesh.positions().iter();
     Ok(match region {
         HoleRegion::Ball { at, radius } => {
-            let middle = Point3::from(*at);
-            points.map(|point| (point - middle).norm() <= *radius).collect()
+            let center = Point3::from(*at);
+            points.map(|point| (point - center).norm() <= *radius).collect()
         }
         HoleRegion::Box { low, high } => {
-            let inside =
-                |point: &Point3<f64>| (0..3).all(|k| low[k] <= point[k] && point[k] <= high[k]);
-            points.map(inside).collect()
+            points.map(|point| (0..3).all(|k| low[k] <= point[k] && point[k] <= high[k])).collect()
         }
-        HoleRegion::Marked { attribute } => marks(mesh, attribute)?,
+        HoleRegion::Marked { attribute } => marked_vertices(mesh, attribute)?,
     })
 }
 
-/// Of each vertex whether an attribute marks it.
+/// Returns, for each vertex, whether the attribute `name` is not 0.
 ///
 /// # Errors
-/// If there is no such flag or number per vertex.
-pub(crate) fn marks(mesh: &Mesh, name: &str) -> Result<Vec<bool>, NoMarks> {
+/// Returns an error if the mesh has no flag or number with this name per vertex.
+pub(crate) fn marked_vertices(mesh: &Mesh, name: &str) -> Result<Vec<bool>, MissingMarks> {
     Ok(match mesh.vertex().get(name) {
         Some(Attribute::Flag(flags)) => flags.iter().map(|&flag| flag != 0).collect(),
         Some(Attribute::Index(numbers)) => numbers.iter().map(|&number| number != 0).collect(),
         Some(Attribute::Number(numbers)) => numbers.iter().map(|&number| number != 0.0).collect(),
-        _ => return Err(NoMarks(name.to_owned())),
+        _ => return Err(MissingMarks(name.to_owned())),
     })
 }
 
-/// The mesh without the marked vertices and their faces, and without vertices that no face has any more; and of each vertex that is left
-/// whether a face next to it went. The others keep their order.
+/// Removes the vertices marked as `damaged`, their faces, and the vertices that lose all their faces. Returns the remaining mesh, whose
+/// vertices and faces keep their order, and for each remaining vertex whether one of its faces was removed.
 ///
 /// # Errors
-/// None that a mesh can cause.
+/// Does not fail for a valid mesh.
 pub(crate) fn cut(mesh: &Mesh, damaged: &[bool]) -> Result<(Mesh, Vec<bool>), MeshError> {
     let count = mesh.positions().len();
     let (mut used, mut lost) = (vec![false; count], vec![false; count]);
@@ -94,7 +95,7 @@ pub(crate) fn cut(mesh: &Mesh, damaged: &[bool]) -> Result<(Mesh, Vec<bool>), Me
         }
         first += face.len() as u32;
     }
-    // A vertex that never had a face stays.
+    // A vertex that had no face before the cut stays.
     let stays = |&vertex: &u32| {
         let vertex = vertex as usize;
         !damaged[vertex] && (used[vertex] || !lost[vertex])

@@ -1,4 +1,6 @@
-//! The data around the holes that are filled: the one-rings of their rims' vertices.
+//! The data around the holes to fill: the one-rings of the rim vertices.
+
+use std::collections::BTreeMap;
 
 use maquette_base::topology::lists::Lists;
 use nalgebra::{Point3, Vector3};
@@ -6,18 +8,18 @@ use nalgebra::{Point3, Vector3};
 use crate::triangles::filling::Filling;
 use crate::triangles::triangulation::{NONE, area_vector};
 
-/// The one-ring of each vertex of some rims: the data's triangles around it.
+/// The data's triangles around each rim vertex.
 pub(crate) struct OneRings {
-    /// The place of each vertex among those of the rims; [`NONE`] for all others.
-    places: Vec<u32>,
+    /// For each vertex of the mesh, its index in `triangles` and `shared`; [`NONE`] if the vertex is not on a rim.
+    indices: Vec<u32>,
     triangles: Lists<[u32; 3]>,
-    /// On how many rims each vertex of the rims is.
+    /// For each rim vertex, the number of rims that contain it.
     shared: Vec<u8>,
 }
 
 impl OneRings {
     pub(crate) fn new(filling: &Filling, rims: &[Vec<u32>]) -> Self {
-        let mut places = vec![NONE; filling.data];
+        let mut places = vec![NONE; filling.n_data_vertices];
         let mut shared: Vec<u8> = Vec::new();
         for &vertex in rims.iter().flatten() {
             if places[vertex as usize] == NONE {
@@ -27,7 +29,7 @@ impl OneRings {
             let count = &mut shared[places[vertex as usize] as usize];
             *count = count.saturating_add(1);
         }
-        let near: Vec<[u32; 3]> = filling.faces[..filling.kept]
+        let near: Vec<[u32; 3]> = filling.faces[..filling.n_data_faces]
             .iter()
             .filter(|face| face.iter().any(|&vertex| places[vertex as usize] != NONE))
             .copied()
@@ -36,107 +38,103 @@ impl OneRings {
             near.iter().flat_map(|face| {
                 let face = *face;
                 let places = face.map(|vertex| places[vertex as usize]).into_iter();
-                places.filter(|&place| place != NONE).map(move |place| (place, face))
+                places.filter(|&index| index != NONE).map(move |index| (index, face))
             })
         });
-        Self { places, triangles, shared }
+        Self { indices: places, triangles, shared }
     }
 
-    /// The triangles around a vertex of a rim.
-    pub(crate) fn of(&self, vertex: u32) -> &[[u32; 3]] {
-        self.triangles.of(self.places[vertex as usize] as usize)
+    /// The data's triangles around a rim vertex.
+    pub(crate) fn triangles_around(&self, vertex: u32) -> &[[u32; 3]] {
+        self.triangles.list(self.indices[vertex as usize] as usize)
     }
 
-    /// Whether a vertex is on several rims.
+    /// Returns true if a vertex is on several rims.
     fn is_shared(&self, vertex: u32) -> bool {
-        self.shared[self.places[vertex as usize] as usize] > 1
+        self.shared[self.indices[vertex as usize] as usize] > 1
     }
 }
 
-/// A rim with what has to be known of the data around it.
+/// A rim and the data around it.
 pub(crate) struct Rim {
-    /// The vertices, in the order in which the faces that fill it meet them.
+    /// The rim vertices, in the direction of the faces that will fill the rim.
     pub(crate) vertices: Vec<u32>,
     pub(crate) points: Vec<Point3<f64>>,
-    /// The unit normal of the data beyond the edge from each vertex to the next; zero if it has none.
+    /// For each rim edge, the unit normal of the data's triangle at the edge; zero if no such triangle exists. Edge `k` runs from vertex
+    /// `k` to the next.
     pub(crate) normals: Vec<Vector3<f64>>,
-    /// The mean length of the data's edges at each vertex.
+    /// For each rim vertex, the mean length of the data's edges at the vertex.
     pub(crate) lengths: Vec<f64>,
-    /// Vertices of the data next to the rim, behind those of the rim itself in `triangles`.
+    /// The data's vertices next to the rim; in `triangles` they follow the rim vertices.
     pub(crate) ring: Vec<Point3<f64>>,
-    /// The data's triangles at the rim, by place: first those of the rim, then those of `ring`.
+    /// The data's triangles at the rim. Corners are indices into `points` followed by `ring`.
     pub(crate) triangles: Vec<[u32; 3]>,
-    /// For each vertex the other places on the rim, except its neighbors, to which the mesh has an edge or may get one.
-    taken: Vec<Vec<u32>>,
+    /// For each rim vertex, the indices of the rim vertices to which the mesh already has an edge or may get one from another fill. The two
+    /// neighbors on the rim are not listed.
+    connected: Vec<Vec<u32>>,
 }
 
 impl Rim {
     pub(crate) fn new(filling: &Filling, one_rings: &OneRings, vertices: &[u32]) -> Self {
         let count = vertices.len();
-        let place = |vertex: u32| filling.points[vertex as usize];
-        let mut places: Vec<(u32, u32)> = vertices.iter().copied().zip(0..).collect();
-        places.sort_unstable();
-        fn on_rim(vertex: u32, places: &[(u32, u32)]) -> Option<u32> {
-            let found = places.binary_search_by_key(&vertex, |(vertex, _)| *vertex);
-            found.ok().map(|index| places[index].1)
-        }
+        let indices: BTreeMap<u32, u32> = vertices.iter().copied().zip(0..).collect();
         let mut rim = Self {
             vertices: vertices.to_vec(),
-            points: vertices.iter().map(|&vertex| place(vertex)).collect(),
+            points: vertices.iter().map(|&vertex| filling.point(vertex)).collect(),
             normals: Vec::with_capacity(count),
             lengths: Vec::with_capacity(count),
             ring: Vec::new(),
             triangles: Vec::new(),
-            taken: Vec::with_capacity(count),
+            connected: Vec::with_capacity(count),
         };
         let shared: Vec<u32> = (0..)
             .zip(vertices)
             .filter(|(_, vertex)| one_rings.is_shared(**vertex))
-            .map(|(place, _)| place)
+            .map(|(index, _)| index)
             .collect();
         let mut ring: Vec<u32> = Vec::new();
         for (k, &vertex) in vertices.iter().enumerate() {
             let (after, before) = (vertices[(k + 1) % count], vertices[(k + count - 1) % count]);
-            let one_ring = one_rings.of(vertex);
+            let one_ring = one_rings.triangles_around(vertex);
             let beyond = one_ring.iter().find(|face| {
-                // The data runs through the edge the other way.
+                // In the data's triangle, the edge runs opposite to the rim.
                 (0..3).any(|i| face[i] == after && face[(i + 1) % 3] == vertex)
             });
-            let normal = beyond.map(|face| area_vector(face.map(place)));
+            let normal = beyond.map(|&face| area_vector(filling.corners(face)));
             rim.normals.push(normal.and_then(|area| area.try_normalize(0.0)).unwrap_or_default());
             let (mut length, mut edges) = (0.0, 0.0);
-            let mut taken: Vec<u32> =
+            let mut connected: Vec<u32> =
                 if shared.contains(&(k as u32)) { shared.clone() } else { Vec::new() };
             for face in one_ring {
                 for &other in face.iter().filter(|other| **other != vertex) {
-                    length += (place(other) - place(vertex)).norm();
+                    length += (filling.point(other) - filling.point(vertex)).norm();
                     edges += 1.0;
-                    match on_rim(other, &places) {
-                        Some(at) if other != after && other != before => taken.push(at),
+                    match indices.get(&other) {
+                        Some(&index) if other != after && other != before => connected.push(index),
                         Some(_) => {}
                         None => ring.push(other),
                     }
                 }
             }
-            taken.retain(|&at| {
-                let other = vertices[at as usize];
+            connected.retain(|&index| {
+                let other = vertices[index as usize];
                 other != after && other != before && other != vertex
             });
-            taken.sort_unstable();
-            taken.dedup();
-            rim.taken.push(taken);
+            connected.sort_unstable();
+            connected.dedup();
+            rim.connected.push(connected);
             rim.lengths.push(if edges > 0.0 { length / edges } else { 0.0 });
         }
         ring.sort_unstable();
         ring.dedup();
-        rim.ring = ring.iter().map(|&vertex| place(vertex)).collect();
+        rim.ring = ring.iter().map(|&vertex| filling.point(vertex)).collect();
         for &vertex in vertices {
-            for face in one_rings.of(vertex) {
-                // A triangle at several vertices of the rim counts once: at the lowest one.
-                let lowest = face.iter().filter(|&&corner| on_rim(corner, &places).is_some()).min();
+            for face in one_rings.triangles_around(vertex) {
+                // A triangle that touches several rim vertices is added once, for the lowest of them.
+                let lowest = face.iter().filter(|&corner| indices.contains_key(corner)).min();
                 if lowest == Some(&vertex) {
-                    rim.triangles.push(face.map(|vertex: u32| match on_rim(vertex, &places) {
-                        Some(at) => at,
+                    rim.triangles.push(face.map(|vertex: u32| match indices.get(&vertex) {
+                        Some(&index) => index,
                         None => count as u32 + ring.binary_search(&vertex).unwrap_or(0) as u32,
                     }));
                 }
@@ -149,8 +147,8 @@ impl Rim {
         self.vertices.len()
     }
 
-    /// Whether the mesh has an edge between two places of the rim, or may get one by filling another hole.
+    /// Returns true if the mesh has an edge between two rim vertices, given by index, or may get such an edge when another hole is filled.
     pub(crate) fn is_taken(&self, a: usize, b: usize) -> bool {
-        self.taken[a].binary_search(&(b as u32)).is_ok()
+        self.connected[a].binary_search(&(b as u32)).is_ok()
     }
 }

@@ -1,32 +1,32 @@
-//! The rims of a mesh: the boundary loops into which its border is cut, none of which visits a vertex twice.
+//! Finds the rims of a mesh: its border, cut into loops that visit no vertex twice.
 
 use maquette_base::topology::lists::Lists;
 use maquette_value::parallel::*;
 use maquette_value::{Faces, Mesh};
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 
 use crate::triangles::triangulation::{NONE, next, previous};
 
-/// Places where a mesh is no surface, some of them.
+/// The first edges and vertices at which a mesh is not manifold.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct NotManifold {
     pub(crate) edges: Vec<[u32; 2]>,
     pub(crate) vertices: Vec<u32>,
 }
 
-/// As many places are listed as a message can hold.
-const LISTED: usize = 8;
+/// Maximum number of edges or vertices listed in an error message.
+const MAX_LISTED: usize = 8;
 
-/// The rims of a mesh: its boundary loops, none of which visits a vertex twice. Each begins at its lowest vertex, and they are in the order
-/// of these. A rim runs as the faces do that would fill it: against the faces that are there.
+/// Returns the rims of a mesh: its boundary loops, none of which visits a vertex twice. Each rim begins at its lowest vertex; rims are
+/// sorted by that vertex. A rim has the direction of the faces that would fill it, opposite to the direction of the existing faces.
 ///
 /// # Errors
-/// If an edge has more than two faces, or two that disagree about their side; or a vertex has separate fans of faces one of which is
-/// closed.
+/// Returns an error if an edge has more than two faces or two faces of opposite orientation, or if a vertex has several face fans, one of
+/// them closed.
 pub(crate) fn rims(mesh: &Mesh) -> Result<Vec<Vec<u32>>, NotManifold> {
     let count = mesh.positions().len();
     let vertex_faces = VertexFaces::new(mesh.faces(), count);
-    // The border edges that leave one vertex are a linked list, of which `newest` has the head.
+    // The border edges that leave a vertex form a linked list; `newest` has the head of each list.
     let mut newest = vec![NONE; count];
     let mut edges: Vec<BorderEdge> = Vec::new();
     for corner in vertex_faces.border()? {
@@ -35,10 +35,10 @@ pub(crate) fn rims(mesh: &Mesh) -> Result<Vec<Vec<u32>>, NotManifold> {
         edges.push(BorderEdge { to, older: newest[from as usize], used: false });
         newest[from as usize] = edges.len() as u32 - 1;
     }
-    let mut walk = Walk { mesh, newest, edges, places: vec![NONE; count] };
+    let mut walk = BorderWalk { mesh, newest, edges, path_indices: vec![NONE; count] };
     let mut rims = Vec::new();
     for vertex in 0..count as u32 {
-        while let Some(edge) = walk.any(vertex) {
+        while let Some(edge) = walk.oldest_unused_edge(vertex) {
             walk.follow(vertex, edge, &mut rims);
         }
     }
@@ -50,16 +50,16 @@ pub(crate) fn rims(mesh: &Mesh) -> Result<Vec<Vec<u32>>, NotManifold> {
     Ok(rims)
 }
 
-/// The faces around each vertex, by the corners that they have there.
+/// The faces around each vertex. A face is given by its corner at the vertex.
 struct VertexFaces<'a> {
     corners: &'a [u32],
-    /// The corner after each and the one before, where faces are no triangles.
+    /// For each corner, the next and the previous corner of its face. `None` if all faces are triangles, where both follow from the index.
     beside: Option<Vec<[u32; 2]>>,
     /// The corners at each vertex.
     by_vertex: Lists,
 }
 
-/// A face at a vertex, by the vertices after and before that one.
+/// A face at a vertex, given by the face's vertices after and before that vertex.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Spoke {
     after: u32,
@@ -67,11 +67,11 @@ struct Spoke {
     corner: u32,
 }
 
-/// Vertices that one task inspects.
-const BLOCK: usize = 2048;
+/// The number of vertices that one task inspects.
+const BLOCK_SIZE: usize = 2048;
 
-/// Around a vertex with more faces than these, neighbors are found by a search in sorted order.
-const FEW: usize = 16;
+/// Up to this number of faces, neighbors around a vertex are found by linear search; above, the faces are sorted.
+const MAX_UNSORTED: usize = 16;
 
 impl<'a> VertexFaces<'a> {
     fn new(faces: &'a Faces, count: usize) -> Self {
@@ -80,13 +80,8 @@ impl<'a> VertexFaces<'a> {
             let mut beside = Vec::with_capacity(corners.len());
             let mut first = 0;
             for sides in faces.iter().map(|face| face.len() as u32) {
-                fn place(k: u32, first: u32, sides: u32) -> u32 {
-                    first + k % sides
-                }
-                beside.extend(
-                    (0..sides)
-                        .map(|k| [place(k + 1, first, sides), place(k + sides - 1, first, sides)]),
-                );
+                beside
+                    .extend((0..sides).map(|k| [k + 1, k + sides - 1].map(|k| first + k % sides)));
                 first += sides;
             }
             beside
@@ -109,11 +104,11 @@ impl<'a> VertexFaces<'a> {
         }
     }
 
-    /// The corners, ascending, from which edges of one face run to the next corner.
+    /// Returns the corners, in ascending order, at which an edge with only one face begins.
     fn border(&self) -> Result<Vec<u32>, NotManifold> {
         let vertices = 0..self.by_vertex.len() as u32;
-        let blocks = vertices.into_par_iter().with_min_len(BLOCK);
-        let parts = blocks.fold_parts(Found::default, |mut found, vertex| {
+        let blocks = vertices.into_par_iter().with_min_len(BLOCK_SIZE);
+        let parts = blocks.fold_parts(Inspection::default, |mut found, vertex| {
             self.inspect(vertex, &mut found);
             found
         });
@@ -129,21 +124,21 @@ impl<'a> VertexFaces<'a> {
         }
         edges.sort_unstable();
         edges.dedup();
-        edges.truncate(LISTED);
-        // Where edges have too many faces, there are no fans.
-        vertices.truncate(if edges.is_empty() { LISTED } else { 0 });
+        edges.truncate(MAX_LISTED);
+        // Where edges have too many faces, the fans around their ends are not well defined and are not reported.
+        vertices.truncate(if edges.is_empty() { MAX_LISTED } else { 0 });
         Err(NotManifold { edges, vertices })
     }
 
-    fn inspect(&self, vertex: u32, found: &mut Found) {
-        let Found { edges, vertices, border, spokes } = found;
+    fn inspect(&self, vertex: u32, found: &mut Inspection) {
+        let Inspection { edges, vertices, border, spokes } = found;
         spokes.clear();
-        spokes.extend(self.by_vertex.of(vertex as usize).iter().map(|&corner| {
+        spokes.extend(self.by_vertex.list(vertex as usize).iter().map(|&corner| {
             let beside = [self.next(corner), self.previous(corner)];
             let [after, before] = beside.map(|corner| self.corners[corner as usize]);
             Spoke { after, before, corner }
         }));
-        if spokes.len() <= FEW && is_closed(spokes) {
+        if spokes.len() <= MAX_UNSORTED && is_closed(spokes) {
             return;
         }
         spokes.sort_unstable();
@@ -160,17 +155,17 @@ impl<'a> VertexFaces<'a> {
     }
 }
 
-/// What was found at some vertices.
+/// The results of inspecting a block of vertices.
 #[derive(Default)]
-struct Found {
+struct Inspection {
     edges: Vec<[u32; 2]>,
     vertices: Vec<u32>,
     border: Vec<u32>,
-    /// The spokes of the vertex that is inspected.
+    /// Scratch memory for the faces at the vertex being inspected.
     spokes: Vec<Spoke>,
 }
 
-/// Whether faces make one fan that goes all around.
+/// Returns true if the faces form one closed fan around their vertex.
 fn is_closed(spokes: &[Spoke]) -> bool {
     let mut at = 0;
     for met in 1..=spokes.len() {
@@ -183,15 +178,15 @@ fn is_closed(spokes: &[Spoke]) -> bool {
     false
 }
 
-/// Whether the faces at a vertex make several fans, one of which is closed: then no fill can make it manifold. Each face is given by the
-/// vertices after and before the one in the middle, sorted.
+/// Returns true if the faces at a vertex form several fans, one of them closed: then no fill can make the vertex manifold. Each face is
+/// given by its vertices after and before the center vertex; faces are sorted.
 pub(crate) fn has_closed_fan_beside_others(spokes: &[[u32; 2]]) -> bool {
     let mut met = vec![false; spokes.len()];
-    fn walk(start: usize, met: &mut Vec<bool>, spokes: &[[u32; 2]]) {
+    fn walk(start: usize, met: &mut [bool], spokes: &[[u32; 2]]) {
         let mut at = start;
         loop {
             met[at] = true;
-            // The face beyond the edge to the vertex before.
+            // Look up the face on the other side of the edge to the previous vertex.
             match spokes.binary_search_by_key(&spokes[at][1], |spoke| spoke[0]) {
                 Ok(next) if met[next] => return,
                 Ok(next) => at = next,
@@ -201,10 +196,8 @@ pub(crate) fn has_closed_fan_beside_others(spokes: &[[u32; 2]]) -> bool {
     }
     let mut ends: Vec<u32> = spokes.iter().map(|spoke| spoke[1]).collect();
     ends.sort_unstable();
-    fn begins(spoke: &[u32; 2], ends: &[u32]) -> bool {
-        ends.binary_search(&spoke[0]).is_err()
-    }
-    let open: Vec<usize> = (0..spokes.len()).filter(|&k| begins(&spokes[k], &ends)).collect();
+    let open: Vec<usize> =
+        (0..spokes.len()).filter(|&k| ends.binary_search(&spokes[k][0]).is_err()).collect();
     open.iter().for_each(|&start| walk(start, &mut met, spokes));
     let mut fans = open.len();
     let mut closed = 0;
@@ -222,24 +215,24 @@ pub(crate) fn has_closed_fan_beside_others(spokes: &[[u32; 2]]) -> bool {
     closed > 0 && fans > 1
 }
 
-/// A border edge, from the vertex in whose list it is.
+/// An entry in the linked list of the border edges that begin at a vertex.
 struct BorderEdge {
     to: u32,
-    /// The next in the list of the same vertex.
+    /// The next border edge that begins at the same vertex; [`NONE`] at the end of the list.
     older: u32,
     used: bool,
 }
 
-struct Walk<'a> {
+struct BorderWalk<'a> {
     mesh: &'a Mesh,
     newest: Vec<u32>,
     edges: Vec<BorderEdge>,
-    /// The place of each vertex on the path walked so far.
-    places: Vec<u32>,
+    /// The index of each vertex on the current path; [`NONE`] if it is not on the path.
+    path_indices: Vec<u32>,
 }
 
-impl Walk<'_> {
-    fn unused(&self, vertex: u32) -> impl Iterator<Item = u32> {
+impl BorderWalk<'_> {
+    fn unused_edges(&self, vertex: u32) -> impl Iterator<Item = u32> {
         let mut edge = self.newest[vertex as usize];
         std::iter::from_fn(move || {
             while edge != NONE {
@@ -253,63 +246,64 @@ impl Walk<'_> {
         })
     }
 
-    fn any(&self, vertex: u32) -> Option<u32> {
-        self.unused(vertex).last()
+    fn oldest_unused_edge(&self, vertex: u32) -> Option<u32> {
+        self.unused_edges(vertex).last()
     }
 
-    /// Walks along the border from a vertex until it is back. Whenever it comes to a vertex again, the edges since then are a rim.
+    /// Walks along the border from `start` until it returns to `start`. Whenever a vertex is reached again, the edges since its last visit
+    /// are split off as a rim.
     fn follow(&mut self, start: u32, first: u32, rims: &mut Vec<Vec<u32>>) {
         let mut path = vec![start];
-        self.places[start as usize] = 0;
+        self.path_indices[start as usize] = 0;
         let mut edge = first;
         loop {
             self.edges[edge as usize].used = true;
             let (from, at) = (path[path.len() - 1], self.edges[edge as usize].to);
-            let place = self.places[at as usize];
-            if place != NONE {
-                let rim = path.split_off(place as usize);
-                rim.iter().for_each(|&vertex| self.places[vertex as usize] = NONE);
+            let path_index = self.path_indices[at as usize];
+            if path_index != NONE {
+                let rim = path.split_off(path_index as usize);
+                rim.iter().for_each(|&vertex| self.path_indices[vertex as usize] = NONE);
                 rims.push(rim);
-                if place == 0 {
+                if path_index == 0 {
                     return;
                 }
             }
-            self.places[at as usize] = path.len() as u32;
+            self.path_indices[at as usize] = path.len() as u32;
             path.push(at);
-            let Some(next) = self.onwards(from, at) else { return };
+            let Some(next) = self.next_edge(from, at) else { return };
             edge = next;
         }
     }
 
-    /// The border edge on which to go on at a vertex. Where several fans of faces touch in it, each gap between them is a hole of its own:
-    /// the edge that lies nearest is taken.
-    fn onwards(&self, from: u32, at: u32) -> Option<u32> {
-        let mut edges = self.unused(at);
+    /// Returns the border edge that continues the walk at vertex `at`. If several face fans touch there, each gap between fans is a
+    /// separate hole: edges of other fans are preferred, and among them the edge with the smallest angle to the edge `at`-`from`.
+    fn next_edge(&self, from: u32, at: u32) -> Option<u32> {
+        let mut edges = self.unused_edges(at);
         let first = edges.next()?;
         let Some(second) = edges.next() else { return Some(first) };
-        fn place(vertex: u32, mesh: &Mesh) -> nalgebra::Point3<f64> {
-            mesh.positions()[vertex as usize]
-        }
-        let back = (place(from, self.mesh) - place(at, self.mesh)).normalize();
-        let fits = |edge: u32| {
-            let ahead =
-                (place(self.edges[edge as usize].to, self.mesh) - place(at, self.mesh)).normalize();
-            let same_fan = self.is_same_fan(from, at, self.edges[edge as usize].to);
-            (u8::from(!same_fan), ahead.dot(&back))
-        };
-        let mut best = (fits(first), first);
+        let mut best = (self.preference(from, at, first), first);
         for edge in std::iter::once(second).chain(edges) {
-            let fit = fits(edge);
-            if fit.0 > best.0.0 || (fit.0 == best.0.0 && fit.1 > best.0.1) {
-                best = (fit, edge);
+            let preference = self.preference(from, at, edge);
+            if preference.0 & !best.0.0 || (preference.0 == best.0.0 && preference.1 > best.0.1) {
+                best = (preference, edge);
             }
         }
         Some(best.1)
     }
 
-    /// Whether the border edges from `from` to `at` and on to `to` are the two sides of one fan of faces around `at`.
+    /// Rates a border edge as continuation of a walk from `from` to `at`. Returns whether the edge belongs to another face fan, and the
+    /// cosine of its angle to the edge `at`-`from`.
+    fn preference(&self, from: u32, at: u32, edge: u32) -> (bool, f64) {
+        let to = self.edges[edge as usize].to;
+        let origin = position(self.mesh, at);
+        let back = (position(self.mesh, from) - origin).normalize();
+        let ahead = (position(self.mesh, to) - origin).normalize();
+        (!self.is_same_fan(from, at, to), ahead.dot(&back))
+    }
+
+    /// Returns true if the border edges `from`-`at` and `at`-`to` are the two sides of one face fan around `at`.
     fn is_same_fan(&self, from: u32, at: u32, to: u32) -> bool {
-        // The edge of the fan that the walk came along, turned from face to face until there is none.
+        // Walk through the fan from the edge `from`-`at`, face by face in both directions.
         let faces: Vec<[u32; 2]> = spokes(self.mesh.faces(), at);
         let mut end = from;
         while let Some(&[_, next]) = faces.iter().find(|[first, _]| *first == end) {
@@ -329,23 +323,26 @@ impl Walk<'_> {
     }
 }
 
-/// Of each face around a vertex the corner after it and the one before.
+/// Returns, for each face around a vertex, the vertices after and before that vertex.
 fn spokes(faces: &Faces, vertex: u32) -> Vec<[u32; 2]> {
-    let around = faces.iter().filter_map(|face| {
-        let place = face.iter().position(|&corner| corner == vertex)?;
-        Some([face[(place + 1) % face.len()], face[(place + face.len() - 1) % face.len()]])
+    let spokes = faces.iter().filter_map(|face| {
+        let k = face.iter().position(|&corner| corner == vertex)?;
+        Some([face[(k + 1) % face.len()], face[(k + face.len() - 1) % face.len()]])
     });
-    around.collect()
+    spokes.collect()
 }
 
-/// The vector area of a rim: half the sum of the cross products along it.
-pub(crate) fn enclosed(mesh: &Mesh, rim: &[u32]) -> Vector3<f64> {
-    fn place(vertex: u32, mesh: &Mesh) -> nalgebra::Point3<f64> {
-        mesh.positions()[vertex as usize]
-    }
+/// Returns the vector area that a rim encloses: half the sum of the cross products along it.
+pub(crate) fn vector_area(mesh: &Mesh, rim: &[u32]) -> Vector3<f64> {
     let Some(&first) = rim.first() else { return Vector3::zeros() };
-    let origin = place(first, mesh);
+    let origin = position(mesh, first);
     rim.windows(2)
-        .map(|pair| (place(pair[0], mesh) - origin).cross(&(place(pair[1], mesh) - origin)) / 2.0)
+        .map(|pair| {
+            (position(mesh, pair[0]) - origin).cross(&(position(mesh, pair[1]) - origin)) / 2.0
+        })
         .sum()
+}
+
+fn position(mesh: &Mesh, vertex: u32) -> Point3<f64> {
+    mesh.positions()[vertex as usize]
 }

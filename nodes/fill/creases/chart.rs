@@ -1,18 +1,19 @@
-//! A plane or paraboloid fitted to data, which continues where the data ends.
+//! A plane or paraboloid fitted to data and extrapolated beyond it.
 
 use nalgebra::{Matrix6, Point3, Vector3, Vector6};
 
-/// A plane or paraboloid fitted to data, which continues where the data ends: `height = q(u, v)` over a frame.
+/// A plane or paraboloid fitted to data: `height = q(u, v)` over a local frame. It extrapolates the data.
 #[derive(Clone, Debug)]
 pub(crate) struct Chart {
     origin: Point3<f64>,
     frame: [Vector3<f64>; 3],
-    /// Of 1, u, v, u^2, u v, v^2.
+    /// The coefficients of 1, u, v, u^2, u v and v^2.
     coefficients: [f64; 6],
 }
 
 impl Chart {
-    /// About how far a point is from the surface, negative below it, and the surface's normal at the foot of the point.
+    /// Returns the approximate signed distance of a point from the surface, negative below it, and the surface normal at the foot point of
+    /// `point`, the nearest surface point.
     pub(crate) fn distance(&self, point: Point3<f64>) -> (f64, Vector3<f64>) {
         let offset = point - self.origin;
         let [u, v, height] = self.frame.map(|axis| axis.dot(&offset));
@@ -24,7 +25,8 @@ impl Chart {
         ((height - q) / size, (z - x * slope_u - y * slope_v) / size)
     }
 
-    /// The plane, or else the paraboloid, through some points; none if they are too far from both.
+    /// Fits a plane, or else a paraboloid, to points. Returns `None` if the points deviate from both by more than `tolerance` (root mean
+    /// square).
     pub(crate) fn fit(
         points: &[Point3<f64>],
         normal: Vector3<f64>,
@@ -34,7 +36,7 @@ impl Chart {
         let origin = Point3::from(sum / points.len() as f64);
         let across = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).try_normalize(0.0)?;
         let frame = [across, normal.cross(&across), normal];
-        // In units of the segment's size, so that the equations are well scaled.
+        // Lengths are divided by the size of the segment, which keeps the equations well scaled.
         let size = points.iter().map(|point| (point - origin).norm()).fold(0.0, f64::max);
         if size == 0.0 {
             return None;
@@ -52,14 +54,14 @@ impl Chart {
             let scales = [size, 1.0, 1.0, 1.0 / size, 1.0 / size, 1.0 / size];
             let chart =
                 Self { origin, frame, coefficients: std::array::from_fn(|k| x[k] * scales[k]) };
-            // As many points as terms fit anything.
+            // A surface with as many coefficients as there are points fits any points, so only the points in excess count.
             let free = points.len() as f64 - terms as f64;
             let misfit = chart.misfit(points) * (points.len() as f64 / free.max(0.0)).sqrt();
             (misfit <= tolerance).then_some(chart)
         })
     }
 
-    /// How far points are from the surface: the root of the mean square.
+    /// Returns the root mean square distance of points from the surface.
     pub(crate) fn misfit(&self, points: &[Point3<f64>]) -> f64 {
         let squares = points.iter().map(|&point| {
             let distance = self.distance(point).0;

@@ -1,4 +1,5 @@
-//! The smooth segments of the data around a hole, which meet in creases. Each is a plane or a paraboloid that continues into the hole.
+//! The smooth segments of the data around a hole, which meet in creases. Each is a plane or a paraboloid that is extrapolated into the
+//! hole.
 
 use maquette_base::topology::union_find::UnionFind;
 use nalgebra::{Point3, Vector3};
@@ -9,72 +10,70 @@ use crate::border::rim::Rim;
 use crate::triangles::filling::Filling;
 use crate::triangles::triangulation::{NONE, area_vector};
 
-/// Rows of faces around the rim that are segmented: with fewer a crease or a plane is found by chance, with more a segment that bends
-/// farther out is no plane any more.
+/// Number of rows of faces around the rim that are divided into segments. With fewer rows, creases or planes are found by chance; with
+/// more, a segment that bends farther out is no longer a plane.
 const ROWS: usize = 6;
 
-/// Cosines of the angles between two faces from which on their edge is a crease: 25, 17 and 11 degrees. Less takes the facets of a curved
-/// scan for segments, more misses the corners of bevels; where noise makes a gap in a crease, the segments beside it fit no surface
-/// together, and the next angle is tried.
-const SHARP: [f64; 3] = [0.9063077870366499, 0.9563047559630354, 0.981627183447664];
+/// Cosines of the crease angles to try in turn: 25, 17 and 11 degrees. An edge whose faces meet at a larger angle is a crease. With smaller
+/// angles, the facets of a curved scan would count as segments; with larger ones, the corners of bevels are missed. If noise makes a gap in
+/// a crease, the segments on its two sides are joined and fit no common surface; then the next angle is tried.
+const SHARP_COSINES: [f64; 3] = [0.9063077870366499, 0.9563047559630354, 0.981627183447664];
 
-/// Cosine of the least angle at which segments that were found by their surfaces meet in a crease: 20 degrees. Paraboloids on a smooth
-/// surface go on from each other at less.
-const FACETS: f64 = 0.9396926207859084;
+/// Cosine of the minimum angle, 20 degrees, between two segments found by surface fitting that meet in a crease. Paraboloids fitted to
+/// parts of one smooth surface meet at smaller angles.
+const FACET_COSINE: f64 = 0.9396926207859084;
 
-/// A segment counts if it has at least so many edges of the rim.
-const LEAST_EDGES: usize = 3;
+/// Minimum number of rim edges of a segment; smaller segments are ignored.
+const MIN_EDGES: usize = 3;
 
-/// Faces smaller than this share of the mean belong to no segment.
-const LEAST_AREA: f64 = 0.15;
+/// Minimum area of a face divided by the mean area; smaller faces belong to no segment.
+const MIN_AREA: f64 = 0.15;
 
-/// How far the vertices of a segment may be from its surface: the root of the mean square, in lengths of edges.
-const FIT: f64 = 0.12;
+/// Maximum root mean square distance of a segment's vertices from its surface, in edge lengths.
+const MAX_MISFIT: f64 = 0.12;
 
-/// Segments meet in creases if the edges between them bend at least so many times as much as those within them, on the mean of smoothed
+/// Minimum ratio of the mean bending at edges between segments to the mean bending at edges inside segments, both measured on smoothed
 /// normals.
-const TIMES: f64 = 4.0;
+const MIN_BEND_RATIO: f64 = 4.0;
 
-/// The most segments: a set of them is kept in the bits of a `u32`.
-const MOST: usize = 32;
+/// Maximum number of segments: a set of segments is stored in the bits of a `u32`.
+const MAX_SEGMENTS: usize = 32;
 
-/// How the segments around a hole meet.
+/// The way in which the segments around a hole meet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Edge {
-    /// As the faces of a cube seen from outside.
+pub(crate) enum CreaseKind {
+    /// Segments meet like the faces of a cube seen from outside.
     Convex,
-    /// As the walls of a room seen from inside.
+    /// Segments meet like the walls of a room seen from inside.
     Concave,
-    /// In both ways.
+    /// Some pairs of segments meet convexly, others concavely.
     Mixed,
 }
 
 /// The segments around a hole.
 pub(crate) struct Charts {
     pub(crate) charts: Vec<Chart>,
-    /// The set of segments at each vertex of the rim, one bit each.
-    pub(crate) of_rim: Vec<u32>,
-    pub(crate) meeting: Edge,
+    /// For each rim vertex, the set of segments at it, one bit per segment.
+    pub(crate) rim_sets: Vec<u32>,
+    pub(crate) kind: CreaseKind,
 }
 
 impl Charts {
-    /// Finds the segments; none unless there are at least two, which together take in the whole rim.
-    pub(crate) fn around(filling: &Filling, rim: &Rim) -> Option<Self> {
-        let faces = band(filling, rim);
-        let areas: Vec<Vector3<f64>> = faces
-            .iter()
-            .map(|face| area_vector(face.map(|vertex: u32| filling.points[vertex as usize])))
-            .collect();
+    /// Divides the data around a hole into smooth segments. Returns `None` unless there are at least two segments that together contain the
+    /// whole rim.
+    pub(crate) fn find(filling: &Filling, rim: &Rim) -> Option<Self> {
+        let faces = rim_band(filling, rim);
+        let areas: Vec<Vector3<f64>> =
+            faces.iter().map(|&face| area_vector(filling.corners(face))).collect();
         let mean = areas.iter().map(|area| area.norm()).sum::<f64>() / areas.len() as f64;
-        // Noise gives tiny faces any normals, so that they would connect segments that have nothing in common.
-        let mut neighbors = neighbors(&faces);
-        neighbors.retain(|pair| {
-            pair.iter().all(|face| areas[*face as usize].norm() > LEAST_AREA * mean)
-        });
-        let normals = smoothed(&areas, &neighbors);
-        let even = SHARP.iter().find_map(|&sharp| {
+        // Tiny faces are left out: noise gives them arbitrary normals, which would connect unrelated segments.
+        let mut neighbors = adjacent_faces(&faces);
+        neighbors
+            .retain(|pair| pair.iter().all(|face| areas[*face as usize].norm() > MIN_AREA * mean));
+        let normals = smooth_normals(&areas, &neighbors);
+        let even = SHARP_COSINES.iter().find_map(|&sharp| {
             let segments = smooth_segments(&normals, &neighbors, sharp);
-            let found = Self::of_segments(filling, rim, &faces, &segments);
+            let found = Self::from_segments(filling, rim, &faces, &segments);
             found.filter(|_| bend_in_creases(&segments, &normals, &neighbors))
         });
         even.or_else(|| {
@@ -87,39 +86,30 @@ impl Charts {
                 neighbors: &neighbors,
             };
             let edge = rim.lengths.iter().sum::<f64>() / rim.len() as f64;
-            let segments = segment(&band, FIT * edge);
-            let found = Self::of_segments(filling, rim, &faces, &segments);
+            let segments = segment(&band, MAX_MISFIT * edge);
+            let found = Self::from_segments(filling, rim, &faces, &segments);
             let found = found.filter(|charts| charts.are_facets(rim));
             found.filter(|_| bend_in_creases(&segments, &normals, &neighbors))
         })
     }
 
-    /// Whether segments that meet at the rim do so at an angle.
+    /// Returns true if segments that meet at the rim do so at an angle.
     fn are_facets(&self, rim: &Rim) -> bool {
-        fn normal(
-            chart: u32,
-            k: usize,
-            charts: &[Chart],
-            rim_points: &[Point3<f64>],
-        ) -> Vector3<f64> {
-            charts[chart as usize].distance(rim_points[k]).1
-        }
-        (0..rim.len()).filter(|&k| self.of_rim[k].count_ones() == 2).all(|k| {
-            let set = self.of_rim[k];
-            let [a, b] = [set.trailing_zeros(), 31 - set.leading_zeros()];
-            normal(a, k, &self.charts, &rim.points).dot(&normal(b, k, &self.charts, &rim.points))
-                < FACETS
+        (0..rim.len()).filter(|&k| self.rim_sets[k].count_ones() == 2).all(|k| {
+            let set = self.rim_sets[k];
+            let [a, b] = [set.trailing_zeros(), 31 - set.leading_zeros()]
+                .map(|chart| self.charts[chart as usize].distance(rim.points[k]).1);
+            a.dot(&b) < FACET_COSINE
         })
     }
 
-    fn of_segments(
+    fn from_segments(
         filling: &Filling,
         rim: &Rim,
         faces: &[[u32; 3]],
         segments: &[u32],
     ) -> Option<Self> {
-        let place = |vertex: u32| filling.points[vertex as usize];
-        // The segment beyond each rim edge.
+        // Lists all sides of faces with the segment of their face; the rim's edges are looked up among them.
         let mut edges: Vec<([u32; 2], u32)> = Vec::with_capacity(3 * faces.len());
         for (face, &segment) in faces.iter().zip(segments) {
             edges.extend((0..3).map(|k| ([face[k], face[(k + 1) % 3]], segment)));
@@ -138,41 +128,42 @@ impl Charts {
         known.sort_unstable();
         known.dedup();
         known.retain(|&segment| {
-            of_edges.iter().filter(|&&other| other == segment).count() >= LEAST_EDGES
+            of_edges.iter().filter(|&&other| other == segment).count() >= MIN_EDGES
         });
-        if known.len() < 2 || known.len() > MOST || known.contains(&NONE) {
+        if known.len() < 2 || known.len() > MAX_SEGMENTS || known.contains(&NONE) {
             return None;
         }
         let edge = rim.lengths.iter().sum::<f64>() / count as f64;
         let mut members: Vec<Vec<Point3<f64>>> = Vec::new();
         let mut charts = Vec::new();
         for &segment in &known {
-            let own = || (0..faces.len()).filter(|&face| segments[face] == segment);
-            let mut vertices: Vec<u32> = own().flat_map(|face| faces[face]).collect();
+            let members_of_segment =
+                faces.iter().zip(segments).filter(|(_, other)| **other == segment);
+            let own: Vec<[u32; 3]> = members_of_segment.map(|(face, _)| *face).collect();
+            let mut vertices: Vec<u32> = own.as_flattened().to_vec();
             vertices.sort_unstable();
             vertices.dedup();
-            let points: Vec<Point3<f64>> = vertices.into_iter().map(place).collect();
-            let normal: Vector3<f64> = own().map(|face| area_vector(faces[face].map(place))).sum();
-            charts.push(Chart::fit(&points, normal.try_normalize(0.0)?, FIT * edge)?);
+            let points: Vec<Point3<f64>> =
+                vertices.into_iter().map(|vertex| filling.point(vertex)).collect();
+            let normal: Vector3<f64> =
+                own.iter().map(|&face| area_vector(filling.corners(face))).sum();
+            charts.push(Chart::fit(&points, normal.try_normalize(0.0)?, MAX_MISFIT * edge)?);
             members.push(points);
         }
-        fn number(segment: u32, known: &[u32]) -> Option<usize> {
-            known.binary_search(&segment).ok()
-        }
         let numbers: Vec<Option<usize>> =
-            of_edges.iter().map(|&segment| number(segment, &known)).collect();
-        let of_rim = (0..count).map(|k| {
+            of_edges.iter().map(|segment| known.binary_search(segment).ok()).collect();
+        let rim_sets = (0..count).map(|k| {
             let near = [numbers[(k + count - 1) % count], numbers[k]];
             near.iter().flatten().fold(0, |set, &number| set | 1 << number)
         });
-        let mut of_rim: Vec<u32> = of_rim.collect();
-        fill_gaps(&mut of_rim);
-        follow_creases(&mut of_rim, &charts, &rim.points, FIT * edge);
-        Some(Self { meeting: meeting(&charts, &members), charts, of_rim })
+        let mut rim_sets: Vec<u32> = rim_sets.collect();
+        fill_gaps(&mut rim_sets);
+        follow_creases(&mut rim_sets, &charts, &rim.points, MAX_MISFIT * edge);
+        Some(Self { kind: crease_kind(&charts, &members), charts, rim_sets })
     }
 }
 
-/// Vertices without a segment that counts take the set of the vertex before them.
+/// Gives each rim vertex without a segment the set of segments of the vertex before it.
 fn fill_gaps(sets: &mut [u32]) {
     let Some(start) = sets.iter().position(|&set| set != 0) else { return };
     for k in 1..=sets.len() {
@@ -183,8 +174,8 @@ fn fill_gaps(sets: &mut [u32]) {
     }
 }
 
-/// Where the rim runs along a crease, the data there may be of one segment alone, and the fill continues the other one. So vertices next to
-/// a vertex of both segments that lie within `tolerance` of both surfaces are taken to be of both.
+/// If the rim runs along a crease, the data may belong to one of its two segments only, while the fill continues the other one.
+/// Therefore a vertex next to a vertex of both segments is added to both if it is within `tolerance` of both surfaces.
 fn follow_creases(sets: &mut [u32], charts: &[Chart], points: &[Point3<f64>], tolerance: f64) {
     let count = sets.len();
     let forth = (0..2 * count).map(|k| (k % count, (k + 1) % count));
@@ -202,13 +193,13 @@ fn follow_creases(sets: &mut [u32], charts: &[Chart], points: &[Point3<f64>], to
     }
 }
 
-/// The data's faces in some rows around a rim.
-fn band(filling: &Filling, rim: &Rim) -> Vec<[u32; 3]> {
-    let mut is_near = vec![false; filling.data];
+/// Returns the data's faces within [`ROWS`] rows around a rim.
+fn rim_band(filling: &Filling, rim: &Rim) -> Vec<[u32; 3]> {
+    let mut is_near = vec![false; filling.n_data_vertices];
     rim.vertices.iter().for_each(|&vertex| is_near[vertex as usize] = true);
     let mut faces = Vec::new();
     for _ in 0..ROWS {
-        faces = filling.faces[..filling.kept]
+        faces = filling.faces[..filling.n_data_faces]
             .iter()
             .filter(|face| face.iter().any(|&vertex| is_near[vertex as usize]))
             .copied()
@@ -218,8 +209,8 @@ fn band(filling: &Filling, rim: &Rim) -> Vec<[u32; 3]> {
     faces
 }
 
-/// The pairs of faces that share an edge.
-fn neighbors(faces: &[[u32; 3]]) -> Vec<[u32; 2]> {
+/// Returns the pairs of faces that share an edge.
+fn adjacent_faces(faces: &[[u32; 3]]) -> Vec<[u32; 2]> {
     let mut edges: Vec<([u32; 2], u32)> = Vec::with_capacity(3 * faces.len());
     for (index, face) in (0..).zip(faces) {
         for k in 0..3 {
@@ -232,26 +223,28 @@ fn neighbors(faces: &[[u32; 3]]) -> Vec<[u32; 2]> {
     pairs.map(|pair| [pair[0].1, pair[1].1]).collect()
 }
 
-/// How often normals are smoothed: a few rows of faces take segment in each in the end.
-const SMOOTHINGS: usize = 5;
+/// Number of smoothing steps. With this number, a few rows of faces contribute to each normal.
+const SMOOTHING_STEPS: usize = 5;
 
-/// The difference of two normals at which one counts for the other less than half: some 12 degrees. Noise is below, creases are above.
-const DIFFERENCE: f64 = 0.2;
+/// Length of the difference between two normals at which their mutual weight is `exp(-1/2)`: about 12 degrees. Differences caused by noise
+/// are smaller, those at creases are larger.
+const NORMAL_DIFFERENCE: f64 = 0.2;
 
-/// Normals without noise, but with creases: each becomes the mean of those of the faces next to it that are like it.
+/// Removes noise from face normals but keeps creases: each normal becomes the mean of similar normals of adjacent faces.
 ///
-/// Jones, Durand and Desbrun, "Non-iterative, feature-preserving mesh smoothing" (2003), with the normals alone.
-fn smoothed(areas: &[Vector3<f64>], neighbors: &[[u32; 2]]) -> Vec<Vector3<f64>> {
+/// Jones, Durand and Desbrun, "Non-iterative, feature-preserving mesh smoothing" (2003), applied to normals only.
+fn smooth_normals(areas: &[Vector3<f64>], neighbors: &[[u32; 2]]) -> Vec<Vector3<f64>> {
     fn unit(area: &Vector3<f64>) -> Vector3<f64> {
         area.try_normalize(0.0).unwrap_or_default()
     }
     let mut normals: Vec<Vector3<f64>> = areas.iter().map(unit).collect();
-    for _ in 0..SMOOTHINGS {
+    for _ in 0..SMOOTHING_STEPS {
         let mut sums = normals.clone();
         for &[a, b] in neighbors {
             let [of_a, of_b] = [a, b].map(|face| normals[face as usize]);
-            let share = (of_a - of_b).norm_squared() / (2.0 * DIFFERENCE * DIFFERENCE);
-            let weight = libm::exp(-share);
+            let exponent =
+                (of_a - of_b).norm_squared() / (2.0 * NORMAL_DIFFERENCE * NORMAL_DIFFERENCE);
+            let weight = libm::exp(-exponent);
             sums[a as usize] += of_b * weight;
             sums[b as usize] += of_a * weight;
         }
@@ -260,18 +253,19 @@ fn smoothed(areas: &[Vector3<f64>], neighbors: &[[u32; 2]]) -> Vec<Vector3<f64>>
     normals
 }
 
-/// The number of the smooth segment that each face belongs to.
+/// Returns the segment number of each face. Adjacent faces are in one smooth segment if the cosine of their angle exceeds `sharp`.
 fn smooth_segments(normals: &[Vector3<f64>], neighbors: &[[u32; 2]], sharp: f64) -> Vec<u32> {
     let mut segments = UnionFind::new(normals.len());
     for &[a, b] in neighbors {
         if normals[a as usize].dot(&normals[b as usize]) > sharp {
-            segments.join(a, b);
+            segments.union(a, b);
         }
     }
-    (0..normals.len() as u32).map(|face| segments.first(face)).collect()
+    (0..normals.len() as u32).map(|face| segments.find(face)).collect()
 }
 
-/// Whether a surface bends where its segments meet, and much less within them: the bumps of a relief fit paraboloids, too, but are round.
+/// Returns true if the surface bends between segments and much less inside them. The bumps of a relief also fit paraboloids, but a relief
+/// bends everywhere.
 fn bend_in_creases(segments: &[u32], normals: &[Vector3<f64>], neighbors: &[[u32; 2]]) -> bool {
     let (mut within, mut between) = ((0.0, 0.0), (0.0, 0.0));
     for &[a, b] in neighbors {
@@ -281,11 +275,11 @@ fn bend_in_creases(segments: &[u32], normals: &[Vector3<f64>], neighbors: &[[u32
         sum.0 += libm::atan2(m.cross(&n).norm(), m.dot(&n));
         sum.1 += 1.0;
     }
-    between.1 == 0.0 || TIMES * within.0 * between.1 < between.0 * within.1
+    between.1 == 0.0 || MIN_BEND_RATIO * within.0 * between.1 < between.0 * within.1
 }
 
-/// Segments meet convexly if all lie below each other's surfaces.
-fn meeting(charts: &[Chart], members: &[Vec<Point3<f64>>]) -> Edge {
+/// Returns how segments meet: convexly if each is below the surfaces of the others.
+fn crease_kind(charts: &[Chart], members: &[Vec<Point3<f64>>]) -> CreaseKind {
     let (mut below, mut above) = (0, 0);
     for (a, chart) in charts.iter().enumerate() {
         for (b, points) in members.iter().enumerate() {
@@ -296,8 +290,8 @@ fn meeting(charts: &[Chart], members: &[Vec<Point3<f64>>]) -> Edge {
         }
     }
     match (below, above) {
-        (_, 0) => Edge::Convex,
-        (0, _) => Edge::Concave,
-        _ => Edge::Mixed,
+        (_, 0) => CreaseKind::Convex,
+        (0, _) => CreaseKind::Concave,
+        _ => CreaseKind::Mixed,
     }
 }

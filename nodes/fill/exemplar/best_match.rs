@@ -1,21 +1,26 @@
-//! The exemplar of a patch.
+//! The match of a patch.
 
 use super::surface::NONE;
 
-/// The exemplar of a patch.
+/// The match of a patch: the exemplar that is most similar to it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Match {
-    /// [`NONE`] if nothing can be compared.
+    /// The index of the exemplar; [`NONE`] if no exemplar can be compared.
     pub(super) exemplar: u32,
-    /// How it is turned.
-    pub(super) turn: u8,
-    /// The mean of the squared distances.
+    /// The index of the exemplar's orientation.
+    pub(super) orientation: u8,
+    /// The mean of the squared distances between the patch and the exemplar.
     pub(super) ssd: f64,
-    /// What is added to it where matches are chosen: the same of the colors.
+    /// The mean of the squared color differences, added to `ssd` when matches are chosen.
     pub(super) tint: f64,
 }
 
 impl Match {
+    /// The total difference by which matches are compared.
+    pub(super) fn difference(&self) -> f64 {
+        self.ssd + self.tint
+    }
+
     pub(super) const NOTHING: Self =
-        Self { exemplar: NONE, turn: 0, ssd: f64::INFINITY, tint: 0.0 };
+        Self { exemplar: NONE, orientation: 0, ssd: f64::INFINITY, tint: 0.0 };
 }

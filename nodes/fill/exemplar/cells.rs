@@ -1,4 +1,4 @@
-//! Which exemplar each missing vertex copies.
+//! Divides the missing vertices into cells; all vertices of a cell copy from one exemplar.
 
 use nalgebra::Point3;
 
@@ -6,13 +6,12 @@ use super::level::Outcome;
 use super::patches::thin;
 use super::surface::{NONE, Surface};
 
-/// How far the middles of cells are apart, in edges of the data. In smaller ones each vertex has its own neighbors' detail against it, in
-/// larger ones vertices copy what lies far from the middle of a patch, where it fits least.
-const APART: f64 = 2.5;
+/// Distance between the centers of cells, in edge lengths of the data. In smaller cells the detail of neighboring vertices does not fit
+/// together; in larger ones vertices copy from far outside the middle of a patch, where it fits least.
+const MIN_DISTANCE: f64 = 2.5;
 
-/// For each missing vertex, from the first after the `data` on, the patch whose exemplar it copies: that in the middle of its cell. Cells
-/// are around the patches that are most like their exemplars, so that neighboring vertices copy from one place. [`NONE`] where there is no
-/// match.
+/// Returns, for each missing vertex, the patch whose exemplar the vertex copies: the patch in the center of the vertex's cell. Cell centers
+/// are the patches with the best matches, and neighboring vertices copy from one exemplar. [`NONE`] for a vertex without a match.
 pub(super) fn cells(
     surface: &Surface<'_>,
     points: &[Point3<f64>],
@@ -21,20 +20,19 @@ pub(super) fn cells(
     edge: f64,
 ) -> Vec<u32> {
     let Outcome { patches, matches, .. } = outcome;
-    fn ssd(center: u32, matches: &[crate::exemplar::best_match::Match]) -> f64 {
-        matches[center as usize].ssd
-    }
     let mut centers: Vec<u32> = (0..patches.movable as u32)
         .filter(|&center| matches[center as usize].exemplar != NONE)
         .collect();
-    centers.sort_by(|&a, &b| ssd(a, matches).total_cmp(&ssd(b, matches)).then(a.cmp(&b)));
+    centers.sort_by(|&a, &b| {
+        matches[a as usize].ssd.total_cmp(&matches[b as usize].ssd).then(a.cmp(&b))
+    });
     let vertices = centers.iter().map(|&center| patches.sites[center as usize]);
-    let middles = thin(surface, points, vertices, APART * edge);
-    let mut place = vec![NONE; points.len()];
-    (0..).zip(&patches.sites).for_each(|(site, &vertex)| place[vertex as usize] = site);
+    let middles = thin(surface, points, vertices, MIN_DISTANCE * edge);
+    let mut index_of = vec![NONE; points.len()];
+    (0..).zip(&patches.sites).for_each(|(site, &vertex)| index_of[vertex as usize] = site);
     let nearest = surface.nearest(points, middles.into_iter(), f64::INFINITY);
     nearest[data..]
         .iter()
-        .map(|&middle| if middle == NONE { NONE } else { place[middle as usize] })
+        .map(|&middle| if middle == NONE { NONE } else { index_of[middle as usize] })
         .collect()
 }

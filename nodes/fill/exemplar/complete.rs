@@ -1,64 +1,65 @@
-//! The completion with the improvements over the publication.
+//! The completion with the improvements over the publication (`Update::Exact`).
 
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use maquette_value::TraceStep;
 
 use super::cells;
-use super::completion::{Completed, Completion, Copies, FEWEST, Given, areas, distances};
+use super::completion::{
+    Completion, CompletionInput, CompletionResult, Copies, MIN_EXEMPLARS, distances_to_missing,
+    vertex_areas,
+};
 use super::hole::Hole;
 use super::options::ExemplarOptions;
+use super::orientations::Orientations;
 use super::surface::Surface;
 use super::tints::Color;
-use super::turns::Turns;
 use crate::triangles::filling::Filling;
 
-/// Moves the filled vertices of `filling`, which is triangulated as finely as its data and has the positions of the start, to where
-/// their exemplars have them.
+/// Completes the surface by moving the filled vertices of `filling` to the positions given by their exemplars. The fill must be as dense as
+/// the data and have the positions of the start.
 ///
 /// # Errors
-/// If the evaluation is told to stop.
+/// Returns an error if the evaluation is cancelled.
 pub(crate) fn complete(
     filling: &mut Filling,
     options: &ExemplarOptions,
-    given: &Given,
+    given: &CompletionInput,
     progress: &Progress<'_>,
-) -> Result<Completed, Cancelled> {
-    let Filling { points, faces, data, kept } = filling;
+) -> Result<CompletionResult, CancelledError> {
+    let Filling { points, faces, n_data_vertices: data, n_data_faces: kept } = filling;
     let (data, count) = (*data, points.len());
     let surface = Surface::new(count, faces);
     let mut completed =
-        Completed { trace: vec![], copies: Copies::none(count - data), no_exemplar: true };
+        CompletionResult { trace: vec![], copies: Copies::empty(count - data), no_exemplar: true };
     let Some(hole) = Hole::new(&surface, points, data) else { return Ok(completed) };
     let mut radii = hole.radii(options, &points[..data]);
     let mut completion = Completion {
         surface: &surface,
-        data,
-        kept: *kept,
+        n_data_vertices: data,
+        n_data_faces: *kept,
         options,
         allowed: given.allowed.as_deref(),
         colors: lengths(given, options.color * hole.edge),
-        distances: distances(&surface, points, data, (2.5 * radii[0]).max(hole.width)),
-        turns: Turns::new(options.rotations, options.mirror),
-        areas: areas(&surface, points, data, *kept, options.update),
+        distances: distances_to_missing(&surface, points, data, (2.5 * radii[0]).max(hole.width)),
+        orientations: Orientations::new(options.rotations, options.mirror),
+        areas: vertex_areas(&surface, points, data, *kept, options.update),
         hole,
         sharp: &given.sharp,
         guides: Vec::new(),
     };
     let (mut level, mut done) = (0, 0);
     while level < radii.len() {
-        fn share(level: usize, radii: &[f64]) -> f64 {
-            level as f64 / radii.len() as f64
-        }
-        let own = share(level, &radii)..share(level + 1, &radii);
+        let levels = radii.len() as f64;
+        let own = level as f64 / levels..(level + 1) as f64 / levels;
         progress.tick(own.start)?;
         let size = completion.size(radii[level], level);
         let exemplars = completion.exemplars(&size, points, progress)?;
         let smaller = radii[0] / 2.0;
-        if exemplars.len() < FEWEST {
+        if exemplars.len() < MIN_EXEMPLARS {
             let chosen = options.radii.is_empty() && smaller.is_finite();
             let retry = level == 0 && radii.len() > 1 && chosen;
             if retry {
-                radii = completion.hole.spaced(smaller, radii.len());
+                radii = completion.hole.spaced_radii(smaller, radii.len());
             } else {
                 level += 1;
             }
@@ -67,8 +68,8 @@ pub(crate) fn complete(
         let last = level + 1 == radii.len();
         let outcome = progress
             .part(own, |progress| completion.level(&size, &exemplars, points, level, progress))?;
-        for (iteration, energy) in &outcome.kept {
-            let (max, rms) = (energy.most.sqrt(), energy.mean.sqrt());
+        for (iteration, energy) in &outcome.improvements {
+            let (max, rms) = (energy.max.sqrt(), energy.mean.sqrt());
             completed.trace.push(TraceStep { iteration: done + iteration, max, rms });
         }
         done += outcome.iterations + 1;
@@ -77,16 +78,16 @@ pub(crate) fn complete(
             let edge = completion.hole.edge;
             let cells = cells::cells(&surface, points, data, &outcome, edge);
             completion.add_detail(&size, &exemplars, &outcome, &cells, points, progress)?;
-            completion.copy(&exemplars, &outcome, &cells, points, &mut completed.copies);
+            completion.record_copies(&exemplars, &outcome, &cells, points, &mut completed.copies);
         }
         completion.guides = outcome.guides;
         level += 1;
     }
-    completed.copies.name(&completion.guides, data);
+    completed.copies.set_exemplars(&completion.guides, data);
     Ok(completed)
 }
 
-/// The colors, as lengths that count as much as distances: `size` for the difference of black and white.
-fn lengths(given: &Given, size: f64) -> Vec<Color> {
+/// Returns the colors scaled to lengths, which are compared like distances: the difference between black and white is `size`.
+fn lengths(given: &CompletionInput, size: f64) -> Vec<Color> {
     given.colors.iter().flatten().map(|color| color.map(|channel| channel * size / 100.0)).collect()
 }

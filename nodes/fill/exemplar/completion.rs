@@ -1,96 +1,96 @@
-//! What a completion starts from, works with and gives.
+//! The inputs, the state and the results of a completion.
 
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use maquette_value::TraceStep;
 use nalgebra::{Point3, Vector3};
 
 use super::detail::Detail;
 use super::exemplars::{Exemplars, REACH, Source};
 use super::hole::{Hole, SAMPLES};
-use super::level::{CompletionLevel, Guide, Outcome, Shared};
-use super::options::{ExemplarOptions, Shown, Start, Update};
+use super::level::{CompletionContext, CompletionLevel, Guide, Outcome};
+use super::options::{ExemplarOptions, Start, TextureSource, Update};
+use super::orientations::Orientations;
 use super::patches::Scale;
 use super::sources::Sources;
 use super::surface::{NONE, Surface};
 use super::tints::Color;
-use super::turns::Turns;
 use super::votes::Votes;
-use super::{bends, smoothness};
+use super::{dihedral_angles, smoothness};
 
-/// What a completion is given beside the mesh.
+/// The inputs of a completion in addition to the mesh.
 #[derive(Default)]
-pub(crate) struct Given {
-    /// Marks the data vertices around which exemplars may be; all, if left out.
+pub(crate) struct CompletionInput {
+    /// Marks the data vertices around which exemplars may be; `None` allows all.
     pub(crate) allowed: Option<Vec<bool>>,
-    /// The colors of all vertices in CIE L*a*b*; those of filled vertices are estimated from the rim.
+    /// The colors of all vertices in CIE L*a*b*; the colors of filled vertices are estimated from the rim.
     pub(crate) colors: Option<Vec<[f64; 3]>>,
-    /// Marks the filled vertices of holes across which the start extends creases of the data; none, if empty.
+    /// Marks the filled vertices of holes across which the start extends creases of the data; empty if no hole has any.
     pub(crate) sharp: Vec<bool>,
 }
 
-/// How a completion went.
-pub(crate) struct Completed {
-    /// The iterations that were better than all before them on their level: `rms` is the root of the energy, `max` the root of the
-    /// largest mean square of a patch's distances, both in mm. They compare within a level alone.
+/// The result of a completion.
+pub(crate) struct CompletionResult {
+    /// The iterations that were better than all earlier ones on their level. `rms` is the root of the energy, `max` the root of the largest
+    /// mean squared distance of a patch, both in mm. Values are comparable only within a level.
     pub(crate) trace: Vec<TraceStep>,
     pub(crate) copies: Copies,
-    /// Whether no part of the data can be an exemplar; the start is left as it is then.
+    /// True if no part of the data can be an exemplar; the start is unchanged then.
     pub(crate) no_exemplar: bool,
 }
 
-/// What a completion copies from where.
+/// The sources from which a completion copies.
 pub(crate) struct Copies {
     /// The data vertex that each filled vertex copies; [`u32::MAX`] if none.
     pub(crate) exemplar: Vec<u32>,
     /// The data vertices whose attributes are averaged for each filled vertex.
     pub(crate) votes: Votes,
-    /// Which part of a picture belongs on each filled face.
+    /// The part of a picture that each filled face shows.
     pub(crate) sources: Sources,
 }
 
 impl Copies {
-    /// Nothing, for so many filled vertices.
-    pub(crate) fn none(count: usize) -> Self {
-        let (votes, sources) = (Votes::none(count), Sources::none());
+    /// Returns copies of nothing for `count` filled vertices.
+    pub(crate) fn empty(count: usize) -> Self {
+        let (votes, sources) = (Votes::empty(count), Sources::empty());
         Self { exemplar: vec![NONE; count], votes, sources }
     }
 
-    /// Names the data vertex that each filled vertex copies, which are those from `data` on.
-    pub(super) fn name(&mut self, guides: &[Guide], data: usize) {
+    /// Sets the data vertex that each filled vertex copies. The filled vertices have the indices from `data` on.
+    pub(super) fn set_exemplars(&mut self, guides: &[Guide], data: usize) {
         for guide in guides {
             let copied = self.exemplar.get_mut((guide.vertex as usize).wrapping_sub(data));
             if let Some(copied) = copied {
-                *copied = guide.from();
+                *copied = guide.exemplar_vertex();
             }
         }
     }
 }
 
-/// The radius within which normals are averaged for a patch's frame, in radii of the patch. With less, a single rough triangle turns the
-/// frame; with more, frames lag behind the surface where it curves.
+/// Radius within which normals are averaged for a patch's frame, in patch radii. With less, one rough triangle rotates the frame; with
+/// more, frames follow curved surfaces too late.
 pub(crate) const NORMAL_RADIUS: f64 = 0.4;
 
-/// With fewer exemplars a level is left out.
-pub(crate) const FEWEST: usize = 32;
+/// Minimum number of exemplars; a level with fewer is skipped.
+pub(crate) const MIN_EXEMPLARS: usize = 32;
 
-/// Samples along a patch's radius, at most: some 200 in all, whatever distance is wished.
-pub(crate) const MOST_SAMPLES: f64 = 8.0;
+/// Maximum number of samples along a patch's radius: about 200 in all, whatever distance is requested.
+pub(crate) const MAX_SAMPLES: f64 = 8.0;
 
-/// Samples are chosen among vertices if they are to be so many edges apart.
+/// Ratio of the sample distance to the edge length above which only some vertices become samples.
 pub(crate) const SPARSE: f64 = 1.3;
 
-/// The same where the publication is followed, in which all vertices move. With less, few vertices of a hole some 7 edges across move
+/// The value of [`SPARSE`] for [`Update::Published`], in which all vertices move. With less, few vertices of a hole about 7 edges wide move
 /// on the coarsest level; with more, coarse levels of larger holes compare more samples.
 pub(crate) const SPARSE_PUBLISHED: f64 = 2.0;
 
-/// How far each data vertex is from the nearest missing one; infinite if farther than `most`.
-pub(crate) fn distances(
+/// Returns, for each data vertex, the distance to the nearest missing vertex; infinite if greater than `max_distance`.
+pub(crate) fn distances_to_missing(
     surface: &Surface<'_>,
     points: &[Point3<f64>],
     data: usize,
-    most: f64,
+    max_distance: f64,
 ) -> Vec<f64> {
-    let nearest = surface.nearest(points, data as u32..points.len() as u32, most);
+    let nearest = surface.nearest(points, data as u32..points.len() as u32, max_distance);
     (0..data)
         .map(|vertex: usize| match nearest[vertex] {
             NONE => f64::INFINITY,
@@ -99,9 +99,9 @@ pub(crate) fn distances(
         .collect()
 }
 
-/// Twice the sum of the area vectors of the faces around each vertex. As published, the start does not count for the normals of the data:
-/// it may be a cone.
-pub(crate) fn areas(
+/// Returns, for each vertex, twice the sum of the area vectors of its faces. With [`Update::Published`], filled faces do not contribute to
+/// the normals of data vertices, since the start may be a cone.
+pub(crate) fn vertex_areas(
     surface: &Surface<'_>,
     points: &[Point3<f64>],
     data: usize,
@@ -118,28 +118,28 @@ pub(crate) fn areas(
         .collect()
 }
 
-/// What a completion works with on all levels.
+/// The state of a completion on all levels.
 pub(crate) struct Completion<'a> {
     pub(super) surface: &'a Surface<'a>,
-    pub(super) data: usize,
-    pub(super) kept: usize,
+    pub(super) n_data_vertices: usize,
+    pub(super) n_data_faces: usize,
     pub(super) options: &'a ExemplarOptions,
     pub(super) allowed: Option<&'a [bool]>,
-    /// Of all vertices; none if they do not count.
+    /// The colors of all vertices; empty if colors are not compared.
     pub(super) colors: Vec<Color>,
     pub(super) hole: Hole,
-    /// Marks the filled vertices whose start is sharp; none, if empty.
+    /// Marks the filled vertices whose start has extended creases; empty if no vertex is marked.
     pub(super) sharp: &'a [bool],
     pub(super) distances: Vec<f64>,
-    pub(super) turns: Turns,
+    pub(super) orientations: Orientations,
     /// Twice the sum of the area vectors of the faces around each vertex.
     pub(super) areas: Vec<Vector3<f64>>,
-    /// The matches of the level before.
+    /// The matches of the previous level.
     pub(super) guides: Vec<Guide>,
 }
 
-/// The lengths of a level.
-pub(crate) struct Size {
+/// The lengths used on a level.
+pub(crate) struct LevelSize {
     pub(super) radius: f64,
     /// The distance between samples.
     sample: f64,
@@ -152,36 +152,36 @@ impl Completion<'_> {
         self.options.update == Update::Published
     }
 
-    pub(super) fn size(&self, radius: f64, level: usize) -> Size {
+    pub(super) fn size(&self, radius: f64, level: usize) -> LevelSize {
         let edge = self.hole.edge;
         let given = self.options.edges.get(level).copied().filter(|&edge| edge > 0.0);
-        let sample = given.unwrap_or(edge.max(radius / SAMPLES)).max(radius / MOST_SAMPLES);
+        let sample = given.unwrap_or(edge.max(radius / SAMPLES)).max(radius / MAX_SAMPLES);
         let (normal_radius, sparse) = match self.options.update {
             Update::Exact => (NORMAL_RADIUS * radius, SPARSE),
             Update::Published => (0.0, SPARSE_PUBLISHED),
         };
-        Size { radius, sample, normal_radius, sparse: sample > sparse * edge }
+        LevelSize { radius, sample, normal_radius, sparse: sample > sparse * edge }
     }
 
     pub(super) fn exemplars(
         &self,
-        size: &Size,
+        size: &LevelSize,
         points: &[Point3<f64>],
         progress: &Progress<'_>,
-    ) -> Result<Exemplars, Cancelled> {
+    ) -> Result<Exemplars, CancelledError> {
         let published = self.is_published();
         let source = Source {
             surface: self.surface,
             points,
             areas: &self.areas,
             colors: &self.colors,
-            data: self.data,
-            kept: self.kept,
+            n_data_vertices: self.n_data_vertices,
+            n_data_faces: self.n_data_faces,
             up: self.options.up.into(),
             radius: size.radius,
             normal_radius: size.normal_radius,
-            apart: if size.sparse { 0.5 * size.sample } else { 0.0 },
-            cut: published,
+            spacing: if size.sparse { 0.5 * size.sample } else { 0.0 },
+            is_published: published,
         };
         let reach = if published { size.radius } else { REACH * size.radius };
         Exemplars::new(
@@ -189,7 +189,7 @@ impl Completion<'_> {
             |vertex: u32| {
                 let open = self.allowed.is_none_or(|allowed| allowed[vertex as usize]);
                 open && reach < self.distances[vertex as usize]
-                    && !self.surface.around(vertex).is_empty()
+                    && !self.surface.faces_around(vertex).is_empty()
             },
             progress,
         )
@@ -197,18 +197,18 @@ impl Completion<'_> {
 
     pub(super) fn level(
         &mut self,
-        size: &Size,
+        size: &LevelSize,
         exemplars: &Exemplars,
         points: &mut [Point3<f64>],
         number: usize,
         progress: &Progress<'_>,
-    ) -> Result<Outcome, Cancelled> {
-        let shared = Shared {
+    ) -> Result<Outcome, CancelledError> {
+        let shared = CompletionContext {
             surface: self.surface,
             colors: &self.colors,
-            data: self.data,
+            n_data_vertices: self.n_data_vertices,
             options: self.options,
-            turns: &self.turns,
+            orientations: &self.orientations,
             hole: &self.hole,
             sharp: self.sharp,
             distances: &self.distances,
@@ -232,8 +232,8 @@ impl Completion<'_> {
         level.run(points, &mut self.areas, &self.guides, progress)
     }
 
-    /// Notes what of attributes and pictures is copied from where.
-    pub(super) fn copy(
+    /// Records the exemplars from which attributes and pictures are copied.
+    pub(super) fn record_copies(
         &self,
         exemplars: &Exemplars,
         outcome: &Outcome,
@@ -241,41 +241,50 @@ impl Completion<'_> {
         points: &[Point3<f64>],
         copies: &mut Copies,
     ) {
-        let (surface, turns) = (self.surface, &self.turns);
-        copies.votes = Votes::new(outcome, exemplars, turns, surface, points, self.data);
-        if self.options.texture == Shown::Copied {
-            copies.sources =
-                Sources::new(outcome, exemplars, turns, surface, points, self.kept, cells);
+        let (surface, orientations) = (self.surface, &self.orientations);
+        copies.votes =
+            Votes::new(outcome, exemplars, orientations, surface, points, self.n_data_vertices);
+        if self.options.texture == TextureSource::Copied {
+            copies.sources = Sources::new(
+                outcome,
+                exemplars,
+                orientations,
+                surface,
+                points,
+                self.n_data_faces,
+                cells,
+            );
         }
     }
 
-    /// Adds what the mean of many exemplars has lost, unless they fit exactly, not all vertices move, or the publication is followed.
+    /// Adds the detail lost by averaging exemplars. Does nothing if the exemplars fit exactly, if not all vertices move, or if the
+    /// publication is followed.
     pub(super) fn add_detail(
         &self,
-        size: &Size,
+        size: &LevelSize,
         exemplars: &Exemplars,
         outcome: &Outcome,
         cells: &[u32],
         points: &mut [Point3<f64>],
         progress: &Progress<'_>,
-    ) -> Result<(), Cancelled> {
-        if self.options.most_iterations() == 0
+    ) -> Result<(), CancelledError> {
+        if self.options.max_iterations() == 0
             || outcome.is_exact(size.radius)
             || self.is_published()
             || outcome.patches.movable < cells.len()
         {
             return Ok(());
         }
-        fn around(vertex: u32, distances: &[f64], hole_width: f64) -> bool {
-            distances[vertex as usize] <= hole_width
-        }
-        let around = (0..self.data as u32)
-            .filter(|&vertex| around(vertex, &self.distances, self.hole.width))
+        let around = (0..self.n_data_vertices as u32)
+            .filter(|&vertex| self.distances[vertex as usize] <= self.hole.width)
             .collect();
-        let (surface, turns, radius) = (self.surface, &self.turns, size.radius);
+        let (surface, orientations, radius) = (self.surface, &self.orientations, size.radius);
         let sharp = self.sharp;
-        Detail { surface, exemplars, outcome, turns, cells, sharp, radius }.add(points, around);
+        Detail { surface, exemplars, outcome, orientations, cells, sharp, radius }
+            .add(points, around);
         let normals = &outcome.normals[..cells.len()];
-        bends::bend_alike(surface, points, normals, &self.hole, sharp, progress)
+        dihedral_angles::match_dihedral_angles(
+            surface, points, normals, &self.hole, sharp, progress,
+        )
     }
 }

@@ -1,56 +1,58 @@
-//! Descriptors of height fields: their principal components, in a few numbers.
+//! Descriptors of height fields: the principal components of sampled heights, a few numbers for a fast search.
 
 use maquette_value::parallel::*;
 use nalgebra::{DMatrix, SymmetricEigen};
 
-use super::frame::Turn;
+use super::frame::Orientation;
 use super::heights::height_at;
 
-/// Angles at which heights are taken on each ring.
+/// The number of angles at which heights are sampled on each ring.
 const ANGLES: usize = 16;
 
-/// Rings, the outermost at the patch's radius.
+/// The number of rings; the outermost is at the patch's radius.
 const RINGS: usize = 5;
 
-/// Heights on all rings.
+/// The number of heights on all rings.
 pub(super) const COUNT: usize = RINGS * ANGLES;
 
-/// Principal components that a descriptor has.
+/// The number of principal components in a descriptor.
 pub(super) const KEPT: usize = 16;
 
-/// Heights over rings around the middle.
+/// The heights of one patch or exemplar, sampled on rings around its center.
 pub(super) type Rings = [f32; COUNT];
 
-/// The principal components of rings.
+/// The leading principal components of the heights on rings.
 pub(super) type Descriptor = [f32; KEPT];
 
-/// Where the heights of rings are taken.
+/// The lattice positions at which heights are sampled on rings.
 pub(super) struct Polar {
-    places: Vec<[f64; 2]>,
+    positions: Vec<[f64; 2]>,
     level: bool,
 }
 
 impl Polar {
-    /// For patches of `radius` on lattices of this step. If `level`, the mean height and tilt are subtracted.
+    /// Returns the sampling positions for patches of `radius` on lattices with spacing `step`. If `level`, mean height and tilt are
+    /// subtracted from the samples.
     pub(super) fn new(radius: f64, step: f64, level: bool) -> Self {
         Self {
-            places: (0..COUNT)
+            positions: (0..COUNT)
                 .map(|k: usize| {
-                    let share = (k / ANGLES + 1) as f64 / RINGS as f64;
+                    let fraction = (k / ANGLES + 1) as f64 / RINGS as f64;
                     let angle = std::f64::consts::TAU * (k % ANGLES) as f64 / ANGLES as f64;
                     let (sine, cosine) = libm::sincos(angle);
-                    [cosine, sine].map(|x| x * share * radius / step)
+                    [cosine, sine].map(|x| x * fraction * radius / step)
                 })
                 .collect(),
             level,
         }
     }
 
-    /// The heights of a surface on the rings, after a turn; where the surface has no height, that of the next inner ring.
-    pub(super) fn rings(&self, heights: &[f32], turn: &Turn) -> Rings {
+    /// Samples the heights of a surface on the rings, seen in an orientation. A sample without a height gets the height at the next inner
+    /// ring.
+    pub(super) fn rings(&self, heights: &[f32], orientation: &Orientation) -> Rings {
         let mut rings = [0.0; COUNT];
-        for (k, &place) in self.places.iter().enumerate() {
-            let height = height_at(heights, turn.apply(place)) as f32;
+        for (k, &position) in self.positions.iter().enumerate() {
+            let height = height_at(heights, orientation.apply(position)) as f32;
             rings[k] = match height.is_finite() {
                 true => height,
                 false if k < ANGLES => 0.0,
@@ -65,7 +67,7 @@ impl Polar {
 
     /// Subtracts the least-squares plane of the heights.
     fn flatten(&self, rings: &mut Rings) {
-        let directions = self.places.iter().zip(rings.iter());
+        let directions = self.positions.iter().zip(rings.iter());
         let (mut mean, mut tilt, mut size) = (0.0, [0.0; 2], 0.0);
         for (&[x, y], &height) in directions {
             let height = f64::from(height);
@@ -73,25 +75,25 @@ impl Polar {
             tilt = [tilt[0] + height * x, tilt[1] + height * y];
             size += (x * x + y * y) / 2.0;
         }
-        for (&[x, y], height) in self.places.iter().zip(rings.iter_mut()) {
+        for (&[x, y], height) in self.positions.iter().zip(rings.iter_mut()) {
             *height -= (mean + (tilt[0] * x + tilt[1] * y) / size) as f32;
         }
     }
 }
 
-/// A projection onto the directions in which rings differ most: their principal components.
+/// A projection onto the principal components of ring heights: the directions in which the heights vary most.
 pub(super) struct Basis {
     mean: Rings,
     rows: Vec<Rings>,
 }
 
-/// The most rings from which the directions are found; more change them little.
-const MOST: usize = 1024;
+/// Maximum number of height fields from which the components are computed; more change the components little.
+const MAX_BASIS_RINGS: usize = 1024;
 
 impl Basis {
-    /// The principal components of some rings.
+    /// Computes the principal components of the ring heights of many height fields.
     pub(super) fn new(all: &[Rings]) -> Self {
-        let every = all.len().div_ceil(MOST).max(1);
+        let every = all.len().div_ceil(MAX_BASIS_RINGS).max(1);
         let some: Vec<&Rings> = all.iter().step_by(every).collect();
         let mut mean = [0.0_f64; COUNT];
         for rings in &some {
@@ -120,7 +122,7 @@ impl Basis {
             }
         }
         if spread.iter().any(|entry: &f64| !entry.is_finite()) {
-            // Heights out of all bounds: then all descriptors are equal.
+            // The heights are out of range, so all entries are set to zero and all descriptors become equal.
             spread.fill(0.0);
         }
         let eigen = SymmetricEigen::new(spread);
@@ -135,14 +137,14 @@ impl Basis {
         }
     }
 
-    /// The descriptor of rings: their principal components.
+    /// Returns the descriptor of the heights on rings.
     pub(super) fn project(&self, rings: &Rings) -> Descriptor {
         let centered: Rings = std::array::from_fn(|k| rings[k] - self.mean[k]);
         std::array::from_fn(|k| dot(&self.rows[k], &centered))
     }
 }
 
-/// Eight sums at a time, which the compiler makes a vector of.
+/// Dot product with eight partial sums, which the compiler vectorizes.
 fn dot(a: &Rings, b: &Rings) -> f32 {
     let mut sums = [0.0_f32; 8];
     for (a, b) in a.chunks_exact(8).zip(b.chunks_exact(8)) {

@@ -1,4 +1,4 @@
-//! The fine detail of exemplars, which the mean of many of them has lost.
+//! Restores the fine detail of exemplars, which is lost in the mean of many of them.
 
 use nalgebra::{Point3, Vector3};
 
@@ -6,42 +6,42 @@ use super::compare::{PatchSamples, Plane};
 use super::exemplars::Exemplars;
 use super::heights::{View, sample};
 use super::level::Outcome;
+use super::orientations::Orientations;
 use super::roughness::Roughness;
 use super::spread::Plate;
 use super::surface::{NONE, Surface};
-use super::turns::Turns;
 
-/// How strongly the shape holds against the detail. With a twentieth of it, detail bends the shared: on eight holes each of five surfaces,
-/// fills were up to a quarter farther from the truth.
-const HOLD: f64 = 2.0;
+/// Stiffness with which vertices are held at their positions against the added detail. With a twentieth of it, detail bends the whole
+/// surface: on eight holes in each of five surfaces, fills were up to 25 % farther from the truth.
+const STIFFNESS: f64 = 2.0;
 
-/// The most by which detail is amplified.
-const MOST: f64 = 3.0;
+/// Maximum factor by which detail is amplified.
+const MAX_AMPLIFICATION: f64 = 3.0;
 
-/// Halvings in which the amplification is found.
+/// Number of bisection steps that determine the amplification.
 const HALVINGS: usize = 8;
 
-/// What detail is made of.
+/// The inputs for adding detail.
 pub(super) struct Detail<'a> {
     pub(super) surface: &'a Surface<'a>,
     pub(super) exemplars: &'a Exemplars,
     pub(super) outcome: &'a Outcome,
-    pub(super) turns: &'a Turns,
+    pub(super) orientations: &'a Orientations,
     /// The patch that each missing vertex copies.
     pub(super) cells: &'a [u32],
-    /// Marks the missing vertices of holes across which creases are extended, which stay where they are; none, if empty.
+    /// Marks the missing vertices that do not move, in holes across which creases are extended; empty if no vertex is marked.
     pub(super) sharp: &'a [bool],
-    /// The radius of a patch.
+    /// The radius of a patch in mm.
     pub(super) radius: f64,
 }
 
 impl Detail<'_> {
-    /// Moves the missing vertices, all of which are sites, along their normals until each has about the height over its neighbors that it
-    /// has on its exemplar. Detail is amplified until the surface is as rough as the data's vertices `around` the hole: matches are chosen
-    /// by a surface that is too smooth, and so tend to be too smooth themselves.
+    /// Moves the missing vertices, all of which must be samples, along their normals until each has about the same height over its
+    /// neighbors as on its exemplar. Detail is amplified until the fill is as rough as the data at the vertices `around` the hole: matches
+    /// are found with a surface that is too smooth, so the exemplars tend to be too smooth as well.
     ///
-    /// This is the equation of a thin plate whose rest shape is not flat: Botsch and Sorkine, "On linear variational surface deformation
-    /// methods" (2008), section 4.
+    /// Solves the equation of a thin plate whose rest shape is not flat: Botsch and Sorkine, "On linear variational surface
+    /// deformation methods" (2008), section 4.
     pub(super) fn add(&self, points: &mut [Point3<f64>], around: Vec<u32>) {
         let count = points.len();
         let data = count - self.cells.len();
@@ -52,19 +52,22 @@ impl Detail<'_> {
             let (vertex, normal) = (data + site, self.outcome.normals[site]);
             normals[vertex] = normal;
             if cell != NONE && self.sharp.get(site) != Some(&true) {
-                let copied = alignments.over(vertex as u32, cell as usize);
+                let copied = alignments.exemplar_height(vertex as u32, cell as usize);
                 if copied.is_finite() {
                     wanted[vertex] = copied;
                     change[vertex] = copied
-                        - over(self.surface, vertex as u32, &normal, |vertex: u32| {
-                            points[vertex as usize]
-                        });
+                        - height_over_neighbors(
+                            self.surface,
+                            vertex as u32,
+                            &normal,
+                            |vertex: u32| points[vertex as usize],
+                        );
                 }
             }
         }
-        let Some(plate) = Plate::new(self.surface, count, data, |_| HOLD) else { return };
+        let Some(plate) = Plate::new(self.surface, count, data, |_| STIFFNESS) else { return };
         let [once, more] = [change, wanted].map(|wanted| plate.solve(plate.load(&wanted)));
-        let goal = Roughness::new(self.surface, around).of(points);
+        let goal = Roughness::new(self.surface, around).measure(points);
         let filled = Roughness::new(self.surface, (data as u32..count as u32).collect());
         let start = points[data..].to_vec();
         let mut try_times = |times: f64| {
@@ -72,10 +75,10 @@ impl Detail<'_> {
                 let far = once[k][0] + (times - 1.0) * more[k][0];
                 points[data + k] = start + normals[data + k] * far;
             }
-            filled.of(points)
+            filled.measure(points)
         };
         if try_times(1.0) < goal {
-            let (mut low, mut high) = (1.0, MOST);
+            let (mut low, mut high) = (1.0, MAX_AMPLIFICATION);
             for _ in 0..HALVINGS {
                 let middle = 0.5 * (low + high);
                 *if try_times(middle) < goal { &mut low } else { &mut high } = middle;
@@ -89,9 +92,9 @@ impl Detail<'_> {
 struct Alignments<'a> {
     detail: &'a Detail<'a>,
     points: &'a [Point3<f64>],
-    /// The sample at each vertex.
+    /// For each vertex, the index of its sample.
     place: Vec<u32>,
-    /// The plane between each patch and its exemplar, once it is asked for.
+    /// The plane between each patch and its exemplar, computed on first use.
     planes: Vec<Option<Plane>>,
 }
 
@@ -103,57 +106,61 @@ impl<'a> Alignments<'a> {
         Self { detail, points, place, planes: vec![None; patches.len()] }
     }
 
-    /// How far a missing vertex would be over all its neighbors together, along its normal, as on the exemplar of a patch: the mean of
-    /// what the exemplar has at the places of the vertices, and of what its vertex nearest to this one has. The former blurs what is rough
-    /// from vertex to vertex, the latter takes triangles that lie otherwise for roughness. NaN where there is no exemplar.
-    fn over(&mut self, vertex: u32, center: usize) -> f64 {
-        let Detail { surface, exemplars, outcome, turns, cells, .. } = *self.detail;
+    /// Returns the sum of the differences between a missing vertex and its neighbors along its normal, as on the exemplar of a patch. The
+    /// sum is the mean of two values: one measured on the exemplar at the positions of the vertices, the other at the exemplar vertex that
+    /// is nearest. The first value blurs roughness between adjacent vertices; the second one counts a different triangulation as roughness.
+    /// NaN without an exemplar.
+    fn exemplar_height(&mut self, vertex: u32, center: usize) -> f64 {
+        let Detail { surface, exemplars, outcome, orientations, cells, .. } = *self.detail;
         let plane =
-            *self.planes[center].get_or_insert_with(|| plane(self.detail, self.points, center));
+            *self.planes[center].get_or_insert_with(|| fit_plane(self.detail, self.points, center));
         let found = &outcome.matches[center];
         let (frame, own) = (&outcome.frames[center], &exemplars.frames[found.exemplar as usize]);
         let normal = outcome.normals[self.place[vertex as usize] as usize];
-        let there =
-            over(surface, vertex, &normal, |vertex: u32| self.copied(vertex, center, &plane));
+        let there = height_over_neighbors(surface, vertex, &normal, |vertex: u32| {
+            self.copied_point(vertex, center, &plane)
+        });
         let from = exemplars.vertices[found.exemplar as usize];
-        let to = exemplars.place(found, turns, frame, self.points[vertex as usize]);
+        let to = exemplars.map_point(found, orientations, frame, self.points[vertex as usize]);
         let data = self.points.len() - cells.len();
-        let source = surface.descend(self.points, from, &to, data as u32);
-        let nearest = over(surface, source, &own.z, |vertex| self.points[vertex as usize]);
+        let source = surface.walk_to_nearest(self.points, from, &to, data as u32);
+        let nearest =
+            height_over_neighbors(surface, source, &own.z, |vertex| self.points[vertex as usize]);
         let degrees = [vertex, source].map(|vertex| surface.ring(vertex).len().max(1) as f64);
         0.5 * (there + nearest * degrees[0] / degrees[1])
     }
 
-    /// Where the exemplar of a patch has a vertex, as it lies against the patch.
-    fn copied(&self, vertex: u32, center: usize, plane: &Plane) -> Point3<f64> {
-        let Detail { exemplars, outcome, turns, radius, .. } = *self.detail;
+    /// Returns the position of a vertex on the exemplar of a patch, aligned with the patch.
+    fn copied_point(&self, vertex: u32, center: usize, plane: &Plane) -> Point3<f64> {
+        let Detail { exemplars, outcome, orientations, radius, .. } = *self.detail;
         let point = self.points[vertex as usize];
         let normal = outcome.normals[self.place[vertex as usize] as usize];
         let found = &outcome.matches[center];
         let sample = sample(&outcome.frames[center], &point, &normal);
-        let view = View::<1>::new(&[sample], exemplars.lattice.step, turns.of(found.turn));
+        let view =
+            View::<1>::new(&[sample], exemplars.lattice.step, orientations.get(found.orientation));
         let [distance] = view.distances(exemplars.heights(found.exemplar));
         let [u, v] = sample.at.map(|x| x / radius);
         point + normal * (distance - plane[0] - plane[1] * u - plane[2] * v)
     }
 }
 
-/// The plane between a patch and its exemplar.
-fn plane(detail: &Detail<'_>, points: &[Point3<f64>], center: usize) -> Plane {
-    let Detail { exemplars, outcome, turns, radius, .. } = *detail;
+/// Returns the plane that fits the distances between a patch and its exemplar.
+fn fit_plane(detail: &Detail<'_>, points: &[Point3<f64>], center: usize) -> Plane {
+    let Detail { exemplars, outcome, orientations, radius, .. } = *detail;
     let (patches, found) = (&outcome.patches, &outcome.matches[center]);
     let mut patch = PatchSamples::default();
-    patch.samples.extend(patches.members.of(center).iter().map(|&site| {
+    patch.samples.extend(patches.members.list(center).iter().map(|&site| {
         let point = &points[patches.sites[site as usize] as usize];
         sample(&outcome.frames[center], point, &outcome.normals[site as usize])
     }));
     patch.prepare(radius, true);
     let heights = exemplars.heights(found.exemplar);
-    patch.align(heights, exemplars.lattice.step, turns.of(found.turn)).plane
+    patch.align(heights, exemplars.lattice.step, orientations.get(found.orientation)).plane
 }
 
-/// How far a vertex is over all its neighbors together, along a normal.
-fn over(
+/// Returns the sum of the differences between a vertex and its neighbors along a normal.
+fn height_over_neighbors(
     surface: &Surface<'_>,
     vertex: u32,
     normal: &Vector3<f64>,

@@ -1,57 +1,58 @@
-//! The exemplars, of which the missing surface is made: the surroundings of data vertices, as height fields.
+//! The exemplars from which the missing surface is built: the surroundings of data vertices, as height fields.
 
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
 use super::best_match::Match;
 use super::descriptor::{Basis, Descriptor, Polar, Rings};
-use super::frame::{Frame, Turn};
+use super::frame::{Frame, Orientation};
 use super::heights::{Lattice, NODES, round_out};
 use super::kd_tree::KdTree;
+use super::orientations::Orientations;
 use super::surface::{Marks, NONE, Surface};
 use super::tints::{Color, PART, Tint};
-use super::turns::Turns;
 
-/// Exemplars of one level at most: some 60 MB of heights. Beyond, those of a denser scan lie nearer to each other than they differ.
-const MOST: usize = 50_000;
+/// Maximum number of exemplars on a level: about 60 MB of heights. With more exemplars of a denser scan, neighboring exemplars would hardly
+/// differ.
+const MAX_EXEMPLARS: usize = 50_000;
 
-/// What the exemplars of a level are taken from, and how.
+/// The source of the exemplars of a level.
 pub(super) struct Source<'a> {
     pub(super) surface: &'a Surface<'a>,
     pub(super) points: &'a [Point3<f64>],
     /// Twice the sum of the area vectors of the faces around each vertex.
     pub(super) areas: &'a [Vector3<f64>],
-    /// The colors of all vertices; none if they do not count.
+    /// The colors of all vertices; empty if colors are not compared.
     pub(super) colors: &'a [Color],
-    /// How many vertices and faces are data.
-    pub(super) data: usize,
-    pub(super) kept: usize,
+    /// The number of data vertices and of data faces.
+    pub(super) n_data_vertices: usize,
+    pub(super) n_data_faces: usize,
     pub(super) up: Vector3<f64>,
-    /// The radius of a patch, and that within which normals are averaged for its frame.
+    /// The radius of a patch, and the radius within which normals are averaged for its frame.
     pub(super) radius: f64,
     pub(super) normal_radius: f64,
-    /// How far exemplars are apart; all vertices are, if 0.
-    pub(super) apart: f64,
-    /// As published: borders of the data may cut off a part of an exemplar, and it stays where its frame puts it.
-    pub(super) cut: bool,
+    /// The distance between exemplars; if 0, all vertices are exemplars.
+    pub(super) spacing: f64,
+    /// Follows the publication: exemplars may be cut off by borders of the data, and an exemplar stays at the position given by its frame.
+    pub(super) is_published: bool,
 }
 
-/// Share of an exemplar's disk that must have heights.
-const LEAST_COVER: f64 = 0.9;
+/// Minimum fraction of an exemplar's disk that must have heights.
+const MIN_COVER: f64 = 0.9;
 
-/// The disk over which an exemplar is measured, in radii of a patch.
+/// Radius of the disk over which the heights of an exemplar are measured, in patch radii.
 pub(super) const REACH: f64 = 1.2;
 
 /// The exemplars of a level.
 pub(super) struct Exemplars {
-    /// Their vertices.
+    /// The center vertex of each exemplar.
     pub(super) vertices: Vec<u32>,
     pub(super) frames: Vec<Frame>,
     heights: Vec<f32>,
-    /// Their colors; none if they do not count.
+    /// The colors of each exemplar; empty if colors are not compared.
     pub(super) tints: Vec<Tint>,
-    /// For each data vertex the exemplar that stands for it.
+    /// For each data vertex, the exemplar that represents it; [`NONE`] if no exemplar is near.
     pub(super) owners: Vec<u32>,
     pub(super) lattice: Lattice,
     pub(super) polar: Polar,
@@ -60,49 +61,49 @@ pub(super) struct Exemplars {
 }
 
 impl Exemplars {
-    /// Measures the surroundings of the vertices that `may` be exemplars, and takes those that are complete enough.
+    /// Measures the surroundings of the vertices for which `is_allowed` is true, and keeps the exemplars that are complete enough.
     pub(super) fn new(
         source: &Source<'_>,
-        may: impl Fn(u32) -> bool + Sync,
+        is_allowed: impl Fn(u32) -> bool + Sync,
         progress: &Progress<'_>,
-    ) -> Result<Self, Cancelled> {
-        let (chosen, stands) = source.choose(may);
+    ) -> Result<Self, CancelledError> {
+        let (chosen, owners) = source.choose(is_allowed);
         let lattice = Lattice::new(REACH * source.radius);
-        let polar = Polar::new(source.radius, lattice.step, !source.cut);
+        let polar = Polar::new(source.radius, lattice.step, !source.is_published);
         let measured = source.measure(&chosen, &lattice, &polar, progress);
         progress.check()?;
         let good: Vec<u32> = (0..chosen.len() as u32)
-            .filter(|&k| source.cut || LEAST_COVER <= measured.cover[k as usize])
+            .filter(|&k| source.is_published || MIN_COVER <= measured.vertices[k as usize].cover)
             .collect();
-        let mut place = vec![NONE; chosen.len()];
-        (0..).zip(&good).for_each(|(new, &old)| place[old as usize] = new);
-        fn take(k: &u32) -> usize {
-            *k as usize
-        }
+        let mut index_of = vec![NONE; chosen.len()];
+        (0..).zip(&good).for_each(|(new, &old)| index_of[old as usize] = new);
         let mut heights = measured.heights;
-        // The good ones move up, in place.
-        for (new, old) in good.iter().map(take).enumerate() {
+        // Move the kept heights to the front, in place.
+        for (new, &old) in good.iter().enumerate() {
+            let old = old as usize;
             heights.copy_within(old * NODES..(old + 1) * NODES, new * NODES);
         }
         heights.truncate(good.len() * NODES);
-        let rings: Vec<Rings> = good.iter().map(|k| measured.rings[take(k)]).collect();
+        let kept: Vec<&Measurement> =
+            good.iter().map(|&k| &measured.vertices[k as usize]).collect();
+        let rings: Vec<Rings> = kept.iter().map(|vertex| vertex.rings).collect();
         let basis = Basis::new(&rings);
         let mut descriptors: Vec<Descriptor> =
             rings.par_iter().with_min_len(64).map(|rings| basis.project(rings)).collect();
         let tints: Vec<Tint> = match source.colors {
             [] => Vec::new(),
-            _ => good.iter().map(|k| measured.tints[take(k)]).collect(),
+            _ => kept.iter().map(|vertex| vertex.tint).collect(),
         };
         descriptors.iter_mut().zip(&tints).for_each(|(own, tint)| tint.put(own));
         progress.check()?;
         Ok(Self {
-            vertices: good.iter().map(|k| chosen[take(k)]).collect(),
-            frames: good.iter().map(|k| measured.frames[take(k)]).collect(),
+            vertices: good.iter().map(|&k| chosen[k as usize]).collect(),
+            frames: kept.iter().map(|vertex| vertex.frame).collect(),
             heights,
             tints,
-            owners: stands
+            owners: owners
                 .iter()
-                .map(|&k| if k == NONE { NONE } else { place[k as usize] })
+                .map(|&k| if k == NONE { NONE } else { index_of[k as usize] })
                 .collect(),
             lattice,
             polar,
@@ -111,139 +112,149 @@ impl Exemplars {
         })
     }
 
-    /// How many there are.
+    /// The number of exemplars.
     pub(super) fn len(&self) -> usize {
         self.vertices.len()
     }
 
-    /// Where a point of a patch is on the patch's match.
-    pub(super) fn place(
+    /// Maps a point of a patch to the exemplar that matches the patch.
+    pub(super) fn map_point(
         &self,
         found: &Match,
-        turns: &Turns,
+        orientations: &Orientations,
         frame: &Frame,
         point: Point3<f64>,
     ) -> Point3<f64> {
         let own = &self.frames[found.exemplar as usize];
-        let [u, v, w] = frame.local(point - frame.at);
-        let [x, y] = turns.of(found.turn).apply([u, v]);
-        own.at + own.global([x, y, w])
+        let [u, v, w] = frame.local(point - frame.origin);
+        let [x, y] = orientations.get(found.orientation).apply([u, v]);
+        own.origin + own.global([x, y, w])
     }
 
-    /// The heights of an exemplar.
+    /// Returns the heights of an exemplar.
     #[inline(always)]
     pub(super) fn heights(&self, exemplar: u32) -> &[f32] {
         &self.heights[exemplar as usize * NODES..(exemplar as usize + 1) * NODES]
     }
 }
 
-/// What was measured of chosen vertices.
-struct Measured {
-    frames: Vec<Frame>,
+/// The measurements of the chosen vertices.
+struct Measurements {
+    /// The heights at all vertices, [`NODES`] per vertex.
     heights: Vec<f32>,
-    rings: Vec<Rings>,
-    tints: Vec<Tint>,
-    cover: Vec<f64>,
+    vertices: Vec<Measurement>,
 }
 
-/// Vertices that one thread measures with the same memory of what it has seen.
-const BLOCK: usize = 64;
+/// The measurement of a vertex, without its heights.
+struct Measurement {
+    frame: Frame,
+    rings: Rings,
+    tint: Tint,
+    /// The fraction of the disk that has heights.
+    cover: f64,
+}
+
+/// The number of vertices that one task measures with one set of search marks.
+const BLOCK_SIZE: usize = 64;
 
 impl Source<'_> {
-    /// Vertices that are far enough apart, and for each data vertex the place of that which stands for it.
-    fn choose(&self, may: impl Fn(u32) -> bool + Sync) -> (Vec<u32>, Vec<u32>) {
-        let all: Vec<u32> = (0..self.data as u32).filter(|&vertex| may(vertex)).collect();
-        let mut stands = vec![NONE; self.data];
-        let mut apart = self.apart;
-        if all.len() > MOST {
-            // As many disks as there may be share the area.
+    /// Chooses vertices that are far enough apart. Also returns, for each data vertex, the index of the chosen vertex that represents it.
+    fn choose(&self, is_allowed: impl Fn(u32) -> bool + Sync) -> (Vec<u32>, Vec<u32>) {
+        let all: Vec<u32> =
+            (0..self.n_data_vertices as u32).filter(|&vertex| is_allowed(vertex)).collect();
+        let mut owners = vec![NONE; self.n_data_vertices];
+        let mut spacing = self.spacing;
+        if all.len() > MAX_EXEMPLARS {
+            // About the maximum number of disks with this spacing share the area.
             let area: f64 = all.iter().map(|&vertex| self.areas[vertex as usize].norm()).sum();
-            apart = apart.max((area / 6.0 / (0.5 * MOST as f64)).sqrt());
+            spacing = spacing.max((area / 6.0 / (0.5 * MAX_EXEMPLARS as f64)).sqrt());
         }
-        if apart == 0.0 {
-            (0..).zip(&all).for_each(|(k, &vertex)| stands[vertex as usize] = k);
-            return (all, stands);
+        if spacing == 0.0 {
+            (0..).zip(&all).for_each(|(k, &vertex)| owners[vertex as usize] = k);
+            return (all, owners);
         }
         let mut chosen = Vec::new();
         let mut marks = Marks::new(self.points.len());
         for vertex in all {
-            if stands[vertex as usize] != NONE {
+            if owners[vertex as usize] != NONE {
                 continue;
             }
             for other in self.surface.ball(
                 self.points,
                 vertex,
-                apart,
-                |other: u32| (other as usize) < self.data,
+                spacing,
+                |other: u32| (other as usize) < self.n_data_vertices,
                 &mut marks,
             ) {
-                let own = &mut stands[other as usize];
+                let own = &mut owners[other as usize];
                 if *own == NONE {
                     *own = chosen.len() as u32;
                 }
             }
             chosen.push(vertex);
         }
-        (chosen, stands)
+        (chosen, owners)
     }
 
-    /// Measures vertices; only some if the evaluation is told to stop meanwhile.
+    /// Measures vertices. The result is incomplete if the evaluation is cancelled meanwhile.
     fn measure(
         &self,
         chosen: &[u32],
         lattice: &Lattice,
         polar: &Polar,
         progress: &Progress<'_>,
-    ) -> Measured {
-        let count = chosen.len();
-        let mut heights = maquette_value::memory::huge_vec(count * NODES);
-        let straight = Turn::all(1, false)[0];
-        let blocks = chosen.par_chunks(BLOCK).zip(heights.par_chunks_mut(BLOCK * NODES));
-        let measure = |marks: &mut Marks, (chosen, heights): (&[u32], &mut [f32])| {
-            if progress.check().is_err() {
-                return Vec::new();
-            }
-            let each = chosen.iter().zip(heights.chunks_exact_mut(NODES));
-            each.map(|(&vertex, heights): (&u32, &mut [f32])| {
-                let frame = self.frame(vertex, marks);
-                let limit = self.kept as u32;
-                let cover =
-                    lattice.measure(self.surface, self.points, limit, vertex, &frame, heights);
-                if self.cut {
-                    round_out(heights);
-                }
-                (frame, cover, polar.rings(heights, &straight), self.tint(vertex, &frame, marks))
-            })
-            .collect::<Vec<_>>()
-        };
-        let found: Vec<Vec<_>> =
-            blocks.map_init(|| Marks::new(self.points.len()), measure).collect();
-        let mut frames = Vec::with_capacity(count);
-        let (mut rings, mut cover) = (Vec::with_capacity(count), Vec::with_capacity(count));
-        let mut tints = Vec::with_capacity(count);
-        for (frame, share, ring, tint) in found.into_iter().flatten() {
-            frames.push(frame);
-            cover.push(share);
-            rings.push(ring);
-            tints.push(tint);
-        }
-        Measured { frames, heights, rings, tints, cover }
+    ) -> Measurements {
+        let mut heights = maquette_value::memory::huge_vec(chosen.len() * NODES);
+        let straight = Orientation::list(1, false)[0];
+        let blocks: Vec<Vec<Measurement>> = chosen
+            .par_chunks(BLOCK_SIZE)
+            .zip(heights.par_chunks_mut(BLOCK_SIZE * NODES))
+            .map_init(
+                || Marks::new(self.points.len()),
+                |marks, (chosen, heights)| {
+                    if progress.check().is_err() {
+                        return Vec::new();
+                    }
+                    let vertices = chosen.iter().zip(heights.chunks_exact_mut(NODES));
+                    vertices
+                        .map(|(&vertex, heights)| {
+                            let frame = self.frame(vertex, marks);
+                            let cover = lattice.measure(
+                                self.surface,
+                                self.points,
+                                self.n_data_faces as u32,
+                                vertex,
+                                &frame,
+                                heights,
+                            );
+                            if self.is_published {
+                                round_out(heights);
+                            }
+                            let rings = polar.rings(heights, &straight);
+                            let tint = self.tint(vertex, &frame, marks);
+                            Measurement { frame, rings, tint, cover }
+                        })
+                        .collect()
+                },
+            )
+            .collect();
+        Measurements { heights, vertices: blocks.into_iter().flatten().collect() }
     }
 
-    /// The frame at a vertex: its normal is the mean of those around it.
+    /// Returns the frame at a vertex; its normal is the mean of the normals around the vertex.
     fn frame(&self, vertex: u32, marks: &mut Marks) -> Frame {
         let ball = self.surface.ball(
             self.points,
             vertex,
             self.normal_radius,
-            |other: u32| (other as usize) < self.data,
+            |other: u32| (other as usize) < self.n_data_vertices,
             marks,
         );
         let normal: Vector3<f64> = ball.iter().map(|&other| self.areas[other as usize]).sum();
         Frame::new(self.points[vertex as usize], normal, self.up)
     }
 
-    /// The colors around a vertex, if they count.
+    /// Returns the colors around a vertex, or a default if colors are not compared.
     fn tint(&self, vertex: u32, frame: &Frame, marks: &mut Marks) -> Tint {
         if self.colors.is_empty() {
             return Tint::default();
@@ -253,11 +264,11 @@ impl Source<'_> {
             self.points,
             vertex,
             reach,
-            |other: u32| (other as usize) < self.data,
+            |other: u32| (other as usize) < self.n_data_vertices,
             marks,
         );
         Tint::new(ball.iter().map(|&other| {
-            let [x, y, _] = frame.local(self.points[other as usize] - frame.at);
+            let [x, y, _] = frame.local(self.points[other as usize] - frame.origin);
             ([x, y].map(|x| x / reach), self.colors[other as usize])
         }))
     }

@@ -1,79 +1,76 @@
-//! Local frames that agree on what is up.
+//! Local frames with a common up direction.
 
 use nalgebra::{Point3, Vector3};
 
-/// Three unit vectors at a place of a surface: `z` is its normal, `x` level, `y` as far up as the surface goes there.
+/// Three unit vectors at a point of a surface: `z` is the normal, `x` is horizontal, `y` is the direction of steepest ascent.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Frame {
-    pub(super) at: Point3<f64>,
+    pub(super) origin: Point3<f64>,
     pub(super) x: Vector3<f64>,
     pub(super) y: Vector3<f64>,
     pub(super) z: Vector3<f64>,
-    /// Whether the normal is nearly parallel to the up vector, so that the directions of `x` and `y` are arbitrary.
-    pub(super) free: bool,
+    /// True if the normal is nearly parallel to the up vector: then the directions of `x` and `y` are arbitrary.
+    pub(super) is_free: bool,
 }
 
-/// Sine of the angle between the normal and the up vector below which a frame is free. With less, the noise of a normal (some 1e-4
-/// in a scan) turns frames by more than the samples of a patch are apart; with more, frames that agree lose their direction.
-const LEAST_SINE: f64 = 1e-3;
+/// Sine of the angle between the normal and the up vector below which a frame is free. With less, the noise of a normal (about 1e-4 in a
+/// scan) rotates frames by more than the sample distance of a patch; with more, consistent frames lose their direction.
+const MIN_SINE: f64 = 1e-3;
 
 impl Frame {
-    /// The frame at a place with this normal, of any length. Kawai, Sato and Yokoya (2008), equations 4 and 5; where the normal is
-    /// along `up`, the projection of the x axis, or of the z axis, takes the place of the level direction.
+    /// Returns the frame at a point with a normal of any length. Kawai, Sato and Yokoya (2008), equations 4 and 5; if the normal is
+    /// parallel to `up`, the projection of the x axis, or of the z axis, replaces the horizontal direction.
     pub(super) fn new(at: Point3<f64>, normal: Vector3<f64>, up: Vector3<f64>) -> Self {
         let z = normal.try_normalize(0.0).unwrap_or(Vector3::z());
         let up = up.try_normalize(0.0).unwrap_or(Vector3::y());
         let level = up.cross(&z);
-        let free = level.norm() < LEAST_SINE;
-        fn along(axis: Vector3<f64>, z: Vector3<f64>) -> Vector3<f64> {
+        let free = level.norm() < MIN_SINE;
+        fn project(axis: Vector3<f64>, z: Vector3<f64>) -> Vector3<f64> {
             axis - z * axis.dot(&z)
         }
         let x = match free {
             false => level,
-            true if along(Vector3::x(), z).norm() < 0.1 => along(Vector3::z(), z),
-            true => along(Vector3::x(), z),
+            true if project(Vector3::x(), z).norm() < 0.1 => project(Vector3::z(), z),
+            true => project(Vector3::x(), z),
         };
         let x = x.normalize();
-        Self { at, x, y: z.cross(&x), z, free }
+        Self { origin: at, x, y: z.cross(&x), z, is_free: free }
     }
 
-    /// A direction in the coordinates of this frame.
+    /// Returns the coordinates of a direction in this frame.
     #[inline(always)]
     pub(super) fn local(&self, direction: Vector3<f64>) -> [f64; 3] {
         [direction.dot(&self.x), direction.dot(&self.y), direction.dot(&self.z)]
     }
 
-    /// The direction with these coordinates.
+    /// Returns the direction that has the given coordinates in this frame.
     pub(super) fn global(&self, [x, y, z]: [f64; 3]) -> Vector3<f64> {
         self.x * x + self.y * y + self.z * z
     }
 }
 
-/// How an exemplar is turned against the frame of a patch: a rotation about the normal, perhaps after a reflection of `x`.
+/// The orientation of an exemplar relative to the frame of a patch: a rotation about the normal, optionally after a reflection of `x`.
 ///
-/// The rows of a 2 x 2 matrix that takes the patch's level coordinates to the exemplar's.
+/// Stores the rows of the 2 x 2 matrix that maps the patch's horizontal coordinates to the exemplar's.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Turn([[f64; 2]; 2]);
+pub(super) struct Orientation([[f64; 2]; 2]);
 
-/// Rotations, at most.
-const MOST: u32 = 32;
+/// Maximum number of rotations.
+const MAX_ROTATIONS: u32 = 32;
 
-impl Turn {
-    /// `rotations` equal turns, the first of which is none, and their mirror images.
-    pub(super) fn all(rotations: u32, mirror: bool) -> Vec<Self> {
-        let count = rotations.clamp(1, MOST);
-        let turn = |flip: f64| {
-            move |k: u32| {
+impl Orientation {
+    /// Returns `rotations` evenly spaced rotations, the first of which is the identity, and with `mirror` also their mirror images.
+    pub(super) fn list(rotations: u32, mirror: bool) -> Vec<Self> {
+        let count = rotations.clamp(1, MAX_ROTATIONS);
+        let flips: &[f64] = if mirror { &[1.0, -1.0] } else { &[1.0] };
+        let orientations = flips.iter().flat_map(|&flip| {
+            (0..count).map(move |k| {
                 let angle = std::f64::consts::TAU * f64::from(k) / f64::from(count);
                 let (sine, cosine) = libm::sincos(angle);
                 Self([[cosine * flip, -sine], [sine * flip, cosine]])
-            }
-        };
-        let mut turns: Vec<Self> = (0..count).map(turn(1.0)).collect();
-        if mirror {
-            turns.extend((0..count).map(turn(-1.0)));
-        }
-        turns
+            })
+        });
+        orientations.collect()
     }
 
     #[inline(always)]
@@ -82,7 +79,7 @@ impl Turn {
         [a * u + b * v, c * u + d * v]
     }
 
-    /// The inverse, which maps the level coordinates of the exemplar to those of the patch.
+    /// Returns the inverse, which maps the horizontal coordinates of the exemplar to those of the patch.
     pub(super) fn inverse(&self) -> Self {
         let [[a, b], [c, d]] = self.0;
         Self([[a, c], [b, d]])

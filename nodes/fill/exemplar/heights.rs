@@ -1,66 +1,74 @@
-//! A local surface as heights over the plane of a frame.
+//! Represents a local surface as heights over the plane of a frame.
 
 use std::cmp::Ordering;
 
 use maquette_value::simd::{Kernel, widest};
 use nalgebra::{Point3, Vector3};
 
-use super::frame::{Frame, Turn};
+use super::frame::{Frame, Orientation};
 use super::surface::{NONE, Surface};
 
-/// Nodes of a lattice to each side of its middle. Fewer blur what a patch of some 7 edges across shows; more cost memory.
+/// Number of lattice nodes on each side of the middle. Fewer nodes blur the features of a patch that is about 7 edges wide; more cost
+/// memory.
 const HALF: usize = 8;
 
-/// Nodes in a row.
+/// The number of nodes in a row.
 pub(super) const SIDE: usize = 2 * HALF + 1;
 
-/// Nodes of a lattice.
+/// The number of nodes of a lattice.
 pub(super) const NODES: usize = SIDE * SIDE;
 
-/// The middle node.
+/// The index of the middle node.
 const MIDDLE: usize = NODES / 2;
 
-/// Where heights are measured: at the nodes of a square lattice as far as they lie in a disk.
+/// The positions at which heights are measured: the nodes of a square lattice inside a disk.
 pub(super) struct Lattice {
     pub(super) step: f64,
-    /// All but the middle, from there outward.
+    /// All nodes except the middle one, ordered from the middle outward.
     nodes: Vec<Nodes>,
     count: usize,
 }
 
-/// At most [`LANES`] nodes of a lattice that lie in its disk, all on one square around the middle.
+/// At most [`LANES`] nodes of a lattice inside its disk, all on one square ring around the middle.
 struct Nodes {
-    /// Their indices; lanes that are left over have none.
+    /// The indices of the nodes; shorter than [`LANES`] for the last group of a ring.
     indices: Vec<usize>,
-    /// The nodes one step nearer to the middle.
+    /// For each node, the index of the node one step nearer to the middle.
     inner: [usize; LANES],
-    /// Columns and rows from the middle.
+    /// The columns and rows of the nodes, relative to the middle.
     at: [[f64; LANES]; 2],
 }
 
 impl Nodes {
-    /// Of columns and rows from the middle.
+    /// Creates the nodes at columns and rows relative to the middle.
     fn new(nodes: &[[i32; 2]]) -> Self {
-        let half = HALF as i32;
-        let index = |[x, y]: [i32; 2]| ((y + half) * SIDE as i32 + x + half) as usize;
-        let inner = |[x, y]: [i32; 2]| match x.abs().cmp(&y.abs()) {
-            Ordering::Less => index([x, y - y.signum()]),
-            Ordering::Equal => index([x - x.signum(), y - y.signum()]),
-            Ordering::Greater => index([x - x.signum(), y]),
-        };
-        fn node(k: usize, nodes: &[[i32; 2]]) -> [i32; 2] {
-            nodes.get(k).copied().unwrap_or_default()
-        }
+        let padded: [[i32; 2]; LANES] =
+            std::array::from_fn(|k| nodes.get(k).copied().unwrap_or_default());
         Self {
-            indices: nodes.iter().copied().map(index).collect(),
-            inner: std::array::from_fn(|k| inner(node(k, nodes))),
-            at: [0, 1].map(|axis| std::array::from_fn(|k| f64::from(node(k, nodes)[axis]))),
+            indices: nodes.iter().copied().map(node_index).collect(),
+            inner: padded.map(inner_node),
+            at: [0, 1].map(|axis| padded.map(|node| f64::from(node[axis]))),
         }
     }
 }
 
+/// Returns the index of the node at a column and row relative to the middle.
+fn node_index([x, y]: [i32; 2]) -> usize {
+    let half = HALF as i32;
+    ((y + half) * SIDE as i32 + x + half) as usize
+}
+
+/// Returns the index of the node one step nearer to the middle.
+fn inner_node([x, y]: [i32; 2]) -> usize {
+    match x.abs().cmp(&y.abs()) {
+        Ordering::Less => node_index([x, y - y.signum()]),
+        Ordering::Equal => node_index([x - x.signum(), y - y.signum()]),
+        Ordering::Greater => node_index([x - x.signum(), y]),
+    }
+}
+
 impl Lattice {
-    /// For a disk of this radius.
+    /// Returns a lattice for a disk with the given radius.
     pub(super) fn new(radius: f64) -> Self {
         let half = HALF as i32;
         let mut nodes: Vec<[i32; 2]> =
@@ -76,22 +84,22 @@ impl Lattice {
         Self { step: radius / HALF as f64, nodes, count }
     }
 
-    /// The nodes of the disk whose distance from the middle is at most `share` of its radius: their indices.
-    pub(super) fn inside(&self, share: f64) -> Vec<usize> {
-        let most = share * HALF as f64;
+    /// Returns the indices of the nodes whose distance from the middle is at most `fraction` times the disk's radius.
+    pub(super) fn nodes_within(&self, fraction: f64) -> Vec<usize> {
+        let max_radius = fraction * HALF as f64;
         let all =
             self.nodes.iter().flat_map(|nodes| (0..nodes.indices.len()).map(move |k| (nodes, k)));
         [MIDDLE]
             .into_iter()
             .chain(all.filter_map(|(nodes, k): (&Nodes, usize)| {
                 let [x, y] = [0, 1].map(|axis| nodes.at[axis][k]);
-                (x * x + y * y <= most * most).then_some(nodes.indices[k])
+                (x * x + y * y <= max_radius * max_radius).then_some(nodes.indices[k])
             }))
             .collect()
     }
 
-    /// Measures the surface around a vertex over the plane of a frame at it: from node to node over the triangles before `limit`.
-    /// NaN where they end or turn away. Returns the share of the disk's nodes that have a height.
+    /// Measures the surface around a vertex over the plane of a frame, walking from node to node over the triangles with an index below
+    /// `limit`. Heights are NaN where the triangles end or face away. Returns the fraction of the disk's nodes that have a height.
     pub(super) fn measure(
         &self,
         surface: &Surface<'_>,
@@ -108,13 +116,13 @@ impl Lattice {
     }
 }
 
-/// A measurement of a surface around a vertex.
+/// A kernel that measures a surface around a vertex.
 struct Measure<'a> {
     lattice: &'a Lattice,
     walk: Walk<'a>,
     vertex: u32,
     heights: &'a mut [f32],
-    /// How many nodes have a height.
+    /// The number of nodes that have a height.
     count: &'a mut u32,
 }
 
@@ -124,9 +132,9 @@ impl Kernel for Measure<'_> {
         let Self { lattice, walk, vertex, heights, count } = self;
         heights.fill(f32::NAN);
         let mut found = [NONE; NODES];
-        let first = walk.surface.around(vertex).iter().filter(|face| **face < walk.limit);
+        let first = walk.surface.faces_around(vertex).iter().filter(|face| **face < walk.limit);
         let reached =
-            first.map(|&face| walk.to([face], &[[0.0]; 2])).find(|&([face], _)| face != NONE);
+            first.map(|&face| walk.walk_to([face], &[[0.0]; 2])).find(|&([face], _)| face != NONE);
         let Some(([face], [height])) = reached else { return };
         (found[MIDDLE], heights[MIDDLE], *count) = (face, height as f32, 1);
         for nodes in &lattice.nodes {
@@ -134,7 +142,8 @@ impl Kernel for Measure<'_> {
             for k in 0..nodes.indices.len() {
                 from[k] = found[nodes.inner[k]];
             }
-            let (faces, reached) = walk.to(from, &nodes.at.map(|at| at.map(|x| x * lattice.step)));
+            let (faces, reached) =
+                walk.walk_to(from, &nodes.at.map(|at| at.map(|x| x * lattice.step)));
             for (k, &index) in nodes.indices.iter().enumerate() {
                 if faces[k] != NONE {
                     found[index] = faces[k];
@@ -146,14 +155,15 @@ impl Kernel for Measure<'_> {
     }
 }
 
-/// Share of the sum of a node's four second differences by which it is moved where an exemplar cannot move to where it fits: what
-/// lies between nodes, and inside of facets, is on the hollow side of a curved surface, by 1/12 of that sum on the mean for nodes,
-/// and by 1/16 for regular facets with edges of one step. With 1/12 alone a cap of a sphere still sinks with each iteration. Where
-/// all vertices are samples, it takes the mean distance of 12 filled holes from a unit sphere from 0.026 to 0.001, and that of 8
-/// from a ridge, filled from a plate on, from 0.010 to 0.008.
+/// Factor of the sum of a node's four second differences by which the node is moved if an exemplar cannot be shifted to fit. Without the
+/// correction, interpolated heights are on the hollow side of a curved surface: between nodes on average by 1/12 of the sum, and inside
+/// regular facets with edges of one step by 1/16. With 1/12, a cap of a sphere still sinks with each iteration. If all vertices are
+/// samples, the value 1/6 reduces the mean distance of 12 filled holes from a unit sphere from 0.026 to 0.001, and that of 8 holes from a
+/// ridge, filled from a plate, from 0.010 to 0.008.
 const SAG: f32 = 1.0 / 6.0;
 
-/// Moves heights to where a smooth surface through the vertices of the measured one is, on the mean. Nodes at the border stay.
+/// Moves heights onto a smooth surface that, on average, passes through the vertices of the measured one. Nodes at the border of the
+/// heights stay.
 pub(super) fn round_out(heights: &mut [f32]) {
     let measured = heights.to_vec();
     for row in 1..SIDE - 1 {
@@ -168,10 +178,10 @@ pub(super) fn round_out(heights: &mut [f32]) {
     }
 }
 
-/// Steps after which a walk gives up: it goes in circles.
-const MOST_STEPS: usize = 128;
+/// Maximum number of steps of a walk: a longer one is going in circles.
+const MAX_STEPS: usize = 128;
 
-/// Walks over a mesh, seen along the normal of a frame.
+/// Walks over the triangles of a mesh, seen along the normal of a frame.
 struct Walk<'a> {
     surface: &'a Surface<'a>,
     points: &'a [Point3<f64>],
@@ -183,10 +193,10 @@ struct Walk<'a> {
 type Columns<const N: usize> = [[f64; N]; 3];
 
 impl Walk<'_> {
-    /// Vertices in the coordinates of the frame.
+    /// Returns the coordinates of vertices in the frame.
     #[inline(always)]
     fn local<const N: usize>(&self, vertices: [u32; N]) -> Columns<N> {
-        let Frame { at, x, y, z, .. } = self.frame;
+        let Frame { origin: at, x, y, z, .. } = self.frame;
         let (mut given, mut local) = ([[0.0; N]; 3], [[0.0; N]; 3]);
         for k in 0..N {
             let point = &self.points[vertices[k] as usize];
@@ -201,54 +211,55 @@ impl Walk<'_> {
         local
     }
 
-    /// The triangles over places of the plane, each from a triangle on, and their heights there; [`NONE`] where there is none. The walks
-    /// go step by step together: a step waits for what the one before it finds, but not for those of others.
+    /// Walks from a triangle to the triangle over each position of the plane. Returns the triangles that are reached and their heights at
+    /// the positions; [`NONE`] where the surface does not extend. The walks proceed in lockstep: a step depends on the previous step of its
+    /// walk, but not on the other walks.
     #[inline(always)]
-    fn to<const N: usize>(&self, from: [u32; N], to: &[[f64; N]; 2]) -> ([u32; N], [f64; N]) {
+    fn walk_to<const N: usize>(&self, from: [u32; N], to: &[[f64; N]; 2]) -> ([u32; N], [f64; N]) {
         let mut faces = from.map(|face| if face == NONE { 0 } else { face });
-        let mut state = from.map(|face| if face == NONE { LOST } else { GOES });
+        let mut state = from.map(|face| if face == NONE { LOST } else { WALKING });
         let mut corners = [[0; N]; 3];
         for k in 0..N {
             let face = &self.surface.faces[faces[k] as usize];
             (corners[0][k], corners[1][k], corners[2][k]) = (face[0], face[1], face[2]);
         }
         let mut at = [self.local(corners[0]), self.local(corners[1]), self.local(corners[2])];
-        for _ in 0..MOST_STEPS {
+        for _ in 0..MAX_STEPS {
             let Sides { sides, areas } = Sides::new(&at, to);
-            // The edge beyond which the place is farthest.
+            // Find the edge beyond which the position is farthest.
             let mut out = [0_u64; N];
             for k in 0..N {
                 let [a, b, c] = [sides[0][k], sides[1][k], sides[2][k]];
-                let (edge, least) = if b < a { (1, b) } else { (0, a) };
-                let (edge, least) = if c < least { (2, c) } else { (edge, least) };
+                let (edge, min_side) = if b < a { (1, b) } else { (0, a) };
+                let (edge, min_side) = if c < min_side { (2, c) } else { (edge, min_side) };
                 out[k] = edge;
-                let is_beyond = least < -1e-9 * areas[k];
-                let next = if is_beyond { GOES } else { THERE };
+                let is_beyond = min_side < -1e-9 * areas[k];
+                let next = if is_beyond { WALKING } else { ARRIVED };
                 let next = if areas[k] > 0.0 { next } else { LOST };
-                state[k] = if state[k] == GOES { next } else { state[k] };
+                state[k] = if state[k] == WALKING { next } else { state[k] };
             }
-            if state.iter().all(|&state| state != GOES) {
+            if state.iter().all(|&state| state != WALKING) {
                 break;
             }
             let (mut next, mut across) = ([0; N], [0; N]);
             let mut ends = [[0; N]; 2];
             for k in 0..N {
-                let beside = self.surface.beside(faces[k], out[k] as usize);
+                let beside = self.surface.adjacent_face(faces[k], out[k] as usize);
                 let [first, second] = FIRST_OR_SECOND[beside.end as usize];
                 (next[k], across[k]) = (beside.face, beside.across);
                 (ends[0][k], ends[1][k]) = (first, second);
             }
             for k in 0..N {
-                let goes = if next[k] < self.limit { GOES } else { LOST };
-                state[k] = if state[k] == GOES { goes } else { state[k] };
-                faces[k] = if state[k] == GOES { next[k] } else { faces[k] };
+                let goes = if next[k] < self.limit { WALKING } else { LOST };
+                state[k] = if state[k] == WALKING { goes } else { state[k] };
+                faces[k] = if state[k] == WALKING { next[k] } else { faces[k] };
             }
-            // Corners keep their places in the faces, so that sums of them do.
+            // The corners keep their order in the faces, which fixes the order of sums over corners.
             let apex = self.local(across);
             for axis in 0..3 {
                 let ([a, b, c], apex) = ([at[0][axis], at[1][axis], at[2][axis]], apex[axis]);
                 for k in 0..N {
-                    let goes = if state[k] == GOES { u64::MAX } else { 0 };
+                    let goes = if state[k] == WALKING { u64::MAX } else { 0 };
                     let first = if out[k] == 0 { u64::MAX } else { 0 };
                     let second = if out[k] == 1 { u64::MAX } else { 0 };
                     let start = pick(first, a[k], pick(second, b[k], c[k]));
@@ -268,30 +279,31 @@ impl Walk<'_> {
         for k in 0..N {
             let [a, b, c] = [at[0][2][k], at[1][2][k], at[2][2][k]];
             heights[k] = (sides[1][k] * a + sides[2][k] * b + sides[0][k] * c) / areas[k];
-            faces[k] = if state[k] == THERE { faces[k] } else { NONE };
+            faces[k] = if state[k] == ARRIVED { faces[k] } else { NONE };
         }
         (faces, heights)
     }
 }
 
-/// The corner after each.
+/// The index of the next corner, for each corner of a triangle.
 const AFTER: [usize; 3] = [1, 2, 0];
 
-/// Whether a walk goes on, has arrived, or will not. As wide as a coordinate, so that lanes of both go together.
-const GOES: u64 = 0;
-const THERE: u64 = 1;
+/// The states of a walk: it continues, has arrived, or has left the surface. States are as wide as coordinates, because both then fit the
+/// same SIMD lanes.
+const WALKING: u64 = 0;
+const ARRIVED: u64 = 1;
 const LOST: u64 = 2;
 
 /// Masks of all ones for the first and for the second corner.
 const FIRST_OR_SECOND: [[u64; 2]; 3] = [[u64::MAX, 0], [0, u64::MAX], [0, 0]];
 
-/// The first number if the mask is all ones, the second if it is 0: without a branch, which the compiler would make of what it sees.
+/// Returns the first number if the mask is all ones, the second if it is 0. Branch-free: the compiler would branch on a condition.
 #[inline(always)]
 fn pick(mask: u64, one: f64, other: f64) -> f64 {
     f64::from_bits((one.to_bits() & mask) | (other.to_bits() & !mask))
 }
 
-/// Twice the areas that places have with the edges of triangles, and those of the triangles.
+/// Twice the signed areas of the triangles between positions and the edges of faces, and twice the areas of the faces.
 struct Sides<const N: usize> {
     sides: [[f64; N]; 3],
     areas: [f64; N],
@@ -314,7 +326,7 @@ impl<const N: usize> Sides<N> {
     }
 }
 
-/// A sample of a patch: a place of the surface and its normal in the coordinates of the patch's frame.
+/// A sample of a patch: a point of the surface and its normal in the coordinates of the patch's frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sample {
     pub(super) at: [f64; 2],
@@ -328,42 +340,42 @@ impl Sample {
     }
 }
 
-/// Samples that are compared at once.
+/// The number of samples that are compared at once.
 pub(super) const LANES: usize = 8;
 
-/// Samples as exemplars see them that are turned alike: places in columns and rows of a lattice, and normals in the same units.
+/// Samples as seen by exemplars with one orientation: positions in columns and rows of a lattice, and normals in the same units.
 #[derive(Clone, Copy)]
 pub(super) struct View<const N: usize> {
     at: [[f64; N]; 2],
-    /// The same places.
+    /// The lattice cells of the positions.
     cells: Cells<N>,
     heights: [f64; N],
     normals: [[f64; N]; 3],
 }
 
 impl<const N: usize> View<N> {
-    /// Of at most `N` samples, for lattices of this step; those that are left over are nowhere.
-    pub(super) fn new(samples: &[Sample], step: f64, turn: &Turn) -> Self {
+    /// Creates a view of at most `N` samples for lattices with spacing `step`; unused lanes have no position.
+    pub(super) fn new(samples: &[Sample], step: f64, orientation: &Orientation) -> Self {
         let (mut at, mut heights, mut normals) = ([[f64::NAN; N]; 2], [0.0; N], [[0.0; N]; 3]);
         let middle = HALF as f64;
         for (k, sample) in samples.iter().enumerate() {
-            let [u, v] = turn.apply(sample.at);
-            let [x, y] = turn.apply([sample.normal[0], sample.normal[1]]);
+            let [u, v] = orientation.apply(sample.at);
+            let [x, y] = orientation.apply([sample.normal[0], sample.normal[1]]);
             (at[0][k], at[1][k]) = (u / step + middle, v / step + middle);
             heights[k] = sample.height;
             (normals[0][k], normals[1][k], normals[2][k]) = (x / step, y / step, sample.normal[2]);
         }
-        Self { at, cells: Cells::at(&at), heights, normals }
+        Self { at, cells: Cells::locate(&at), heights, normals }
     }
 
-    /// The signed distances along the normals to a surface of heights; NaN where it has none.
+    /// Returns the signed distances along the normals to a surface of heights; NaN where the surface has no height.
     #[inline(always)]
     pub(super) fn distances(&self, heights: &[f32]) -> [f64; N] {
-        // Where the line leaves the place by more than this, the surface is looked at again there.
-        const STRAIGHT: f64 = 0.05;
+        // Distance, in lattice steps, by which the line may move away from its start before the surface is evaluated again.
+        const MAX_DEVIATION: f64 = 0.05;
         let [x, y, z] = &self.normals;
         let mut distances = [0.0; N];
-        let below = self.cells.under(heights);
+        let below = self.cells.interpolate(heights);
         for k in 0..N {
             let descent = descent(below.slopes(k), [x[k], y[k], z[k]]);
             distances[k] = (below.heights[k] - self.heights[k]) / descent;
@@ -373,12 +385,12 @@ impl<const N: usize> View<N> {
             let (du, dv) = (distances[k] * x[k], distances[k] * y[k]);
             there[0][k] += du;
             there[1][k] += dv;
-            leaves[k] = u64::from(du * du + dv * dv > STRAIGHT * STRAIGHT);
+            leaves[k] = u64::from(du * du + dv * dv > MAX_DEVIATION * MAX_DEVIATION);
         }
         if leaves.iter().fold(0, |any, leaves| any | leaves) == 0 {
             return distances;
         }
-        let below = Cells::at(&there).under(heights);
+        let below = Cells::locate(&there).interpolate(heights);
         for k in 0..N {
             let rest = below.heights[k] - self.heights[k] - distances[k] * z[k];
             let again = distances[k] + rest / descent(below.slopes(k), [x[k], y[k], z[k]]);
@@ -388,33 +400,34 @@ impl<const N: usize> View<N> {
     }
 }
 
-/// How fast a line in a direction comes up to a surface of this slope; not less than a quarter, so that lines along it end.
+/// Returns the rate at which a line in a direction approaches a surface with the given slope. The rate is at least 0.25, so the search
+/// along lines parallel to the surface ends.
 #[inline(always)]
 fn descent(slope: [f64; 2], [x, y, z]: [f64; 3]) -> f64 {
     let descent = z - slope[0] * x - slope[1] * y;
     if descent > 0.25 { descent } else { 0.25 }
 }
 
-/// Places of a lattice, each between four nodes.
+/// Positions of a lattice, each between four nodes.
 #[derive(Clone, Copy)]
 struct Cells<const N: usize> {
-    /// The nodes with the least columns and rows.
+    /// The node with the smallest column and row of each cell.
     corners: [u64; N],
-    /// How many columns and rows the places are from there; NaN outside of the lattice.
+    /// The offsets of the positions from the nodes in `corners`, in columns and rows; NaN outside of the lattice.
     columns: [f64; N],
     rows: [f64; N],
 }
 
 impl<const N: usize> Cells<N> {
     #[inline(always)]
-    fn at([u, v]: &[[f64; N]; 2]) -> Self {
+    fn locate([u, v]: &[[f64; N]; 2]) -> Self {
         let mut cells = Self { corners: [0; N], columns: [0.0; N], rows: [0.0; N] };
         let last = (SIDE - 1) as f64;
         for k in 0..N {
             let is_inside = (0.0 <= u[k]) & (u[k] < last) & (0.0 <= v[k]) & (v[k] < last);
             let column = floor(if is_inside { u[k] } else { 0.0 });
             let row = floor(if is_inside { v[k] } else { 0.0 });
-            // As integers, without an instruction that checks their range.
+            // Convert to an integer without an instruction that checks the range.
             cells.corners[k] = (row * SIDE as f64 + column + INTEGER).to_bits() & 0xffff;
             cells.columns[k] = if is_inside { u[k] - column } else { f64::NAN };
             cells.rows[k] = if is_inside { v[k] - row } else { f64::NAN };
@@ -422,10 +435,10 @@ impl<const N: usize> Cells<N> {
         cells
     }
 
-    /// Heights and slopes at the places; NaN if one of the four nodes has no height.
+    /// Interpolates heights and slopes at the positions; NaN if one of the four nodes has no height.
     #[inline(always)]
-    fn under(&self, heights: &[f32]) -> Under<N> {
-        // Two heights beside each other are one number: half as many to collect.
+    fn interpolate(&self, heights: &[f32]) -> HeightsAndSlopes<N> {
+        // Two adjacent heights are loaded as one number, which halves the number of gathers.
         let (mut below, mut above) = ([0; N], [0; N]);
         for k in 0..N {
             let corner = self.corners[k] as usize;
@@ -438,18 +451,18 @@ impl<const N: usize> Cells<N> {
             }
             (below[k], above[k]) = (pair(0, cell), pair(SIDE, cell));
         }
-        let mut under = Under { heights: [0.0; N], slopes: [[0.0; N]; 2] };
+        let mut under = HeightsAndSlopes { heights: [0.0; N], slopes: [[0.0; N]; 2] };
         for k in 0..N {
             #[inline(always)]
-            fn first(pair: u64) -> f64 {
+            fn low_half(pair: u64) -> f64 {
                 f64::from(f32::from_bits(pair as u32))
             }
             #[inline(always)]
-            fn second(pair: u64) -> f64 {
+            fn high_half(pair: u64) -> f64 {
                 f64::from(f32::from_bits((pair >> 32) as u32))
             }
-            let [a, b] = [first(below[k]), second(below[k])];
-            let [c, d] = [first(above[k]), second(above[k])];
+            let [a, b] = [low_half(below[k]), high_half(below[k])];
+            let [c, d] = [low_half(above[k]), high_half(above[k])];
             let (s, t) = (self.columns[k], self.rows[k]);
             let (below, above) = (a + s * (b - a), c + s * (d - c));
             under.heights[k] = below + t * (above - below);
@@ -460,38 +473,38 @@ impl<const N: usize> Cells<N> {
     }
 }
 
-/// Added to a number of small size it leaves the nearest integer in the sum's lowest bits.
+/// Added to a small number, this constant leaves the nearest integer in the lowest bits of the sum.
 const INTEGER: f64 = (3_u64 << 51) as f64;
 
-/// The greatest integer that is not above a number of small size.
+/// Returns the largest integer that is not above a small number.
 #[inline(always)]
 fn floor(x: f64) -> f64 {
     let nearest = (x + INTEGER) - INTEGER;
     nearest - if nearest > x { 1.0 } else { 0.0 }
 }
 
-/// What a lattice has at some places.
-struct Under<const N: usize> {
+/// The heights and slopes of a lattice at some positions.
+struct HeightsAndSlopes<const N: usize> {
     heights: [f64; N],
     slopes: [[f64; N]; 2],
 }
 
-impl<const N: usize> Under<N> {
+impl<const N: usize> HeightsAndSlopes<N> {
     #[inline(always)]
     fn slopes(&self, k: usize) -> [f64; 2] {
         [self.slopes[0][k], self.slopes[1][k]]
     }
 }
 
-/// The height at a place given in lattice steps from the middle; NaN where there is none.
+/// Returns the interpolated height at a position in lattice steps from the middle; NaN where heights are missing.
 pub(super) fn height_at(heights: &[f32], place: [f64; 2]) -> f64 {
     let [u, v] = place.map(|x| [x + HALF as f64]);
-    Cells::at(&[u, v]).under(heights).heights[0]
+    Cells::locate(&[u, v]).interpolate(heights).heights[0]
 }
 
-/// A patch's sample as point and normal in its frame.
+/// Returns a sample of a patch: a point and a normal in the patch's frame.
 pub(super) fn sample(frame: &Frame, point: &Point3<f64>, normal: &Vector3<f64>) -> Sample {
-    Sample::new(frame.local(point - frame.at), frame.local(*normal))
+    Sample::new(frame.local(point - frame.origin), frame.local(*normal))
 }
 
 #[cfg(test)]
@@ -499,12 +512,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_rounded_bowl_is_lifted_alike_everywhere_and_a_plane_stays() {
+    fn rounding_lifts_a_bowl_evenly_and_keeps_a_plane() {
         fn lattice(height: fn(f32, f32) -> f32) -> Vec<f32> {
-            fn at(k: usize) -> f32 {
+            fn coordinate(k: usize) -> f32 {
                 k as f32 - HALF as f32
             }
-            (0..NODES).map(|node| height(at(node % SIDE), at(node / SIDE))).collect()
+            (0..NODES)
+                .map(|node| height(coordinate(node % SIDE), coordinate(node / SIDE)))
+                .collect()
         }
         fn moves(height: fn(f32, f32) -> f32) -> Vec<f32> {
             let before = lattice(height);
@@ -518,13 +533,13 @@ mod tests {
                 .collect()
         }
         assert!(moves(|x, y| 0.5 * x - 0.25 * y).iter().all(|&by| by == 0.0));
-        // Four second differences of 1/2 each way.
+        // The four second differences are 1/2 each.
         let bowl = moves(|x, y| -0.25 * (x * x + y * y));
         assert!(bowl.iter().all(|&by| (by - SAG).abs() < 1e-5), "{bowl:?}");
     }
 
     #[test]
-    fn nodes_beside_nothing_stay() {
+    fn nodes_next_to_missing_heights_are_unchanged() {
         let mut heights = vec![1.0; NODES];
         let middle = NODES / 2;
         heights[middle] = f32::NAN;

@@ -1,4 +1,4 @@
-//! The sizes of the holes, and the radii of patches that suit them.
+//! The sizes of holes, and suitable patch radii.
 
 use nalgebra::Point3;
 
@@ -7,20 +7,21 @@ use super::surface::Surface;
 
 /// The missing vertices of all holes, and their distances from the rims.
 pub(super) struct Hole {
-    /// The vertex of the rim that is nearest to each vertex.
+    /// For each vertex, the nearest rim vertex.
     pub(super) rim: Vec<u32>,
-    /// For each missing vertex how far its hole reaches from the rim.
+    /// For each missing vertex, the greatest distance of a vertex of its hole from the rim.
     pub(super) widths: Vec<f64>,
-    /// The number of the hole of each missing vertex.
+    /// For each missing vertex, the number of its hole.
     pub(super) numbers: Vec<u32>,
-    /// The farthest that a hole reaches from its rim.
+    /// The maximum distance that a hole extends from its rim.
     pub(super) width: f64,
     /// The mean length of the data's edges at the rim.
     pub(super) edge: f64,
 }
 
 impl Hole {
-    /// The vertices from `data` on. None if there are none, or nothing is around them.
+    /// Measures the holes; their vertices have the indices from `data` on. Returns `None` if there are no such vertices or no data around
+    /// them.
     pub(super) fn new(surface: &Surface<'_>, points: &[Point3<f64>], data: usize) -> Option<Self> {
         let missing = data as u32..points.len() as u32;
         let mut border: Vec<u32> = missing
@@ -37,12 +38,12 @@ impl Hole {
         Some(Self { rim, widths, numbers, width, edge })
     }
 
-    /// The least radius of a patch: [`SAMPLES`] edges of the data.
-    pub(super) fn smallest(&self) -> f64 {
+    /// The minimum radius of a patch: [`SAMPLES`] edges of the data.
+    pub(super) fn smallest_radius(&self) -> f64 {
         SAMPLES * self.edge
     }
 
-    /// The radii of the patches on all levels, from one that spans the hole down to the smallest.
+    /// Returns the patch radii of all levels, from one that spans the hole down to the smallest.
     pub(super) fn radii(&self, options: &ExemplarOptions, data: &[Point3<f64>]) -> Vec<f64> {
         fn corner(pick: fn(f64, f64) -> f64, data: &[Point3<f64>]) -> nalgebra::Vector3<f64> {
             let start = data[0].coords;
@@ -51,8 +52,8 @@ impl Hole {
         let diagonal = (corner(f64::max, data) - corner(f64::min, data)).norm();
         let largest = (1.5 * self.width).min(0.25 * diagonal);
         let levels = (options.levels.clamp(1, 8) as usize).max(options.radii.len());
-        let mut radii = self.spaced(largest, levels);
-        radii.resize(radii.len().max(options.radii.len()), self.smallest());
+        let mut radii = self.spaced_radii(largest, levels);
+        radii.resize(radii.len().max(options.radii.len()), self.smallest_radius());
         for (radius, &given) in radii.iter_mut().zip(&options.radii) {
             if given > 0.0 {
                 *radius = given;
@@ -61,23 +62,23 @@ impl Hole {
         radii
     }
 
-    /// A geometric sequence of radii down to the smallest; the smallest alone if `largest` is not larger.
-    pub(super) fn spaced(&self, largest: f64, levels: usize) -> Vec<f64> {
-        let smallest = self.smallest();
+    /// Returns a geometric sequence of radii from `largest` down to the smallest; only the smallest if `largest` is not larger.
+    pub(super) fn spaced_radii(&self, largest: f64, levels: usize) -> Vec<f64> {
+        let smallest = self.smallest_radius();
         if levels == 1 || largest <= smallest {
             return vec![smallest];
         }
-        fn share(k: usize, levels: usize) -> f64 {
+        fn fraction(k: usize, levels: usize) -> f64 {
             k as f64 / (levels - 1) as f64
         }
-        (0..levels).map(|k| largest * libm::pow(smallest / largest, share(k, levels))).collect()
+        (0..levels).map(|k| largest * libm::pow(smallest / largest, fraction(k, levels))).collect()
     }
 }
 
-/// Samples along a patch's radius.
+/// The number of samples along a patch's radius.
 pub(super) const SAMPLES: f64 = 3.5;
 
-/// The mean length of the data's edges at the rim; none without such edges.
+/// Returns the mean length of the data's edges at the rim; `None` without such edges.
 fn mean_edge(surface: &Surface<'_>, points: &[Point3<f64>], rim: &[u32], data: u32) -> Option<f64> {
     let (mut sum, mut count) = (0.0, 0_u32);
     for &vertex in rim {
@@ -89,7 +90,7 @@ fn mean_edge(surface: &Surface<'_>, points: &[Point3<f64>], rim: &[u32], data: u
     (sum > 0.0).then(|| sum / f64::from(count))
 }
 
-/// For each missing vertex how far its hole reaches from the rim, and the number of that.
+/// Returns, for each missing vertex, the distance that its hole extends from the rim, and the number of the hole.
 fn widths(
     surface: &Surface<'_>,
     points: &[Point3<f64>],

@@ -1,7 +1,7 @@
-//! The nearest of many descriptors.
+//! A k-d tree that finds descriptors near a given one.
 //!
-//! Friedman, Bentley and Finkel, "An algorithm for finding best matches in logarithmic expected time" (1977), which visits the
-//! nearest cells first and ends after so many: Beis and Lowe, "Shape indexing using approximate nearest-neighbour search in
+//! Friedman, Bentley and Finkel, "An algorithm for finding best matches in logarithmic expected time" (1977). Visits the nearest cells
+//! first and stops after a fixed number of cells: Beis and Lowe, "Shape indexing using approximate nearest-neighbour search in
 //! high-dimensional spaces" (1997).
 
 use std::cmp::Reverse;
@@ -9,15 +9,15 @@ use std::collections::BinaryHeap;
 
 use super::descriptor::{Descriptor, KEPT};
 
-/// Descriptors of a cell that is not divided.
-const LEAF: usize = 16;
+/// Maximum number of descriptors in a leaf cell.
+const LEAF_SIZE: usize = 16;
 
-/// Cells that a search looks into. With half of them some matches are found an iteration later.
-const MOST_CELLS: usize = 12;
+/// Maximum number of cells that a search visits. With half as many, some matches are found an iteration later.
+const MAX_CELLS: usize = 12;
 
 /// A binary tree over descriptors.
 pub(super) struct KdTree {
-    /// Descriptors in the order of the cells, and what they belong to.
+    /// The descriptors in the order of the cells, and the indices of their exemplars.
     descriptors: Vec<Descriptor>,
     owners: Vec<u32>,
     nodes: Vec<Node>,
@@ -28,7 +28,7 @@ enum Node {
         start: u32,
         end: u32,
     },
-    /// Below `at` along `axis` is the next node, the rest at `right`.
+    /// An inner node: descriptors below `at` along `axis` are under the next node, the others under the node `right`.
     Split {
         axis: u8,
         at: f32,
@@ -45,15 +45,15 @@ impl KdTree {
         Self { descriptors, owners: order, nodes }
     }
 
-    /// Those of the `count` nearest descriptors that are found in the nearest cells, nearest first.
+    /// Finds up to `count` descriptors nearest to `to`, nearest first; only the nearest cells are searched.
     pub(super) fn nearest(&self, to: &Descriptor, count: usize, found: &mut Vec<(f32, u32)>) {
         found.clear();
         if self.descriptors.is_empty() {
             return;
         }
-        // Squared distances are not negative, so that their bits are in their order.
+        // Squared distances are nonnegative, so their bits have the order of the numbers.
         let mut queue = BinaryHeap::from([Reverse((0_u32, 0_u32))]);
-        for _ in 0..MOST_CELLS {
+        for _ in 0..MAX_CELLS {
             let Some(Reverse((bits, mut node))) = queue.pop() else { return };
             let gap = f32::from_bits(bits);
             if found.len() == count && found[count - 1].0 <= gap {
@@ -85,15 +85,15 @@ impl KdTree {
                 continue;
             }
             found.truncate(count - 1);
-            let place = found.partition_point(|&(other, _)| other <= distance);
-            found.insert(place, (distance, self.owners[k]));
+            let position = found.partition_point(|&(other, _)| other <= distance);
+            found.insert(position, (distance, self.owners[k]));
         }
     }
 }
 
-/// Puts the node over a part of the order behind the others, and those below it.
+/// Appends to `nodes` the subtree over the descriptors in `order`.
 fn divide(given: &[Descriptor], order: &mut [u32], start: u32, nodes: &mut Vec<Node>) {
-    if order.len() <= LEAF {
+    if order.len() <= LEAF_SIZE {
         nodes.push(Node::Cell { start, end: start + order.len() as u32 });
         return;
     }
@@ -106,13 +106,10 @@ fn divide(given: &[Descriptor], order: &mut [u32], start: u32, nodes: &mut Vec<N
     });
     let axis = (0..KEPT).fold(0, |best, k| if spreads[k] > spreads[best] { k } else { best });
     let middle = order.len() / 2;
-    fn key(k: u32, axis: usize, given: &[[f32; 16]]) -> (f32, u32) {
-        (given[k as usize][axis], k)
-    }
     order.select_nth_unstable_by(middle, |&a, &b| {
-        key(a, axis, given).0.total_cmp(&key(b, axis, given).0).then(a.cmp(&b))
+        given[a as usize][axis].total_cmp(&given[b as usize][axis]).then(a.cmp(&b))
     });
-    let at = key(order[middle], axis, given).0;
+    let at = given[order[middle] as usize][axis];
     let (below, above) = order.split_at_mut(middle);
     let node = nodes.len();
     nodes.push(Node::Split { axis: axis as u8, at, right: 0 });

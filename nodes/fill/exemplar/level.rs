@@ -1,6 +1,6 @@
 //! One level: finds a match for each patch, moves the missing vertices to the weighted mean of the matches, and repeats.
 
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
@@ -9,42 +9,42 @@ use super::compare::PatchSamples;
 use super::exemplars::{Exemplars, REACH};
 use super::frame::Frame;
 use super::hole::Hole;
+use super::orientations::Orientations;
 use super::patches::{Patches, Scale};
 use super::search::{Hint, Scene, Scratch, Search};
-use super::smoothness::HOLE;
+use super::smoothness::HOLE_RATIO;
 use super::spread::Spread;
 use super::surface::{NONE, Surface};
 use super::tints::Color;
-use super::turns::Turns;
 use super::{ExemplarOptions, Update};
 
-/// What is the same on all levels.
-pub(super) struct Shared<'a> {
+/// The data shared by all levels.
+pub(super) struct CompletionContext<'a> {
     pub(super) surface: &'a Surface<'a>,
-    /// Of all vertices; none if they do not count.
+    /// The colors of all vertices; empty if colors are not compared.
     pub(super) colors: &'a [Color],
-    /// How many vertices are data.
-    pub(super) data: usize,
+    /// The number of data vertices.
+    pub(super) n_data_vertices: usize,
     pub(super) options: &'a ExemplarOptions,
-    pub(super) turns: &'a Turns,
+    pub(super) orientations: &'a Orientations,
     pub(super) hole: &'a Hole,
-    /// Marks the missing vertices whose start is sharp; none, if empty.
+    /// Marks the missing vertices whose start has extended creases; empty if no vertex is marked.
     pub(super) sharp: &'a [bool],
-    /// How far each data vertex is from the nearest missing one.
+    /// For each data vertex, the distance to the nearest missing vertex.
     pub(super) distances: &'a [f64],
 }
 
-/// One energy of a level.
+/// The energy of an iteration.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Energy {
-    /// The weighted mean of the squared distances: equation 1.
+    /// The weighted mean of the squared distances: equation 1 of Kawai, Sato and Yokoya (2008).
     pub(super) mean: f64,
-    /// The largest mean of one patch.
-    pub(super) most: f64,
+    /// The largest mean squared distance of a patch.
+    pub(super) max: f64,
 }
 
 impl Energy {
-    /// Whether it is no more than rounding.
+    /// Returns true if the energy is so small that it is only rounding error.
     fn is_rounding(&self, radius: f64) -> bool {
         let rounding = ROUNDING * radius;
         self.mean <= rounding * rounding
@@ -53,106 +53,116 @@ impl Energy {
 
 /// The best iterate of a level, and the iterations that led to it.
 pub(super) struct Outcome {
-    /// The iterations that were better than all before them, and their energies.
-    pub(super) kept: Vec<(u64, Energy)>,
-    /// How many iterations were done.
+    /// The iterations that were better than all earlier ones, and their energies.
+    pub(super) improvements: Vec<(u64, Energy)>,
+    /// The number of iterations of the level.
     pub(super) iterations: u64,
     pub(super) guides: Vec<Guide>,
     pub(super) patches: Patches,
     pub(super) matches: Vec<Match>,
     pub(super) frames: Vec<Frame>,
-    /// Of all samples.
+    /// The normals of all samples.
     pub(super) normals: Vec<Vector3<f64>>,
     /// The weight of each patch in the mean that moves its vertices.
-    pub(super) shares: Vec<f64>,
+    pub(super) patch_weights: Vec<f64>,
 }
 
 impl Outcome {
-    /// Whether the exemplars fit exactly: then there is no detail to add.
+    /// Returns true if the exemplars fit exactly: then there is no detail to add.
     pub(super) fn is_exact(&self, radius: f64) -> bool {
-        self.kept.last().is_some_and(|(_, energy)| energy.is_rounding(radius))
+        self.improvements.last().is_some_and(|(_, energy)| energy.is_rounding(radius))
     }
 }
 
-/// A patch and its match, for the patches of the next level.
+/// A patch and its match, as a hint for the patches of the next level.
 #[derive(Clone, Copy)]
 pub(super) struct Guide {
     pub(super) vertex: u32,
     frame: Frame,
     own: Frame,
     from: u32,
-    turn: u8,
+    orientation: u8,
 }
 
 impl Guide {
-    /// The data vertex that it copies.
-    pub(super) fn from(&self) -> u32 {
+    /// The data vertex that the patch copies.
+    pub(super) fn exemplar_vertex(&self) -> u32 {
         self.from
     }
 
-    /// Where its exemplar has a point.
-    fn hint(&self, turns: &Turns, point: Point3<f64>) -> Hint {
-        let [u, v, w] = self.frame.local(point - self.frame.at);
-        let [x, y] = turns.of(self.turn).apply([u, v]);
-        Hint { from: self.from, to: self.own.at + self.own.global([x, y, w]), turn: self.turn }
+    /// Maps a point of the patch to its exemplar; returns the position and orientation at which to try exemplars.
+    fn hint(&self, orientations: &Orientations, point: Point3<f64>) -> Hint {
+        let [u, v, w] = self.frame.local(point - self.frame.origin);
+        let [x, y] = orientations.get(self.orientation).apply([u, v]);
+        Hint {
+            from: self.from,
+            to: self.own.origin + self.own.global([x, y, w]),
+            orientation: self.orientation,
+        }
     }
 }
 
-/// Iterations after which all exemplars are searched again.
-const FAR: u64 = 4;
+/// Number of iterations after which all exemplars are searched again.
+const FULL_SEARCH_INTERVAL: u64 = 4;
 
 /// A search of all exemplars, not only those near known matches.
 #[derive(Clone, Copy)]
-struct Far {
+struct FullSearch {
     iteration: u64,
-    /// Comparisons for the worst matches.
+    /// The number of comparisons of the patches with the worst matches with all exemplars.
     more: usize,
 }
 
-/// Comparisons for the patches whose matches are worst with all exemplars, whenever all are searched. They have most of the energy, and
-/// few candidates are like them: without, on sharp and rugged data matches are a fifth worse than the best.
-const MORE: usize = 80_000;
+/// Number of comparisons with all exemplars in each full search. They are spent on the patches with the worst matches, which have most of
+/// the energy and few similar candidates. With 0 comparisons, matches on sharp and rugged data are a fifth worse than the best.
+const COMPARISONS: usize = 80_000;
 
-/// The same at the end of a level, at least and at most; between these, for one of so many patches.
-const MORE_AT_THE_END: [usize; 2] = [250_000, 1_200_000];
-const WORST: usize = 12;
+/// The minimum and maximum number of comparisons with all exemplars at the end of a level. Between these limits, one in [`WORST_DIVISOR`]
+/// patches is compared with all exemplars.
+const FINAL_COMPARISONS: [usize; 2] = [250_000, 1_200_000];
+const WORST_DIVISOR: usize = 12;
 
-/// Below this share of a patch's radius distances are rounding.
+/// Distances below this fraction of a patch's radius are rounding errors.
 const ROUNDING: f64 = 1e-10;
 
-/// The standard error of a start across which creases are extended, in edges: that of the data about the surfaces that meet in the creases.
-/// With more, exemplars would round the creases.
-const SHARP: f64 = 0.1;
+/// Standard error of a start across which creases are extended, in edge lengths. It is the deviation of the data from the surfaces that
+/// meet in the creases. With more, exemplars would round the creases.
+const SHARP_ERROR: f64 = 0.1;
 
-/// A level: its patches' size and spacing, and the exemplars with which they are compared.
+/// A level: the size and spacing of its patches, and the exemplars to compare with.
 pub(super) struct CompletionLevel<'a> {
-    pub(super) shared: &'a Shared<'a>,
+    pub(super) shared: &'a CompletionContext<'a>,
     pub(super) scale: Scale,
     pub(super) number: u64,
-    /// The wanted distance between samples.
+    /// The target distance between samples.
     pub(super) edge: f64,
-    /// The standard error of a thin plate over a hole as wide as a patch shows; infinite if the shape at the beginning is no estimate of
+    /// The standard error of a thin plate over the largest hole that a patch can span; infinite if the initial shape is not an estimate of
     /// the surface.
     pub(super) plate_error: f64,
     pub(super) exemplars: &'a Exemplars,
 }
 
 impl CompletionLevel<'_> {
-    /// Runs the level. `points` and `areas` are left at the best iterate.
+    /// Runs the level. Afterwards `points` and `areas` are those of the best iterate.
     pub(super) fn run(
         &self,
         points: &mut [Point3<f64>],
         areas: &mut [Vector3<f64>],
         guides: &[Guide],
         progress: &Progress<'_>,
-    ) -> Result<Outcome, Cancelled> {
+    ) -> Result<Outcome, CancelledError> {
         let shared = self.shared;
-        let original = points[..shared.data].to_vec();
-        let patches =
-            Patches::new(shared.surface, points, shared.data, shared.distances, &self.scale);
+        let original = points[..shared.n_data_vertices].to_vec();
+        let patches = Patches::new(
+            shared.surface,
+            points,
+            shared.n_data_vertices,
+            shared.distances,
+            &self.scale,
+        );
         let movable = &patches.sites[..patches.movable];
-        let spread = (patches.movable < points.len() - shared.data)
-            .then(|| Spread::new(shared.surface, points.len(), shared.data, movable))
+        let spread = (patches.movable < points.len() - shared.n_data_vertices)
+            .then(|| Spread::new(shared.surface, points.len(), shared.n_data_vertices, movable))
             .flatten();
         let begin = points.to_vec();
         let active = self.active();
@@ -162,7 +172,7 @@ impl CompletionLevel<'_> {
             colors: shared.colors,
             patches: &patches,
             exemplars: self.exemplars,
-            turns: shared.turns,
+            orientations: shared.orientations,
             radius: self.scale.radius,
             seed: self.number,
         };
@@ -173,63 +183,72 @@ impl CompletionLevel<'_> {
             areas,
             &[],
             &hints,
-            Some(Far { iteration: 0, more: MORE }),
+            Some(FullSearch { iteration: 0, more: COMPARISONS }),
         );
-        let mut best = (points[shared.data..].to_vec(), now.clone());
+        let mut best = (points[shared.n_data_vertices..].to_vec(), now.clone());
         let mut kept = vec![(0, now.energy)];
         let (mut since, mut iterations) = (0, 0);
-        let patience = shared.options.longest_wait();
-        while iterations < u64::from(shared.options.most_iterations()) {
-            // The number of iterations is not known before; some eight are usual.
+        let max_wait = shared.options.max_wait();
+        while iterations < u64::from(shared.options.max_iterations()) {
+            // The number of iterations is not known in advance; about eight are usual.
             progress.tick(iterations as f64 / (iterations as f64 + 8.0))?;
-            if best.1.energy.is_rounding(self.scale.radius) || since >= patience {
+            if best.1.energy.is_rounding(self.scale.radius) || since >= max_wait {
                 break;
             }
             iterations += 1;
-            self.update(&search, &now, points, &begin, spread.as_ref());
-            self.measure(&active, points, areas);
-            let far = Far { iteration: iterations, more: MORE };
-            let far = iterations.is_multiple_of(FAR).then_some(far);
+            self.move_vertices(&search, &now, points, &begin, spread.as_ref());
+            self.update_areas(&active, points, areas);
+            let far = FullSearch { iteration: iterations, more: COMPARISONS };
+            let far = iterations.is_multiple_of(FULL_SEARCH_INTERVAL).then_some(far);
             now = self.find_matches(&search, points, areas, &now.matches, &[], far);
-            let better = now.energy.mean < best.1.energy.mean * (1.0 - self.least_gain());
+            let better = now.energy.mean < best.1.energy.mean * (1.0 - self.min_gain());
             since = if better { 0 } else { since + 1 };
             if now.energy.mean < best.1.energy.mean {
-                best = (points[shared.data..].to_vec(), now.clone());
+                best = (points[shared.n_data_vertices..].to_vec(), now.clone());
                 kept.push((iterations, now.energy));
             }
         }
-        points[shared.data..].copy_from_slice(&best.0);
-        self.measure(&active, points, areas);
+        points[shared.n_data_vertices..].copy_from_slice(&best.0);
+        self.update_areas(&active, points, areas);
         if !best.1.energy.is_rounding(self.scale.radius) {
-            // The matches decide what is copied, so they are searched for among all exemplars once more.
-            let [least, most] = MORE_AT_THE_END;
-            let more = (patches.len() * self.exemplars.len() / WORST).clamp(least, most);
-            let far = Far { iteration: iterations + 1, more };
+            // The matches determine what is copied, so all exemplars are searched once more.
+            let [min, max] = FINAL_COMPARISONS;
+            let more = (patches.len() * self.exemplars.len() / WORST_DIVISOR).clamp(min, max);
+            let far = FullSearch { iteration: iterations + 1, more };
             best.1 = self.find_matches(&search, points, areas, &best.1.matches, &[], Some(far));
         }
         let shares =
-            (0..patches.len()).map(|center| self.share(&patches, &best.1, center)).collect();
+            (0..patches.len()).map(|center| self.patch_weight(&patches, &best.1, center)).collect();
         let Iterate { matches, frames, normals, .. } = best.1;
         let guides = self.guides(&patches, &matches, &frames);
-        Ok(Outcome { kept, iterations, guides, patches, matches, frames, normals, shares })
+        Ok(Outcome {
+            improvements: kept,
+            iterations,
+            guides,
+            patches,
+            matches,
+            frames,
+            normals,
+            patch_weights: shares,
+        })
     }
 
-    /// The least share by which the energy of an iteration must be smaller to count as progress. With less than 3 %, late iterations
-    /// fit the noise of the exemplars: on most surfaces the distance to the truth grows while the energy falls.
-    fn least_gain(&self) -> f64 {
+    /// The minimum relative decrease of the energy that counts as progress. With less than 3 %, late iterations fit the noise of the
+    /// exemplars: on most surfaces the distance to the truth grows while the energy falls.
+    fn min_gain(&self) -> f64 {
         match self.shared.options.update {
             Update::Exact => 0.03,
             Update::Published => 1e-3,
         }
     }
 
-    /// The standard error of a missing vertex at the beginning of the level.
+    /// Returns the standard error of a missing vertex at the beginning of the level.
     fn start_error(&self, vertex: usize) -> f64 {
-        if self.shared.sharp.get(vertex - self.shared.data) == Some(&true) {
-            return SHARP * self.shared.hole.edge;
+        if self.shared.sharp.get(vertex - self.shared.n_data_vertices) == Some(&true) {
+            return SHARP_ERROR * self.shared.hole.edge;
         }
-        let seen = HOLE * REACH * self.scale.radius;
-        let times = (self.shared.hole.widths[vertex - self.shared.data] / seen).max(1.0);
+        let seen = HOLE_RATIO * REACH * self.scale.radius;
+        let times = (self.shared.hole.widths[vertex - self.shared.n_data_vertices] / seen).max(1.0);
         self.plate_error * times * times
     }
 
@@ -237,9 +256,9 @@ impl CompletionLevel<'_> {
         self.shared.options.update == Update::Published
     }
 
-    /// The vertices whose normals move: at the rim those of the data stay, if the publication is followed.
+    /// Returns the vertices whose normals change. If the publication is followed, the normals of data vertices at the rim do not change.
     fn active(&self) -> Vec<u32> {
-        let Shared { surface, data, .. } = *self.shared;
+        let CompletionContext { surface, n_data_vertices: data, .. } = *self.shared;
         let mut active: Vec<u32> = (data as u32..self.shared.hole.rim.len() as u32)
             .flat_map(|vertex| surface.ring(vertex).iter().copied().chain([vertex]))
             .filter(|&vertex| data <= vertex as usize || !self.is_published())
@@ -249,20 +268,20 @@ impl CompletionLevel<'_> {
         active
     }
 
-    /// Measures the areas of these vertices anew.
-    fn measure(&self, active: &[u32], points: &[Point3<f64>], areas: &mut [Vector3<f64>]) {
+    /// Recomputes the areas of the `active` vertices.
+    fn update_areas(&self, active: &[u32], points: &[Point3<f64>], areas: &mut [Vector3<f64>]) {
         for &vertex in active {
             areas[vertex as usize] = self.shared.surface.area(points, vertex);
         }
     }
 
-    /// Places where the exemplars of the level before have the patches of this one.
+    /// Returns hints for the patches of this level: for each patch, the position of its center on an exemplar of the previous level.
     fn hints(&self, patches: &Patches, points: &[Point3<f64>], guides: &[Guide]) -> Vec<Hint> {
         if guides.is_empty() {
             return Vec::new();
         }
-        let mut place = vec![NONE; points.len()];
-        (0..).zip(guides).for_each(|(k, guide)| place[guide.vertex as usize] = k);
+        let mut index_of = vec![NONE; points.len()];
+        (0..).zip(guides).for_each(|(k, guide)| index_of[guide.vertex as usize] = k);
         let sources = guides.iter().map(|guide| guide.vertex);
         let nearest = self.shared.surface.nearest(points, sources, f64::INFINITY);
         patches.sites[..patches.len()]
@@ -270,9 +289,9 @@ impl CompletionLevel<'_> {
             .map(|&vertex| {
                 let guide = match nearest[vertex as usize] {
                     NONE => guides[0],
-                    source => guides[place[source as usize] as usize],
+                    source => guides[index_of[source as usize] as usize],
                 };
-                guide.hint(self.shared.turns, points[vertex as usize])
+                guide.hint(self.shared.orientations, points[vertex as usize])
             })
             .collect()
     }
@@ -284,12 +303,12 @@ impl CompletionLevel<'_> {
             .map(|((found, &frame), &vertex): ((&Match, &Frame), &u32)| {
                 let own = self.exemplars.frames[found.exemplar as usize];
                 let from = self.exemplars.vertices[found.exemplar as usize];
-                Guide { vertex, frame, own, from, turn: found.turn }
+                Guide { vertex, frame, own, from, orientation: found.orientation }
             })
             .collect()
     }
 
-    /// Finds the matches of all patches as they are now.
+    /// Finds the matches of all patches at the present positions.
     fn find_matches(
         &self,
         search: &Search<'_>,
@@ -297,7 +316,7 @@ impl CompletionLevel<'_> {
         areas: &[Vector3<f64>],
         before: &[Match],
         hints: &[Hint],
-        far: Option<Far>,
+        far: Option<FullSearch>,
     ) -> Iterate {
         let patches = search.patches;
         let normals = patches.normals(areas);
@@ -316,7 +335,7 @@ impl CompletionLevel<'_> {
             })
             .collect();
         if before.is_empty() {
-            // Once more, for what neighbors found.
+            // The second pass also tries the exemplars next to the matches of adjacent patches.
             let centers = (0..patches.len()).into_par_iter().with_min_len(16);
             matches = centers
                 .map_init(Scratch::new, |scratch: &mut Scratch, center: usize| {
@@ -325,16 +344,16 @@ impl CompletionLevel<'_> {
                 .collect();
         }
         if let Some(far) = far {
-            search.better_the_worst(&scene, &mut matches, far.more);
+            search.improve_worst_matches(&scene, &mut matches, far.more);
         }
         let weights = self.weights(patches, points);
         let energy = energy(&matches, &weights);
         Iterate { normals, frames, matches, weights, energy }
     }
 
-    /// The weights of all patches: 1 around data, less the farther a patch is inside.
+    /// Returns the weights of all patches: 1 around data, and falling with the distance from the rim inside the hole.
     fn weights(&self, patches: &Patches, points: &[Point3<f64>]) -> Vec<f64> {
-        let falloff = self.shared.options.fall();
+        let falloff = self.shared.options.falloff_or_default();
         let rate = if falloff.rate == 0.0 { 1.0 / self.edge } else { falloff.rate };
         let fall = libm::log(falloff.base) * rate;
         (0..patches.len())
@@ -342,24 +361,25 @@ impl CompletionLevel<'_> {
                 let vertex = patches.sites[center] as usize;
                 match self.shared.hole.rim[vertex] {
                     NONE => 1.0,
-                    _ if vertex < self.shared.data => 1.0,
+                    _ if vertex < self.shared.n_data_vertices => 1.0,
                     rim => libm::exp(-fall * (points[vertex] - points[rim as usize]).norm()),
                 }
             })
             .collect()
     }
 
-    /// The weight of a patch in the mean that moves its vertices.
-    fn share(&self, patches: &Patches, now: &Iterate, center: usize) -> f64 {
+    /// Returns the weight of a patch in the mean that moves its vertices.
+    fn patch_weight(&self, patches: &Patches, now: &Iterate, center: usize) -> f64 {
         match (now.matches[center].exemplar, self.shared.options.update) {
             (NONE, _) => 0.0,
-            (_, Update::Exact) => now.weights[center] / patches.members.of(center).len() as f64,
+            (_, Update::Exact) => now.weights[center] / patches.members.list(center).len() as f64,
             (_, Update::Published) => now.weights[center],
         }
     }
 
-    /// Moves the missing vertices to the weighted means of their places on the exemplars: equations 9 to 13, with all vertices at once.
-    fn update(
+    /// Moves the missing vertices to the weighted means of their positions on the exemplars: equations 9 to 13 of the publication, for all
+    /// vertices at once.
+    fn move_vertices(
         &self,
         search: &Search<'_>,
         now: &Iterate,
@@ -371,20 +391,20 @@ impl CompletionLevel<'_> {
         let distances = distances(search, now, points);
         let motion = |site: usize| {
             let (mut sum, mut weight, mut residual_sq) = (0.0, 0.0, 0.0);
-            for &entry in patches.entries.of(site) {
+            for &entry in patches.entries.list(site) {
                 let distance = distances[entry as usize];
                 if !distance.is_nan() {
                     let center = patches.centers[entry as usize] as usize;
-                    let share = self.share(patches, now, center);
-                    sum += share * distance;
-                    weight += share;
-                    residual_sq += share * now.matches[center].ssd;
+                    let own_weight = self.patch_weight(patches, now, center);
+                    sum += own_weight * distance;
+                    weight += own_weight;
+                    residual_sq += own_weight * now.matches[center].ssd;
                 }
             }
             if weight == 0.0 {
                 return Vector3::zeros();
             }
-            // The mean of two estimates of one place, weighed by the inverses of their variances.
+            // The new position is the mean of two estimates, weighted by their inverse variances.
             let vertex = patches.sites[site] as usize;
             let back = (begin[vertex] - points[vertex]).dot(&now.normals[site]);
             let start_error = self.start_error(vertex);
@@ -418,38 +438,43 @@ pub(super) struct Iterate {
     energy: Energy,
 }
 
-/// Equation 1, in the order of the patches.
+/// Returns the energy (equation 1 of the publication), summed in the order of the patches.
 fn energy(matches: &[Match], weights: &[f64]) -> Energy {
-    let (mut sum, mut weight, mut most) = (0.0, 0.0, 0.0_f64);
+    let (mut sum, mut weight, mut max) = (0.0, 0.0, 0.0_f64);
     for (found, &own) in matches.iter().zip(weights) {
         if found.exemplar != NONE {
             sum += own * found.ssd;
             weight += own;
-            most = most.max(found.ssd);
+            max = max.max(found.ssd);
         }
     }
     let mean = if weight > 0.0 { sum / weight } else { f64::INFINITY };
-    Energy { mean, most: if weight > 0.0 { most } else { f64::INFINITY } }
+    Energy { mean, max: if weight > 0.0 { max } else { f64::INFINITY } }
 }
 
-/// The distance of each member of each patch to its exemplar, along the member's normal.
+/// Returns the distance of each sample in each patch to the patch's exemplar, along the sample's normal.
 fn distances(search: &Search<'_>, now: &Iterate, points: &[Point3<f64>]) -> Vec<f64> {
     let scene = Scene { points, normals: &now.normals, frames: &now.frames };
-    let of_patch = |patch: &mut PatchSamples, center: usize| {
-        let Match { exemplar, turn, .. } = now.matches[center];
-        search.take(&scene, center, patch);
-        if exemplar == NONE {
-            return vec![f64::NAN; patch.samples.len()];
-        }
-        let heights = search.exemplars.heights(exemplar);
-        let step = search.exemplars.lattice.step;
-        let mut alignment = patch.align(heights, step, search.turns.of(turn));
-        for (sample, distance) in alignment.distances.iter_mut().enumerate() {
-            *distance -= patch.at(&alignment.plane, sample);
-        }
-        alignment.distances
-    };
     let centers = (0..search.patches.len()).into_par_iter().with_min_len(16);
-    let all: Vec<Vec<f64>> = centers.map_init(PatchSamples::default, of_patch).collect();
-    all.concat()
+    let distances: Vec<Vec<f64>> = centers
+        .map_init(PatchSamples::default, |patch, center| {
+            search.load_patch(&scene, center, patch);
+            match_distances(search, &now.matches[center], patch)
+        })
+        .collect();
+    distances.concat()
+}
+
+/// Returns the distance of each sample of a patch to the patch's match, along the sample's normal; NaN without a match.
+fn match_distances(search: &Search<'_>, found: &Match, patch: &PatchSamples) -> Vec<f64> {
+    if found.exemplar == NONE {
+        return vec![f64::NAN; patch.samples.len()];
+    }
+    let heights = search.exemplars.heights(found.exemplar);
+    let step = search.exemplars.lattice.step;
+    let mut alignment = patch.align(heights, step, search.orientations.get(found.orientation));
+    for (sample, distance) in alignment.distances.iter_mut().enumerate() {
+        *distance -= patch.plane_height(&alignment.plane, sample);
+    }
+    alignment.distances
 }

@@ -1,86 +1,86 @@
-//! How a surface is completed by exemplars.
+//! The options of exemplar fills.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// How a surface is completed by exemplars.
+/// Options for completing a surface with exemplars: parts of the data similar to the surroundings of the hole.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ExemplarOptions {
-    /// How many levels, from coarse to fine.
+    /// Number of levels, from coarse to fine.
     #[schemars(range(min = 1, max = 8))]
-    #[serde(default = "three")]
+    #[serde(default = "default_levels")]
     pub levels: u32,
-    /// The shape to start with.
+    /// Initial shape.
     #[serde(default)]
     pub start: Start,
-    /// How patches share in the motion of a vertex.
+    /// Rule by which patches move the vertices they contain.
     #[serde(default)]
     pub update: Update,
-    /// The radius of a patch on each level; chosen from the hole's width and the data's edges where 0 or left out.
+    /// Patch radius on each level. If 0 or omitted, it is chosen from the hole's width and the data's edge length.
     #[schemars(inner(range(min = 0.0)), extend("unit" = "mm"))]
     #[serde(default)]
     pub radii: Vec<f64>,
-    /// How far the compared points of a patch are apart on each level, at least an eighth of its radius; chosen from the radii and the
-    /// data's edges where 0 or left out. The last one is also the length of the filled edges.
+    /// Distance between the compared points of a patch on each level, at least 1/8 of the patch radius. If 0 or omitted, it is chosen from
+    /// the radii and the data's edge length. The last value is also the length of the filled edges.
     #[schemars(inner(range(min = 0.0)), extend("unit" = "mm"))]
     #[serde(default)]
     pub edges: Vec<f64>,
-    /// How the weight of a patch falls with its distance from the hole's rim; if left out, 1.3 times from one compared point to the next, and
-    /// with `update: Published`, whose start says nothing of the shape, 2 times.
+    /// Falloff of a patch's weight with its distance from the hole's rim. If omitted, the weight falls by a factor of 1.3 per distance
+    /// between compared points; with `update: Published`, whose start does not estimate the shape, by a factor of 2.
     #[serde(default)]
     pub falloff: Option<Falloff>,
-    /// The direction that is up: patches are compared upright. The length means nothing.
+    /// Up direction; patches are compared upright. Its length is ignored.
     #[schemars(extend("direction" = true))]
-    #[serde(default = "up")]
+    #[serde(default = "default_up")]
     pub up: [f64; 3],
-    /// How many rotations about its normal an exemplar is tried in; 1 tries it upright alone.
+    /// Number of rotations about its normal in which an exemplar is tried; 1 tries it upright only.
     #[schemars(range(min = 1, max = 32))]
-    #[serde(default = "one")]
+    #[serde(default = "default_rotations")]
     pub rotations: u32,
-    /// Tries each exemplar also mirrored: from left to right, if it is upright. What a thing has on both sides grows again from the other one
-    /// if `exemplars` marks that, with `start: Flat`, as thin plates are trusted too much where a whole part is missing.
+    /// Tries each exemplar also mirrored, left to right if it is upright. Mirroring restores a part of a symmetric object from the other
+    /// side: let `exemplars` mark that side and use `start: Flat`, because thin plates are trusted too much if a whole part is missing.
     #[serde(default)]
     pub mirror: bool,
-    /// An attribute of the vertices: exemplars come from where it is greater than 0. Empty: from everywhere.
+    /// Name of a vertex attribute; exemplars are taken only from where it is greater than 0. If empty, exemplars are taken from everywhere.
     #[serde(default)]
     pub exemplars: String,
-    /// How much colors count beside shapes where exemplars are chosen: a color that is as far off as black is from white (100 in CIE76)
-    /// counts as much as a surface that is so many edges of the data off; 0 lets shapes alone choose. Colors are those of the vertices, or
-    /// of a picture that is copied.
+    /// Weight of colors relative to shapes when exemplars are chosen: the color difference of black and white (100 in CIE76) counts as much
+    /// as a surface distance of this number of the data's edge lengths. With 0, only shapes are compared. Colors are those of the vertices,
+    /// or of a picture that is copied.
     #[schemars(range(min = 0.0, max = 100.0))]
-    #[serde(default = "color")]
+    #[serde(default = "default_color")]
     pub color: f64,
-    /// What filled faces show of a picture, if texture coordinates are given for corners, as those of an atlas are.
+    /// Part of a picture that filled faces show if texture coordinates are stored per corner, as in an atlas.
     #[serde(default)]
-    pub texture: Shown,
-    /// Iterations of a level, at most; 0 leaves the start as it is, and looks for no exemplars. If left out, 20, and with
-    /// `update: Published`, whose start may be far off, 400.
+    pub texture: TextureSource,
+    /// Maximum number of iterations per level. With 0, the start is returned and no exemplars are searched. If omitted, 20; with `update:
+    /// Published`, whose start may be far from the result, 400.
     #[schemars(range(max = 1000))]
     #[serde(default)]
     pub iterations: Option<u32>,
-    /// A level ends after so many iterations that made it no better; its best iterate is kept. If left out, 3, and with
-    /// `update: Published`, whose energy goes up and down on its way, 25.
+    /// Number of iterations without improvement after which a level ends; its best iterate is kept. If omitted, 3; with `update:
+    /// Published`, whose energy oscillates, 25.
     #[schemars(range(min = 1, max = 1000))]
     #[serde(default)]
     pub patience: Option<u32>,
 }
 
 impl ExemplarOptions {
-    /// Whether colors count when exemplars are compared; in the publication they do not.
+    /// Returns true if colors are compared. [`Update::Published`] does not compare colors.
     pub(crate) fn counts_colors(&self) -> bool {
         self.color > 0.0 && self.update == Update::Exact
     }
 
-    /// Iterations of a level, at most.
-    pub(crate) fn most_iterations(&self) -> u32 {
+    /// Returns the maximum number of iterations per level.
+    pub(crate) fn max_iterations(&self) -> u32 {
         self.iterations.unwrap_or(match self.update {
             Update::Exact => 20,
             Update::Published => 400,
         })
     }
 
-    /// Iterations without progress after which a level ends.
-    pub(super) fn longest_wait(&self) -> u32 {
+    /// Returns the number of iterations without progress after which a level ends.
+    pub(super) fn max_wait(&self) -> u32 {
         let usual = match self.update {
             Update::Exact => 3,
             Update::Published => 25,
@@ -88,110 +88,112 @@ impl ExemplarOptions {
         self.patience.unwrap_or(usual).max(1)
     }
 
-    /// How weights fall.
-    pub(super) fn fall(&self) -> Falloff {
+    /// Returns the falloff of weights, or the default of the update rule.
+    pub(super) fn falloff_or_default(&self) -> Falloff {
         self.falloff.unwrap_or(match self.update {
             Update::Exact => Falloff::default(),
-            // With 1.3, what the rim says counts too little against a start that is a cone; with 3, too few patches agree.
+            // With 1.3, the rim has too little influence against a start that is a cone; with 3, too few patches agree.
             Update::Published => Falloff { base: 2.0, rate: 0.0 },
         })
     }
 }
 
-fn color() -> f64 {
+fn default_color() -> f64 {
     3.0
 }
 
-fn one() -> u32 {
+fn default_rotations() -> u32 {
     1
 }
 
-fn three() -> u32 {
+fn default_levels() -> u32 {
     3
 }
 
-fn up() -> [f64; 3] {
+fn default_up() -> [f64; 3] {
     [0.0, 1.0, 0.0]
 }
 
 impl Default for ExemplarOptions {
     fn default() -> Self {
         Self {
-            levels: three(),
+            levels: default_levels(),
             start: Start::default(),
             update: Update::default(),
             radii: Vec::new(),
             edges: Vec::new(),
             falloff: None,
-            up: up(),
-            rotations: one(),
+            up: default_up(),
+            rotations: default_rotations(),
             mirror: false,
             exemplars: String::new(),
-            color: color(),
-            texture: Shown::default(),
+            color: default_color(),
+            texture: TextureSource::default(),
             iterations: None,
             patience: None,
         }
     }
 }
 
-/// The shape that a completion starts with.
+/// Initial shape of a completion.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Start {
-    /// A thin plate that goes on smoothly from the rim. Creases of the data that end at the rim go on until they meet, and stay sharp, unless
-    /// `update` is `Published`.
+    /// Thin plate that continues the data smoothly. Creases of the data that end at the rim are extended until they meet and stay sharp,
+    /// unless `update` is `Published`.
     #[default]
     ThinPlate,
-    /// A cone over the rim's centroid, as published.
+    /// Cone to the rim's centroid, as published.
     Centroid,
-    /// A membrane over the rim.
+    /// Membrane through the rim.
     Membrane,
-    /// Flat triangles between the rim's vertices.
+    /// Flat triangles between rim vertices.
     Flat,
 }
 
-/// What filled faces show of a picture.
+/// Part of a picture that filled faces show.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub enum Shown {
-    /// What it has where their shape comes from: a picture of a damaged thing shows the damage, too.
+#[serde(rename = "Shown")]
+pub enum TextureSource {
+    /// The part at the exemplar that the face copies. A picture of a damaged object shows the damage, too.
     #[default]
     Copied,
-    /// What it has where it goes on from the rim: it may know what the shape lacks.
+    /// The part that continues from the rim. It may show features that the filled shape lacks.
     Continued,
 }
 
-/// How patches share in the motion of a vertex.
+/// Rule by which patches move the vertices they contain.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Update {
-    /// By their weights over their numbers of points, which makes the energy least while the normals stay; normals are means over
-    /// a part of a patch, and only whole exemplars are used.
+    /// Patches count by their weights divided by their numbers of points, which minimizes the energy for fixed normals. Normals are means
+    /// over a part of a patch, and only complete exemplars are used.
     #[default]
     Exact,
-    /// By their weights, with the normals of vertices, with exemplars up to the rim, and with edges as long on each level as compared points
-    /// are apart, as published; so it completes the cone of `start: Centroid`, too. Other than in the publication, an exemplar is laid against a
-    /// patch by the best small shift and tilt, and the normals at the rim are those of the data alone.
+    /// As published: patches count by their weights, normals are those of vertices, exemplars may reach the rim, and filled edges are on
+    /// each level as long as the distance between compared points; this also completes the cone of `start: Centroid`. Unlike in the
+    /// publication, an exemplar is aligned with a patch by the best small shift and tilt, and normals at the rim are those of the data
+    /// only.
     Published,
 }
 
-/// How a weight falls with the distance: `base ^ (-rate * distance)`.
+/// Falloff of a weight with the distance: `base ^ (-rate * distance)`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Falloff {
-    /// How many times less it is after `1 / rate`.
+    /// Factor by which the weight falls over a distance of `1 / rate`.
     #[schemars(range(min = 1.0, max = 1000.0))]
-    #[serde(default = "base")]
+    #[serde(default = "default_base")]
     pub base: f64,
-    /// How fast it falls, per mm; 0 takes one over the distance between compared points.
+    /// Rate of the falloff. If 0, it is one over the distance between compared points.
     #[schemars(range(min = 0.0), extend("unit" = "1/mm"))]
     #[serde(default)]
     pub rate: f64,
 }
 
-fn base() -> f64 {
+fn default_base() -> f64 {
     1.3
 }
 
 impl Default for Falloff {
     fn default() -> Self {
-        Self { base: base(), rate: 0.0 }
+        Self { base: default_base(), rate: 0.0 }
     }
 }

@@ -1,4 +1,4 @@
-//! The patches of a level: which points are compared, and which of them move.
+//! The patches of a level: the compared points (samples), some of which move.
 
 use maquette_base::topology::lists::Lists;
 use maquette_value::parallel::*;
@@ -6,43 +6,43 @@ use nalgebra::{Point3, Vector3};
 
 use super::surface::{Marks, NONE, Surface};
 
-/// The lengths that the patches of a level have.
+/// The lengths that determine the patches of a level.
 #[derive(Clone, Copy)]
 pub(super) struct Scale {
     /// The radius of a patch.
     pub(super) radius: f64,
-    /// How far samples are apart; all vertices are samples, if 0.
+    /// The distance between samples; if 0, all vertices are samples.
     pub(super) spacing: f64,
-    /// The same for those that move.
+    /// The distance between samples that move; if 0, all missing vertices move.
     pub(super) moving: f64,
     /// The radius within which normals are averaged for the normal at a sample.
     pub(super) normal_radius: f64,
 }
 
-/// The samples near what is missing, and the patches around some of them. It is all chosen at the beginning of a level.
+/// The samples near the missing part, and the patches around some of them; chosen at the beginning of a level.
 pub(super) struct Patches {
-    /// The samples' vertices: first those that move, then data with a patch, then other data.
+    /// The vertices of the samples: first the samples that move, then data with a patch, then other data.
     pub(super) sites: Vec<u32>,
-    /// How many of them move.
+    /// The number of samples that move.
     pub(super) movable: usize,
-    /// The samples in each patch, the farthest first: they differ most, which ends most comparisons early.
+    /// The samples in each patch, the farthest first: far samples differ most, so most comparisons end early.
     pub(super) members: Lists,
-    /// The center of the patch of each entry of all members.
+    /// For each entry of `members`, the center of its patch.
     pub(super) centers: Vec<u32>,
-    /// The entries of all members that are each movable sample.
+    /// For each movable sample, its entries in `members`.
     pub(super) entries: Lists,
-    /// The centers next to each center.
+    /// For each center, the adjacent centers.
     pub(super) near: Lists,
-    /// The vertices around each sample whose area vectors are summed for its normal.
+    /// For each sample, the vertices whose area vectors are summed for its normal.
     neighborhoods: Lists,
 }
 
-/// Centers next to a center.
-const NEAR: usize = 6;
+/// Maximum number of adjacent centers that are listed for a center.
+const MAX_NEIGHBORS: usize = 6;
 
 impl Patches {
-    /// Of the vertices from `data` on, which are missing, and data as far as a patch sees them. `distances` are those of the data
-    /// to the nearest missing vertex.
+    /// Chooses samples among the missing vertices, which are those from `data` on, and among the data vertices that a patch around a
+    /// missing vertex can contain. `distances` are the distances of the data from the nearest missing vertex.
     pub(super) fn new(
         surface: &Surface<'_>,
         points: &[Point3<f64>],
@@ -54,19 +54,13 @@ impl Patches {
         let movable = thin(surface, points, data as u32..count as u32, scale.moving);
         let close = (0..data as u32).filter(|&v| distances[v as usize] <= 2.0 * scale.radius);
         let fixed = thin(surface, points, close, scale.spacing);
-        let balls = |vertices: &[u32], radius: f64| -> Vec<Vec<u32>> {
-            let ball =
-                |marks: &mut Marks, &v: &u32| surface.ball(points, v, radius, |_| true, marks);
-            let vertices = vertices.par_iter().with_min_len(16);
-            vertices.map_init(|| Marks::new(count), ball).collect()
-        };
-        // A patch is for samples from which something missing is seen.
+        // A sample is the center of a patch if the patch contains a missing vertex.
         let (inside, outside): (Vec<u32>, Vec<u32>) =
             fixed.into_iter().partition(|&v| distances[v as usize] <= scale.radius);
-        let mut patches = balls(&movable, scale.radius);
+        let mut patches = balls(surface, points, &movable, scale.radius);
         let mut sites = movable.clone();
         let mut blind = Vec::new();
-        for (vertex, ball) in inside.iter().zip(balls(&inside, scale.radius)) {
+        for (vertex, ball) in inside.iter().zip(balls(surface, points, &inside, scale.radius)) {
             if ball.iter().any(|&other| data <= other as usize) {
                 sites.push(*vertex);
                 patches.push(ball);
@@ -76,22 +70,22 @@ impl Patches {
         }
         sites.extend(blind);
         sites.extend(outside);
-        let mut place = vec![NONE; count];
-        (0..).zip(&sites).for_each(|(site, &vertex)| place[vertex as usize] = site);
+        let mut index_of = vec![NONE; count];
+        (0..).zip(&sites).for_each(|(site, &vertex)| index_of[vertex as usize] = site);
         for patch in &mut patches {
             let center = points[patch[0] as usize];
             let mut keyed: Vec<(f64, u32)> = patch
                 .iter()
-                .filter(|&&vertex| place[vertex as usize] != NONE)
-                .map(|&v| ((points[v as usize] - center).norm_squared(), place[v as usize]))
+                .filter(|&&vertex| index_of[vertex as usize] != NONE)
+                .map(|&v| ((points[v as usize] - center).norm_squared(), index_of[v as usize]))
                 .collect();
             keyed.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
             *patch = keyed.into_iter().map(|(_, site)| site).collect();
         }
         let near = Lists::collect(patches.iter().map(|patch| -> Vec<u32> {
             let centers = patch.iter().rev().filter(|&&site| (site as usize) < patches.len());
-            // The last is the center itself.
-            centers.skip(1).take(NEAR).copied().collect()
+            // The nearest center is the sample itself and is skipped.
+            centers.skip(1).take(MAX_NEIGHBORS).copied().collect()
         }));
         let members = Lists::collect(patches.iter());
         let centers: Vec<u32> = (0..members.len() as u32)
@@ -99,33 +93,55 @@ impl Patches {
             .collect();
         let moves = movable.len();
         let entries = Lists::group(moves, || {
-            let pairs = members.all().iter().copied().zip(0..);
+            let pairs = members.items().iter().copied().zip(0..);
             pairs.filter(|&(site, _)| (site as usize) < moves)
         });
-        let neighborhoods = Lists::collect(balls(&sites, scale.normal_radius).into_iter());
+        let neighborhoods =
+            Lists::collect(balls(surface, points, &sites, scale.normal_radius).into_iter());
         Self { sites, movable: moves, members, centers, entries, near, neighborhoods }
     }
 
-    /// The number of patches: the first samples are their centers.
+    /// The number of patches; the first samples are their centers.
     pub(super) fn len(&self) -> usize {
         self.members.len()
     }
 
-    /// The normal at each sample: the mean over the surface around it.
+    /// Returns the normal at each sample: the mean over the surface around it.
     pub(super) fn normals(&self, areas: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         (0..self.sites.len())
             .into_par_iter()
             .with_min_len(64)
             .map(|site: usize| {
-                let sum: Vector3<f64> =
-                    self.neighborhoods.of(site).iter().map(|&vertex| areas[vertex as usize]).sum();
+                let sum: Vector3<f64> = self
+                    .neighborhoods
+                    .list(site)
+                    .iter()
+                    .map(|&vertex| areas[vertex as usize])
+                    .sum();
                 sum.try_normalize(0.0).unwrap_or(Vector3::z())
             })
             .collect()
     }
 }
 
-/// Those of the vertices that are `spacing` apart, each earlier one before the later ones; all, if it is 0.
+/// Returns the vertices within a radius of each of some vertices; see [`Surface::ball`].
+fn balls(
+    surface: &Surface<'_>,
+    points: &[Point3<f64>],
+    centers: &[u32],
+    radius: f64,
+) -> Vec<Vec<u32>> {
+    centers
+        .par_iter()
+        .with_min_len(16)
+        .map_init(
+            || Marks::new(points.len()),
+            |marks, &center| surface.ball(points, center, radius, |_| true, marks),
+        )
+        .collect()
+}
+
+/// Returns a subset of the vertices that are at least `spacing` apart, chosen in their order; all vertices if `spacing` is 0.
 pub(super) fn thin(
     surface: &Surface<'_>,
     points: &[Point3<f64>],

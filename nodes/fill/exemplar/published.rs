@@ -1,47 +1,50 @@
-//! The completion as it is published: the density of what is filled changes with the levels.
+//! The completion as published: the density of the fill changes with the levels.
 
 use maquette_node::Progress;
 use maquette_value::TraceStep;
 
 use super::cells;
-use super::completion::{Completed, Completion, Copies, FEWEST, Given, areas, distances};
+use super::completion::{
+    Completion, CompletionInput, CompletionResult, Copies, MIN_EXEMPLARS, distances_to_missing,
+    vertex_areas,
+};
 use super::hole::{Hole, SAMPLES};
 use super::options::ExemplarOptions;
+use super::orientations::Orientations;
 use super::surface::Surface;
-use super::turns::Turns;
-use crate::triangles::density::Stop;
+use crate::triangles::density::RefineError;
 use crate::triangles::filling::Filling;
 
-/// Gives what is filled edges of at least this length, or those of the data where these are longer.
-pub(crate) type Density<'a> = dyn FnMut(&mut Filling, f64, &Progress<'_>) -> Result<(), Stop> + 'a;
+/// Remeshes the fill to at least the given edge length, or to the edge length of the data if that is larger.
+pub(crate) type Density<'a> =
+    dyn FnMut(&mut Filling, f64, &Progress<'_>) -> Result<(), RefineError> + 'a;
 
-/// Moves the filled vertices of `filling` to where their exemplars have them, and remeshes them to the density of each level.
+/// Completes the surface by moving the filled vertices to the positions given by their exemplars, and remeshes the fill on each level.
 ///
-/// Kawai, Sato and Yokoya (2008), edges are split and collapsed towards the distance between samples of each level, so that
-/// nothing of the start that is finer survives a coarse level.
+/// Kawai, Sato and Yokoya (2008): edges are split and collapsed to the sample distance of each level, so that finer features of the start
+/// do not survive a coarse level.
 ///
 /// # Errors
-/// If there would be too many triangles, or the evaluation is told to stop.
+/// Returns an error if there would be too many triangles, or if the evaluation is cancelled.
 pub(crate) fn complete_as_published(
     filling: &mut Filling,
     density: &mut Density<'_>,
     options: &ExemplarOptions,
-    given: &Given,
+    given: &CompletionInput,
     progress: &Progress<'_>,
-) -> Result<Completed, Stop> {
-    let (data, kept) = (filling.data, filling.kept);
+) -> Result<CompletionResult, RefineError> {
+    let (data, kept) = (filling.n_data_vertices, filling.n_data_faces);
     let count = filling.points.len() - data;
-    let mut completed = Completed { trace: vec![], copies: Copies::none(count), no_exemplar: true };
+    let mut completed =
+        CompletionResult { trace: vec![], copies: Copies::empty(count), no_exemplar: true };
     let start = Surface::new(filling.points.len(), &filling.faces);
     let Some(hole) = Hole::new(&start, &filling.points, data) else { return Ok(completed) };
     let mut radii = hole.radii(options, &filling.points[..data]);
     let edge = hole.edge;
     let (mut level, mut done) = (0, 0);
     while level < radii.len() {
-        fn share(level: usize, radii: &[f64]) -> f64 {
-            level as f64 / radii.len() as f64
-        }
-        let own = share(level, &radii)..share(level + 1, &radii);
+        let levels = radii.len() as f64;
+        let own = level as f64 / levels..(level + 1) as f64 / levels;
         progress.tick(own.start)?;
         let last = level + 1 == radii.len();
         let given_edge = options.edges.get(level).copied().filter(|&edge| edge > 0.0);
@@ -52,25 +55,30 @@ pub(crate) fn complete_as_published(
         let Some(hole) = Hole::new(&surface, points, data) else { break };
         let mut completion = Completion {
             surface: &surface,
-            data,
-            kept,
+            n_data_vertices: data,
+            n_data_faces: kept,
             options,
             allowed: given.allowed.as_deref(),
             colors: Vec::new(),
-            distances: distances(&surface, points, data, (2.5 * radii[0]).max(hole.width)),
-            turns: Turns::new(options.rotations, options.mirror),
-            areas: areas(&surface, points, data, kept, options.update),
+            distances: distances_to_missing(
+                &surface,
+                points,
+                data,
+                (2.5 * radii[0]).max(hole.width),
+            ),
+            orientations: Orientations::new(options.rotations, options.mirror),
+            areas: vertex_areas(&surface, points, data, kept, options.update),
             hole,
             sharp: &[],
             guides: Vec::new(),
         };
         let size = completion.size(radii[level], level);
         let exemplars = completion.exemplars(&size, points, progress)?;
-        if exemplars.len() < FEWEST {
+        if exemplars.len() < MIN_EXEMPLARS {
             let smaller = radii[0] / 2.0;
             let may = options.radii.is_empty() && smaller.is_finite();
             if level == 0 && radii.len() > 1 && may {
-                radii = completion.hole.spaced(smaller, radii.len());
+                radii = completion.hole.spaced_radii(smaller, radii.len());
             } else {
                 level += 1;
             }
@@ -78,22 +86,22 @@ pub(crate) fn complete_as_published(
         }
         let outcome = progress
             .part(own, |progress| completion.level(&size, &exemplars, points, level, progress))?;
-        for (iteration, energy) in &outcome.kept {
-            let (max, rms) = (energy.most.sqrt(), energy.mean.sqrt());
+        for (iteration, energy) in &outcome.improvements {
+            let (max, rms) = (energy.max.sqrt(), energy.mean.sqrt());
             completed.trace.push(TraceStep { iteration: done + iteration, max, rms });
         }
         done += outcome.iterations + 1;
         completed.no_exemplar &= outcome.guides.is_empty();
         if last {
             let cells = cells::cells(&surface, points, data, &outcome, edge);
-            completed.copies = Copies::none(points.len() - data);
-            completion.copy(&exemplars, &outcome, &cells, points, &mut completed.copies);
-            completed.copies.name(&outcome.guides, data);
+            completed.copies = Copies::empty(points.len() - data);
+            completion.record_copies(&exemplars, &outcome, &cells, points, &mut completed.copies);
+            completed.copies.set_exemplars(&outcome.guides, data);
         }
         level += 1;
     }
     if completed.copies.exemplar.len() != filling.points.len() - data {
-        completed.copies = Copies::none(filling.points.len() - data);
+        completed.copies = Copies::empty(filling.points.len() - data);
     }
     Ok(completed)
 }

@@ -1,4 +1,4 @@
-//! How rough a part of a surface is.
+//! Measures the roughness of a part of a surface.
 
 use maquette_base::topology::lists::Lists;
 use maquette_value::parallel::*;
@@ -6,20 +6,20 @@ use nalgebra::{Point3, Vector3};
 
 use super::surface::{NONE, Surface};
 
-/// Measures how rough a part of a surface is.
+/// A part of a surface, prepared for measuring its roughness.
 pub(super) struct Roughness<'a> {
     surface: &'a Surface<'a>,
-    /// The part, and what is within so many edges of it as there are steps.
+    /// The vertices of the part, followed by the vertices within [`STEPS`] edges of the part.
     vertices: Vec<u32>,
-    /// How many vertices are in the part.
+    /// The number of vertices in the part.
     count: usize,
-    /// The places among the vertices of the neighbors of each.
+    /// For each vertex, the indices of its neighbors among `vertices`.
     rings: Lists,
-    /// The faces on both sides of the edges of the part.
+    /// For each edge of the part, its two faces.
     sides: Vec<[u32; 2]>,
 }
 
-/// Steps of smoothing, each halfway to the mean of the neighbors.
+/// Number of smoothing steps; in each, vertices move halfway to the mean of their neighbors.
 const STEPS: usize = 4;
 
 impl<'a> Roughness<'a> {
@@ -27,15 +27,15 @@ impl<'a> Roughness<'a> {
         let count = part.len();
         let sides = sides(surface, &part);
         let mut vertices = part;
-        let mut place = vec![NONE; surface.len()];
-        (0..).zip(&vertices).for_each(|(k, &vertex)| place[vertex as usize] = k);
+        let mut index_of = vec![NONE; surface.len()];
+        (0..).zip(&vertices).for_each(|(k, &vertex)| index_of[vertex as usize] = k);
         let mut start = 0;
         for _ in 0..STEPS {
             let end = vertices.len();
             for k in start..end {
                 for &other in surface.ring(vertices[k]) {
-                    if place[other as usize] == NONE {
-                        place[other as usize] = vertices.len() as u32;
+                    if index_of[other as usize] == NONE {
+                        index_of[other as usize] = vertices.len() as u32;
                         vertices.push(other);
                     }
                 }
@@ -43,20 +43,21 @@ impl<'a> Roughness<'a> {
             start = end;
         }
         let rings = Lists::collect(vertices.iter().map(|&vertex| -> Vec<u32> {
-            let ring = surface.ring(vertex).iter().map(|&other| place[other as usize]);
+            let ring = surface.ring(vertex).iter().map(|&other| index_of[other as usize]);
             ring.filter(|&other| other != NONE).collect()
         }));
         Self { surface, vertices, count, rings, sides }
     }
 
-    /// How rough the part is, for comparisons: mostly by what lies within a few edges, partly by single edges. The former alone takes
-    /// broad waves for fine ones; bends alone tell less of a place, and more of how its triangles lie.
-    pub(super) fn of(&self, points: &[Point3<f64>]) -> f64 {
+    /// Returns a measure of roughness for comparisons: mostly the deviation from the surface smoothed over a few edges, partly the bending
+    /// of single edges. The deviation alone cannot distinguish broad waves from fine ones; the bending alone depends more on the
+    /// triangulation than on the surface.
+    pub(super) fn measure(&self, points: &[Point3<f64>]) -> f64 {
         let deviation = self.deviation(points);
         libm::cbrt(deviation * deviation * self.bend(points))
     }
 
-    /// The mean distance of the vertices, along their normals, from where they are after some steps of smoothing.
+    /// Returns the mean distance of the vertices, along their normals, from their positions after smoothing.
     fn deviation(&self, points: &[Point3<f64>]) -> f64 {
         let mut smooth: Vec<Point3<f64>> =
             self.vertices.iter().map(|&vertex| points[vertex as usize]).collect();
@@ -65,7 +66,7 @@ impl<'a> Roughness<'a> {
                 .into_par_iter()
                 .with_min_len(512)
                 .map(|k: usize| {
-                    let ring = self.rings.of(k);
+                    let ring = self.rings.list(k);
                     let sum: Vector3<f64> =
                         ring.iter().map(|&j| smooth[j as usize] - smooth[k]).sum();
                     smooth[k] + sum / (2.0 * ring.len().max(1) as f64)
@@ -83,14 +84,13 @@ impl<'a> Roughness<'a> {
             / self.count.max(1) as f64
     }
 
-    /// The mean angle by which the edges bend.
+    /// Returns the mean angle of the edges.
     fn bend(&self, points: &[Point3<f64>]) -> f64 {
         self.sides
             .iter()
             .map(|pair| {
                 let [a, b] = pair.map(|face: u32| {
-                    let [a, b, c] =
-                        self.surface.faces[face as usize].map(|end| points[end as usize]);
+                    let [a, b, c] = self.surface.corners(points, face);
                     (b - a).cross(&(c - a))
                 });
                 libm::atan2(a.cross(&b).norm(), a.dot(&b))
@@ -100,19 +100,19 @@ impl<'a> Roughness<'a> {
     }
 }
 
-/// The faces on both sides of the edges that have an end in `part`.
+/// Returns the two faces of each edge with an end in `part`.
 fn sides(surface: &Surface<'_>, part: &[u32]) -> Vec<[u32; 2]> {
     let mut is_in = vec![false; surface.len()];
     part.iter().for_each(|&vertex| is_in[vertex as usize] = true);
-    let mut faces: Vec<u32> = part.iter().flat_map(|&v| surface.around(v)).copied().collect();
+    let mut faces: Vec<u32> = part.iter().flat_map(|&v| surface.faces_around(v)).copied().collect();
     faces.sort_unstable();
     faces.dedup();
     let is_in = &is_in;
     let sides = faces.iter().flat_map(|&face| {
         let ends = surface.faces[face as usize];
-        let touches =
-            move |k: &usize| is_in[ends[*k] as usize] || is_in[ends[(k + 1) % 3] as usize];
-        (0..3).filter(touches).map(move |k| [face, surface.beside(face, k).face])
+        (0..3)
+            .filter(move |k| is_in[ends[*k] as usize] || is_in[ends[(k + 1) % 3] as usize])
+            .map(move |k| [face, surface.adjacent_face(face, k).face])
     });
     sides.filter(|[face, other]| *other != NONE && face < other).collect()
 }

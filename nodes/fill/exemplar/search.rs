@@ -1,8 +1,8 @@
 //! Finds the exemplar that is most similar to a patch.
 //!
-//! Candidates are the nearest by descriptors, those beside the matches of neighbors, the match from before, and random ones near
-//! the best: Barnes, Shechtman, Finkelstein and Goldman, "PatchMatch" (2009), here with all patches at once. Those that stay worst are
-//! compared with all exemplars.
+//! The candidates for a patch are the exemplars with the most similar descriptors, those next to the matches of adjacent patches, the
+//! previous match, and random exemplars near the best one: Barnes, Shechtman, Finkelstein and Goldman, "PatchMatch" (2009), here for all
+//! patches at once. The patches with the worst matches are compared with all exemplars.
 
 use std::ops::Range;
 
@@ -15,52 +15,52 @@ use super::compare::PatchSamples;
 use super::exemplars::Exemplars;
 use super::frame::Frame;
 use super::heights::{LANES, NODES, Sample, View, sample};
+use super::orientations::Orientations;
 use super::patches::Patches;
 use super::surface::{NONE, Surface};
 use super::tints::{Color, PART, Tint};
-use super::turns::Turns;
 
-/// A place at which to try exemplars: a data vertex near it, and a turn.
+/// A position at which to try exemplars: a data vertex near it, and an orientation.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Hint {
     pub(super) from: u32,
     pub(super) to: Point3<f64>,
-    pub(super) turn: u8,
+    pub(super) orientation: u8,
 }
 
-/// The patches as they are in one iteration.
+/// The state of all patches in one iteration.
 pub(super) struct Scene<'a> {
     pub(super) points: &'a [Point3<f64>],
-    /// Normals of all samples.
+    /// The normals of all samples.
     pub(super) normals: &'a [Vector3<f64>],
-    /// Frames of the patches.
+    /// The frames of the patches.
     pub(super) frames: &'a [Frame],
 }
 
-/// What a search needs in all iterations of a level.
+/// The data that a search uses in all iterations of a level.
 pub(super) struct Search<'a> {
     pub(super) surface: &'a Surface<'a>,
     pub(super) data: &'a [Point3<f64>],
-    /// Of all vertices; none if they do not count.
+    /// The colors of all vertices; empty if colors are not compared.
     pub(super) colors: &'a [Color],
     pub(super) patches: &'a Patches,
     pub(super) exemplars: &'a Exemplars,
-    pub(super) turns: &'a Turns,
+    pub(super) orientations: &'a Orientations,
     pub(super) radius: f64,
-    /// Sets random places of levels apart.
+    /// Seed of the random positions, different on each level.
     pub(super) seed: u64,
 }
 
-/// Candidates from the tree, over all turns.
+/// The number of candidates that the k-d tree yields, over all orientations.
 const FROM_TREE: usize = 16;
 
-/// Random candidates, each from half as far as the one before.
+/// The number of random candidates; each is at half the distance of the previous one from the best match.
 const RANDOM: u64 = 4;
 
-/// Buffers of a search.
+/// The buffers of a search.
 pub(super) struct Scratch {
     patch: PatchSamples,
-    /// The views of the patch for each turn; empty until they are asked for.
+    /// The views of the patch in each orientation; empty until first used.
     views: Vec<Vec<View<LANES>>>,
     tint: Tint,
     seen: Vec<(u32, u8)>,
@@ -82,8 +82,8 @@ impl Scratch {
 }
 
 impl Search<'_> {
-    /// The best exemplar for a patch among the candidates. `before` are the matches of all patches, if there are any; `hint` is a
-    /// place to look at; `far` asks for candidates from all exemplars, not only near known matches.
+    /// Returns the best exemplar for a patch among the candidates. `before` contains the previous matches of all patches, or is empty;
+    /// `hint` is a position to try; `far` adds candidates from all exemplars, in addition to those near known matches.
     pub(super) fn best(
         &self,
         scene: &Scene<'_>,
@@ -96,20 +96,24 @@ impl Search<'_> {
         self.begin(scene, center, scratch);
         let mut best = Match::NOTHING;
         if let Some(own) = before.get(center) {
-            self.try_one(own.exemplar, own.turn, &mut best, scratch);
+            self.try_one(own.exemplar, own.orientation, &mut best, scratch);
         }
         if let Some(hint) = hint {
             self.try_near(hint, &mut best, scratch);
         }
         if !before.is_empty() {
-            for &other in self.patches.near.of(center) {
+            for &other in self.patches.near.list(center) {
                 let other = other as usize;
                 let found = &before[other];
                 if found.exemplar != NONE {
-                    let (frame, at) = (&scene.frames[other], scene.frames[center].at);
-                    let to = self.exemplars.place(found, self.turns, frame, at);
+                    let (frame, at) = (&scene.frames[other], scene.frames[center].origin);
+                    let to = self.exemplars.map_point(found, self.orientations, frame, at);
                     let from = self.exemplars.vertices[found.exemplar as usize];
-                    self.try_near(Hint { from, to, turn: found.turn }, &mut best, scratch);
+                    self.try_near(
+                        Hint { from, to, orientation: found.orientation },
+                        &mut best,
+                        scratch,
+                    );
                 }
             }
         }
@@ -120,41 +124,45 @@ impl Search<'_> {
         best
     }
 
-    /// Prepares for comparisons of a patch.
+    /// Prepares the comparisons of the patch `center` with exemplars.
     fn begin(&self, scene: &Scene<'_>, center: usize, scratch: &mut Scratch) {
         scratch.seen.clear();
-        self.take(scene, center, &mut scratch.patch);
-        scratch.views.resize(self.turns.all.len(), Vec::new());
+        self.load_patch(scene, center, &mut scratch.patch);
+        scratch.views.resize(self.orientations.all.len(), Vec::new());
         scratch.views.iter_mut().for_each(Vec::clear);
         scratch.tint = self.tint(center, &scratch.patch);
     }
 
-    /// Prepares for comparisons with exemplars that are turned like this.
-    fn look(&self, turn: u8, scratch: &mut Scratch) {
-        let view = &mut scratch.views[usize::from(turn)];
+    /// Prepares comparisons with exemplars in an orientation.
+    fn prepare_view(&self, orientation: u8, scratch: &mut Scratch) {
+        let view = &mut scratch.views[usize::from(orientation)];
         if view.is_empty() {
-            scratch.patch.view(self.exemplars.lattice.step, self.turns.of(turn), view);
+            scratch.patch.view(
+                self.exemplars.lattice.step,
+                self.orientations.get(orientation),
+                view,
+            );
         }
     }
 
-    /// Puts a patch in its frame.
-    pub(super) fn take(&self, scene: &Scene<'_>, center: usize, patch: &mut PatchSamples) {
+    /// Loads the samples of a patch in the coordinates of its frame.
+    pub(super) fn load_patch(&self, scene: &Scene<'_>, center: usize, patch: &mut PatchSamples) {
         let frame = &scene.frames[center];
         patch.samples.clear();
-        patch.samples.extend(self.patches.members.of(center).iter().map(|&site| {
+        patch.samples.extend(self.patches.members.list(center).iter().map(|&site| {
             let vertex = self.patches.sites[site as usize];
             sample(frame, &scene.points[vertex as usize], &scene.normals[site as usize])
         }));
         patch.prepare(self.radius, true);
     }
 
-    /// The colors of a patch in its frame, if they count.
+    /// Returns the colors of a patch in its frame, or a default if colors are not compared.
     fn tint(&self, center: usize, patch: &PatchSamples) -> Tint {
         if self.colors.is_empty() {
             return Tint::default();
         }
         let reach = PART * self.radius;
-        let members = patch.samples.iter().zip(self.patches.members.of(center));
+        let members = patch.samples.iter().zip(self.patches.members.list(center));
         let near = members.filter(|(Sample { at: [x, y], .. }, _)| x * x + y * y <= reach * reach);
         Tint::new(near.map(|(sample, &site)| {
             let vertex = self.patches.sites[site as usize];
@@ -163,33 +171,34 @@ impl Search<'_> {
     }
 
     fn try_near(&self, hint: Hint, best: &mut Match, scratch: &mut Scratch) {
-        let vertex = self.surface.descend(self.data, hint.from, &hint.to, self.data.len() as u32);
-        self.try_one(self.exemplars.owners[vertex as usize], hint.turn, best, scratch);
+        let vertex =
+            self.surface.walk_to_nearest(self.data, hint.from, &hint.to, self.data.len() as u32);
+        self.try_one(self.exemplars.owners[vertex as usize], hint.orientation, best, scratch);
     }
 
-    fn try_one(&self, exemplar: u32, turn: u8, best: &mut Match, scratch: &mut Scratch) {
-        if exemplar == NONE || scratch.seen.contains(&(exemplar, turn)) {
+    fn try_one(&self, exemplar: u32, orientation: u8, best: &mut Match, scratch: &mut Scratch) {
+        if exemplar == NONE || scratch.seen.contains(&(exemplar, orientation)) {
             return;
         }
-        scratch.seen.push((exemplar, turn));
-        self.look(turn, scratch);
+        scratch.seen.push((exemplar, orientation));
+        self.prepare_view(orientation, scratch);
         let exemplars = exemplar..exemplar + 1;
-        widest(Comparisons { search: self, scratch, exemplars, turn, best });
+        widest(Comparisons { search: self, scratch, exemplars, orientation, best });
     }
 
-    /// Compares as many of the patches with all exemplars as some comparisons allow, those whose matches are worst.
-    pub(super) fn better_the_worst(
+    /// Compares the patches with the worst matches with all exemplars; the allowed number of comparisons limits the number of patches.
+    pub(super) fn improve_worst_matches(
         &self,
         scene: &Scene<'_>,
         matches: &mut [Match],
         comparisons: usize,
     ) {
-        fn off(center: u32, matches: &[Match]) -> f64 {
-            matches[center as usize].ssd + matches[center as usize].tint
-        }
         let mut worst: Vec<u32> = (0..matches.len() as u32).collect();
-        worst.sort_by(|&a, &b| off(b, matches).total_cmp(&off(a, matches)).then(a.cmp(&b)));
-        worst.truncate(comparisons / (self.exemplars.len() * self.turns.usual).max(1));
+        worst.sort_by(|&a, &b| {
+            let [of_a, of_b] = [a, b].map(|center| matches[center as usize].difference());
+            of_b.total_cmp(&of_a).then(a.cmp(&b))
+        });
+        worst.truncate(comparisons / (self.exemplars.len() * self.orientations.usual).max(1));
         let found = worst.par_iter().with_min_len(4).map_init(
             Scratch::new,
             |scratch: &mut Scratch, &center| {
@@ -201,7 +210,7 @@ impl Search<'_> {
         worst.iter().zip(found).for_each(|(&center, found)| matches[center as usize] = found);
     }
 
-    /// The best of all exemplars for a patch; what was `found` if none is better.
+    /// Returns the best of all exemplars for a patch, or `found` if none is better.
     fn best_of_all(
         &self,
         scene: &Scene<'_>,
@@ -211,30 +220,38 @@ impl Search<'_> {
     ) -> Match {
         self.begin(scene, center, scratch);
         let (mut best, all) = (found, self.exemplars.len() as u32);
-        for turn in self.turns.tried(&scene.frames[center]) {
-            let turn = turn as u8;
-            self.look(turn, scratch);
-            widest(Comparisons { search: self, scratch, exemplars: 0..all, turn, best: &mut best });
+        for orientation in self.orientations.range_for(&scene.frames[center]) {
+            let orientation = orientation as u8;
+            self.prepare_view(orientation, scratch);
+            widest(Comparisons {
+                search: self,
+                scratch,
+                exemplars: 0..all,
+                orientation,
+                best: &mut best,
+            });
         }
         best
     }
 
-    /// Takes an exemplar if it is better than the best.
+    /// Replaces `best` by an exemplar if the exemplar is more similar to the patch.
     #[inline(always)]
-    fn compare(&self, exemplar: u32, turn: u8, best: &mut Match, scratch: &Scratch) {
-        let way = self.turns.of(turn);
+    fn compare(&self, exemplar: u32, orientation: u8, best: &mut Match, scratch: &Scratch) {
         let tints = self.exemplars.tints.get(exemplar as usize);
-        let tint = tints.map_or(0.0, |own| scratch.tint.compare(own, way));
-        let most = best.ssd + best.tint - tint;
-        let ssd = if most >= 0.0 {
-            let view = &scratch.views[usize::from(turn)];
-            scratch.patch.compare(view, self.exemplars.heights(exemplar), most)
+        let tint =
+            tints.map_or(0.0, |own| scratch.tint.compare(own, self.orientations.get(orientation)));
+        let max_difference = best.difference() - tint;
+        let ssd = if max_difference >= 0.0 {
+            let view = &scratch.views[usize::from(orientation)];
+            scratch.patch.compare(view, self.exemplars.heights(exemplar), max_difference)
         } else {
             f64::INFINITY
         };
-        let less = (ssd + tint, exemplar, turn) < (best.ssd + best.tint, best.exemplar, best.turn);
-        if less && ssd < f64::INFINITY {
-            *best = Match { exemplar, turn, ssd, tint };
+        let other = Match { exemplar, orientation, ssd, tint };
+        let is_better = (other.difference(), exemplar, orientation)
+            < (best.difference(), best.exemplar, best.orientation);
+        if is_better && ssd < f64::INFINITY {
+            *best = other;
         }
     }
 
@@ -244,10 +261,10 @@ impl Search<'_> {
         let vertex = self.patches.sites[center];
         let mut heights = std::mem::take(&mut scratch.heights);
         lattice.measure(self.surface, scene.points, NONE, vertex, frame, &mut heights);
-        let tried = self.turns.tried(frame);
+        let tried = self.orientations.range_for(frame);
         let each = FROM_TREE.div_ceil(tried.len()).max(4);
-        for turn in tried {
-            let rings = polar.rings(&heights, &self.turns.all[turn].inverse());
+        for orientation in tried {
+            let rings = polar.rings(&heights, &self.orientations.all[orientation].inverse());
             let mut descriptor = self.exemplars.basis.project(&rings);
             if !self.colors.is_empty() {
                 scratch.tint.put(&mut descriptor);
@@ -255,7 +272,7 @@ impl Search<'_> {
             let mut nearest = std::mem::take(&mut scratch.nearest);
             self.exemplars.tree.nearest(&descriptor, each, &mut nearest);
             for &(_, exemplar) in &nearest {
-                self.try_one(exemplar, turn as u8, best, scratch);
+                self.try_one(exemplar, orientation as u8, best, scratch);
             }
             scratch.nearest = nearest;
         }
@@ -270,20 +287,20 @@ impl Search<'_> {
             }
             let own = &self.exemplars.frames[best.exemplar as usize];
             let [x, y] = random([self.seed, iteration, center as u64, k]).map(|x| x * window);
-            let to = own.at + own.global([x, y, 0.0]);
+            let to = own.origin + own.global([x, y, 0.0]);
             let from = self.exemplars.vertices[best.exemplar as usize];
-            self.try_near(Hint { from, to, turn: best.turn }, best, scratch);
+            self.try_near(Hint { from, to, orientation: best.orientation }, best, scratch);
             window /= 2.0;
         }
     }
 }
 
-/// The best of some exemplars, all turned alike.
+/// A kernel that finds the best of some exemplars in one orientation.
 struct Comparisons<'a> {
     search: &'a Search<'a>,
     scratch: &'a Scratch,
     exemplars: Range<u32>,
-    turn: u8,
+    orientation: u8,
     best: &'a mut Match,
 }
 
@@ -291,14 +308,14 @@ impl Kernel for Comparisons<'_> {
     #[inline(always)]
     fn run(self) {
         for exemplar in self.exemplars {
-            self.search.compare(exemplar, self.turn, self.best, self.scratch);
+            self.search.compare(exemplar, self.orientation, self.best, self.scratch);
         }
     }
 }
 
-/// Two numbers from -1 to 1 that look random, always the same for the same key.
+/// Returns two pseudorandom numbers from -1 to 1, which depend on the key only.
 fn random(key: [u64; 4]) -> [f64; 2] {
-    // Steele, Lea and Flood, "Fast splittable pseudorandom number generators" (2014).
+    // The mixing function of Steele, Lea and Flood, "Fast splittable pseudorandom number generators" (2014).
     fn mix(mut x: u64) -> u64 {
         x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);

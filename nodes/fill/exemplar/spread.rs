@@ -1,12 +1,12 @@
-//! Thin plates over the missing part; the data do not move.
+//! Thin plates over the missing part of the surface; the data do not move.
 
 use maquette_base::linear::cholesky::{Cholesky, Symmetric};
 use nalgebra::{Point3, Vector3};
 
 use super::surface::Surface;
 
-/// The equations of a plate: the sum of the squares of the Laplacians at the missing vertices and at the rim, and of the motions of
-/// held vertices.
+/// The equations of a plate. The energy is the sum of the squared Laplacians at the missing vertices and at the rim, and of the squared
+/// motions of held vertices.
 pub(super) struct Plate<'a> {
     surface: &'a Surface<'a>,
     factors: Cholesky,
@@ -14,7 +14,8 @@ pub(super) struct Plate<'a> {
 }
 
 impl<'a> Plate<'a> {
-    /// For the vertices from `first` on, each held as strongly as `hold` says. None if the equations have no solution.
+    /// Creates a plate over the vertices from `first` on, each held with the stiffness `hold`. Returns `None` if the equations have no
+    /// solution.
     pub(super) fn new(
         surface: &'a Surface<'a>,
         vertices: usize,
@@ -28,9 +29,9 @@ impl<'a> Plate<'a> {
             for &row in surface.ring(unknown).iter().chain([&unknown]) {
                 let ring = surface.ring(row);
                 let degree = ring.len() as f64;
-                let share = if row == unknown { degree } else { -1.0 };
+                let weight = if row == unknown { degree } else { -1.0 };
                 for (column, entry) in
-                    ring.iter().map(|&column| (column, -share)).chain([(row, share * degree)])
+                    ring.iter().map(|&column| (column, -weight)).chain([(row, weight * degree)])
                 {
                     if first <= column as usize {
                         met.push(column);
@@ -51,13 +52,13 @@ impl<'a> Plate<'a> {
         Some(Self { surface, factors, first })
     }
 
-    /// How far each missing vertex moves under a load per vertex.
+    /// Returns the displacement of each missing vertex under a load per vertex.
     pub(super) fn solve(&self, mut load: Vec<[f64; 3]>) -> Vec<[f64; 3]> {
         self.factors.solve(&mut load);
         load
     }
 
-    /// The load under which the Laplacian at each vertex becomes as near as possible to `wanted`.
+    /// Returns the load under which the Laplacian at each vertex comes as near as possible to `wanted`.
     pub(super) fn load(&self, wanted: &[f64]) -> Vec<[f64; 3]> {
         (self.first..wanted.len())
             .map(|vertex: usize| {
@@ -69,18 +70,19 @@ impl<'a> Plate<'a> {
     }
 }
 
-/// How much stiffer the vertices that are moved hold than the plate: with less it does not follow waves two samples long, with
-/// more it bends at each sample.
-const HOLD: f64 = 100.0;
+/// Stiffness that holds the moved vertices, relative to the plate. With less, the plate does not follow waves two samples long; with more,
+/// it bends at each sample.
+const STIFFNESS: f64 = 100.0;
 
-/// Spreads the motion of some missing vertices over all.
+/// Spreads the motions of some missing vertices to all of them.
 pub(super) struct Spread<'a> {
     plate: Plate<'a>,
     moved: Vec<u32>,
 }
 
 impl<'a> Spread<'a> {
-    /// For the vertices from `first` on, of which the `moved` are told where to go. None if the equations have no solution.
+    /// Creates an operator over the vertices from `first` on. The motions of those in `moved` will be given. Returns `None` if the
+    /// equations have no solution.
     pub(super) fn new(
         surface: &'a Surface<'a>,
         vertices: usize,
@@ -88,17 +90,17 @@ impl<'a> Spread<'a> {
         moved: &[u32],
     ) -> Option<Self> {
         let mut held = vec![0.0; vertices];
-        moved.iter().for_each(|&vertex| held[vertex as usize] = HOLD);
+        moved.iter().for_each(|&vertex| held[vertex as usize] = STIFFNESS);
         let plate = Plate::new(surface, vertices, first, |vertex| held[vertex as usize])?;
         Some(Self { plate, moved: moved.to_vec() })
     }
 
-    /// Moves all missing vertices, those that are told so by `motions`.
+    /// Moves all missing vertices; `motions` are the given motions of the vertices in `moved`.
     pub(super) fn apply(&self, motions: &[Vector3<f64>], points: &mut [Point3<f64>]) {
         let first = self.plate.first;
         let mut load = vec![[0.0; 3]; points.len() - first];
         for (&vertex, motion) in self.moved.iter().zip(motions) {
-            load[vertex as usize - first] = (motion * HOLD).into();
+            load[vertex as usize - first] = (motion * STIFFNESS).into();
         }
         let motions = self.plate.solve(load);
         points[first..].iter_mut().zip(motions).for_each(|(point, motion)| {

@@ -1,4 +1,4 @@
-//! The neighborhoods of a triangle mesh, and searches over them.
+//! The neighborhoods of a triangle mesh: the faces and vertices around each vertex, with searches over them.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -6,45 +6,45 @@ use std::collections::BinaryHeap;
 use maquette_base::topology::lists::Lists;
 use nalgebra::{Point3, Vector3};
 
-/// In place of a face or vertex that does not exist.
+/// Index of a face or vertex that does not exist.
 pub(super) const NONE: u32 = u32::MAX;
 
-/// The neighborhoods of a mesh of triangles.
+/// The neighborhoods of a triangle mesh.
 pub(super) struct Surface<'a> {
     pub(super) faces: &'a [[u32; 3]],
     /// The faces around each vertex.
     around: Lists,
-    /// The vertices joined to each vertex by an edge, in ascending order.
+    /// The vertices connected to each vertex by an edge, ascending.
     rings: Lists,
-    /// What is across the edge from each corner of a face to its next.
-    beside: Vec<[Beside; 3]>,
+    /// For each face, the adjacent faces: entry `k` is across the edge from corner `k` to the next.
+    adjacent: Vec<[AdjacentFace; 3]>,
 }
 
-/// What is across an edge of a face.
+/// The face on the other side of an edge of a face.
 #[derive(Clone, Copy)]
-pub(super) struct Beside {
-    /// [`NONE`] at a border.
+pub(super) struct AdjacentFace {
+    /// The index of the adjacent face; [`NONE`] at a border.
     pub(super) face: u32,
-    /// The corner of that face with which the edge ends.
+    /// The index of the adjacent face's corner at which the edge ends.
     pub(super) end: u32,
-    /// The vertex of its other corner.
+    /// The vertex of the adjacent face that is opposite to the edge.
     pub(super) across: u32,
 }
 
 impl<'a> Surface<'a> {
-    /// Of `vertices` vertices.
+    /// Creates the neighborhoods of a mesh with the given number of vertices.
     pub(super) fn new(vertices: usize, faces: &'a [[u32; 3]]) -> Self {
         let around = Lists::group(vertices, || {
             (0u32..).zip(faces).flat_map(|(face, ends)| ends.map(|end| (end, face)))
         });
-        fn across(face: u32, [a, b]: [u32; 2], around: &Lists, faces: &[[u32; 3]]) -> Beside {
-            let others = around.of(a as usize).iter().filter(|&&other| other != face);
+        fn across(face: u32, [a, b]: [u32; 2], around: &Lists, faces: &[[u32; 3]]) -> AdjacentFace {
+            let others = around.list(a as usize).iter().filter(|&&other| other != face);
             let found = others.copied().find_map(|other: u32| {
                 let ends = faces[other as usize];
                 let end = (0..3).find(|&k| [ends[k], ends[(k + 1) % 3]] == [b, a])?;
-                Some(Beside { face: other, end: end as u32, across: ends[(end + 2) % 3] })
+                Some(AdjacentFace { face: other, end: end as u32, across: ends[(end + 2) % 3] })
             });
-            found.unwrap_or(Beside { face: NONE, end: 0, across: 0 })
+            found.unwrap_or(AdjacentFace { face: NONE, end: 0, across: 0 })
         }
         fn sides([a, b, c]: [u32; 3]) -> [[u32; 2]; 3] {
             [[a, b], [b, c], [c, a]]
@@ -56,13 +56,13 @@ impl<'a> Surface<'a> {
         let mut ring = Vec::new();
         let rings = Lists::collect((0..vertices).map(|vertex| {
             ring.clear();
-            let ends = around.of(vertex).iter().flat_map(|&face| faces[face as usize]);
+            let ends = around.list(vertex).iter().flat_map(|&face| faces[face as usize]);
             ring.extend(ends.filter(|&end| end != vertex as u32));
             ring.sort_unstable();
             ring.dedup();
             ring.clone()
         }));
-        Self { faces, around, rings, beside }
+        Self { faces, around, rings, adjacent: beside }
     }
 
     /// The number of vertices.
@@ -70,46 +70,51 @@ impl<'a> Surface<'a> {
         self.rings.len()
     }
 
-    /// The vertices joined to one by an edge.
+    /// Returns the vertices connected to a vertex by an edge.
     pub(super) fn ring(&self, vertex: u32) -> &[u32] {
-        self.rings.of(vertex as usize)
+        self.rings.list(vertex as usize)
     }
 
-    /// The faces around a vertex.
-    pub(super) fn around(&self, vertex: u32) -> &[u32] {
-        self.around.of(vertex as usize)
+    /// Returns the faces around a vertex.
+    pub(super) fn faces_around(&self, vertex: u32) -> &[u32] {
+        self.around.list(vertex as usize)
     }
 
-    /// What is across the edge from a corner of a face to its next.
+    /// Returns the face across the edge from a corner of a face to the next corner.
     #[inline(always)]
-    pub(super) fn beside(&self, face: u32, corner: usize) -> Beside {
-        self.beside.as_flattened()[3 * face as usize + corner]
+    pub(super) fn adjacent_face(&self, face: u32, corner: usize) -> AdjacentFace {
+        self.adjacent.as_flattened()[3 * face as usize + corner]
     }
 
-    /// Twice the sum of the area vectors of the faces around a vertex.
+    /// Returns the positions of a face's corners.
+    pub(super) fn corners(&self, points: &[Point3<f64>], face: u32) -> [Point3<f64>; 3] {
+        self.faces[face as usize].map(|vertex| points[vertex as usize])
+    }
+
+    /// Returns twice the sum of the area vectors of the faces around a vertex.
     pub(super) fn area(&self, points: &[Point3<f64>], vertex: u32) -> Vector3<f64> {
         self.area_before(points, vertex, NONE)
     }
 
-    /// The same of the faces before `limit` alone.
+    /// Like [`area`](Self::area), but counts only faces with an index below `limit`.
     pub(super) fn area_before(
         &self,
         points: &[Point3<f64>],
         vertex: u32,
         limit: u32,
     ) -> Vector3<f64> {
-        self.around(vertex)
+        self.faces_around(vertex)
             .iter()
             .filter(|face| **face < limit)
             .map(|&face| {
-                let [a, b, c] = self.faces[face as usize].map(|end| points[end as usize]);
+                let [a, b, c] = self.corners(points, face);
                 (b - a).cross(&(c - a))
             })
             .sum()
     }
 
-    /// The vertices within `radius` of a vertex that are reached over edges between such, the vertex first. Those for which `open`
-    /// is false are left out.
+    /// Returns the vertices within `radius` of a vertex that are connected to it inside the ball, the vertex itself first. Vertices for
+    /// which `open` is false are left out.
     pub(super) fn ball(
         &self,
         points: &[Point3<f64>],
@@ -119,9 +124,6 @@ impl<'a> Surface<'a> {
         marks: &mut Marks,
     ) -> Vec<u32> {
         let center = points[from as usize];
-        let inside = |vertex: u32| {
-            (points[vertex as usize] - center).norm_squared() <= radius * radius && open(vertex)
-        };
         marks.next();
         marks.mark(from);
         let mut reached = vec![from];
@@ -129,7 +131,8 @@ impl<'a> Surface<'a> {
         while let Some(&vertex) = reached.get(next) {
             next += 1;
             for &other in self.ring(vertex) {
-                if marks.mark(other) && inside(other) {
+                let distance_sq = (points[other as usize] - center).norm_squared();
+                if marks.mark(other) && distance_sq <= radius * radius && open(other) {
                     reached.push(other);
                 }
             }
@@ -137,23 +140,21 @@ impl<'a> Surface<'a> {
         reached
     }
 
-    /// The vertex below `limit` that is reached from `from` by going on to the neighbor nearest to `to` as long as one is nearer.
-    pub(super) fn descend(
+    /// Walks along edges from vertex to vertex, each nearer to `to` and with an index below `limit`. Returns the last vertex.
+    pub(super) fn walk_to_nearest(
         &self,
         points: &[Point3<f64>],
         from: u32,
         to: &Point3<f64>,
         limit: u32,
     ) -> u32 {
-        fn distance(vertex: u32, to: &Point3<f64>, points: &[Point3<f64>]) -> f64 {
-            (points[vertex as usize] - to).norm_squared()
-        }
-        let (mut here, mut least) = (from, distance(from, to, points));
+        let (mut here, mut min_distance_sq) = (from, (points[from as usize] - to).norm_squared());
         loop {
             let before = here;
-            for &other in self.ring(before) {
-                if other < limit && distance(other, to, points) < least {
-                    (here, least) = (other, distance(other, to, points));
+            for &other in self.ring(before).iter().filter(|&&other| other < limit) {
+                let distance_sq = (points[other as usize] - to).norm_squared();
+                if distance_sq < min_distance_sq {
+                    (here, min_distance_sq) = (other, distance_sq);
                 }
             }
             if here == before {
@@ -162,16 +163,16 @@ impl<'a> Surface<'a> {
         }
     }
 
-    /// For each vertex the source that is nearest to it among those of its neighbors, found from the sources outward; [`NONE`]
-    /// beyond `most` and where no edge leads.
+    /// Returns, for each vertex, the nearest source as propagated along edges from neighbor to neighbor. [`NONE`] beyond the distance
+    /// `max_distance` and for vertices that no edges connect to a source.
     pub(super) fn nearest(
         &self,
         points: &[Point3<f64>],
         sources: impl Iterator<Item = u32>,
-        most: f64,
+        max_distance: f64,
     ) -> Vec<u32> {
         let mut nearest = vec![NONE; points.len()];
-        // Distances are not negative, so that their bits are in their order.
+        // Distances are nonnegative, so their bits have the order of the numbers.
         let mut queue: BinaryHeap<_> = sources.map(|source| Reverse((0, source, source))).collect();
         while let Some(Reverse((_, source, vertex))) = queue.pop() {
             if nearest[vertex as usize] != NONE {
@@ -180,7 +181,7 @@ impl<'a> Surface<'a> {
             nearest[vertex as usize] = source;
             for &other in self.ring(vertex) {
                 let distance = (points[other as usize] - points[source as usize]).norm();
-                if nearest[other as usize] == NONE && distance <= most {
+                if nearest[other as usize] == NONE && distance <= max_distance {
                     queue.push(Reverse((distance.to_bits(), source, other)));
                 }
             }
@@ -189,14 +190,14 @@ impl<'a> Surface<'a> {
     }
 }
 
-/// Vertices seen by a search, forgotten at once by the next.
+/// Marks the vertices that a search has visited. Starting another search clears the marks at no cost.
 pub(super) struct Marks {
     seen: Vec<u32>,
     now: u32,
 }
 
 impl Marks {
-    /// Of so many vertices.
+    /// Creates marks for the given number of vertices.
     pub(super) fn new(vertices: usize) -> Self {
         Self { seen: vec![0; vertices], now: 0 }
     }
@@ -205,7 +206,7 @@ impl Marks {
         self.now += 1;
     }
 
-    /// Whether the vertex was not seen yet.
+    /// Marks a vertex; returns true if it was not marked before.
     fn mark(&mut self, vertex: u32) -> bool {
         std::mem::replace(&mut self.seen[vertex as usize], self.now) != self.now
     }

@@ -4,11 +4,11 @@ use rayon::ThreadPoolBuilder;
 
 use super::best_match::Match;
 use super::compare::PatchSamples;
-use super::completion::{Completed, Completion, distances};
+use super::completion::{Completion, CompletionResult, distances_to_missing};
 use super::hole::Hole;
+use super::orientations::Orientations;
 use super::search::{Scene, Search};
 use super::surface::{NONE, Surface};
-use super::turns::Turns;
 use super::*;
 use crate::triangles::filling::Filling;
 
@@ -16,8 +16,8 @@ mod shapes;
 
 use shapes::{grid, plate, ridge, sphere};
 
-fn run(filling: &mut Filling, options: &ExemplarOptions) -> Completed {
-    complete(filling, options, &Given::default(), &Progress::none()).unwrap()
+fn run(filling: &mut Filling, options: &ExemplarOptions) -> CompletionResult {
+    complete(filling, options, &CompletionInput::default(), &Progress::silent()).unwrap()
 }
 
 fn rms(values: impl Iterator<Item = f64>) -> f64 {
@@ -25,18 +25,18 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
     (values.iter().map(|x| x * x).sum::<f64>() / values.len() as f64).sqrt()
 }
 
-/// How far the filled part is from a unit sphere.
+/// Returns the root mean square distance of the filled part from a unit sphere.
 fn off_sphere(filling: &Filling) -> f64 {
-    rms(filling.points[filling.data..].iter().map(|point| point.coords.norm() - 1.0))
+    rms(filling.points[filling.n_data_vertices..].iter().map(|point| point.coords.norm() - 1.0))
 }
 
-/// How far the filled part is from the ridge.
+/// Returns the root mean square distance of the filled part from the ridge.
 fn off_ridge(filling: &Filling) -> f64 {
-    rms(filling.points[filling.data..].iter().map(|point| point.z - ridge(point.x)))
+    rms(filling.points[filling.n_data_vertices..].iter().map(|point| point.z - ridge(point.x)))
 }
 
 #[test]
-fn on_a_plane_nothing_is_left_to_be_done() {
+fn a_plane_converges_at_once() {
     let tilt = nalgebra::Rotation3::new(Vector3::new(0.4, -0.7, 0.2));
     let mut filling = grid(25, |x, y| x * x + y * y < 0.06, |_, _| 0.0);
     filling.points.iter_mut().for_each(|point| *point = tilt * *point);
@@ -52,11 +52,11 @@ fn on_a_plane_nothing_is_left_to_be_done() {
     assert!(done.trace.last().unwrap().iteration < 2 * levels, "{:?}", done.trace);
 }
 
-/// The set-up of the reference: a cap of 28 degrees, flat.
+/// Returns the setup of the reference: a sphere whose cap of 28 degrees is missing and flattened.
 fn flat_cap() -> (Filling, ExemplarOptions) {
     let limit = libm::cos(28.0_f64.to_radians());
     let mut filling = sphere(3, |point| point.z > limit);
-    let data = filling.data;
+    let data = filling.n_data_vertices;
     filling.points[data..].iter_mut().for_each(|point| point.z = limit);
     let options = ExemplarOptions {
         start: Start::Flat,
@@ -69,15 +69,15 @@ fn flat_cap() -> (Filling, ExemplarOptions) {
 #[test]
 fn a_flat_cap_becomes_round_again_and_the_data_stay() {
     let (mut filling, options) = flat_cap();
-    assert_eq!(filling.points.len() - filling.data, 37);
-    let before = filling.points[..filling.data].to_vec();
+    assert_eq!(filling.points.len() - filling.n_data_vertices, 37);
+    let before = filling.points[..filling.n_data_vertices].to_vec();
     run(&mut filling, &options);
     assert!(off_sphere(&filling) <= 0.01, "{}", off_sphere(&filling));
-    assert_eq!(filling.points[..filling.data], before);
+    assert_eq!(filling.points[..filling.n_data_vertices], before);
 }
 
 #[test]
-fn the_energy_of_what_is_kept_falls() {
+fn the_energy_of_kept_iterations_decreases() {
     let (mut filling, options) = flat_cap();
     let options = ExemplarOptions { levels: 1, radii: vec![0.5], ..options };
     let trace = run(&mut filling, &options).trace;
@@ -92,9 +92,9 @@ fn broken_ridge() -> Filling {
 }
 
 #[test]
-fn a_ridge_is_joined_better_than_by_a_plate() {
+fn a_ridge_is_completed_better_than_by_a_plate() {
     let mut filling = broken_ridge();
-    assert_eq!(filling.points.len() - filling.data, 77);
+    assert_eq!(filling.points.len() - filling.n_data_vertices, 77);
     let start = off_ridge(&filling);
     let options = ExemplarOptions {
         levels: 2,
@@ -107,7 +107,7 @@ fn a_ridge_is_joined_better_than_by_a_plate() {
     assert!(end < start && end <= 0.009, "{start} {end}");
 }
 
-/// Bumps that nothing repeats exactly.
+/// Returns a surface with bumps that do not repeat exactly.
 fn bumps() -> Filling {
     let mut filling = grid(
         41,
@@ -122,7 +122,7 @@ fn bumps() -> Filling {
 }
 
 #[test]
-fn what_moves_with_its_up_vector_is_filled_alike() {
+fn a_rigid_motion_with_its_up_vector_moves_the_fill() {
     let motion =
         nalgebra::Isometry3::new(Vector3::new(3.0, -1.0, 2.0), Vector3::new(0.5, 0.3, -0.8));
     let mut filling = bumps();
@@ -137,12 +137,15 @@ fn what_moves_with_its_up_vector_is_filled_alike() {
 }
 
 #[test]
-fn without_exemplars_the_start_stays() {
+fn without_exemplars_the_start_is_unchanged() {
     let mut filling = bumps();
     let start = filling.points.clone();
-    let nowhere = Given { allowed: Some(vec![false; filling.data]), ..Given::default() };
+    let nowhere = CompletionInput {
+        allowed: Some(vec![false; filling.n_data_vertices]),
+        ..CompletionInput::default()
+    };
     let options = ExemplarOptions::default();
-    let done = complete(&mut filling, &options, &nowhere, &Progress::none()).unwrap();
+    let done = complete(&mut filling, &options, &nowhere, &Progress::silent()).unwrap();
     assert!(done.no_exemplar && done.trace.is_empty());
     assert_eq!(filling.points, start);
     assert!(done.copies.exemplar.iter().all(|&vertex| vertex == NONE));
@@ -151,43 +154,44 @@ fn without_exemplars_the_start_stays() {
 #[test]
 fn exemplars_come_from_where_they_are_allowed() {
     let mut filling = bumps();
-    let allowed: Vec<bool> = filling.points[..filling.data].iter().map(|p| p.x > 0.0).collect();
+    let allowed: Vec<bool> =
+        filling.points[..filling.n_data_vertices].iter().map(|p| p.x > 0.0).collect();
     let options = ExemplarOptions::default();
-    let given = Given { allowed: Some(allowed.clone()), ..Given::default() };
-    let done = complete(&mut filling, &options, &given, &Progress::none()).unwrap();
+    let given = CompletionInput { allowed: Some(allowed.clone()), ..CompletionInput::default() };
+    let done = complete(&mut filling, &options, &given, &Progress::silent()).unwrap();
     assert!(!done.no_exemplar);
     assert!(done.copies.exemplar.iter().all(|&vertex| vertex != NONE && allowed[vertex as usize]));
 }
 
-/// The sums of the squared distances of the matches that are found, and of the best there are.
+/// Returns two sums of squared distances: of the matches that the search finds, and of the best matches.
 fn found_and_best(filling: &mut Filling, options: &ExemplarOptions) -> [f64; 2] {
-    let Filling { points, faces, data, kept } = filling;
+    let Filling { points, faces, n_data_vertices: data, n_data_faces: kept } = filling;
     let surface = Surface::new(points.len(), faces);
     let hole = Hole::new(&surface, points, *data).unwrap();
     let mut completion = Completion {
         surface: &surface,
-        data: *data,
-        kept: *kept,
+        n_data_vertices: *data,
+        n_data_faces: *kept,
         options,
         allowed: None,
         colors: Vec::new(),
-        distances: distances(&surface, points, *data, 10.0),
-        turns: Turns::new(options.rotations, options.mirror),
+        distances: distances_to_missing(&surface, points, *data, 10.0),
+        orientations: Orientations::new(options.rotations, options.mirror),
         areas: (0..points.len() as u32).map(|vertex| surface.area(points, vertex)).collect(),
         hole,
         sharp: &[],
         guides: Vec::new(),
     };
-    let size = completion.size(completion.hole.smallest(), 0);
-    let exemplars = completion.exemplars(&size, points, &Progress::none()).unwrap();
-    let outcome = completion.level(&size, &exemplars, points, 0, &Progress::none()).unwrap();
+    let size = completion.size(completion.hole.smallest_radius(), 0);
+    let exemplars = completion.exemplars(&size, points, &Progress::silent()).unwrap();
+    let outcome = completion.level(&size, &exemplars, points, 0, &Progress::silent()).unwrap();
     let search = Search {
         surface: &surface,
         data: &points[..*data],
         colors: &[],
         patches: &outcome.patches,
         exemplars: &exemplars,
-        turns: &completion.turns,
+        orientations: &completion.orientations,
         radius: size.radius,
         seed: 0,
     };
@@ -196,24 +200,32 @@ fn found_and_best(filling: &mut Filling, options: &ExemplarOptions) -> [f64; 2] 
     let (mut fast, mut best) = (0.0, 0.0);
     for (center, found) in outcome.matches.iter().enumerate() {
         let mut patch = PatchSamples::default();
-        search.take(&scene, center, &mut patch);
+        search.load_patch(&scene, center, &mut patch);
         fn compare(
             exemplar: u32,
-            turn: u8,
+            orientation: u8,
             patch: &PatchSamples,
             exemplars: &exemplars::Exemplars,
-            completion_turns: &Turns,
+            completion_turns: &Orientations,
         ) -> f64 {
             let mut view = Vec::new();
-            patch.view(exemplars.lattice.step, completion_turns.of(turn), &mut view);
+            patch.view(exemplars.lattice.step, completion_turns.get(orientation), &mut view);
             patch.compare(&view, exemplars.heights(exemplar), f64::INFINITY)
         }
-        fast += compare(found.exemplar, found.turn, &patch, &exemplars, &completion.turns);
-        let turns = completion.turns.tried(&outcome.frames[center]);
-        let all =
-            (0..exemplars.len() as u32).flat_map(|k| turns.clone().map(move |turn| (k, turn)));
+        fast += compare(
+            found.exemplar,
+            found.orientation,
+            &patch,
+            &exemplars,
+            &completion.orientations,
+        );
+        let orientations = completion.orientations.range_for(&outcome.frames[center]);
+        let all = (0..exemplars.len() as u32)
+            .flat_map(|k| orientations.clone().map(move |orientation| (k, orientation)));
         best += all
-            .map(|(k, turn)| compare(k, turn as u8, &patch, &exemplars, &completion.turns))
+            .map(|(k, orientation)| {
+                compare(k, orientation as u8, &patch, &exemplars, &completion.orientations)
+            })
             .fold(f64::INFINITY, f64::min);
         assert!(*found != Match::NOTHING);
     }
@@ -230,7 +242,7 @@ fn the_fast_search_finds_nearly_the_best() {
 
 #[test]
 fn the_fast_search_finds_nearly_the_best_among_sharp_edges() {
-    // Roofs of many widths, steep and with gable ends.
+    // The roofs have various widths, steep sides and gable ends.
     let mut filling = grid(
         71,
         |x, y| x * x + y * y < 0.1,
@@ -246,7 +258,7 @@ fn the_fast_search_finds_nearly_the_best_among_sharp_edges() {
 }
 
 #[test]
-fn threads_change_nothing() {
+fn the_number_of_threads_does_not_change_the_result() {
     fn complete(threads: usize) -> (Vec<Point3<f64>>, Vec<maquette_value::TraceStep>, Vec<u32>) {
         let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
@@ -259,14 +271,16 @@ fn threads_change_nothing() {
 }
 
 #[test]
-fn without_iterations_the_start_stays_and_knows_its_exemplars() {
+fn without_iterations_the_start_is_unchanged_but_has_exemplars() {
     for update in [Update::Exact, Update::Published] {
         let mut filling = bumps();
         let start = filling.points.clone();
         let options = ExemplarOptions { iterations: Some(0), update, ..ExemplarOptions::default() };
         let done = run(&mut filling, &options);
         assert_eq!(filling.points, start);
-        assert!(done.copies.exemplar.iter().all(|&vertex| (vertex as usize) < filling.data));
+        assert!(
+            done.copies.exemplar.iter().all(|&vertex| (vertex as usize) < filling.n_data_vertices)
+        );
     }
 }
 
@@ -280,7 +294,7 @@ fn the_published_update_rounds_a_cap_too() {
 
 #[test]
 fn a_filled_part_is_as_rough_as_what_is_around_it() {
-    // Bumps of four edges, which a plate across the hole does not have.
+    // The bumps are four edges wide; a plate across the hole has no bumps.
     let shared = grid(
         41,
         |x, y| x * x + y * y < 0.05,
@@ -289,7 +303,7 @@ fn a_filled_part_is_as_rough_as_what_is_around_it() {
     let mut filling = shared.clone();
     plate(&mut filling);
     fn heights(filling: &Filling) -> f64 {
-        rms(filling.points[filling.data..].iter().map(|p| p.z))
+        rms(filling.points[filling.n_data_vertices..].iter().map(|p| p.z))
     }
     let (truth, start) = (heights(&shared), heights(&filling));
     run(&mut filling, &ExemplarOptions::default());
@@ -297,18 +311,19 @@ fn a_filled_part_is_as_rough_as_what_is_around_it() {
     assert!(start < 0.5 * truth && (end / truth - 1.0).abs() < 0.25, "{start} {end} {truth}");
 }
 
-/// Of a hundred edges whose faces have such corners, by how much the 10th, 25th, 50th, 75th and 90th bends.
+/// Returns the 10th, 25th, 50th, 75th and 90th percentile of the absolute angles of the edges for whose corners `is_in` is true.
 fn bends(filling: &Filling, is_in: impl Fn([u32; 4]) -> bool) -> [f64; 5] {
     let surface = Surface::new(filling.points.len(), &filling.faces);
-    let edges = bends::hinges(&surface).filter(|&corners| is_in(corners));
-    let mut angles: Vec<f64> =
-        edges.map(|corners| bends::angle(corners, &filling.points).abs()).collect();
+    let edges = dihedral_angles::hinges(&surface).filter(|&corners| is_in(corners));
+    let mut angles: Vec<f64> = edges
+        .map(|corners| dihedral_angles::dihedral_angle(corners, &filling.points).abs())
+        .collect();
     angles.sort_by(f64::total_cmp);
-    [10, 25, 50, 75, 90].map(|share| angles[share * angles.len() / 100])
+    [10, 25, 50, 75, 90].map(|fraction| angles[fraction * angles.len() / 100])
 }
 
 #[test]
-fn curls_go_on_as_sharp_and_as_flat_as_they_are_around() {
+fn filled_curls_have_the_angles_of_their_surroundings() {
     let mut filling = grid(
         41,
         |x, y| x * x + y * y < 0.06,
@@ -318,15 +333,15 @@ fn curls_go_on_as_sharp_and_as_flat_as_they_are_around() {
         },
     );
     plate(&mut filling);
-    let data = filling.data as u32;
+    let data = filling.n_data_vertices as u32;
     run(&mut filling, &ExemplarOptions::default());
-    // As far from the hole as it is wide.
-    fn near(vertex: u32, filling_points: &[Point3<f64>]) -> bool {
+    // The region extends as far from the hole as the hole is wide.
+    fn is_near_hole(vertex: u32, filling_points: &[Point3<f64>]) -> bool {
         filling_points[vertex as usize].xy().coords.norm() < 0.74
     }
     let inside = bends(&filling, |[a, b, c, d]| data <= a.max(b).max(c.min(d)));
     let around = bends(&filling, |corners| {
-        corners.iter().all(|&vertex| vertex < data && near(vertex, &filling.points))
+        corners.iter().all(|&vertex| vertex < data && is_near_hole(vertex, &filling.points))
     });
     for (inside, around) in inside.iter().zip(around) {
         assert!((inside / around - 1.0).abs() < 0.15, "{inside} beside {around}");
@@ -334,34 +349,37 @@ fn curls_go_on_as_sharp_and_as_flat_as_they_are_around() {
 }
 
 #[test]
-fn angles_have_a_side_and_slopes() {
+fn angles_have_a_sign_and_gradients() {
     let points = [[0.0, 0.0, 0.0], [1.2, 0.1, 0.0], [0.4, 1.0, 0.3], [0.7, -0.9, 0.2]];
     let points = points.map(Point3::from);
     let corners = [0, 1, 2, 3];
-    assert!(bends::angle(corners, &points) < 0.0, "both faces rise from the edge");
-    for (corner, slope) in bends::slopes(corners, &points).iter().enumerate() {
+    assert!(
+        dihedral_angles::dihedral_angle(corners, &points) < 0.0,
+        "both faces rise from the edge"
+    );
+    for (corner, slope) in dihedral_angles::angle_gradients(corners, &points).iter().enumerate() {
         for axis in 0..3 {
-            let at = |step: f64| {
+            let [above, below] = [1e-5, -1e-5].map(|step| {
                 let mut points = points;
                 points[corner][axis] += step;
-                bends::angle(corners, &points)
-            };
-            let difference = (at(1e-5) - at(-1e-5)) / 2e-5;
+                dihedral_angles::dihedral_angle(corners, &points)
+            });
+            let difference = (above - below) / 2e-5;
             assert!((difference - slope[axis]).abs() < 1e-8, "{difference} {slope}");
         }
     }
 }
 
 #[test]
-fn votes_carry_what_exemplars_have() {
+fn votes_average_the_attributes_of_exemplars() {
     let mut filling = bumps();
     let done = run(&mut filling, &ExemplarOptions::default());
-    // A column that is the same everywhere stays so.
+    // A column that is constant stays constant.
     for mean in done.copies.votes.mean(|_| [0.25, 4.0]) {
         let [a, b] = mean.expect("every filled vertex has votes");
         assert!((a - 0.25).abs() < 1e-12 && (b - 4.0).abs() < 1e-12);
     }
-    // One with two values mixes them.
+    // A column with two values is mixed.
     let sides = done
         .copies
         .votes
@@ -371,8 +389,8 @@ fn votes_carry_what_exemplars_have() {
 }
 
 #[test]
-fn what_is_lost_on_one_side_grows_again_from_the_other() {
-    // Two bumps, each steeper on the side away from the other.
+fn a_lost_part_is_completed_from_its_mirror_image() {
+    // The surface has two bumps, each steeper on the side away from the other.
     fn bump(u: f64, v: f64) -> f64 {
         0.2 * libm::exp(-(u * u + v * v) / 0.05) * (1.0 + 3.0 * u)
     }
@@ -381,20 +399,20 @@ fn what_is_lost_on_one_side_grows_again_from_the_other() {
         |x, y| libm::hypot(x - 0.45, y) < 0.22,
         |x: f64, y: f64| bump(-0.45 - x, y) + bump(x - 0.45, y),
     );
-    fn off(mirror: bool, shared: &Filling) -> f64 {
+    fn rms_error(mirror: bool, shared: &Filling) -> f64 {
         let mut filling = shared.clone();
-        let data = filling.data;
+        let data = filling.n_data_vertices;
         filling.points[data..].iter_mut().for_each(|point| point.z = 0.06);
         let allowed = filling.points[..data]
             .iter()
             .map(|point| libm::hypot(point.x + 0.45, point.y) < 0.3)
             .collect();
-        let given = Given { allowed: Some(allowed), ..Given::default() };
+        let given = CompletionInput { allowed: Some(allowed), ..CompletionInput::default() };
         let options = ExemplarOptions { start: Start::Flat, mirror, ..ExemplarOptions::default() };
-        complete(&mut filling, &options, &given, &Progress::none()).unwrap();
+        complete(&mut filling, &options, &given, &Progress::silent()).unwrap();
         let pairs = filling.points[data..].iter().zip(&shared.points[data..]);
         rms(pairs.map(|(point, truth)| point.z - truth.z))
     }
-    let (alike, turned) = (off(false, &shared), off(true, &shared));
+    let (alike, turned) = (rms_error(false, &shared), rms_error(true, &shared));
     assert!(turned < 0.02 && turned < 0.8 * alike, "{alike} {turned}");
 }

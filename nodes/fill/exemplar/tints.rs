@@ -1,16 +1,16 @@
 //! The mean and the gradient of the colors over a patch.
 
 use super::descriptor::{COUNT, Descriptor, KEPT};
-use super::frame::Turn;
+use super::frame::Orientation;
 
-/// A color that is expressed as a length, in mm, so that it counts beside distances.
+/// A color scaled to lengths in mm, so that color differences can be added to distances.
 pub(super) type Color = [f64; 3];
 
-/// The part of a patch's radius within which its colors are compared: as much of it as a cell may copy. With all of it, patches look alike
-/// whose middles do not; with half of it, neighbors agree less about the picture.
+/// Fraction of a patch's radius within which colors are compared: as far as a cell may copy. With the whole patch, patches whose middles
+/// differ look alike; with half of it, neighboring patches agree less about the picture.
 pub(super) const PART: f64 = 0.7;
 
-/// The colors in the middle of a patch: the mean, and how they change per radius along `x` and `y`.
+/// The colors in the middle of a patch: their mean, and the change of the color per radius along `x` and `y`.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Tint {
     mean: Color,
@@ -18,7 +18,7 @@ pub(super) struct Tint {
 }
 
 impl Tint {
-    /// Of colors at places all over a disk, in radii.
+    /// Computes the mean and slopes of colors at positions spread over a disk, in radii.
     pub(super) fn new(samples: impl Iterator<Item = ([f64; 2], Color)> + Clone) -> Self {
         let (mut sum, mut count) = ([0.0; 3], 0.0_f64);
         for (_, color) in samples.clone() {
@@ -26,30 +26,30 @@ impl Tint {
             count += 1.0;
         }
         let mean = sum.map(|sum| sum / count.max(1.0));
-        let slope = |axis: usize| {
+        let slopes = [0, 1].map(|axis: usize| {
             let (mut sum, mut size) = ([0.0; 3], 0.0);
-            for (place, color) in samples.clone() {
-                (0..3).for_each(|k| sum[k] += place[axis] * (color[k] - mean[k]));
-                size += place[axis] * place[axis];
+            for (position, color) in samples.clone() {
+                (0..3).for_each(|k| sum[k] += position[axis] * (color[k] - mean[k]));
+                size += position[axis] * position[axis];
             }
             sum.map(|sum| if size > 0.0 { sum / size } else { 0.0 })
-        };
-        Self { mean, slopes: [slope(0), slope(1)] }
+        });
+        Self { mean, slopes }
     }
 
-    /// The mean over the disk of the squared distance to the colors of an exemplar that lies on it like this.
-    pub(super) fn compare(&self, exemplar: &Self, turn: &Turn) -> f64 {
-        let back = turn.inverse();
-        let squared = |k: usize| {
+    /// Returns the mean over the disk of the squared color differences from an exemplar in an orientation.
+    pub(super) fn compare(&self, exemplar: &Self, orientation: &Orientation) -> f64 {
+        let back = orientation.inverse();
+        let [l, a, b] = [0, 1, 2].map(|k: usize| {
             let [x, y] = back.apply([exemplar.slopes[0][k], exemplar.slopes[1][k]]);
             let mean = self.mean[k] - exemplar.mean[k];
             let (x, y) = (self.slopes[0][k] - x, self.slopes[1][k] - y);
             mean * mean + (x * x + y * y) / 4.0
-        };
-        squared(0) + squared(1) + squared(2)
+        });
+        l + a + b
     }
 
-    /// Puts the mean color in a descriptor, in place of the least significant numbers.
+    /// Stores the mean color in a descriptor, replacing the least significant components.
     pub(super) fn put(&self, descriptor: &mut Descriptor) {
         for (own, channel) in descriptor[KEPT - 3..].iter_mut().zip(self.mean) {
             *own = (channel * (COUNT as f64).sqrt()) as f32;
@@ -62,15 +62,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn colors_that_change_to_one_side_suit_an_exemplar_that_is_turned_alike() {
+    fn a_color_gradient_matches_an_exemplar_with_the_same_rotation() {
         let corners = [[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]];
-        fn along(axis: usize, corners: &[[f64; 2]; 4]) -> Tint {
+        fn tint_along(axis: usize, corners: &[[f64; 2]; 4]) -> Tint {
             Tint::new(corners.iter().map(|&p| (p, [p[axis], 5.0, 0.0])))
         }
-        // A quarter turn takes x to y.
-        let turns = Turn::all(4, false);
-        assert!(along(0, &corners).compare(&along(1, &corners), &turns[1]) < 1e-12);
-        assert!((along(0, &corners).compare(&along(1, &corners), &turns[3]) - 1.0).abs() < 1e-12);
-        assert!((along(0, &corners).compare(&along(1, &corners), &turns[0]) - 0.5).abs() < 1e-12);
+        // A quarter rotation takes x to y.
+        let orientations = Orientation::list(4, false);
+        assert!(
+            tint_along(0, &corners).compare(&tint_along(1, &corners), &orientations[1]) < 1e-12
+        );
+        assert!(
+            (tint_along(0, &corners).compare(&tint_along(1, &corners), &orientations[3]) - 1.0)
+                .abs()
+                < 1e-12
+        );
+        assert!(
+            (tint_along(0, &corners).compare(&tint_along(1, &corners), &orientations[0]) - 0.5)
+                .abs()
+                < 1e-12
+        );
     }
 }

@@ -5,10 +5,11 @@ use nalgebra::Point3;
 
 use super::exemplars::Exemplars;
 use super::level::Outcome;
+use super::orientations::Orientations;
 use super::surface::{NONE, Surface};
-use super::turns::Turns;
 
-/// For each filled vertex the data vertices that the patches around it have in its place, and how much each counts.
+/// For each filled vertex, the data vertices whose attributes it averages, and their weights. Each patch around the vertex contributes the
+/// data vertex at the filled vertex's position on the patch's exemplar.
 #[derive(Debug)]
 pub(crate) struct Votes {
     starts: Vec<u32>,
@@ -16,16 +17,16 @@ pub(crate) struct Votes {
 }
 
 impl Votes {
-    /// No votes for so many vertices.
-    pub(super) fn none(count: usize) -> Self {
+    /// Creates an empty list of votes for each of `count` vertices.
+    pub(super) fn empty(count: usize) -> Self {
         Self { starts: vec![0; count + 1], votes: Vec::new() }
     }
 
-    /// Those of the patches of the last level.
+    /// Collects the votes of the patches of the last level.
     pub(super) fn new(
         outcome: &Outcome,
         exemplars: &Exemplars,
-        turns: &Turns,
+        orientations: &Orientations,
         surface: &Surface<'_>,
         points: &[Point3<f64>],
         data: usize,
@@ -35,7 +36,7 @@ impl Votes {
             let point = points[patches.sites[site] as usize];
             patches
                 .entries
-                .of(site)
+                .list(site)
                 .iter()
                 .filter_map(|&entry| {
                     let center = patches.centers[entry as usize] as usize;
@@ -43,10 +44,11 @@ impl Votes {
                     if found.exemplar == NONE {
                         return None;
                     }
-                    let to = exemplars.place(found, turns, &outcome.frames[center], point);
+                    let to =
+                        exemplars.map_point(found, orientations, &outcome.frames[center], point);
                     let from = exemplars.vertices[found.exemplar as usize];
-                    let vertex = surface.descend(points, from, &to, data as u32);
-                    Some((vertex, outcome.shares[center]))
+                    let vertex = surface.walk_to_nearest(points, from, &to, data as u32);
+                    Some((vertex, outcome.patch_weights[center]))
                 })
                 .collect()
         };
@@ -64,12 +66,12 @@ impl Votes {
         all
     }
 
-    /// The votes for a filled vertex, counted from the first filled one.
-    fn of(&self, filled: usize) -> &[(u32, f64)] {
+    /// Returns the votes for a filled vertex, counted from the first filled vertex.
+    fn votes_for(&self, filled: usize) -> &[(u32, f64)] {
         &self.votes[self.starts[filled] as usize..self.starts[filled + 1] as usize]
     }
 
-    /// For each filled vertex the weighted mean of what `read` has for data vertices; none where there are no votes.
+    /// For each filled vertex, returns the weighted mean of `read` over its votes; `None` without votes.
     pub(crate) fn mean<const N: usize>(
         &self,
         read: impl Fn(u32) -> [f64; N],
@@ -77,10 +79,10 @@ impl Votes {
         (0..self.starts.len() - 1)
             .map(|filled: usize| {
                 let (mut sum, mut weight) = ([0.0; N], 0.0);
-                for &(vertex, share) in self.of(filled) {
+                for &(vertex, own_weight) in self.votes_for(filled) {
                     let own = read(vertex);
-                    (0..N).for_each(|k| sum[k] += share * own[k]);
-                    weight += share;
+                    (0..N).for_each(|k| sum[k] += own_weight * own[k]);
+                    weight += own_weight;
                 }
                 (weight > 0.0).then(|| sum.map(|sum| sum / weight))
             })

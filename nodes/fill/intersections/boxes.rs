@@ -1,4 +1,4 @@
-//! A tree of boxes over triangles, which finds those that are near others.
+//! A bounding volume hierarchy over triangles, which finds the triangles near others.
 
 use nalgebra::Point3;
 
@@ -13,7 +13,7 @@ pub(crate) struct Triangle {
 }
 
 impl Triangle {
-    pub(crate) fn of(filling: &Filling, face: u32) -> Self {
+    pub(crate) fn new(filling: &Filling, face: u32) -> Self {
         let vertices = filling.faces[face as usize];
         Self { vertices, corners: vertices.map(|vertex| filling.points[vertex as usize]), face }
     }
@@ -24,7 +24,7 @@ impl Triangle {
     }
 }
 
-/// A box along the axes.
+/// An axis-aligned box.
 #[derive(Clone, Copy)]
 pub(crate) struct Bounds {
     low: Point3<f64>,
@@ -32,7 +32,7 @@ pub(crate) struct Bounds {
 }
 
 impl Bounds {
-    /// Holds nothing.
+    /// The empty box.
     pub(crate) const EMPTY: Self = Self {
         low: Point3::new(f64::INFINITY, f64::INFINITY, f64::INFINITY),
         high: Point3::new(f64::NEG_INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY),
@@ -43,14 +43,15 @@ impl Bounds {
     }
 
     pub(crate) fn overlaps(&self, other: &Self) -> bool {
-        // Without branches, which a processor could only guess.
+        // All comparisons are evaluated without branches, which would be unpredictable.
         (0..3).fold(true, |overlap, k| {
             overlap & (self.low[k] <= other.high[k]) & (other.low[k] <= self.high[k])
         })
     }
 
-    /// A bit for each side of this box beyond which a point lies: the box of a triangle overlaps this one unless its corners have a bit in
-    /// common. Cohen and Sutherland's clipping, in Newman and Sproull, "Principles of interactive computer graphics" (1973).
+    /// Returns one bit for each side of this box beyond which a point is. The box of a triangle overlaps this box unless the outcodes of
+    /// its corners have a bit in common. Cohen and Sutherland's clipping, in Newman and Sproull, "Principles of interactive computer
+    /// graphics" (1973).
     pub(crate) fn outcode(&self, point: &Point3<f64>) -> u8 {
         (0..3).fold(0, |code, k| {
             let [below, above] = [point[k] < self.low[k], self.high[k] < point[k]].map(u8::from);
@@ -58,36 +59,36 @@ impl Bounds {
         })
     }
 
-    pub(crate) fn holds(&self, other: &Self) -> bool {
+    pub(crate) fn contains(&self, other: &Self) -> bool {
         (0..3).all(|k| self.low[k] <= other.low[k] && other.high[k] <= self.high[k])
     }
 }
 
-/// Triangles of a leaf.
-const LEAF: usize = 4;
+/// Maximum number of triangles in a leaf.
+const LEAF_SIZE: usize = 4;
 
-/// Below a node with at most so many triangles a tree grows on one thread.
-const ALONE: usize = 512;
+/// Maximum number of triangles of a subtree that is built on one thread.
+const MAX_SEQUENTIAL: usize = 512;
 
-/// Triangles in a tree of boxes.
+/// Triangles in a bounding volume hierarchy.
 #[derive(Default)]
 pub(crate) struct Boxes {
-    triangles: Vec<Boxed>,
-    /// Each node is followed by those below it.
+    triangles: Vec<BoxedTriangle>,
+    /// The nodes in depth-first order: each node is followed by its subtree.
     nodes: Vec<Node>,
 }
 
-/// A triangle with its box.
-pub(crate) struct Boxed {
+/// A triangle together with its bounding box.
+pub(crate) struct BoxedTriangle {
     pub(crate) bounds: Bounds,
     pub(crate) triangle: Triangle,
 }
 
 struct Node {
     bounds: Bounds,
-    /// How many nodes are below this one.
+    /// The number of nodes in the subtree of this node, not counting the node itself.
     below: u32,
-    /// The triangles of a leaf, from the first to before the last; none for other nodes.
+    /// Index of the first triangle of a leaf. The triangles of an inner node are an empty range.
     first: u32,
     last: u32,
 }
@@ -95,26 +96,27 @@ struct Node {
 impl Boxes {
     pub(crate) fn new(triangles: impl Iterator<Item = Triangle>) -> Self {
         let triangles: Vec<Triangle> = triangles.collect();
-        // Moved about in place of the triangles, which are larger.
+        // Indices are reordered instead of triangles, which are larger.
         let bounds = (0..).zip(&triangles).map(|(k, triangle)| (triangle.bounds(), k));
         let mut order: Vec<(Bounds, u32)> = bounds.collect();
         let mut nodes = Vec::with_capacity(triangles.len());
         if !order.is_empty() {
             grow(&mut nodes, &mut order, 0);
         }
-        let ordered =
-            order.into_iter().map(|(bounds, k)| Boxed { bounds, triangle: triangles[k as usize] });
+        let ordered = order
+            .into_iter()
+            .map(|(bounds, k)| BoxedTriangle { bounds, triangle: triangles[k as usize] });
         Self { triangles: ordered.collect(), nodes }
     }
 
-    /// The triangles, those of each leaf together.
-    pub(crate) fn leaves(&self) -> impl Iterator<Item = &[Boxed]> {
+    /// Returns the triangles of each leaf.
+    pub(crate) fn leaves(&self) -> impl Iterator<Item = &[BoxedTriangle]> {
         let leaves = self.nodes.iter().filter(|node| node.first < node.last);
         leaves.map(|node| &self.triangles[node.first as usize..node.last as usize])
     }
 
-    /// Calls `found` with each triangle whose box overlaps `bounds`.
-    pub(crate) fn near(&self, bounds: &Bounds, mut found: impl FnMut(&Boxed)) {
+    /// Calls `found` with each triangle whose bounding box overlaps `bounds`.
+    pub(crate) fn for_each_near(&self, bounds: &Bounds, mut found: impl FnMut(&BoxedTriangle)) {
         let mut at = 0;
         while let Some(node) = self.nodes.get(at) {
             if !node.bounds.overlaps(bounds) {
@@ -128,31 +130,33 @@ impl Boxes {
     }
 }
 
-/// Adds the node of some triangles, of which the first is `first`, and those below it: half of the triangles each, apart along the longest
-/// side of their box.
+/// Appends to `nodes` the subtree over the triangles `own`; `first` is the index of the first of them. An inner node divides its triangles
+/// into halves along the longest side of its box.
 fn grow(nodes: &mut Vec<Node>, own: &mut [(Bounds, u32)], first: u32) {
     let bounds = own.iter().fold(Bounds::EMPTY, |bounds, (other, _)| bounds.join(other));
     let (node, count) = (nodes.len(), own.len());
-    let last = if count <= LEAF { first + count as u32 } else { first };
+    let last = if count <= LEAF_SIZE { first + count as u32 } else { first };
     nodes.push(Node { bounds, below: 0, first, last });
-    if count > LEAF {
+    if count > LEAF_SIZE {
         let axis = (bounds.high - bounds.low).imax();
         let half = count / 2;
         own.select_nth_unstable_by(half, |(a, _), (b, _)| {
             (a.low[axis] + a.high[axis]).total_cmp(&(b.low[axis] + b.high[axis]))
         });
         let (low, high) = own.split_at_mut(half);
-        if count <= ALONE {
+        if count <= MAX_SEQUENTIAL {
             grow(nodes, low, first);
             grow(nodes, high, first + half as u32);
         } else {
-            fn grown(own: &mut [(Bounds, u32)], first: u32) -> Vec<Node> {
+            fn grow_subtree(own: &mut [(Bounds, u32)], first: u32) -> Vec<Node> {
                 let mut nodes = Vec::new();
                 grow(&mut nodes, own, first);
                 nodes
             }
-            let (low, high) =
-                rayon::join(|| grown(low, first), || grown(high, first + half as u32));
+            let (low, high) = rayon::join(
+                || grow_subtree(low, first),
+                || grow_subtree(high, first + half as u32),
+            );
             nodes.extend(low);
             nodes.extend(high);
         }
@@ -187,8 +191,8 @@ mod tests {
     }
 
     #[test]
-    fn all_that_is_near_is_found() {
-        // Small triangles and very large ones.
+    fn all_near_triangles_are_found() {
+        // Most coordinates give small triangles, some give very large ones.
         fn coordinate(k: u32) -> f64 {
             10.0 * random(u64::from(k))
         }
@@ -208,7 +212,7 @@ mod tests {
             let boxes = Boxes::new((0..count).map(triangle));
             for of in (0..40).map(|k| triangle(k + 1000)) {
                 let mut found = Vec::new();
-                boxes.near(&of.bounds(), |other| found.push(other.triangle.face));
+                boxes.for_each_near(&of.bounds(), |other| found.push(other.triangle.face));
                 found.sort_unstable();
                 let near = (0..count).filter(|&k| triangle(k).bounds().overlaps(&of.bounds()));
                 assert_eq!(found, near.collect::<Vec<u32>>());

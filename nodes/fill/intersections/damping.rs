@@ -1,4 +1,4 @@
-//! Damps the displacements of a completion where the completed surface intersects itself or the data.
+//! Reduces the displacements of a completion where the completed surface intersects itself or the data.
 
 use maquette_node::Progress;
 use nalgebra::Point3;
@@ -7,27 +7,27 @@ use super::detect::Intersections;
 use crate::fill_error::FillError;
 use crate::triangles::filling::Filling;
 
-/// Rounds that halve displacements, and the rounds after them, which set them to 0.
-const HALVES: usize = 4;
-const WHOLES: usize = 4;
+/// Number of rounds that halve displacements, followed by the same number of rounds that set displacements to 0.
+const HALVING_ROUNDS: usize = 4;
+const ZERO_ROUNDS: usize = 4;
 
-/// Moves the filled vertices of intersecting faces, and those in rings around them, back towards `start` until no faces intersect. Each
-/// round takes in one more ring, and the last one all vertices that are connected with them, so that no intersection is left if the start
-/// has none. If there are as many in the end as before, the completion stays as it was.
+/// Moves the filled vertices of intersecting faces, and of the rings around them, back towards `start` until no faces intersect. Each round
+/// adds one ring of vertices, and the last round all connected vertices: if the start has no intersections, none remain. If the number of
+/// intersecting faces has not decreased in the end, the completion is left unchanged.
 ///
 /// # Errors
-/// If there would be too many pairs of triangles to test, or the evaluation is told to stop.
+/// Returns an error if there would be too many pairs of triangles to test, or if the evaluation is cancelled.
 pub(crate) fn damp_displacements(
     filling: &mut Filling,
     start: &[Point3<f64>],
     intersections: &mut Intersections,
     progress: &Progress<'_>,
 ) -> Result<(), FillError> {
-    let data = filling.data;
+    let data = filling.n_data_vertices;
     let completed = filling.points[data..].to_vec();
-    let mut shares = vec![1.0; completed.len()];
+    let mut factors = vec![1.0; completed.len()];
     let first = intersections.faces(filling).len();
-    for round in 0..=HALVES + WHOLES {
+    for round in 0..=HALVING_ROUNDS + ZERO_ROUNDS {
         if intersections.is_empty() {
             return Ok(());
         }
@@ -35,13 +35,13 @@ pub(crate) fn damp_displacements(
         for &face in &intersections.faces(filling) {
             filling.faces[face as usize].iter().for_each(|&vertex| near[vertex as usize] = true);
         }
-        let rings = if round < HALVES + WHOLES { round + 1 } else { usize::MAX };
-        grow(&mut near, &filling.faces[filling.kept..], rings);
-        let factor = if round < HALVES { 0.5 } else { 0.0 };
+        let rings = if round < HALVING_ROUNDS + ZERO_ROUNDS { round + 1 } else { usize::MAX };
+        grow(&mut near, &filling.faces[filling.n_data_faces..], rings);
+        let factor = if round < HALVING_ROUNDS { 0.5 } else { 0.0 };
         for vertex in (0..completed.len()).filter(|vertex| near[data + vertex]) {
-            shares[vertex] *= factor;
+            factors[vertex] *= factor;
             let displacement = completed[vertex] - start[vertex];
-            filling.points[data + vertex] = start[vertex] + displacement * shares[vertex];
+            filling.points[data + vertex] = start[vertex] + displacement * factors[vertex];
         }
         near[..data].fill(false);
         intersections.update(
@@ -58,7 +58,7 @@ pub(crate) fn damp_displacements(
     intersections.update(filling, |_| true, progress)
 }
 
-/// Takes in so many rings of neighbors, or as many as there are.
+/// Extends the marks `near` by `rings` rings of neighbors; stops early when no neighbors are left.
 fn grow(near: &mut [bool], faces: &[[u32; 3]], rings: usize) {
     for _ in 0..rings {
         let ring: Vec<[u32; 3]> = faces
@@ -79,21 +79,21 @@ fn grow(near: &mut [bool], faces: &[[u32; 3]], rings: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shapes::{grid, of};
+    use crate::shapes::{grid, triangle_mesh};
 
     #[test]
-    fn only_what_intersects_goes_back_and_no_farther_than_it_must() {
-        // A sheet above another one; all of the upper one is filled, and bulges, in one place through the lower one.
+    fn damping_moves_only_intersecting_parts_as_far_as_needed() {
+        // The surface consists of two parallel sheets; the upper one is filled, and bulges through the lower one at one position.
         let (lower, upper) = (grid(13, 13, |_, _| 0.0), grid(13, 13, |_, _| 1.0));
         let data = lower.positions().len();
         let points: Vec<_> =
             lower.positions().iter().chain(upper.positions().iter()).copied().collect();
-        let faces = |at: u32| move |face: &[u32; 3]| face.map(|vertex| vertex + at);
         let of_lower = lower.faces().as_triangles().unwrap();
         let of_upper = upper.faces().as_triangles().unwrap();
-        let all = of_lower.iter().map(faces(0)).chain(of_upper.iter().map(faces(data as u32)));
-        let mut filling = Filling::new(&of(points, all.collect()));
-        (filling.data, filling.kept) = (data, of_lower.len());
+        let shifted = of_upper.iter().map(|face| face.map(|vertex| vertex + data as u32));
+        let all = of_lower.iter().copied().chain(shifted);
+        let mut filling = Filling::new(&triangle_mesh(points, all.collect()));
+        (filling.n_data_vertices, filling.n_data_faces) = (data, of_lower.len());
         let start = filling.points[data..].to_vec();
         let completed: Vec<_> = start
             .iter()
@@ -104,7 +104,7 @@ mod tests {
             .collect();
         filling.points.truncate(data);
         filling.points.extend(&completed);
-        let progress = Progress::none();
+        let progress = Progress::silent();
         let mut intersections = Intersections::new(&filling, &progress).unwrap();
         assert!(!intersections.is_empty());
         damp_displacements(&mut filling, &start, &mut intersections, &progress).unwrap();

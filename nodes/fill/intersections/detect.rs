@@ -1,40 +1,41 @@
-//! Where filled triangles intersect each other or the data, decided by exact predicates.
+//! Finds intersections of filled triangles with each other and with the data, using exact predicates.
 
 use maquette_node::{Limit, Progress};
 use maquette_value::parallel::*;
 use nalgebra::Point3;
 use robust::{Coord, Coord3D, orient2d, orient3d};
 
-use super::boxes::{Bounds, Boxed, Boxes, Triangle};
+use super::boxes::{Bounds, BoxedTriangle, Boxes, Triangle};
 use crate::fill_error::FillError;
 use crate::triangles::filling::Filling;
 use crate::triangles::triangulation::area_vector;
 
-/// The most pairs of a filled triangle and another one whose boxes overlap, beyond [`PAIRS_OF_EACH`]: testing them takes some tenths of a
-/// second, and at worst all of them intersect. Triangles as long as the fill overlap all others.
-const PAIRS: Limit = Limit {
-    most: 500_000,
-    of: "comparisons of triangles",
-    help: "see whether a vertex of a rim lies far off, or leave the rim out by `holes: Edges` or `holes: Loops`",
+/// Maximum number of triangle pairs whose boxes overlap, one triangle of each being filled, in addition to [`USUAL_PAIRS_PER_TRIANGLE`].
+/// Testing them takes some tenths of a second, and at worst all pairs intersect. Triangles as long as the fill overlap all others.
+const MAX_PAIRS: Limit = Limit {
+    max: 500_000,
+    items: "comparisons of triangles",
+    help: "check whether a vertex of a rim is an outlier, or leave the rim out with `holes: Edges` or `holes: Loops`",
 };
 
-/// So many pairs of each filled triangle are ordinary: twice the number in fills whose triangles are as thin as those of good data.
-const PAIRS_OF_EACH: usize = 60;
+/// The usual number of overlapping pairs per filled triangle: twice the number found in fills whose triangles are as thin as those of good
+/// data.
+const USUAL_PAIRS_PER_TRIANGLE: usize = 60;
 
-/// The number of pairs is estimated from so many leaves.
-const SAMPLES: usize = 64;
+/// The number of leaves from which the number of pairs is estimated.
+const SAMPLED_LEAVES: usize = 64;
 
-/// Leaves of filled triangles that one task tests.
-const CHUNK: usize = 32;
+/// The number of leaves that one task tests.
+const CHUNK_SIZE: usize = 32;
 
-/// The intersections of filled triangles with others, beyond the vertices and the edge that they share. When some fills change, only those
-/// are tested again.
+/// The intersections of filled triangles with other triangles, apart from shared vertices and edges. When some fills change, only the
+/// triangles of the changed fills are tested again.
 pub(crate) struct Intersections {
-    /// The data near what was filled so far: the triangles that overlap `within`.
+    /// The data's triangles that overlap `bounds`.
     data: Boxes,
-    within: Bounds,
+    bounds: Bounds,
     filled: Boxes,
-    /// The faces of each pair, the lower one first; at least one of them is filled. Ascending.
+    /// The faces of each intersecting pair, the lower index first; at least one of them is filled. The pairs are in ascending order.
     pairs: Vec<[u32; 2]>,
 }
 
@@ -42,11 +43,11 @@ impl Intersections {
     /// Tests all filled faces.
     ///
     /// # Errors
-    /// If there would be too many pairs to test, or the evaluation is told to stop.
+    /// Returns an error if there would be too many pairs to test, or if the evaluation is cancelled.
     pub(crate) fn new(filling: &Filling, progress: &Progress<'_>) -> Result<Self, FillError> {
         let mut intersections = Self {
             data: Boxes::default(),
-            within: Bounds::EMPTY,
+            bounds: Bounds::EMPTY,
             filled: Boxes::default(),
             pairs: Vec::new(),
         };
@@ -54,30 +55,31 @@ impl Intersections {
         Ok(intersections)
     }
 
-    /// Tests the filled faces that changed.
+    /// Tests the filled faces for which `changed` returns true, and updates the pairs.
     ///
     /// # Errors
-    /// If there would be too many pairs to test, or the evaluation is told to stop.
+    /// Returns an error if there would be too many pairs to test, or if the evaluation is cancelled.
     pub(crate) fn update(
         &mut self,
         filling: &Filling,
         changed: impl Fn(u32) -> bool + Sync,
         progress: &Progress<'_>,
     ) -> Result<(), FillError> {
-        let first = filling.kept as u32;
+        let first = filling.n_data_faces as u32;
         let faces = first..filling.faces.len() as u32;
-        let filled = || faces.clone().map(|face| Triangle::of(filling, face));
+        let filled: Vec<Triangle> = faces.map(|face| Triangle::new(filling, face)).collect();
         let bounds =
-            filled().fold(Bounds::EMPTY, |bounds, triangle| bounds.join(&triangle.bounds()));
-        self.filled = rayon::join(|| Boxes::new(filled()), || self.take_in(filling, bounds)).0;
+            filled.iter().fold(Bounds::EMPTY, |bounds, triangle| bounds.join(&triangle.bounds()));
+        let filled = filled.into_iter();
+        self.filled = rayon::join(|| Boxes::new(filled), || self.extend_data(filling, bounds)).0;
         let is_changed = |face: u32| first <= face && changed(face);
         self.pairs.retain(|pair| !pair.iter().any(|&face| is_changed(face)));
-        let leaves: Vec<&[Boxed]> = self.filled.leaves().collect();
-        let ordinary = PAIRS_OF_EACH * (filling.faces.len() - filling.kept);
-        let limit = Limit { most: PAIRS.most + ordinary, ..PAIRS };
-        limit.check("what fills the holes", self.estimate(&leaves, &is_changed))?;
+        let leaves: Vec<&[BoxedTriangle]> = self.filled.leaves().collect();
+        let ordinary = USUAL_PAIRS_PER_TRIANGLE * (filling.faces.len() - filling.n_data_faces);
+        let limit = Limit { max: MAX_PAIRS.max + ordinary, ..MAX_PAIRS };
+        limit.check("the fill of the holes", self.estimate(&leaves, &is_changed))?;
         let found: Vec<Vec<[u32; 2]>> = leaves
-            .par_chunks(CHUNK)
+            .par_chunks(CHUNK_SIZE)
             .map(|leaves| {
                 let mut pairs = Vec::new();
                 for leaf in leaves {
@@ -92,17 +94,21 @@ impl Intersections {
         Ok(())
     }
 
-    /// About how many pairs of a changed triangle and another one there are whose boxes overlap.
-    fn estimate(&self, leaves: &[&[Boxed]], is_changed: &(impl Fn(u32) -> bool + Sync)) -> f64 {
-        let step = leaves.len().div_ceil(SAMPLES).max(1);
+    /// Estimates the number of pairs of a changed triangle and another triangle whose boxes overlap.
+    fn estimate(
+        &self,
+        leaves: &[&[BoxedTriangle]],
+        is_changed: &(impl Fn(u32) -> bool + Sync),
+    ) -> f64 {
+        let step = leaves.len().div_ceil(SAMPLED_LEAVES).max(1);
         let sampled: Vec<_> = leaves.iter().step_by(step).collect();
         let found: usize = sampled
             .par_iter()
             .map(|leaf| {
                 let mut count = 0;
                 for own in leaf.iter().filter(|own| is_changed(own.triangle.face)) {
-                    self.data.near(&own.bounds, |_| count += 1);
-                    self.filled.near(&own.bounds, |_| count += 1);
+                    self.data.for_each_near(&own.bounds, |_| count += 1);
+                    self.filled.for_each_near(&own.bounds, |_| count += 1);
                 }
                 count
             })
@@ -110,20 +116,20 @@ impl Intersections {
         (found * step) as f64
     }
 
-    /// Adds the pairs of the changed triangles of a leaf of `filled`. They lie side by side, so that one search finds what is near all of
-    /// them.
+    /// Adds the intersecting pairs of the changed triangles in a leaf of `filled`. The triangles of a leaf are close together, so one
+    /// search finds the candidates for all of them.
     fn test_leaf(
         &self,
-        leaf: &[Boxed],
+        leaf: &[BoxedTriangle],
         is_changed: &impl Fn(u32) -> bool,
         pairs: &mut Vec<[u32; 2]>,
     ) {
         let changed = || leaf.iter().filter(|own| is_changed(own.triangle.face));
         let bounds = changed().fold(Bounds::EMPTY, |bounds, own| bounds.join(&own.bounds));
-        let mut test = |other: &Boxed, is_data: bool| {
+        let mut test = |other: &BoxedTriangle, is_data: bool| {
             let (triangle, number) = (&other.triangle, other.triangle.face);
             for own in changed().filter(|own| own.bounds.overlaps(&other.bounds)) {
-                // A pair of two changed triangles is tested once, for the first one.
+                // A pair of two changed triangles is tested once, for the triangle with the lower index.
                 let face = own.triangle.face;
                 let is_new = is_data || face < number || (face != number && !is_changed(number));
                 if is_new && intersect(&own.triangle, triangle) {
@@ -131,41 +137,42 @@ impl Intersections {
                 }
             }
         };
-        self.data.near(&bounds, |other| test(other, true));
-        self.filled.near(&bounds, |other| test(other, false));
+        self.data.for_each_near(&bounds, |other| test(other, true));
+        self.filled.for_each_near(&bounds, |other| test(other, false));
     }
 
-    /// Makes `data` hold all triangles that could intersect what is filled within some bounds.
-    fn take_in(&mut self, filling: &Filling, bounds: Bounds) {
-        if self.within.holds(&bounds) {
+    /// Extends `data` to all triangles that could intersect a fill within `bounds`.
+    fn extend_data(&mut self, filling: &Filling, bounds: Bounds) {
+        if self.bounds.contains(&bounds) {
             return;
         }
-        self.within = self.within.join(&bounds);
-        let data = filling.points[..filling.data].iter();
-        let outcodes: Vec<u8> = data.map(|point| self.within.outcode(point)).collect();
-        let near = (0..).zip(&filling.faces[..filling.kept]).filter(|(_, face)| {
+        self.bounds = self.bounds.join(&bounds);
+        let data = filling.points[..filling.n_data_vertices].iter();
+        let outcodes: Vec<u8> = data.map(|point| self.bounds.outcode(point)).collect();
+        let near = (0..).zip(&filling.faces[..filling.n_data_faces]).filter(|(_, face)| {
             let [a, b, c] = face.map(|vertex| outcodes[vertex as usize]);
             a & b & c == 0
         });
-        self.data = Boxes::new(near.map(|(face, _)| Triangle::of(filling, face)));
+        self.data = Boxes::new(near.map(|(face, _)| Triangle::new(filling, face)));
     }
 
-    /// Gives faces other numbers; those that have none are gone.
+    /// Renumbers the faces of all pairs; a pair that contains a face without a new number is removed.
     pub(crate) fn renumber(&mut self, number: impl Fn(u32) -> Option<u32>) {
         let renumbered = self.pairs.iter().filter_map(|&[a, b]| Some([number(a)?, number(b)?]));
         self.pairs = renumbered.collect();
     }
 
-    /// The filled faces that intersect others, ascending.
+    /// Returns the filled faces that intersect other faces, in ascending order.
     pub(crate) fn faces(&self, filling: &Filling) -> Vec<u32> {
         let faces = self.pairs.as_flattened().iter().copied();
-        let mut faces: Vec<u32> = faces.filter(|&face| filling.kept <= face as usize).collect();
+        let mut faces: Vec<u32> =
+            faces.filter(|&face| filling.n_data_faces <= face as usize).collect();
         faces.sort_unstable();
         faces.dedup();
         faces
     }
 
-    /// The pairs of faces of which at least one is filled, the lower face first, ascending.
+    /// Returns the intersecting pairs of faces in ascending order; in each pair the lower index is first, and at least one face is filled.
     pub(crate) fn pairs(&self) -> &[[u32; 2]] {
         &self.pairs
     }
@@ -174,10 +181,10 @@ impl Intersections {
         self.pairs.is_empty()
     }
 
-    /// Calls `found` with each face, of the data or filled, that intersects a triangle.
-    pub(crate) fn with(&self, triangle: &Triangle, mut found: impl FnMut(u32)) {
+    /// Calls `found` with each face, of the data or filled, that intersects `triangle`.
+    pub(crate) fn for_each_intersecting(&self, triangle: &Triangle, mut found: impl FnMut(u32)) {
         for boxes in [&self.data, &self.filled] {
-            boxes.near(&triangle.bounds(), |other| {
+            boxes.for_each_near(&triangle.bounds(), |other| {
                 if intersect(triangle, &other.triangle) {
                     found(other.triangle.face);
                 }
@@ -186,7 +193,7 @@ impl Intersections {
     }
 }
 
-/// Whether two triangles intersect: whether they have more in common than the vertices and the edge that they share.
+/// Returns true if two triangles have more in common than shared vertices and edges.
 pub(crate) fn intersect(one: &Triangle, other: &Triangle) -> bool {
     let (a, b) = (one.vertices, other.vertices);
     let (on_a, on_b) = (one.corners, other.corners);
@@ -213,7 +220,7 @@ pub(crate) fn intersect(one: &Triangle, other: &Triangle) -> bool {
                 [(k + 1) % 3, (k + 2) % 3].map(|k| face.corners[k])
             }
             let (ends_a, ends_b) = (opposite(one, other), opposite(other, one));
-            // Where the plane of one contains nothing of the other but that vertex, they have no more in common.
+            // If one triangle's plane contains only the shared vertex of the other triangle, the triangles have nothing else in common.
             let Some(of_a) = sides(on_b, ends_a) else { return false };
             let Some(of_b) = sides(on_a, ends_b) else { return false };
             pierces(ends_a, of_a, on_b)
@@ -232,7 +239,7 @@ fn side([a, b, c]: [Point3<f64>; 3], p: Point3<f64>) -> f64 {
     orient3d(coord(a), coord(b), coord(c), coord(p))
 }
 
-/// On which sides of a triangle's plane some corners are; none if all are on the same one.
+/// Returns, for each point, the side of a triangle's plane on which the point is; `None` if all points are on one side.
 fn sides<const N: usize>(
     triangle: [Point3<f64>; 3],
     corners: [Point3<f64>; N],
@@ -242,7 +249,8 @@ fn sides<const N: usize>(
     (!is_beside).then_some(sides)
 }
 
-/// Whether a segment pierces a triangle: its ends lie on different sides, which are given, and it passes all three edges on one.
+/// Returns true if a segment pierces a triangle: the ends, with the given side values, are on opposite sides of the plane, and the segment
+/// passes all three edges of the triangle on one side.
 fn pierces([p, q]: [Point3<f64>; 2], [from, to]: [f64; 2], [a, b, c]: [Point3<f64>; 3]) -> bool {
     if !((from > 0.0 && to < 0.0) || (from < 0.0 && to > 0.0)) {
         return false;
@@ -251,37 +259,37 @@ fn pierces([p, q]: [Point3<f64>; 2], [from, to]: [f64; 2], [a, b, c]: [Point3<f6
     sides.iter().all(|&side| side >= 0.0) || sides.iter().all(|&side| side <= 0.0)
 }
 
-/// The coordinates of points without the one in which their triangle is seen edge-on.
-fn flattened<const N: usize>(points: [Point3<f64>; N], drop: usize) -> [Coord<f64>; N] {
+/// Returns points without the coordinate `drop`.
+fn drop_axis<const N: usize>(points: [Point3<f64>; N], drop: usize) -> [Coord<f64>; N] {
     points.map(|point| Coord { x: point[(drop + 1) % 3], y: point[(drop + 2) % 3] })
 }
 
-/// The axis along which the plane of two triangles is seen best.
+/// Returns the axis along which the projection of two coplanar triangles is largest.
 fn best_axis(a: [Point3<f64>; 3], b: [Point3<f64>; 3]) -> usize {
     let (a, b) = (area_vector(a), area_vector(b));
     if a.norm_squared() < b.norm_squared() { b.iamax() } else { a.iamax() }
 }
 
-/// Whether two triangles in one plane cross there.
+/// Returns true if two coplanar triangles overlap.
 fn overlap_in_plane(a: [Point3<f64>; 3], b: [Point3<f64>; 3]) -> bool {
     let drop = best_axis(a, b);
-    let (a, b) = (flattened(a, drop), flattened(b, drop));
+    let (a, b) = (drop_axis(a, drop), drop_axis(b, drop));
     fn cross([p, q]: [Coord<f64>; 2], [r, s]: [Coord<f64>; 2]) -> bool {
         orient2d(p, q, r) * orient2d(p, q, s) < 0.0 && orient2d(r, s, p) * orient2d(r, s, q) < 0.0
     }
     fn edges(t: [Coord<f64>; 3]) -> [[Coord<f64>; 2]; 3] {
         [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]]
     }
-    fn within(p: Coord<f64>, t: [Coord<f64>; 3]) -> bool {
+    fn contains_point(p: Coord<f64>, t: [Coord<f64>; 3]) -> bool {
         let sides = edges(t).map(|[from, to]| orient2d(from, to, p));
         sides.iter().all(|&side| side > 0.0) || sides.iter().all(|&side| side < 0.0)
     }
     edges(a).into_iter().any(|edge| edges(b).into_iter().any(|other| cross(edge, other)))
-        || a.into_iter().any(|corner| within(corner, b))
-        || b.into_iter().any(|corner| within(corner, a))
+        || a.into_iter().any(|corner| contains_point(corner, b))
+        || b.into_iter().any(|corner| contains_point(corner, a))
 }
 
-/// Whether two triangles at one edge lie in one plane, on the same side of the edge.
+/// Returns true if two triangles with a common edge are coplanar and on the same side of the edge.
 fn is_folded(one: &Triangle, other: &Triangle) -> bool {
     fn apex(face: &Triangle, vertices: [u32; 3]) -> usize {
         (0..3).find(|&k| !vertices.contains(&face.vertices[k])).unwrap_or(0)
@@ -292,9 +300,9 @@ fn is_folded(one: &Triangle, other: &Triangle) -> bool {
         return false;
     }
     let [p, u, v] = [k, (k + 1) % 3, (k + 2) % 3].map(|corner| one.corners[corner]);
-    // Seen along an axis in the plane both are lines.
+    // If the projection axis is parallel to the plane, both triangles project to lines and the test is meaningless.
     (0..3).any(|drop| {
-        let [u, v, p, q] = flattened([u, v, p, q], drop);
+        let [u, v, p, q] = drop_axis([u, v, p, q], drop);
         orient2d(u, v, p) * orient2d(u, v, q) > 0.0
     })
 }
@@ -305,15 +313,15 @@ mod tests {
     use crate::shapes::{grid, random};
 
     #[test]
-    fn an_update_finds_the_same_as_a_test_of_all() {
+    fn an_update_finds_the_intersections_of_a_full_test() {
         let mut filling = Filling::new(&grid(12, 12, |_, _| 0.0));
-        (filling.data, filling.kept) = (72, 100);
-        let progress = Progress::none();
+        (filling.n_data_vertices, filling.n_data_faces) = (72, 100);
+        let progress = Progress::silent();
         let mut intersections = Intersections::new(&filling, &progress).unwrap();
         assert!(intersections.is_empty());
         let mut counts = Vec::new();
         for round in 0..30u64 {
-            // Some vertices go somewhere, sometimes far out, and some back.
+            // Moves some vertices, some of them far away, and then moves some of them back.
             let mut moved = vec![false; filling.points.len()];
             for k in 0..6 {
                 let number = |i: u64| random(round << 20 | k << 4 | i);
@@ -357,10 +365,10 @@ mod tests {
         check([o, x, y], [3, 4, 5], [low, in_middle, [9.0, 9.0, 0.0]], true);
         check([o, x, y], [3, 4, 5], [low, in_middle, [-9.0, 0.1, 0.0]], true);
         check([o, x, y], [3, 4, 5], [z, in_middle, [9.0, 9.0, 1.0]], false);
-        // In one plane.
+        // The two triangles are coplanar.
         check([o, x, y], [3, 4, 5], [[0.1, 0.1, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]], true);
         check([o, x, y], [3, 4, 5], [[1.0, 1.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]], false);
-        // At one vertex, and at one edge.
+        // The triangles have a common vertex, or a common edge.
         check([o, x, y], [0, 4, 5], [o, low, in_middle], true);
         check([o, x, y], [0, 4, 5], [o, z, in_middle], false);
         check([o, x, y], [0, 4, 5], [o, [0.9, 0.2, 0.0], [0.2, 0.9, 0.0]], true);
@@ -368,7 +376,7 @@ mod tests {
         check([o, x, y], [1, 0, 5], [x, o, y], true);
         check([o, x, y], [1, 0, 5], [x, o, [0.3, -1.0, 0.0]], false);
         check([o, x, y], [1, 0, 5], [x, o, z], false);
-        // A triangle without area beside one in whose plane it is not.
+        // A triangle without area is beside a triangle whose plane does not contain it.
         check([o, o, x], [3, 4, 5], [[0.0, 0.2, 0.0], [1.0, 0.3, 0.1], [0.5, -0.1, 1.0]], false);
     }
 }

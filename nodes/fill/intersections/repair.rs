@@ -1,7 +1,7 @@
-//! Removes intersections of a fill by a few edge flips and collapses, and leaves the rest as it is.
+//! Removes intersections of a fill by a few edge flips and collapses. Intersections that remain are left to other repairs.
 //!
-//! Around points that coincide, or nearly so, triangles fold however smooth a surface is. There an edge is flipped or collapsed wherever
-//! that leaves fewer intersecting triangles.
+//! Near points that coincide or nearly coincide, triangles fold even on a smooth surface. An edge there is flipped or collapsed if that
+//! reduces the number of intersecting triangles.
 
 use std::cell::Cell;
 use std::collections::VecDeque;
@@ -12,52 +12,53 @@ use super::detect::{Intersections, intersect};
 use crate::border::rim::Rim;
 use crate::triangles::triangulation::{NONE, Triangulation, previous};
 
-/// As many changes are made at most: what intersects in more places needs another surface altogether.
-const MOST_CHANGES: usize = 100;
+/// Maximum number of changes. A fill that intersects at more positions needs another surface.
+const MAX_CHANGES: usize = 100;
 
-/// The repair gives up after so many faces for which no change helps: they are where a whole region intersects something.
-const MOST_HOPELESS: usize = 30;
+/// Maximum number of faces for which no change helps. Above, a whole region intersects something, and the repair stops.
+const MAX_HOPELESS: usize = 30;
 
-/// As many pairs of triangles are compared at most: some tenths of a second. Where each triangle lies near all others, no small change
-/// helps.
-const MOST_COMPARISONS: usize = 100_000;
+/// Maximum number of compared triangle pairs; comparing them takes some tenths of a second. If every triangle is near all others, no small
+/// change helps.
+const MAX_COMPARISONS: usize = 100_000;
 
-/// A triangle that intersects more others than these is not merely folded, and no small change helps.
-const MOST_MET: usize = 20;
+/// Maximum number of triangles that a face may intersect to be repaired. A face that intersects more is not just folded, and no small
+/// change helps.
+const MAX_INTERSECTIONS: usize = 20;
 
-/// What the fill of a hole must not intersect: the data, and the fills of the other holes.
+/// The surfaces that the fill of a hole must not intersect: the data and the fills of other holes.
 pub(crate) struct Obstacles<'a> {
     pub(crate) intersections: &'a Intersections,
-    /// The faces that fill this hole so far, which do not count.
+    /// The faces of the hole's present fill, which are ignored as obstacles.
     pub(crate) own: Range<u32>,
     pub(crate) rim: &'a Rim,
 }
 
-/// Flips and collapses edges as long as that leaves fewer triangles that intersect each other or the obstacles.
+/// Flips and collapses edges as long as that reduces the number of intersections of the triangles with each other and with the obstacles.
 pub(crate) fn repair(triangulation: &mut Triangulation, obstacles: &Obstacles<'_>) {
     let faces = 0..triangulation.corners.len() as u32 / 3;
     let triangles = faces.clone().filter_map(|face| triangle(triangulation, obstacles.rim, face));
     let all = Boxes::new(triangles);
     let comparisons = Cell::new(0);
     let mut repair = Repair { triangulation, obstacles, all, changed: Vec::new(), comparisons };
-    let is_hopeful = |repair: &Repair<'_>| repair.comparisons.get() < MOST_COMPARISONS;
-    let intersecting =
-        faces.take_while(|_| is_hopeful(&repair)).filter(|&face| repair.met(face) > 0);
+    let intersecting = faces
+        .take_while(|_| repair.is_hopeful())
+        .filter(|&face| repair.intersection_count(face) > 0);
     let mut queue: VecDeque<u32> = intersecting.collect();
     let (mut changes, mut hopeless) = (0, 0);
     while let Some(face) = queue.pop_front() {
-        if changes == MOST_CHANGES || hopeless == MOST_HOPELESS || !is_hopeful(&repair) {
+        if changes == MAX_CHANGES || hopeless == MAX_HOPELESS || !repair.is_hopeful() {
             return;
         }
-        let met = repair.met(face);
-        if met == 0 {
+        let count = repair.intersection_count(face);
+        if count == 0 {
             continue;
         }
-        let change = if met <= MOST_MET { repair.best_change(face) } else { None };
+        let change = if count <= MAX_INTERSECTIONS { repair.best_change(face) } else { None };
         match change {
             Some(change) => {
                 changes += 1;
-                queue.extend(repair.make(change));
+                queue.extend(repair.apply(change));
             }
             None => hopeless += 1,
         }
@@ -73,21 +74,27 @@ enum Change {
 struct Repair<'a> {
     triangulation: &'a mut Triangulation,
     obstacles: &'a Obstacles<'a>,
-    /// The triangulation's faces as they were at first.
+    /// The triangulation's faces before the repair.
     all: Boxes,
-    /// Those that have changed since, or are gone.
+    /// The faces that were changed or removed since the repair began.
     changed: Vec<u32>,
-    /// How many pairs of triangles were compared.
+    /// The number of compared triangle pairs.
     comparisons: Cell<usize>,
 }
 
-/// A face of a triangulation; none if it is gone. Inner vertices get numbers that no vertex of the data or of another fill has.
+/// Returns a face of a triangulation; `None` if it was removed. Inner vertices get numbers that are used neither by the data nor by other
+/// fills.
 fn triangle(triangulation: &Triangulation, rim: &Rim, face: u32) -> Option<Triangle> {
     let corners = [0, 1, 2].map(|k| triangulation.corners[(3 * face + k) as usize]);
-    triangulation.is_alive(3 * face).then(|| named(triangulation, rim, corners, face))
+    triangulation.is_alive(3 * face).then(|| numbered_triangle(triangulation, rim, corners, face))
 }
 
-fn named(triangulation: &Triangulation, rim: &Rim, corners: [u32; 3], face: u32) -> Triangle {
+fn numbered_triangle(
+    triangulation: &Triangulation,
+    rim: &Rim,
+    corners: [u32; 3],
+    face: u32,
+) -> Triangle {
     Triangle {
         vertices: corners.map(|vertex: u32| match rim.vertices.get(vertex as usize) {
             Some(&data) => data,
@@ -103,33 +110,33 @@ impl Repair<'_> {
         triangle(self.triangulation, self.obstacles.rim, face)
     }
 
-    /// How many triangles a face intersects.
-    fn met(&self, face: u32) -> usize {
+    /// Returns true if the repair may go on, that is, compare more triangle pairs.
+    fn is_hopeful(&self) -> bool {
+        self.comparisons.get() < MAX_COMPARISONS
+    }
+
+    /// Returns the number of triangles that a face intersects.
+    fn intersection_count(&self, face: u32) -> usize {
         self.triangle(face).map_or(0, |triangle| self.count(&[triangle], &[face]))
     }
 
-    /// How many intersections these triangles would have, with each other included, if they took the place of some faces.
+    /// Returns the number of intersections that `triangles` would have, including those with each other, if they replaced the faces
+    /// `replaced`.
     fn count(&self, triangles: &[Triangle], replaced: &[u32]) -> usize {
-        fn is_there(face: &u32, replaced: &[u32]) -> bool {
-            !replaced.contains(face)
-        }
-        let changed = self.changed.iter().filter(|face| is_there(face, replaced));
+        let changed = self.changed.iter().filter(|face| !replaced.contains(face));
         let changed: Vec<Triangle> = changed.filter_map(|&face| self.triangle(face)).collect();
         let mut count = 0;
         for (k, triangle) in triangles.iter().enumerate() {
-            fn count_one(comparisons: &Cell<usize>) {
-                comparisons.set(comparisons.get() + 1)
-            }
-            self.obstacles.intersections.with(triangle, |face| {
-                count_one(&self.comparisons);
+            self.obstacles.intersections.for_each_intersecting(triangle, |face| {
+                self.comparisons.set(self.comparisons.get() + 1);
                 count += usize::from(!self.obstacles.own.contains(&face));
             });
-            self.all.near(&triangle.bounds(), |other| {
-                count_one(&self.comparisons);
+            self.all.for_each_near(&triangle.bounds(), |other| {
+                self.comparisons.set(self.comparisons.get() + 1);
                 let other = &other.triangle;
-                let is_same =
-                    is_there(&other.face, replaced) && !self.changed.contains(&other.face);
-                count += usize::from(is_same && intersect(triangle, other));
+                let is_unchanged =
+                    !replaced.contains(&other.face) && !self.changed.contains(&other.face);
+                count += usize::from(is_unchanged && intersect(triangle, other));
             });
             let others = changed.iter().chain(&triangles[k + 1..]);
             count += others.filter(|other| intersect(triangle, other)).count();
@@ -137,7 +144,7 @@ impl Repair<'_> {
         count
     }
 
-    /// The change near a face that leaves the fewest intersections, if one helps at all.
+    /// Returns the change near a face that removes the most intersections; `None` if no change helps.
     fn best_change(&self, face: u32) -> Option<Change> {
         let mut changes = Vec::new();
         for half in 3 * face..3 * face + 3 {
@@ -146,23 +153,24 @@ impl Repair<'_> {
             }
             let vertex = self.triangulation.corners[half as usize];
             if !self.triangulation.is_rim(vertex) {
-                let spokes = self.triangulation.around(vertex);
+                let spokes = self.triangulation.halves_around(vertex);
                 let spokes = spokes.filter(|&spoke| self.triangulation.may_collapse(spoke));
                 changes.extend(spokes.map(Change::Collapse));
             }
         }
-        let gain = |change: Change| {
-            let (faces, after) = self.outcome(change);
-            let before: Vec<Triangle> =
-                faces.iter().filter_map(|&face| self.triangle(face)).collect();
-            self.count(&before, &faces).saturating_sub(self.count(&after, &faces))
-        };
-        let gains = changes.into_iter().map(|change| (gain(change), change));
+        let gains = changes.into_iter().map(|change| (self.gain(change), change));
         let best = gains.reduce(|best, other| if best.0 < other.0 { other } else { best });
         best.filter(|(gain, _)| *gain > 0).map(|(_, change)| change)
     }
 
-    /// The faces that a change affects, and the triangles that take their place.
+    /// Returns the number of intersections that a change removes; 0 if it adds some.
+    fn gain(&self, change: Change) -> usize {
+        let (faces, after) = self.outcome(change);
+        let before: Vec<Triangle> = faces.iter().filter_map(|&face| self.triangle(face)).collect();
+        self.count(&before, &faces).saturating_sub(self.count(&after, &faces))
+    }
+
+    /// Returns the faces that a change affects, and the triangles that replace them.
     fn outcome(&self, change: Change) -> (Vec<u32>, Vec<Triangle>) {
         let (triangulation, rim) = (&*self.triangulation, self.obstacles.rim);
         match change {
@@ -175,36 +183,30 @@ impl Repair<'_> {
                 (
                     vec![f, g],
                     vec![
-                        named(triangulation, rim, [a, d, c], f),
-                        named(triangulation, rim, [d, b, c], g),
+                        numbered_triangle(triangulation, rim, [a, d, c], f),
+                        numbered_triangle(triangulation, rim, [d, b, c], g),
                     ],
                 )
             }
             Change::Collapse(half) => {
                 let [v, u] = self.triangulation.ends(half);
-                let faces: Vec<u32> = self.triangulation.around(v).map(|half| half / 3).collect();
-                fn corners(face: u32, triangulation_corners: &[u32]) -> [u32; 3] {
-                    [0, 1, 2].map(|k| triangulation_corners[3 * face as usize + k])
-                }
-                let left =
-                    faces.iter().map(|&face| (face, corners(face, &self.triangulation.corners)));
-                let left =
-                    left.filter(|(_, corners)| !corners.contains(&u)).map(|(face, corners)| {
-                        named(
-                            triangulation,
-                            rim,
-                            corners.map(|vertex| if vertex == v { u } else { vertex }),
-                            face,
-                        )
-                    });
-                let left = left.collect();
-                (faces, left)
+                let faces: Vec<u32> =
+                    self.triangulation.halves_around(v).map(|half| half / 3).collect();
+                let triangles = faces.iter().filter_map(|&face| {
+                    let corners: [u32; 3] =
+                        [0, 1, 2].map(|k| triangulation.corners[3 * face as usize + k]);
+                    let moved = corners.map(|vertex| if vertex == v { u } else { vertex });
+                    (!corners.contains(&u))
+                        .then(|| numbered_triangle(triangulation, rim, moved, face))
+                });
+                let triangles = triangles.collect();
+                (faces, triangles)
             }
         }
     }
 
-    /// Makes a change, and gives the faces that it affected.
-    fn make(&mut self, change: Change) -> Vec<u32> {
+    /// Applies a change and returns the affected faces.
+    fn apply(&mut self, change: Change) -> Vec<u32> {
         let faces = self.outcome(change).0;
         match change {
             Change::Flip(half) => self.triangulation.flip(half),
@@ -216,7 +218,7 @@ impl Repair<'_> {
         faces
     }
 
-    /// Whether an edge may be flipped: no other edge has the ends that it would get.
+    /// Returns true if an edge may be flipped: the two vertices that the flipped edge would connect have no edge yet.
     fn may_flip(&self, half: u32) -> bool {
         let triangulation = &*self.triangulation;
         let twin = triangulation.twins[half as usize];
@@ -232,6 +234,9 @@ impl Repair<'_> {
                 && !halves.any(is_between)
                 && !self.obstacles.rim.is_taken(c as usize, d as usize);
         }
-        c != d && !triangulation.around(if triangulation.is_rim(c) { d } else { c }).any(is_between)
+        c != d
+            && !triangulation
+                .halves_around(if triangulation.is_rim(c) { d } else { c })
+                .any(is_between)
     }
 }

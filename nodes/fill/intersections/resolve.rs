@@ -1,6 +1,8 @@
 //! Repairs or replaces fills whose triangles intersect each other or the data.
 
-use maquette_node::{Cancelled, Progress};
+use std::ops::Range;
+
+use maquette_node::{CancelledError, Progress};
 use maquette_value::parallel::*;
 
 use super::boxes::Triangle;
@@ -12,7 +14,7 @@ use crate::fill_error::FillError;
 use crate::plain::hole_fill::{Fallback, HoleFill};
 use crate::plain::options::{PlainMethod, PlainOptions};
 use crate::plain::plain_fill::fill_hole;
-use crate::triangles::density::Stop;
+use crate::triangles::density::RefineError;
 use crate::triangles::filling::Filling;
 use crate::triangles::triangulation::NONE;
 
@@ -25,18 +27,18 @@ pub(crate) struct HoleFills<'a> {
     pub(crate) intersections: &'a mut Intersections,
 }
 
-/// At most so many holes are filled again one by one at the end.
-const MOST_ALONE: usize = 20;
+/// Maximum number of intersecting holes that, at the end, are filled again one by one.
+const MAX_SEPARATE_HOLES: usize = 20;
 
-/// A fill with creases is repaired only if at most so many of its triangles intersect others.
-const MOST_REPAIRED: usize = 16;
+/// Maximum number of intersecting triangles of a fill with creases that is repaired; with more, its creases count as wrong.
+const MAX_REPAIRED_TRIANGLES: usize = 16;
 
 impl HoleFills<'_> {
-    /// Repairs the fills whose triangles intersect others. Holes for which that does not help are filled again with other surfaces, the
-    /// most similar to the wanted one first; the fill with the fewest intersecting triangles is kept.
+    /// Repairs the fills whose triangles intersect others. If that does not help, a hole is filled again with other surfaces, the most
+    /// similar to the requested one first; the fill with the fewest intersecting triangles is kept.
     ///
     /// # Errors
-    /// If there would be too many pairs of triangles to test, or the evaluation is told to stop.
+    /// Returns an error if there would be too many pairs of triangles to test, or if the evaluation is cancelled.
     pub(crate) fn resolve(
         &mut self,
         options: PlainOptions,
@@ -61,12 +63,12 @@ impl HoleFills<'_> {
         for &method in others {
             self.improve(&self.intersecting(), method, options, progress)?;
         }
-        // Fills of adjacent holes that change in the same round may have come to intersect each other.
+        // In one round, the fills of several adjacent holes may have changed, and the new fills may intersect each other.
         let intersecting = self.intersecting();
         if intersecting.len() < 2 {
             return Ok(());
         }
-        for hole in intersecting.into_iter().take(MOST_ALONE) {
+        for hole in intersecting.into_iter().take(MAX_SEPARATE_HOLES) {
             for &method in others {
                 self.improve(&[hole], method, options, progress)?;
             }
@@ -74,14 +76,14 @@ impl HoleFills<'_> {
         Ok(())
     }
 
-    /// The holes with filled triangles that intersect others.
+    /// Returns the holes with filled triangles that intersect other triangles.
     fn intersecting(&self) -> Vec<usize> {
         let counts = self.counts();
         (0..counts.len()).filter(|&hole| counts[hole] > 0).collect()
     }
 
-    /// Fills some of the intersecting holes with another surface, or repairs their fills if no `method` is given, and keeps what has fewer
-    /// intersecting triangles.
+    /// Replaces the fills of those `holes` that have intersections by fills with the surface `method`, or repairs them if `method` is
+    /// `None`. Each hole keeps the fill with fewer intersecting triangles.
     fn improve(
         &mut self,
         holes: &[usize],
@@ -90,56 +92,53 @@ impl HoleFills<'_> {
         progress: &Progress<'_>,
     ) -> Result<(), FillError> {
         let (before, begins) = (self.counts(), self.begins());
-        // Wrong creases make many intersections, and are not repaired.
-        fn is_misfit(hole: usize, before: &[usize], fills: &[HoleFill]) -> bool {
-            fills[hole].is_sharp && before[hole] > MOST_REPAIRED
-        }
-        fn is_unasked(hole: usize, options_method: &PlainMethod, fills: &[HoleFill]) -> bool {
-            *options_method == PlainMethod::PlateOrCreases && fills[hole].is_sharp
-        }
-        let intersecting = holes.par_iter().filter(|&&hole| {
-            before[hole] > 0 && !(method.is_none() && is_misfit(hole, &before, self.fills))
-        });
-        let other = |&hole: &usize| {
-            let rim = Rim::new(self.filling, self.one_rings, &self.holes[hole]);
-            let mut fill = match method {
-                None => self.fills[hole].clone(),
-                Some(method) => {
-                    match fill_hole(
-                        self.filling,
-                        &rim,
-                        PlainOptions { method, ..options },
-                        progress,
-                    ) {
-                        // Creases that the user did not ask for are given up without a warning.
-                        Ok(fill)
-                            if method == PlainMethod::ThinPlate
-                                && is_unasked(hole, &options.method, self.fills) =>
-                        {
-                            fill
-                        }
-                        Ok(fill) => HoleFill { fallback: Some(Fallback::Intersection), ..fill },
-                        Err(Stop::Cancelled) => return Err(Cancelled.into()),
-                        // A fill that would be too large is not tried.
-                        Err(Stop::TooMany(_)) => self.fills[hole].clone(),
-                    }
-                }
-            };
-            let own = begins[hole]..begins[hole + 1];
-            repair(
-                &mut fill.triangulation,
-                &Obstacles { intersections: self.intersections, own, rim: &rim },
-            );
-            Ok((hole, fill))
-        };
-        let mut others = intersecting.map(other).collect::<Result<Vec<_>, FillError>>()?;
+        let mut others = holes
+            .par_iter()
+            .filter(|&&hole| {
+                // A fill with wrong creases has many intersections and is not repaired.
+                let is_misfit = self.fills[hole].is_sharp && before[hole] > MAX_REPAIRED_TRIANGLES;
+                before[hole] > 0 && !(method.is_none() && is_misfit)
+            })
+            .map(|&hole| {
+                let own = begins[hole]..begins[hole + 1];
+                Ok((hole, self.other_fill(hole, own, method, options, progress)?))
+            })
+            .collect::<Result<Vec<_>, FillError>>()?;
         self.exchange(&mut others, progress)?;
         let after = self.counts();
         others.retain(|(hole, _)| before[*hole] <= after[*hole]);
         self.exchange(&mut others, progress)
     }
 
-    /// Swaps the fills of some holes with those given.
+    /// Returns a repaired fill of a hole. Its surface is `method`; if that is `None`, the present fill is repaired. `own` are the faces of
+    /// the present fill.
+    fn other_fill(
+        &self,
+        hole: usize,
+        own: Range<u32>,
+        method: Option<PlainMethod>,
+        options: PlainOptions,
+        progress: &Progress<'_>,
+    ) -> Result<HoleFill, FillError> {
+        let rim = Rim::new(self.filling, self.one_rings, &self.holes[hole]);
+        let mut fill = self.fills[hole].clone();
+        if let Some(method) = method {
+            let unwanted_creases = options.method == PlainMethod::PlateOrCreases && fill.is_sharp;
+            match fill_hole(self.filling, &rim, PlainOptions { method, ..options }, progress) {
+                // Creases that the user did not ask for are dropped without a warning.
+                Ok(other) if method == PlainMethod::ThinPlate && unwanted_creases => fill = other,
+                Ok(other) => fill = HoleFill { fallback: Some(Fallback::Intersection), ..other },
+                Err(RefineError::Cancelled) => return Err(CancelledError.into()),
+                // If the other fill would have too many triangles, it is not tried.
+                Err(RefineError::TooMany(_)) => {}
+            }
+        }
+        let obstacles = Obstacles { intersections: self.intersections, own, rim: &rim };
+        repair(&mut fill.triangulation, &obstacles);
+        Ok(fill)
+    }
+
+    /// Exchanges the fills of some holes with the fills in `others`.
     fn exchange(
         &mut self,
         others: &mut [(usize, HoleFill)],
@@ -171,29 +170,26 @@ impl HoleFills<'_> {
         )
     }
 
-    /// The first face of each fill, and last the number of all faces.
+    /// The first face of each fill, followed by the number of all faces.
     fn begins(&self) -> Vec<u32> {
-        let mut begins = vec![self.filling.kept as u32];
+        let mut begins = vec![self.filling.n_data_faces as u32];
         for fill in self.fills.iter() {
             begins.push(begins[begins.len() - 1] + fill.triangulation.n_faces() as u32);
         }
         begins
     }
 
-    /// Two possible reasons for intersections, each with its holes: a component of the mesh to which the rim does not belong is in the way,
-    /// and the data at the rim intersect other data.
+    /// Returns the holes with two possible reasons for intersections: first the holes blocked by a component of the mesh to which their rim
+    /// does not belong, then the holes at whose rims the data intersect themselves.
     pub(crate) fn reasons(&self, components: &Components) -> [Vec<usize>; 2] {
         let begins = self.begins();
         let mut in_the_way = Vec::new();
         for &[face, filled] in self.intersections.pairs() {
             let hole = begins.partition_point(|&begin| begin <= filled) - 1;
-            fn component(vertex: u32, components: &Components) -> u32 {
-                components.of(vertex)
-            }
-            let is_data = (face as usize) < self.filling.kept;
+            let is_data = (face as usize) < self.filling.n_data_faces;
             let other = self.filling.faces[face as usize][0];
-            if is_data && component(other, components) != component(self.holes[hole][0], components)
-            {
+            let rim = self.holes[hole][0];
+            if is_data && components.component_of(other) != components.component_of(rim) {
                 in_the_way.push(hole);
             }
         }
@@ -203,9 +199,10 @@ impl HoleFills<'_> {
         [in_the_way, holes.filter(|&hole| self.has_intersecting_data(hole)).collect()]
     }
 
-    /// Whether the data at a rim intersect other data.
+    /// Returns true if the data at a rim intersect other data.
     fn has_intersecting_data(&self, hole: usize) -> bool {
-        let at_rim = self.holes[hole].iter().flat_map(|&vertex| self.one_rings.of(vertex));
+        let at_rim =
+            self.holes[hole].iter().flat_map(|&vertex| self.one_rings.triangles_around(vertex));
         at_rim.copied().any(|vertices| {
             let triangle = Triangle {
                 vertices,
@@ -213,21 +210,22 @@ impl HoleFills<'_> {
                 face: NONE,
             };
             let mut intersects = false;
-            self.intersections.with(&triangle, |face| {
-                let is_data = (face as usize) < self.filling.kept;
+            self.intersections.for_each_intersecting(&triangle, |face| {
+                let is_data = (face as usize) < self.filling.n_data_faces;
                 intersects |= is_data && self.filling.faces[face as usize] != vertices;
             });
             intersects
         })
     }
 
-    /// How many filled triangles of each hole intersect others.
+    /// The number of intersecting filled triangles of each hole.
     fn counts(&self) -> Vec<usize> {
         let faces = self.intersections.faces(self.filling);
-        fn place(end: u32, faces: &[u32]) -> usize {
-            faces.partition_point(|&face| face < end)
-        }
-        let begins = self.begins();
-        begins.windows(2).map(|ends| place(ends[1], &faces) - place(ends[0], &faces)).collect()
+        let indices: Vec<usize> = self
+            .begins()
+            .into_iter()
+            .map(|begin| faces.partition_point(|&face| face < begin))
+            .collect();
+        indices.windows(2).map(|ends| ends[1] - ends[0]).collect()
     }
 }

@@ -1,66 +1,62 @@
-//! Membranes and thin plates through a rim: the surfaces that a soap film and a bent sheet would take.
+//! Membranes and thin plates through a rim: the shapes of a soap film and of a bent elastic sheet.
 //!
 //! Kobbelt, Campagna, Vorsatz and Seidel, "Interactive multi-resolution modeling on arbitrary meshes" (1998), with the cotangent weights of
-//! Pinkall and Polthier, "Computing discrete minimal surfaces and their conjugates" (1993). The term that turns a thin plate into a surface
-//! whose curvature varies evenly is from Schneider and Kobbelt, "Geometric fairing of irregular meshes for free-form surface design"
-//! (2001).
+//! Pinkall and Polthier, "Computing discrete minimal surfaces and their conjugates" (1993). The term that gives a thin plate evenly varying
+//! curvature is from Schneider and Kobbelt, "Geometric fairing of irregular meshes for free-form surface design" (2001).
 
 use maquette_base::linear::cholesky::{Cholesky, Dissection, Links, Symmetric};
 use maquette_base::topology::lists::Lists;
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use nalgebra::{Point3, Vector3};
 
 use crate::border::rim::Rim;
 use crate::triangles::triangulation::{NONE, Triangulation, area_vector};
 
-/// Which energy is minimized.
+/// The energy to minimize.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Energy {
-    /// The area: the surface meets the rim at an angle.
+    /// The area. The minimal surface meets the rim at an angle.
     Membrane,
-    /// The bending, also across the rim: the surface continues the data smoothly. Its curvature fades where normals diverge.
+    /// The bending, also across the rim. The surface continues the data smoothly, and its curvature fades where normals diverge.
     ThinPlate,
-    /// The bending relative to the rest shape, which is the surface as it is: curvature varies as evenly as possible, and a ball stays a
-    /// ball.
+    /// The bending relative to the present surface as rest shape. Curvature varies as evenly as possible, and a ball stays a ball.
     EvenPlate,
 }
 
-/// Largest cotangent in a weight. Below 2 the weights of angles that are still common, 27 degrees, would be changed; far above, one
-/// sliver outweighs all other triangles.
-const MOST_COTANGENT: f64 = 5.0;
+/// Maximum absolute cotangent in a weight. A limit below 2 would change the weights of common angles (27 degrees); with a limit far above,
+/// one sliver outweighs all other triangles.
+const MAX_COTANGENT: f64 = 5.0;
 
-/// The least share of the mean area that a vertex counts for.
-const LEAST_AREA: f64 = 0.05;
+/// Minimum area of a vertex divided by the mean area; smaller areas are raised to it.
+const MIN_AREA: f64 = 0.05;
 
-/// Moves the inner vertices of `triangulation` to where the energy is least, with cotangents and areas of the triangles as they are now.
-/// False if the equations have no solution; then nothing moves.
+/// Moves the inner vertices of `triangulation` to minimize the energy, with the cotangents and areas of the present triangles. Returns
+/// false, without moving anything, if the equations have no solution.
 ///
 /// # Errors
-/// If the evaluation is told to stop.
+/// Returns an error if the evaluation is cancelled.
 pub(crate) fn fair(
     triangulation: &mut Triangulation,
     rim: &Rim,
     energy: Energy,
     progress: &Progress<'_>,
-) -> Result<bool, Cancelled> {
-    let solved = solve(triangulation, rim, energy, progress)?;
-    let is_finite =
-        |points: &Vec<Point3<f64>>| points.iter().flat_map(|p| p.iter()).all(|x| x.is_finite());
-    match solved.filter(is_finite) {
-        Some(points) => {
+) -> Result<bool, CancelledError> {
+    match solve(triangulation, rim, energy, progress)? {
+        Some(points) if points.iter().flat_map(|p| p.iter()).all(|x| x.is_finite()) => {
             triangulation.points = points;
             Ok(true)
         }
-        None => Ok(false),
+        _ => Ok(false),
     }
 }
 
-/// The Laplacian of the surface around a hole: a row for each vertex of the triangulation.
+/// The Laplacian of the surface around a hole, with one row per vertex of the triangulation.
 struct Laplacian {
     starts: Vec<u32>,
     columns: Vec<u32>,
     weights: Vec<f64>,
-    /// The area of each vertex; infinite at the border, where faces do not go all around a vertex, so that its row counts nothing.
+    /// The area of each vertex. It is infinite at the border, where faces do not surround the vertex; an infinite area gives the row no
+    /// weight.
     areas: Vec<f64>,
     /// The unit normal at each vertex.
     normals: Vec<Vector3<f64>>,
@@ -71,7 +67,7 @@ impl Laplacian {
         let count = triangulation.points.len();
         let fixed = triangulation.fixed as u32;
         let outside = rim.triangles.iter().map(|face| {
-            // Those of the ring stand behind all vertices of the triangulation.
+            // The ring's vertices follow all vertices of the triangulation.
             face.map(|vertex| if vertex < fixed { vertex } else { vertex - fixed + count as u32 })
         });
         let inside =
@@ -90,7 +86,7 @@ impl Laplacian {
                 let (a, b) = (face[(k + 1) % 3], face[(k + 2) % 3]);
                 let (u, v) = (points[(k + 1) % 3] - points[k], points[(k + 2) % 3] - points[k]);
                 let cotangent = u.dot(&v) / double.max(f64::MIN_POSITIVE);
-                let weight = cotangent.clamp(-MOST_COTANGENT, MOST_COTANGENT) / 2.0;
+                let weight = cotangent.clamp(-MAX_COTANGENT, MAX_COTANGENT) / 2.0;
                 for (from, to) in [(a, b), (b, a)] {
                     if (from as usize) < count {
                         links.push((from, to, weight));
@@ -110,7 +106,7 @@ impl Laplacian {
         laplacian
     }
 
-    /// Makes rows of links, of which two faces give each one half.
+    /// Builds the rows from `links`. An edge contributes two links, one from each of its faces, each with half of the edge's weight.
     fn gather(&mut self, count: usize, links: &[(u32, u32, f64)]) {
         let links =
             Lists::group(count, || links.iter().map(|&(from, to, weight)| (from, (to, weight))));
@@ -118,10 +114,10 @@ impl Laplacian {
         for row in 0..count {
             let first = self.columns.len();
             let mut halves = 0usize;
-            for &(column, weight) in links.of(row) {
+            for &(column, weight) in links.list(row) {
                 match self.columns[first..].iter().position(|&known| known == column) {
-                    Some(place) => {
-                        self.weights[first + place] += weight;
+                    Some(index) => {
+                        self.weights[first + index] += weight;
                         halves += 1;
                     }
                     None => {
@@ -141,12 +137,13 @@ impl Laplacian {
     }
 
     fn limit_areas(&mut self) {
-        let known = || self.areas.iter().copied().filter(|area| area.is_finite());
-        let least = LEAST_AREA * known().sum::<f64>() / known().count().max(1) as f64;
-        self.areas.iter_mut().for_each(|area| *area = area.max(least).max(f64::MIN_POSITIVE));
+        let known: Vec<f64> = self.areas.iter().copied().filter(|area| area.is_finite()).collect();
+        let min = MIN_AREA * known.iter().sum::<f64>() / known.len().max(1) as f64;
+        self.areas.iter_mut().for_each(|area| *area = area.max(min).max(f64::MIN_POSITIVE));
     }
 
-    /// The order in which to eliminate the unknowns of `vertices`, each of which `unknowns` numbers, so that an energy is least.
+    /// Returns the elimination order of the unknowns. `unknowns` maps each vertex to its unknown; `vertices` lists the vertices that have
+    /// an unknown.
     fn dissection(&self, vertices: &[usize], unknowns: &[u32], energy: Energy) -> Dissection {
         let (mut starts, mut neighbors) = (vec![0], Vec::with_capacity(8 * vertices.len()));
         for &vertex in vertices {
@@ -167,17 +164,18 @@ impl Laplacian {
         columns.zip(self.weights[entries].iter().copied())
     }
 
-    /// Of each vertex twice the mean curvature of the surface as it is.
-    fn curvatures(&self, place: impl Fn(usize) -> Vector3<f64>) -> Vec<f64> {
+    /// Returns, for each vertex, twice the mean curvature of the present surface.
+    fn curvatures(&self, position: impl Fn(usize) -> Vector3<f64>) -> Vec<f64> {
         (0..self.areas.len())
             .map(|row: usize| {
-                let sum: Vector3<f64> = self.row(row).map(|(column, w)| place(column) * w).sum();
+                let sum: Vector3<f64> = self.row(row).map(|(column, w)| position(column) * w).sum();
                 sum.dot(&self.normals[row]) / self.areas[row]
             })
             .collect()
     }
 
-    /// The Laplacian of the curvature vectors at a vertex if that of their lengths is 0: what remains is how the normals around it turn.
+    /// Returns the part of the curvature vectors' Laplacian at a vertex that is caused by the rotation of the normals alone: the Laplacian
+    /// if that of the vectors' lengths is 0.
     fn normal_turn(&self, vertex: usize, curvatures: &[f64]) -> Vector3<f64> {
         let own = self.normals[vertex];
         let row = self.row(vertex);
@@ -190,7 +188,7 @@ fn solve(
     rim: &Rim,
     energy: Energy,
     progress: &Progress<'_>,
-) -> Result<Option<Vec<Point3<f64>>>, Cancelled> {
+) -> Result<Option<Vec<Point3<f64>>>, CancelledError> {
     progress.check()?;
     let laplacian = Laplacian::new(triangulation, rim);
     progress.check()?;
@@ -206,7 +204,7 @@ fn solve(
     if vertices.is_empty() {
         return Ok(None);
     }
-    // Relative to the centroid of the rim, so that no digits are lost if the hole is far from the origin.
+    // Coordinates are relative to the rim's centroid; otherwise digits would be lost if the hole is far from the origin.
     let sum: Vector3<f64> = rim.points.iter().map(|point| point.coords).sum();
     let origin = Point3::from(sum / rim.len() as f64);
     let ((matrix, mut right), dissection) = rayon::join(
@@ -227,7 +225,9 @@ fn solve(
         },
         || laplacian.dissection(&vertices, &unknowns, energy),
     );
-    let Some(factors) = Cholesky::ordered(&matrix, &dissection, progress)? else { return Ok(None) };
+    let Some(factors) = Cholesky::with_ordering(&matrix, &dissection, progress)? else {
+        return Ok(None);
+    };
     factors.solve(&mut right);
     let mut points = triangulation.points.clone();
     for (&vertex, solution) in vertices.iter().zip(right) {
@@ -236,37 +236,37 @@ fn solve(
     Ok(Some(points))
 }
 
-/// The equations under which an energy is least: the matrix and the right sides. The unknowns are the positions of `vertices`, numbered by
-/// `unknowns`; all other vertices stay at `place`.
+/// Returns the linear system that minimizes an energy: the matrix and the right sides. The unknowns are the positions of `vertices`,
+/// numbered by `unknowns`; all other vertices stay at `position`.
 fn equations(
     laplacian: &Laplacian,
     vertices: &[usize],
     unknowns: &[u32],
-    place: impl Fn(usize) -> Vector3<f64>,
+    position: impl Fn(usize) -> Vector3<f64>,
     energy: Energy,
 ) -> (Symmetric, Vec<[f64; 3]>) {
     let count = laplacian.areas.len();
     let curvatures = match energy {
-        Energy::EvenPlate => Some(laplacian.curvatures(&place)),
+        Energy::EvenPlate => Some(laplacian.curvatures(&position)),
         Energy::Membrane | Energy::ThinPlate => None,
     };
     let mut matrix = Symmetric { starts: vec![0], indices: Vec::new(), entries: Vec::new() };
     let mut right = Vec::with_capacity(vertices.len());
-    let mut places = vec![NONE; vertices.len()];
+    let mut indices = vec![NONE; vertices.len()];
     for &vertex in vertices {
         let first = matrix.indices.len();
         let mut known = Vector3::zeros();
         let mut add = |matrix: &mut Symmetric, column: usize, entry: f64| {
             let unknown = unknowns[column];
             if unknown == NONE {
-                known -= place(column) * entry;
+                known -= position(column) * entry;
                 return;
             }
-            let at = places[unknown as usize];
+            let at = indices[unknown as usize];
             if at != NONE && at as usize >= first {
                 matrix.entries[at as usize] += entry;
             } else {
-                places[unknown as usize] = matrix.indices.len() as u32;
+                indices[unknown as usize] = matrix.indices.len() as u32;
                 matrix.indices.push(unknown);
                 matrix.entries.push(entry);
             }
@@ -278,13 +278,14 @@ fn equations(
                     .for_each(|(column, weight)| add(&mut matrix, column, -weight));
             }
             Energy::ThinPlate | Energy::EvenPlate => {
-                // The weights are symmetric: what the row of a neighbor has here is what this row has there.
+                // The weights are symmetric: the entry of a neighbor's row at `vertex` equals the entry of the row of `vertex` at the
+                // neighbor.
                 for (row, weight) in laplacian.row(vertex).filter(|(row, _)| *row < count) {
-                    let share = weight / laplacian.areas[row];
-                    if share != 0.0 {
+                    let scale = weight / laplacian.areas[row];
+                    if scale != 0.0 {
                         laplacian
                             .row(row)
-                            .for_each(|(column, other)| add(&mut matrix, column, share * other));
+                            .for_each(|(column, other)| add(&mut matrix, column, scale * other));
                     }
                 }
             }

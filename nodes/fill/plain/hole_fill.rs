@@ -1,23 +1,23 @@
-//! What fills one hole.
+//! The fill of one hole.
 
 use crate::triangles::triangulation::Triangulation;
 
-/// Why a hole has another surface than was asked for.
+/// The reason why a hole is filled with another surface than requested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Fallback {
-    /// The rim is too rough: a thin plate would have gone too far, and a membrane is there instead.
+    /// The rim is too rough: a thin plate would have gone too far, and a membrane is used instead.
     RoughRim,
-    /// No creases end at the rim, or they do not meet: a thin plate is there instead.
+    /// No creases end at the rim, or they do not meet: a thin plate is used instead.
     NoCreases,
-    /// It would have intersected the data, itself or what fills another hole, and another surface is there instead.
+    /// The fill would have intersected the data, itself or another fill: another surface is used instead.
     Intersection,
 }
 
-/// What fills one hole.
+/// The fill of one hole.
 #[derive(Clone)]
 pub(crate) struct HoleFill {
     pub(crate) triangulation: Triangulation,
     pub(crate) fallback: Option<Fallback>,
-    /// Whether creases of the data are extended across it.
+    /// True if creases of the data are extended across the fill.
     pub(crate) is_sharp: bool,
 }

@@ -1,32 +1,32 @@
-//! Which plain fill a method asks for.
+//! Options of plain fills, derived from the fill method.
 
 use crate::exemplar::{Start, Update};
 use crate::method::FillMethod;
 
-/// Which surface a plain fill is.
+/// The surface of a plain fill.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum PlainMethod {
     Flat,
     Membrane,
     ThinPlate,
     CreaseAware,
-    /// As `CreaseAware` where creases are certain, else as `ThinPlate`. Used where the user did not ask for creases, so that none are
-    /// invented.
+    /// Like `CreaseAware` if the creases are certain, otherwise like `ThinPlate`. Used if the user did not ask for creases, because
+    /// uncertain creases would be invented ones.
     PlateOrCreases,
     /// A triangle fan around the centroid of the rim, as in the published completion.
     Centroid,
 }
 
-/// Which plain fill is wanted; it may be the start of an exemplar fill.
+/// The options of a plain fill, which may be the start of an exemplar fill.
 #[derive(Clone, Copy)]
 pub(crate) struct PlainOptions {
     pub(crate) method: PlainMethod,
-    /// The length of its edges; none for that of the data's edges at the rim.
+    /// The target edge length in mm; if `None`, that of the data's edges at the rim.
     pub(crate) edge: Option<f64>,
 }
 
 impl PlainOptions {
-    pub(crate) fn of(fill: &FillMethod) -> Self {
+    pub(crate) fn from_method(fill: &FillMethod) -> Self {
         let method = match fill {
             FillMethod::ThinPlate => PlainMethod::ThinPlate,
             FillMethod::Membrane => PlainMethod::Membrane,

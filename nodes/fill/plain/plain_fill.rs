@@ -9,36 +9,36 @@ use super::options::{PlainMethod, PlainOptions};
 use super::sizes::Sizes;
 use crate::border::rim::Rim;
 use crate::creases::sharpen;
-use crate::triangles::density::{Stop, refine};
+use crate::triangles::density::{RefineError, refine};
 use crate::triangles::filling::Filling;
 use crate::triangles::triangulate::triangulate;
 use crate::triangles::triangulation::Triangulation;
 
-/// How far a fill may go from the centroid of the rim, in the largest distance of the rim from there. A ball's opening of less than a
-/// tenth of its width is still filled; a plate that a rough rim throws off is not.
-const FARTHEST: f64 = 2.5;
+/// Maximum distance of a fill from the centroid of the rim, divided by the maximum distance of the rim from its centroid. With this limit,
+/// a ball whose opening is smaller than a tenth of its width is still filled, and a plate that diverges because of a rough rim is rejected.
+const MAX_REACH: f64 = 2.5;
 
-/// Creases that were not asked for are extended only from rims with at least so many edges.
-const LEAST_RIM: usize = 16;
+/// Minimum number of rim edges for extending creases that were not asked for.
+const MIN_RIM_EDGES: usize = 16;
 
-/// Length of the edges of the first, coarse shape in that of the final edges: the coarse shape is found fast, and tells where vertices are
-/// added.
-const COARSE: f64 = 2.0;
+/// Ratio of the edge length of the first, coarse shape to the final edge length. The coarse shape is found fast and determines where
+/// vertices are added.
+const COARSE_RATIO: f64 = 2.0;
 
-/// How often the equations of the coarse plate are set up anew on the shape that it has. After one time it still has too much of the
-/// membrane before it, and rugged holes are filled a tenth worse; a third time changes most fills by a hundredth or two.
+/// Number of times the equations of the coarse plate are solved, each time with the previous shape as rest shape. After one solve the
+/// membrane still dominates, and rugged holes are filled 10 % worse; a third solve changes most fills by 1 to 2 %.
 const COARSE_ROUNDS: usize = 2;
 
-/// Fills one hole, with edges as long as `edge`, or as the data's at the rim.
+/// Fills one hole. Edges have the length `edge`, or that of the data's edges at the rim.
 ///
 /// # Errors
-/// If it would have too many triangles, or the evaluation is told to stop.
+/// Returns an error if the fill would have too many triangles, or if the evaluation is cancelled.
 pub(crate) fn fill_hole(
     filling: &Filling,
     rim: &Rim,
     PlainOptions { method, edge }: PlainOptions,
     progress: &Progress<'_>,
-) -> Result<HoleFill, Stop> {
+) -> Result<HoleFill, RefineError> {
     progress.tick(0.0)?;
     let sizes = Sizes::new(rim, edge);
     let mut triangulation = match method {
@@ -49,7 +49,7 @@ pub(crate) fn fill_hole(
     let mut fallback = None;
     match method {
         PlainMethod::Flat | PlainMethod::Centroid => {
-            refine(&mut triangulation, |point| sizes.at(point), progress)?;
+            refine(&mut triangulation, |point| sizes.length_at(point), progress)?;
         }
         PlainMethod::Membrane => membrane(&mut triangulation, rim, &sizes, progress)?,
         PlainMethod::ThinPlate | PlainMethod::CreaseAware | PlainMethod::PlateOrCreases => {
@@ -62,9 +62,9 @@ pub(crate) fn fill_hole(
             }
         }
     }
-    // A rim that is too rough for a plate, or has few edges, may seem to have creases by chance.
+    // On a rim that is too rough for a plate, or that has few edges, creases may be found by chance.
     fn are_creases_certain(fallback: &Option<Fallback>, rim: &Rim) -> bool {
-        fallback.is_none() && LEAST_RIM <= rim.len()
+        fallback.is_none() && MIN_RIM_EDGES <= rim.len()
     }
     let is_asked = method == PlainMethod::CreaseAware;
     if is_asked || method == PlainMethod::PlateOrCreases && are_creases_certain(&fallback, rim) {
@@ -79,36 +79,36 @@ pub(crate) fn fill_hole(
     Ok(HoleFill { triangulation, fallback, is_sharp: false })
 }
 
-/// Finds a shape and a density that fit each other: first both coarse, then both fine. The coarse shape tells how far apart the fine
-/// vertices are to be.
+/// Computes a membrane and its vertex density: first both coarse, then both fine. The coarse shape determines the distances between the
+/// fine vertices.
 fn membrane(
     triangulation: &mut Triangulation,
     rim: &Rim,
     sizes: &Sizes,
     progress: &Progress<'_>,
-) -> Result<(), Stop> {
-    for (times, done) in [(COARSE, 0.0), (1.0, 0.3)] {
+) -> Result<(), RefineError> {
+    for (times, done) in [(COARSE_RATIO, 0.0), (1.0, 0.3)] {
         progress.tick(done)?;
-        refine(triangulation, |point| times * sizes.at(point), progress)?;
+        refine(triangulation, |point| times * sizes.length_at(point), progress)?;
         fair(triangulation, rim, Energy::Membrane, progress)?;
     }
     Ok(())
 }
 
-/// As [`membrane`], as a plate. How far it bulges depends on the rest shape: the surface on which the equations are set up. A rim does not
-/// tell whether the data's curvature continues behind it or fades, so the rest shape is the mean of two extremes that are found on the
-/// coarse level: a membrane, which does not bulge at all, and a plate whose rest shape is the plate itself, which bulges most. With a flat
-/// rest shape, plates are up to twice as far from the truth where the data are round; with the other extreme, where they are not.
-/// The fine plate is computed once, over that mean.
+/// Computes a thin plate and its vertex density. The bulge of a plate depends on the rest shape, the surface on which the equations are set
+/// up. A rim does not show whether the data's curvature continues beyond it or fades. Therefore the rest shape is the mean of two extremes,
+/// both computed on the coarse level: a membrane, which does not bulge, and a plate whose rest shape is the plate itself, which bulges
+/// most. Where the data are round, a plate on the membrane alone is up to twice as far from the truth; where they are not, a plate on the
+/// other extreme alone is. The fine plate is computed once, on the mean of both.
 fn plate(
     triangulation: &mut Triangulation,
     rim: &Rim,
     sizes: &Sizes,
     progress: &Progress<'_>,
-) -> Result<(), Stop> {
-    let coarse = |point| COARSE * sizes.at(point);
+) -> Result<(), RefineError> {
+    let coarse = |point| COARSE_RATIO * sizes.length_at(point);
     refine(triangulation, coarse, progress)?;
-    // Removes the folds that triangles from rim to rim have.
+    // Fairing as a membrane removes folds of triangles between rim vertices.
     fair(triangulation, rim, Energy::Membrane, progress)?;
     refine(triangulation, coarse, progress)?;
     progress.tick(0.1)?;
@@ -121,7 +121,7 @@ fn plate(
         *point = nalgebra::center(point, full);
     }
     progress.tick(0.2)?;
-    refine(triangulation, |point| sizes.at(point), progress)?;
+    refine(triangulation, |point| sizes.length_at(point), progress)?;
     progress.tick(0.5)?;
     fair(triangulation, rim, Energy::EvenPlate, progress)?;
     Ok(())
@@ -132,7 +132,7 @@ fn goes_too_far(triangulation: &Triangulation, rim: &Rim) -> bool {
     fn farthest(points: &[Point3<f64>], centroid: Point3<f64>) -> f64 {
         points.iter().map(|point| (point - centroid).norm()).fold(0.0, f64::max)
     }
-    farthest(&triangulation.points, centroid) > FARTHEST * farthest(&rim.points, centroid)
+    farthest(&triangulation.points, centroid) > MAX_REACH * farthest(&rim.points, centroid)
 }
 
 fn centroid(rim: &Rim) -> Point3<f64> {
@@ -140,7 +140,7 @@ fn centroid(rim: &Rim) -> Point3<f64> {
     Point3::from(sum / rim.len() as f64)
 }
 
-/// The minimum-weight triangulation; a fan if there is none without an edge that the mesh already has.
+/// Returns the minimum-weight triangulation, or a fan if every triangulation has an edge that the mesh already has.
 fn min_weight_or_fan(rim: &Rim) -> Triangulation {
     let faces = triangulate(&rim.points, &rim.normals, &|a, b| rim.is_taken(a, b));
     faces.map_or_else(
@@ -149,7 +149,7 @@ fn min_weight_or_fan(rim: &Rim) -> Triangulation {
     )
 }
 
-/// A triangle fan around the centroid of the rim; if `halved`, with a vertex in the middle of each edge to the centroid.
+/// Returns a triangle fan around the centroid of the rim; if `halved`, each edge to the centroid is divided in the middle.
 fn fan(rim: &Rim, halved: bool) -> Triangulation {
     let count = rim.len() as u32;
     let mut points = rim.points.clone();

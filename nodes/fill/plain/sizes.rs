@@ -1,37 +1,39 @@
-//! How long the edges of a fill should be.
+//! The target edge lengths of a fill.
 
 use nalgebra::Point3;
 
 use crate::border::rim::Rim;
-use crate::triangles::density::{Stop, TRIANGLES, estimate};
+use crate::triangles::density::{RefineError, TRIANGLES, estimate};
 use crate::triangles::triangulation::Triangulation;
 
-/// How long edges should be: the mean of the lengths of the data's edges at the rim, weighed by the inverse fourth power of the distance.
+/// Target edge lengths. The target at a point is the mean of the data's edge lengths at the rim, weighted by the inverse fourth power of
+/// their distance from the point.
 pub(crate) struct Sizes {
-    /// Places on the rim, by coordinate, padded with infinite ones, whose weight is 0, to a multiple of [`LANES`].
-    places: [Vec<f64>; 3],
-    /// How long edges are there.
+    /// Coordinates of sample points on the rim, one list per axis. Infinite points, whose weight is 0, pad the lists to a multiple of
+    /// [`LANES`].
+    positions: [Vec<f64>; 3],
+    /// The edge length at each sample point.
     lengths: Vec<f64>,
 }
 
-/// As many triangles are divided to estimate how many there will be: some milliseconds.
-const MOST_DIVISIONS: usize = 50_000;
+/// Maximum number of triangles that are divided to estimate the final number; the divisions take some milliseconds.
+const MAX_DIVISIONS: usize = 50_000;
 
-/// As many places on the rim are told apart at most: a multiple of [`LANES`].
-const MOST_SAMPLES: usize = 128;
+/// Maximum number of sample points on the rim: a multiple of [`LANES`].
+const MAX_SAMPLES: usize = 128;
 
-/// Sums that run side by side.
+/// Number of sums that are computed in parallel.
 const LANES: usize = 4;
 
 impl Sizes {
     pub(crate) fn new(rim: &Rim, edge: Option<f64>) -> Self {
         if let Some(edge) = edge {
-            return Self::of(&[Point3::origin()], vec![edge]);
+            return Self::from_samples(&[Point3::origin()], vec![edge]);
         }
-        let chunk = rim.len().div_ceil(MOST_SAMPLES).max(1);
+        let chunk = rim.len().div_ceil(MAX_SAMPLES).max(1);
         let middles = rim.points.chunks(chunk).map(|points| points[points.len() / 2]);
         let middles: Vec<Point3<f64>> = middles.collect();
-        Self::of(
+        Self::from_samples(
             &middles,
             rim.lengths
                 .chunks(chunk)
@@ -40,35 +42,37 @@ impl Sizes {
         )
     }
 
-    fn of(places: &[Point3<f64>], mut lengths: Vec<f64>) -> Self {
-        let count = places.len().next_multiple_of(LANES);
+    fn from_samples(positions: &[Point3<f64>], mut lengths: Vec<f64>) -> Self {
+        let count = positions.len().next_multiple_of(LANES);
         lengths.resize(count, 0.0);
-        let places = [0, 1, 2].map(|axis| {
-            let mut places: Vec<f64> = places.iter().map(|place| place[axis]).collect();
-            places.resize(count, f64::INFINITY);
-            places
+        let positions = [0, 1, 2].map(|axis| {
+            let mut positions: Vec<f64> = positions.iter().map(|position| position[axis]).collect();
+            positions.resize(count, f64::INFINITY);
+            positions
         });
-        Self { places, lengths }
+        Self { positions, lengths }
     }
 
+    /// Checks that a fill with the target edge lengths does not have too many triangles.
+    ///
     /// # Errors
-    /// If there would be too many triangles.
-    pub(crate) fn check(&self, triangulation: &Triangulation) -> Result<(), Stop> {
-        // Nowhere are edges shorter than where they are shortest at the rim: nearly always that estimate suffices.
+    /// Returns an error if it would have too many triangles.
+    pub(crate) fn check(&self, triangulation: &Triangulation) -> Result<(), RefineError> {
+        // Fast check: edges are nowhere shorter than the shortest at the rim. This bound nearly always suffices.
         let lengths = self.lengths.iter().copied().filter(|length| *length > 0.0);
         let shortest = lengths.fold(f64::INFINITY, f64::min);
-        if estimate(triangulation, |_| shortest, 0) <= TRIANGLES.most as f64 {
+        if estimate(triangulation, |_| shortest, 0) <= TRIANGLES.max as f64 {
             return Ok(());
         }
-        let need = estimate(triangulation, |point| self.at(point), MOST_DIVISIONS);
-        if need <= TRIANGLES.most as f64 { Ok(()) } else { Err(Stop::TooMany(need)) }
+        let need = estimate(triangulation, |point| self.length_at(point), MAX_DIVISIONS);
+        if need <= TRIANGLES.max as f64 { Ok(()) } else { Err(RefineError::TooMany(need)) }
     }
 
-    /// The length of edges at a point.
-    pub(crate) fn at(&self, point: Point3<f64>) -> f64 {
+    /// Returns the target edge length at a point.
+    pub(crate) fn length_at(&self, point: Point3<f64>) -> f64 {
         let count = self.lengths.len();
-        let [x, y, z] = [0, 1, 2].map(|axis| &self.places[axis][..count]);
-        let mut buffer = [0.0; MOST_SAMPLES];
+        let [x, y, z] = [0, 1, 2].map(|axis| &self.positions[axis][..count]);
+        let mut buffer = [0.0; MAX_SAMPLES];
         let weights = &mut buffer[..count];
         for k in 0..count {
             let [dx, dy, dz] = [point.x - x[k], point.y - y[k], point.z - z[k]];

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Point3, center};
 
-/// Of a nut with its bore along `y`: vertices, and triangles of about one mm. It is 20 mm from the middle to an outer corner, 20 mm high,
-/// and its bore is half as wide.
+/// Returns the vertices and triangles, with edges of about 1 mm, of a nut whose bore is along `y`. Its outer corners are 20 mm from the
+/// axis, it is 20 mm high, and its bore has half that radius.
 pub(crate) fn nut(sides: u32) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
     fn corner(k: u32, radius: f64, y: f64, sides: u32) -> Point3<f64> {
         let angle = std::f64::consts::TAU * f64::from(k % sides) / f64::from(sides);
@@ -13,11 +13,9 @@ pub(crate) fn nut(sides: u32) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
     }
     let mut nut = Nut::default();
     for k in 0..sides {
-        fn at(radius: f64, y: f64, k: u32, sides: u32) -> [Point3<f64>; 2] {
-            [corner(k, radius, y, sides), corner(k + 1, radius, y, sides)]
-        }
-        let ([a, b], [c, d]) = (at(20.0, -10.0, k, sides), at(20.0, 10.0, k, sides));
-        let ([e, f], [g, h]) = (at(10.0, -10.0, k, sides), at(10.0, 10.0, k, sides));
+        let edges = [(20.0, -10.0), (20.0, 10.0), (10.0, -10.0), (10.0, 10.0)];
+        let [[a, b], [c, d], [e, f], [g, h]] =
+            edges.map(|(radius, y)| [corner(k, radius, y, sides), corner(k + 1, radius, y, sides)]);
         for quad in [[a, b, d, c], [c, d, h, g], [g, h, f, e], [e, f, b, a]] {
             nut.add(quad);
         }
@@ -33,7 +31,7 @@ struct Nut {
 }
 
 impl Nut {
-    /// Adds a flat quadrilateral, cut alike on sides that others share.
+    /// Adds a flat quadrilateral as a grid of triangles. Quadrilaterals with a common side have the same vertices on it.
     fn add(&mut self, [a, b, c, d]: [Point3<f64>; 4]) {
         let columns = 16;
         let rows = (b - c).norm().round() as u32;
@@ -62,7 +60,8 @@ impl Nut {
     }
 }
 
-/// What is cut out of it: a ball around an outer corner and the middle of a side, over several edges.
+/// Returns true for the points to remove: those in a ball around an outer corner, and those in a ball around the middle of a side, across
+/// several edges.
 pub(crate) fn is_lost(point: &Point3<f64>, sides: u32) -> bool {
     let half = std::f64::consts::PI / f64::from(sides);
     let [top, side] = [

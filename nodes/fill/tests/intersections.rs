@@ -1,37 +1,35 @@
-//! Intersections of fills with the data and with themselves.
+//! Tests of intersections of fills with the data and with themselves.
 
 use super::*;
 
-const INTERSECTS: &str = "run through others";
+const INTERSECTS: &str = "intersect others";
 
-/// Two meshes in one.
-fn both(one: &Mesh, other: &Mesh) -> Mesh {
+/// Returns a mesh that consists of two meshes.
+fn merge(one: &Mesh, other: &Mesh) -> Mesh {
     let data = one.positions().len() as u32;
     let points = one.positions().iter().chain(other.positions().iter()).copied();
     let [of_one, of_other] = [one, other].map(|mesh| mesh.faces().as_triangles().unwrap());
     let moved = of_other.iter().map(|face| face.map(|vertex| vertex + data));
-    of(points.collect(), of_one.iter().copied().chain(moved).collect())
+    triangle_mesh(points.collect(), of_one.iter().copied().chain(moved).collect())
 }
 
-/// The vertices of the rim of a hole in a grid, in pairs.
+/// Returns the edges of the rim of the hole in a grid, as pairs of vertices.
 fn rim_edges(mesh: &Mesh) -> Vec<[u32; 2]> {
     let edges = mesh.edges();
-    fn place(vertex: u32, mesh: &Mesh) -> Point3<f64> {
-        mesh.positions()[vertex as usize]
-    }
-    let is_rim = |ends: &[u32; 2]| {
-        libm::hypot(place(ends[0], mesh).x - 9.5, place(ends[0], mesh).y - 9.5) < 7.0
-    };
     let border = edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1);
-    border.map(|(ends, _)| *ends).filter(is_rim).collect()
+    let rim = border.map(|(ends, _)| *ends).filter(|ends| {
+        let p = mesh.positions()[ends[0] as usize];
+        libm::hypot(p.x - 9.5, p.y - 9.5) < 7.0
+    });
+    rim.collect()
 }
 
 fn round_hole(height: impl Fn(f64, f64) -> f64) -> Mesh {
-    without(&grid(20, 20, height), |p| libm::hypot(p.x - 9.5, p.y - 9.5) < 4.0)
+    remove_vertices(&grid(20, 20, height), |p| libm::hypot(p.x - 9.5, p.y - 9.5) < 4.0)
 }
 
-/// A hole in rough data, at the rim of which some points are in one place.
-fn with_points_in_one_place(seed: u64) -> Mesh {
+/// Returns a hole in rough data, some of whose rim points coincide.
+fn with_coincident_points(seed: u64) -> Mesh {
     fn hills(x: f64, y: f64) -> f64 {
         0.3 * libm::sin(x) + 0.2 * y
     }
@@ -46,52 +44,40 @@ fn with_points_in_one_place(seed: u64) -> Mesh {
 }
 
 #[test]
-fn points_in_one_place_at_the_rim_make_no_folds() {
+fn coincident_rim_points_make_no_folds() {
     for seed in 0..20 {
-        let mesh = with_points_in_one_place(seed);
+        let mesh = with_coincident_points(seed);
         for method in PLAIN {
             let filled = fill(&mesh, HoleChoice::All, method.clone()).unwrap();
             check_kept(&mesh, &filled.mesh);
-            fn tells(what: &str, filled_warnings: &[String]) -> bool {
-                filled_warnings.iter().any(|warning| warning.contains(what))
-            }
-            assert!(
-                !tells(INTERSECTS, &filled.warnings),
-                "{seed} {method:?}: {:?}",
-                filled.warnings
-            );
-            // Creases that intersect something are taken for wrong ones; all other fills are repaired.
+            assert!(!has_warning(&filled, INTERSECTS), "{seed} {method:?}: {:?}", filled.warnings);
+            // If creases lead to intersections, they are considered wrong; all other fills are repaired.
             let is_sharp = matches!(method, FillMethod::CreaseAware);
-            let tells = tells("another surface", &filled.warnings) && !is_sharp;
-            assert!(!tells, "{seed} {method:?}: {:?}", filled.warnings);
+            let is_replaced = has_warning(&filled, "another surface") && !is_sharp;
+            assert!(!is_replaced, "{seed} {method:?}: {:?}", filled.warnings);
         }
     }
 }
 
 #[test]
 fn several_threads_repair_to_the_same_bytes() {
-    fn apart(seed: u64) -> Mesh {
-        let mesh = with_points_in_one_place(seed);
+    fn shifted_mesh(seed: u64) -> Mesh {
+        let mesh = with_coincident_points(seed);
         let off = nalgebra::Vector3::x() * (30.0 * seed as f64);
         mesh.with_positions(mesh.positions().iter().map(|p| p + off).collect()).unwrap()
     }
-    let all = (1..6).map(apart).fold(apart(0), |all, other| both(&all, &other));
-    fn filled(threads: usize, all: &Mesh) -> Mesh {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| fill(all, HoleChoice::All, FillMethod::ThinPlate).unwrap().mesh)
-    }
-    let one = filled(1, &all);
-    assert!([2, 8].into_iter().all(|threads| filled(threads, &all) == one));
+    let all = (1..6).map(shifted_mesh).fold(shifted_mesh(0), |all, other| merge(&all, &other));
+    check_threads(&all);
 }
 
 #[test]
-fn what_no_filling_can_pass_is_told() {
-    fn told(mesh: &Mesh, why: &str) {
+fn unavoidable_intersections_are_reported() {
+    fn check_warnings(mesh: &Mesh, why: &str) {
         for method in PLAIN {
             let filled = fill(mesh, HoleChoice::All, method.clone()).unwrap();
             check_kept(mesh, &filled.mesh);
-            let told = filled.warnings.iter().find(|warning| warning.contains(INTERSECTS));
-            assert!(told.is_some_and(|warning| warning.ends_with(why)), "{:?}", filled.warnings);
+            let warning = filled.warnings.iter().find(|warning| warning.contains(INTERSECTS));
+            assert!(warning.is_some_and(|warning| warning.ends_with(why)), "{:?}", filled.warnings);
         }
     }
     let holed = round_hole(|_, _| 0.0);
@@ -107,16 +93,17 @@ fn what_no_filling_can_pass_is_told() {
             )
             .unwrap()
     }
-    let loose = both(&holed, &upright(9.3, 0.3));
-    told(&loose, "; a loose part of the mesh is in the way of rim 1");
-    let through = both(&holed, &upright(9.3, 1.0));
-    let why = "; a loose part of the mesh is in the way of rim 1; the data run through themselves at rim 1";
-    told(&through, why);
+    let loose = merge(&holed, &upright(9.3, 0.3));
+    check_warnings(&loose, "; a disconnected part of the mesh blocks rim 1");
+    let through = merge(&holed, &upright(9.3, 1.0));
+    let why =
+        "; a disconnected part of the mesh blocks rim 1; the data intersect themselves at rim 1";
+    check_warnings(&through, why);
 }
 
 #[test]
-fn over_a_narrow_edge_a_membrane_is_taken_if_a_plate_would_go_too_far() {
-    // A slab as thin as an edge is long, rounded at its end, where a hole reaches over both sides.
+fn a_membrane_replaces_a_plate_that_goes_too_far() {
+    // The slab is as thick as an edge is long and rounded at its end; the hole extends over both sides.
     let sheet = grid(41, 30, |_, _| 0.0);
     let slab = sheet
         .with_positions(
@@ -135,13 +122,10 @@ fn over_a_narrow_edge_a_membrane_is_taken_if_a_plate_would_go_too_far() {
                 .collect(),
         )
         .unwrap();
-    let mesh = without(&slab, |p| libm::hypot(p.x, p.y - 15.0) < 5.5);
+    let mesh = remove_vertices(&slab, |p| libm::hypot(p.x, p.y - 15.0) < 5.5);
     let filled = fill(&mesh, HoleChoice::All, FillMethod::ThinPlate).unwrap();
-    fn tells(what: &str, filled_warnings: &[String]) -> bool {
-        filled_warnings.iter().any(|warning| warning.contains(what))
-    }
-    assert!(tells("a membrane fills rim 1", &filled.warnings), "{:?}", filled.warnings);
-    assert!(!tells(INTERSECTS, &filled.warnings), "{:?}", filled.warnings);
+    assert!(has_warning(&filled, "rim 1 is too rough for a thin plate"), "{:?}", filled.warnings);
+    assert!(!has_warning(&filled, INTERSECTS), "{:?}", filled.warnings);
     for p in &filled.mesh.positions()[mesh.positions().len()..] {
         assert!(p.x < 0.5 && p.z.abs() < 2.0, "{p}");
     }

@@ -1,14 +1,15 @@
-//! What filled faces show of a picture.
+//! Tests of the part of a picture that filled faces show.
 
 use maquette_value::Image;
 
-use super::super::exemplar::Shown;
+use super::super::exemplar::TextureSource;
 use super::*;
 
-/// A flat sheet with a hole, whose left and right half lie apart on a picture; a hundredth of it is as wide as a face.
+/// Returns a flat sheet with a hole. Its left and right halves are separate parts of the picture; a hundredth of the picture is as wide as
+/// a face.
 fn sheet() -> Mesh {
     let whole = grid(41, 41, |_, _| 0.0);
-    let mesh = without(&whole, |p| (p - Point3::new(20.0, 20.0, 0.0)).norm() < 4.5);
+    let mesh = remove_vertices(&whole, |p| (p - Point3::new(20.0, 20.0, 0.0)).norm() < 4.5);
     let points = mesh.positions();
     let shown = mesh.faces().iter().flat_map(|face| {
         let is_right = face.iter().map(|vertex| points[*vertex as usize].x).sum::<f64>() > 60.0;
@@ -23,7 +24,7 @@ fn sheet() -> Mesh {
 }
 
 #[test]
-fn filled_faces_show_what_the_picture_has_where_their_shape_comes_from() {
+fn filled_faces_show_the_picture_of_their_exemplars() {
     let mesh = sheet();
     let filled = fill(&mesh, HoleChoice::Largest, FillMethod::default()).unwrap().mesh;
     let kept = mesh.faces().len();
@@ -34,11 +35,11 @@ fn filled_faces_show_what_the_picture_has_where_their_shape_comes_from() {
     for (face, uv) in filled.faces().iter().zip(uv.as_chunks::<3>().0).skip(kept) {
         let middle: [f64; 2] = [0, 1].map(|k| uv.iter().map(|uv| uv[k]).sum::<f64>() * 100.0 / 3.0);
         let there = [if middle[0] > 45.0 { middle[0] - 50.0 } else { middle[0] }, middle[1]];
-        // It is on the sheet, beside the hole, in one half.
+        // The shown part of the picture is on the sheet, beside the hole, in one half.
         assert!(there.iter().all(|x| (0.0..40.0).contains(x)), "{there:?}");
         let far = libm::hypot(there[0] - 20.0, there[1] - 20.0);
         assert!(far > 3.0, "{there:?}");
-        // And as large and turned as the face.
+        // The shown part has the size and rotation of the face.
         for k in 0..3 {
             let [a, b] = [face[k], face[(k + 1) % 3]].map(|v| filled.positions()[v as usize]);
             let side = [0, 1].map(|axis| 100.0 * (uv[(k + 1) % 3][axis] - uv[k][axis]));
@@ -47,23 +48,24 @@ fn filled_faces_show_what_the_picture_has_where_their_shape_comes_from() {
         let at = filled.positions()[face[0] as usize];
         shifts.push([0, 1].map(|k| (100.0 * uv[0][k] - at[k]).round() as i32));
     }
-    // Many faces side by side show one piece of it.
+    // Many adjacent faces show one piece of the picture.
     shifts.sort_unstable();
     shifts.dedup();
     assert!(shifts.len() * 6 < filled.faces().len() - kept, "{} pieces", shifts.len());
 }
 
 #[test]
-fn a_picture_goes_on_across_plain_fills_and_where_that_is_wished() {
+fn a_picture_is_continued_across_plain_fills_and_on_request() {
     let mesh = sheet();
-    let options = ExemplarOptions { texture: Shown::Continued, ..ExemplarOptions::default() };
+    let options =
+        ExemplarOptions { texture: TextureSource::Continued, ..ExemplarOptions::default() };
     for method in [FillMethod::ThinPlate, FillMethod::Exemplar(options)] {
         let filled = fill(&mesh, HoleChoice::Largest, method).unwrap().mesh;
         let uv = filled.corner().pairs("uv").unwrap();
         let mut count = 0;
         for (&vertex, uv) in filled.faces().corners().iter().zip(uv.iter()) {
             let p = filled.positions()[vertex as usize];
-            // Away from the seam, which ends at the rim.
+            // Only vertices away from the seam count; the seam ends at the rim.
             if mesh.positions().len() <= vertex as usize && p.x < 18.0 {
                 assert!((uv[1] - p.y / 100.0).abs() < 0.02, "{p} {uv:?}");
                 count += 1;
@@ -76,22 +78,22 @@ fn a_picture_goes_on_across_plain_fills_and_where_that_is_wished() {
 const RED: [u8; 3] = [200, 40, 30];
 const BLUE: [u8; 3] = [30, 60, 190];
 
-/// A sheet with waves, red around its hole and on the left, where they are lower, and blue on the right, where they are as high as around
-/// the hole.
+/// Returns a wavy sheet. It is red around its hole and on the left, where the waves are lower, and blue on the right, where they are as
+/// high as around the hole.
 fn two_colors() -> Mesh {
     fn height(x: f64) -> f64 {
         0.25 + 0.05 * libm::tanh(x - 6.0)
     }
     let whole = grid(41, 41, |x, y| height(x) * libm::sin(0.9 * y));
-    let mesh = without(&whole, |p| (p - Point3::new(14.0, 20.0, 0.0)).norm() < 4.5);
+    let mesh = remove_vertices(&whole, |p| (p - Point3::new(14.0, 20.0, 0.0)).norm() < 4.5);
     let colors: Vec<[u8; 3]> =
         mesh.positions().iter().map(|p| if p.x < 24.0 { RED } else { BLUE }).collect();
     mesh.with_vertex("color", Attribute::Color(colors.into())).unwrap()
 }
 
-/// The same with its colors on a picture.
+/// Returns the sheet of `two_colors` with its colors on a picture.
 fn two_colored_picture() -> Mesh {
-    let mesh = two_colors().without("color");
+    let mesh = two_colors().without_attribute("color");
     let texels = (0..40 * 40).map(|k| if k % 40 < 24 { RED } else { BLUE });
     let picture = Image::new(40, 40, texels.collect::<Vec<_>>()).unwrap();
     let uv: Vec<[f64; 2]> = mesh
@@ -109,7 +111,7 @@ fn with_color(color: f64) -> FillMethod {
 }
 
 #[test]
-fn what_is_copied_has_the_colors_of_a_picture_around_the_hole() {
+fn copied_parts_have_the_picture_colors_around_the_hole() {
     let mesh = two_colored_picture();
     fn blue_corners(color: f64, mesh: &Mesh) -> usize {
         let filled = fill(mesh, HoleChoice::Largest, with_color(color)).unwrap().mesh;
@@ -118,14 +120,14 @@ fn what_is_copied_has_the_colors_of_a_picture_around_the_hole() {
         shown.iter().filter(|&&uv| mesh.texture().unwrap().sample(uv)[2] > 100.0).count()
     }
     assert_eq!(blue_corners(3.0, &mesh), 0);
-    // Without colors, nothing says that it is to be red.
+    // If colors are not compared, nothing requires red exemplars.
     assert!(blue_corners(0.0, &mesh) > 0);
 }
 
 #[test]
-fn what_is_copied_has_the_colors_of_the_vertices_around_the_hole() {
+fn copied_parts_have_the_vertex_colors_around_the_hole() {
     let mesh = two_colors();
-    // The mean of how blue the filled vertices are, from 0 for red to 1.
+    // Returns the mean blueness of the filled vertices, from 0 for red to 1 for blue.
     let [with, without] = [3.0, 0.0].map(|color: f64| {
         let filled = fill(&mesh, HoleChoice::Largest, with_color(color)).unwrap().mesh;
         let colors = &filled.vertex().colors("color").unwrap()[mesh.positions().len()..];

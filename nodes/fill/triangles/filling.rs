@@ -1,4 +1,4 @@
-//! A mesh of triangles whose holes are being filled: first the data, which never changes, then the filled vertices and faces.
+//! A triangle mesh whose holes are being filled: the data, which do not change, followed by the filled vertices and faces.
 
 use maquette_value::Mesh;
 use nalgebra::Point3;
@@ -6,37 +6,47 @@ use nalgebra::Point3;
 use super::triangulation::Triangulation;
 use crate::plain::hole_fill::HoleFill;
 
-/// A mesh of triangles whose holes are being filled.
+/// A triangle mesh whose holes are being filled.
 #[derive(Clone, Debug)]
 pub(crate) struct Filling {
-    /// The data's vertices in their order, which never move, then the filled ones.
+    /// The data's vertices in their order, followed by the filled ones. Data vertices never move.
     pub(crate) points: Vec<Point3<f64>>,
-    /// The data's triangles, which never change, then the filled ones.
+    /// The data's triangles, followed by the filled ones. The data's triangles never change.
     pub(crate) faces: Vec<[u32; 3]>,
-    /// How many vertices are data.
-    pub(crate) data: usize,
-    /// How many triangles are data.
-    pub(crate) kept: usize,
+    /// The number of data vertices.
+    pub(crate) n_data_vertices: usize,
+    /// The number of data triangles.
+    pub(crate) n_data_faces: usize,
 }
 
 impl Filling {
-    /// A mesh without anything filled.
+    /// Returns the triangles of `mesh`, with nothing filled yet.
     pub(crate) fn new(mesh: &Mesh) -> Self {
         let faces = mesh.triangles().into_owned();
         let (data, kept) = (mesh.positions().len(), faces.len());
-        Self { points: mesh.positions().to_vec(), faces, data, kept }
+        Self { points: mesh.positions().to_vec(), faces, n_data_vertices: data, n_data_faces: kept }
     }
 
-    /// Replaces all filled vertices and faces by those of these fills.
+    /// Returns the position of a vertex.
+    pub(crate) fn point(&self, vertex: u32) -> Point3<f64> {
+        self.points[vertex as usize]
+    }
+
+    /// Returns the positions of a triangle's vertices.
+    pub(crate) fn corners(&self, face: [u32; 3]) -> [Point3<f64>; 3] {
+        face.map(|vertex| self.point(vertex))
+    }
+
+    /// Replaces all filled vertices and faces by those of `fills`.
     pub(crate) fn add_all(&mut self, holes: &[Vec<u32>], fills: &[HoleFill]) {
-        self.points.truncate(self.data);
-        self.faces.truncate(self.kept);
+        self.points.truncate(self.n_data_vertices);
+        self.faces.truncate(self.n_data_faces);
         for (hole, fill) in holes.iter().zip(fills) {
             self.add(hole, &fill.triangulation);
         }
     }
 
-    /// Adds the fill of a hole whose rim has these vertices.
+    /// Appends the fill of a hole with the rim vertices `rim`.
     fn add(&mut self, rim: &[u32], triangulation: &Triangulation) {
         let (faces, kept) = triangulation.compact();
         let first = self.points.len();

@@ -1,8 +1,9 @@
-//! The triangulation of a rim of very many edges: some of its vertices first, then the others, the farthest from the triangles first.
+//! The triangulation of a rim with many edges. Some of the rim's vertices are triangulated first; the others are inserted one by one, the
+//! farthest from the triangles first.
 //!
-//! The few are chosen and the others follow as Douglas and Peucker do it, "Algorithms for the reduction of the number of points required
-//! to represent a digitized line or its caricature" (1973). After each vertex edges are flipped where that makes the two triangles
-//! smaller, or of equal ones better shaped, so that the area is nearly the least. Cost grows about with n log n.
+//! Vertices are chosen and inserted as in Douglas and Peucker, "Algorithms for the reduction of the number of points required to represent
+//! a digitized line or its caricature" (1973). After each vertex, edges are flipped if that makes the two triangles smaller, or better
+//! shaped at equal area, so that the total area is nearly minimal. The cost grows about with n log n.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -10,18 +11,18 @@ use std::collections::BinaryHeap;
 use nalgebra::{Point3, Vector3};
 
 use super::min_weight::min_weight;
-use super::triangulation::{NONE, Triangulation, area_vector, previous};
+use super::triangulation::{NONE, Triangulation, area_vector, cotangent, previous};
 
-/// The number of vertices that dynamic programming triangulates: with fewer the shape is worse, and the cost grows with the cube.
-const FEW: usize = 100;
+/// Number of vertices that are triangulated first, by dynamic programming. With fewer, the shape is worse; the cost grows with the cube.
+const MAX_VERTICES: usize = 100;
 
-/// Two areas that differ less than this share are the same.
+/// Relative difference below which two areas count as equal.
 const SAME_AREA: f64 = 1e-9;
 
-/// A part of the rim between two vertices that are in the triangles already.
+/// A part of the rim between two vertices that are already in the triangulation.
 #[derive(Clone, Copy, Debug)]
 struct Gap {
-    /// How far its farthest vertex is from the straight line.
+    /// The squared distance between the gap's farthest vertex and the line through the gap's ends.
     distance: f64,
     from: usize,
     to: usize,
@@ -59,25 +60,32 @@ fn gap(points: &[Point3<f64>], from: usize, to: usize) -> Option<Gap> {
     let middle = (from + to) as f64 / 2.0;
     let distance = |k: usize| {
         let to_point = points[k] - a;
-        let share = (to_point.dot(&along) / length_sq).clamp(0.0, 1.0);
-        (to_point - along * share).norm_squared()
+        let fraction = (to_point.dot(&along) / length_sq).clamp(0.0, 1.0);
+        (to_point - along * fraction).norm_squared()
     };
-    // Of vertices on the line the middle one is taken.
-    fn better(best: &(f64, usize), k: usize, off: f64, middle: f64) -> bool {
+    // Among several vertices on the line, the one nearest to the middle is taken.
+    fn is_better(best: &(f64, usize), k: usize, off: f64, middle: f64) -> bool {
         off > best.0
             || (off == best.0 && (k as f64 - middle).abs() < (best.1 as f64 - middle).abs())
     }
     let mut best = (distance(from + 1), from + 1);
     for k in from + 2..to {
         let off = distance(k);
-        if better(&best, k, off, middle) {
+        if is_better(&best, k, off, middle) {
             best = (off, k);
         }
     }
     Some(Gap { distance: best.0, from, to, farthest: best.1 })
 }
 
-/// The triangulation of a rim for which dynamic programming would take too long; see [`super::triangulate::triangulate`].
+/// Returns the index of the point that is farthest from `from`, the lowest index if several are equally far.
+fn farthest(points: &[Point3<f64>], from: Point3<f64>) -> Option<usize> {
+    let distances = points.iter().map(|point| (point - from).norm_squared());
+    let farthest = distances.enumerate().max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)));
+    farthest.map(|(k, _)| k)
+}
+
+/// Triangulates a rim that is too long for dynamic programming; see [`super::triangulate::triangulate`].
 pub(crate) fn triangulate_large(
     points: &[Point3<f64>],
     normals: &[Vector3<f64>],
@@ -85,18 +93,11 @@ pub(crate) fn triangulate_large(
 ) -> Option<Vec<[u32; 3]>> {
     let count = points.len();
     let mut heap = BinaryHeap::new();
-    // From three corners that are far from each other.
-    fn far(from: Point3<f64>, count: usize, points: &[Point3<f64>]) -> Option<usize> {
-        fn off(k: &usize, from: Point3<f64>, points: &[Point3<f64>]) -> f64 {
-            (points[*k] - from).norm_squared()
-        }
-        (0..count)
-            .max_by(|a, b| off(a, from, points).total_cmp(&off(b, from, points)).then(b.cmp(a)))
-    }
-    let mut chosen = vec![0, far(points[0], count, points)?];
+    // The first corners are vertices that are far from each other.
+    let mut chosen = vec![0, farthest(points, points[0])?];
     heap.extend(gap(points, 0, chosen[1]));
     heap.extend(gap(points, chosen[1], count));
-    while chosen.len() < FEW {
+    while chosen.len() < MAX_VERTICES {
         let next = heap.pop()?;
         chosen.push(next.farthest);
         heap.extend(gap(points, next.from, next.farthest));
@@ -104,17 +105,16 @@ pub(crate) fn triangulate_large(
     }
     chosen.sort_unstable();
     let few: Vec<Point3<f64>> = chosen.iter().map(|&k| points[k]).collect();
-    let beyond: Vec<Vector3<f64>> = (0..FEW)
-        .map(|place| {
-            let end = chosen.get(place + 1).copied().unwrap_or(count);
-            let sum: Vector3<f64> = normals[chosen[place]..end].iter().sum();
+    let beyond: Vec<Vector3<f64>> = (0..MAX_VERTICES)
+        .map(|index| {
+            let end = chosen.get(index + 1).copied().unwrap_or(count);
+            let sum: Vector3<f64> = normals[chosen[index]..end].iter().sum();
             sum.try_normalize(0.0).unwrap_or_default()
         })
         .collect();
-    let taken = |a: usize, b: usize| is_taken(chosen[a], chosen[b]);
-    let faces = min_weight(&few, &beyond, &taken)?;
+    let faces = min_weight(&few, &beyond, &|a, b| is_taken(chosen[a], chosen[b]))?;
     let faces: Vec<[u32; 3]> =
-        faces.into_iter().map(|face| face.map(|place| chosen[place as usize] as u32)).collect();
+        faces.into_iter().map(|face| face.map(|index| chosen[index as usize] as u32)).collect();
     let mut growing =
         Growing { triangulation: Triangulation::new(points.to_vec(), 0, &faces), is_taken };
     let mut border = vec![NONE; count];
@@ -141,7 +141,8 @@ struct Growing<'a> {
 }
 
 impl Growing<'_> {
-    /// Adds the farthest vertex of a gap. `border` has the half-edge of the border that leaves each vertex.
+    /// Inserts the farthest vertex of a gap into the triangulation. `border` contains, for each vertex, the border half-edge that leaves
+    /// it.
     fn insert(&mut self, border: &mut [u32], gap: Gap) {
         let half = border[gap.from];
         let face = half / 3 * 3;
@@ -178,25 +179,18 @@ impl Growing<'_> {
         let c = triangulation.corners[previous(half) as usize];
         let d = triangulation.corners[previous(twin) as usize];
         let [pa, pb, pc, pd] = [a, b, c, d].map(|vertex| triangulation.points[vertex as usize]);
-        fn area(corners: [Point3<f64>; 3]) -> f64 {
-            Vector3::norm(&area_vector(corners))
-        }
-        let old = area([pa, pb, pc]) + area([pb, pa, pd]);
-        let new = area([pa, pd, pc]) + area([pd, pb, pc]);
+        let old = area_vector([pa, pb, pc]).norm() + area_vector([pb, pa, pd]).norm();
+        let new = area_vector([pa, pd, pc]).norm() + area_vector([pd, pb, pc]).norm();
         let is_smaller = new < old * (1.0 - SAME_AREA);
         let is_same = new <= old * (1.0 + SAME_AREA);
-        fn cotangent(at: Point3<f64>, u: Point3<f64>, v: Point3<f64>) -> f64 {
-            let [u, v] = [u - at, v - at];
-            u.dot(&v) / u.cross(&v).norm().max(f64::MIN_POSITIVE)
-        }
-        let is_better = || {
+        let is_better = is_same && {
             let [old, new] = [
                 cotangent(pc, pa, pb) + cotangent(pd, pa, pb),
                 cotangent(pa, pc, pd) + cotangent(pb, pc, pd),
             ];
             old < -1e-9 && old < new
         };
-        // The new edge cannot exist already: it would have crossed the one that goes.
-        (is_smaller || (is_same && is_better())) && !(self.is_taken)(c as usize, d as usize)
+        // The flipped edge cannot be in the triangulation already: it would have crossed the present one.
+        (is_smaller || is_better) && !(self.is_taken)(c as usize, d as usize)
     }
 }

@@ -2,38 +2,39 @@
 
 use nalgebra::{Point3, Vector3};
 
-/// A triangle whose area is below this share of the square of its longest edge has no side that it looks to.
+/// A triangle whose area is below this fraction of the square of its longest edge has no reliable normal.
 const FLAT: f64 = 1e-10;
 
-/// The bend of a face without a side: as if folded.
+/// The bend of a triangle without a reliable normal: as if it were folded.
 const FOLDED: f64 = 2.0;
 
 /// The best triangulation of a sub-polygon: the rim from one vertex to another, closed by the chord between them.
 #[derive(Clone, Copy)]
 struct SubPolygon {
-    /// One minus the cosine of the sharpest bend in it; infinite if it has no triangulation.
+    /// One minus the cosine of the sharpest bend; infinite if the sub-polygon has no triangulation.
     bend: f64,
     area: f64,
     /// The normal of the triangle at the chord.
     normal: Vector3<f64>,
-    /// The third corner of that triangle.
+    /// The third corner of the triangle at the chord.
     apex: u32,
 }
 
-/// The best of all triangulations.
+/// Returns the best triangulation of a rim; `None` if every triangulation contains an edge for which `is_taken` is true.
 pub(crate) fn min_weight(
     points: &[Point3<f64>],
     normals: &[Vector3<f64>],
     is_taken: &dyn Fn(usize, usize) -> bool,
 ) -> Option<Vec<[u32; 3]>> {
     let count = points.len();
-    // Bends are also kept apart: nearly always one of the two sub-polygons is worse by itself than the best that is known.
+    // Bends are also stored in a table of their own, for a fast test: nearly always one of the two sub-polygons alone is worse than the
+    // best triangulation so far.
     let mut bends = vec![f64::INFINITY; count * count];
     let none = SubPolygon { bend: f64::INFINITY, area: 0.0, normal: Vector3::zeros(), apex: 0 };
     let mut polygons = vec![none; count * count];
     for k in 0..count - 1 {
         polygons[k * count + k + 1] = SubPolygon { bend: 0.0, normal: normals[k], ..none };
-        // The table is symmetric, so that both sides of a search lie in rows.
+        // The table is symmetric: both operands of a search are then rows, which are contiguous in memory.
         polygons[(k + 1) * count + k] = polygons[k * count + k + 1];
         bends[k * count + k + 1] = 0.0;
         bends[(k + 1) * count + k] = 0.0;
@@ -97,11 +98,12 @@ fn best_apex(
             (Vector3::zeros(), FOLDED)
         } else {
             let normal = normal / size;
-            fn turn(other: Vector3<f64>, normal: Vector3<f64>) -> f64 {
+            fn bend_between(other: Vector3<f64>, normal: Vector3<f64>) -> f64 {
                 1.0 - normal.dot(&other)
             }
-            let bend = bend.max(turn(left.normal, normal)).max(turn(right.normal, normal));
-            (normal, beyond.map_or(bend, |other| bend.max(turn(other, normal))))
+            let bend =
+                bend.max(bend_between(left.normal, normal)).max(bend_between(right.normal, normal));
+            (normal, beyond.map_or(bend, |other| bend.max(bend_between(other, normal))))
         };
         let area = size + left.area + right.area;
         if bend < best.bend || (bend == best.bend && area < best.area) {

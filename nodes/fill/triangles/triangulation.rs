@@ -2,37 +2,37 @@
 
 use nalgebra::{Point3, Vector3};
 
-/// Stands for a half-edge or a vertex that does not exist.
+/// Index of a half-edge or vertex that does not exist.
 pub(crate) const NONE: u32 = u32::MAX;
 
 /// The triangulation of a hole. Half-edge `h` runs from corner `h` of face `h / 3` to the next corner of that face.
 ///
-/// The first `fixed` vertices are the rim: they never move or go. An edge between two of them may be made only by callers that have checked
-/// that the mesh has no such edge.
+/// The first `fixed` vertices are the rim: they are never moved or removed. A caller that makes an edge between two of them must first
+/// check that the mesh has no such edge.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Triangulation {
     pub(crate) points: Vec<Point3<f64>>,
     pub(crate) fixed: usize,
-    /// The vertex at each corner; [`NONE`] for a face that is gone.
+    /// The vertex at each corner; [`NONE`] for a removed face.
     pub(crate) corners: Vec<u32>,
-    /// The half-edge on the other side of each; [`NONE`] at the rim.
+    /// The opposite half-edge of each half-edge; [`NONE`] at the rim.
     pub(crate) twins: Vec<u32>,
-    /// A half-edge that leaves each vertex; [`NONE`] for a vertex that is gone.
+    /// A half-edge that leaves each vertex; [`NONE`] for a removed vertex.
     pub(crate) leaving: Vec<u32>,
 }
 
-/// The half-edge after `half` in its face.
+/// Returns the half-edge after `half` in its face.
 pub(crate) fn next(half: u32) -> u32 {
     if half % 3 == 2 { half - 2 } else { half + 1 }
 }
 
-/// The half-edge before `half` in its face.
+/// Returns the half-edge before `half` in its face.
 pub(crate) fn previous(half: u32) -> u32 {
     if half.is_multiple_of(3) { half + 2 } else { half - 1 }
 }
 
 impl Triangulation {
-    /// Some triangles over `points`, of which the first `fixed` are the rim.
+    /// Returns a triangulation with the given faces over `points`, of which the first `fixed` are the rim.
     pub(crate) fn new(points: Vec<Point3<f64>>, fixed: usize, faces: &[[u32; 3]]) -> Self {
         let corners = faces.as_flattened().to_vec();
         let mut leaving = vec![NONE; points.len()];
@@ -43,7 +43,7 @@ impl Triangulation {
         triangulation
     }
 
-    /// Finds the twins: half-edges between the same vertices are neighbors in sorted order.
+    /// Finds the opposite half-edges: sorted by their vertices, the two half-edges of an edge are adjacent.
     fn link(&mut self) {
         let halves = 0..self.corners.len() as u32;
         let mut ends: Vec<([u32; 2], u32)> = halves
@@ -54,11 +54,11 @@ impl Triangulation {
             .collect();
         ends.sort_unstable();
         for pair in ends.windows(2).filter(|pair| pair[0].0 == pair[1].0) {
-            self.join(pair[0].1, pair[1].1);
+            self.join_twins(pair[0].1, pair[1].1);
         }
     }
 
-    fn join(&mut self, a: u32, b: u32) {
+    fn join_twins(&mut self, a: u32, b: u32) {
         if a != NONE {
             self.twins[a as usize] = b;
         }
@@ -79,7 +79,7 @@ impl Triangulation {
         (vertex as usize) < self.fixed
     }
 
-    /// Each edge with two faces once, as its lower half-edge.
+    /// Returns each edge that has two faces once, as the half-edge with the lower index.
     pub(crate) fn inner_edges(&self) -> impl Iterator<Item = u32> {
         let halves = 0..self.corners.len() as u32;
         halves.filter(|&half| {
@@ -93,8 +93,8 @@ impl Triangulation {
         (b - a).norm()
     }
 
-    /// The half-edges that leave an inner vertex, all around it.
-    pub(crate) fn around(&self, vertex: u32) -> impl Iterator<Item = u32> {
+    /// Returns the half-edges that leave an inner vertex, all around it.
+    pub(crate) fn halves_around(&self, vertex: u32) -> impl Iterator<Item = u32> {
         let first = self.leaving[vertex as usize];
         let mut half = first;
         std::iter::from_fn(move || {
@@ -110,7 +110,13 @@ impl Triangulation {
         })
     }
 
-    /// The ends of an edge, the corners opposite to it in its two faces, and the half-edges beyond the other sides of these faces.
+    /// Returns the vertices connected to an inner vertex by an edge.
+    fn neighbors(&self, vertex: u32) -> impl Iterator<Item = u32> {
+        self.halves_around(vertex).map(|half| self.ends(half)[1])
+    }
+
+    /// Returns the ends of an edge and the opposite corners of its two faces, and the half-edges opposite to the other four sides of the
+    /// two faces.
     fn diamond(&self, half: u32, twin: u32) -> ([u32; 4], [u32; 4]) {
         let [a, b] = self.ends(half);
         let [c, d] = [half, twin].map(|half| self.corners[previous(half) as usize]);
@@ -118,18 +124,18 @@ impl Triangulation {
         ([a, b, c, d], sides.map(|half| self.twins[half as usize]))
     }
 
-    /// Turns an edge in the quadrilateral of its two faces.
+    /// Flips an edge: replaces it by the other diagonal of the quadrilateral formed by its two faces.
     pub(crate) fn flip(&mut self, half: u32) {
         let twin = self.twins[half as usize];
         let ([a, b, c, d], [bc, ca, ad, db]) = self.diamond(half, twin);
         let (f, g) = (half / 3 * 3, twin / 3 * 3);
         self.set_face(f, [a, d, c]);
         self.set_face(g, [d, b, c]);
-        self.join(f, ad);
-        self.join(f + 1, g + 2);
-        self.join(f + 2, ca);
-        self.join(g, db);
-        self.join(g + 1, bc);
+        self.join_twins(f, ad);
+        self.join_twins(f + 1, g + 2);
+        self.join_twins(f + 2, ca);
+        self.join_twins(g, db);
+        self.join_twins(g + 1, bc);
     }
 
     fn set_face(&mut self, first: u32, vertices: [u32; 3]) {
@@ -152,7 +158,7 @@ impl Triangulation {
         self.points.len() as u32 - 1
     }
 
-    /// Puts a vertex onto an inner edge.
+    /// Inserts a vertex into an inner edge; returns the vertex.
     pub(crate) fn split(&mut self, half: u32, point: Point3<f64>) -> u32 {
         let twin = self.twins[half as usize];
         let ([a, b, c, d], [bc, ca, ad, db]) = self.diamond(half, twin);
@@ -163,18 +169,18 @@ impl Triangulation {
         self.set_face(p, [m, b, c]);
         self.set_face(g, [m, a, d]);
         self.set_face(q, [b, m, d]);
-        self.join(f, g);
-        self.join(f + 1, p + 2);
-        self.join(f + 2, ca);
-        self.join(p, q);
-        self.join(p + 1, bc);
-        self.join(g + 1, ad);
-        self.join(g + 2, q + 1);
-        self.join(q + 2, db);
+        self.join_twins(f, g);
+        self.join_twins(f + 1, p + 2);
+        self.join_twins(f + 2, ca);
+        self.join_twins(p, q);
+        self.join_twins(p + 1, bc);
+        self.join_twins(g + 1, ad);
+        self.join_twins(g + 2, q + 1);
+        self.join_twins(q + 2, db);
         m
     }
 
-    /// Puts a vertex of the rim onto the border edge `half`.
+    /// Inserts a rim vertex into the border edge `half`.
     pub(crate) fn split_border(&mut self, half: u32, vertex: u32) {
         let [a, b] = self.ends(half);
         let c = self.corners[previous(half) as usize];
@@ -184,14 +190,14 @@ impl Triangulation {
         self.set_face(f, [a, vertex, c]);
         self.set_face(p, [vertex, b, c]);
         self.twins[f as usize] = NONE;
-        self.join(f + 1, p + 2);
-        self.join(f + 2, ca);
-        self.join(p + 1, bc);
+        self.join_twins(f + 1, p + 2);
+        self.join_twins(f + 2, ca);
+        self.join_twins(p + 1, bc);
     }
 
-    /// Whether the edge of `half` can be collapsed into the end of `half` so that a surface is left.
+    /// Returns true if the start of `half` can be collapsed into its end so that the result is manifold.
     ///
-    /// The link condition of Dey, Edelsbrunner, Guha and Nekhayev, "Topology preserving edge contraction" (1999); besides, no edge
+    /// Uses the link condition of Dey, Edelsbrunner, Guha and Nekhayev, "Topology preserving edge contraction" (1999). In addition, no edge
     /// between two rim vertices may appear, since the data could have the same edge.
     pub(crate) fn may_collapse(&self, half: u32) -> bool {
         let [v, u] = self.ends(half);
@@ -205,30 +211,29 @@ impl Triangulation {
         }
         let c = self.corners[previous(half) as usize];
         let d = self.corners[previous(twin) as usize];
-        let neighbors = |vertex: u32| self.around(vertex).map(|half| self.ends(half)[1]);
         if c == d {
             return false;
         }
-        let mut others = neighbors(v).filter(|&w| w != u && w != c && w != d);
+        let mut others = self.neighbors(v).filter(|&w| w != u && w != c && w != d);
         if self.is_rim(u) {
-            // `around` serves inner vertices alone, so that the ring of `u` is not asked for.
-            return others.all(|w| !self.is_rim(w) && neighbors(w).all(|other| other != u));
+            // `halves_around` works for inner vertices only; therefore the ring of `w` is searched, not that of `u`.
+            return others.all(|w| !self.is_rim(w) && self.neighbors(w).all(|other| other != u));
         }
         let others: Vec<u32> = others.collect();
-        neighbors(u).all(|w| !others.contains(&w))
+        self.neighbors(u).all(|w| !others.contains(&w))
     }
 
-    /// Collapses the edge of `half` into its end, which stays where it is; the vertex at which `half` begins is gone.
+    /// Collapses the edge of `half` into its end, which keeps its position; the start vertex is removed.
     pub(crate) fn collapse(&mut self, half: u32) {
         let twin = self.twins[half as usize];
         let [v, u] = self.ends(half);
-        let changed: Vec<u32> = self.around(v).collect();
+        let changed: Vec<u32> = self.halves_around(v).collect();
         changed.into_iter().for_each(|half| self.corners[half as usize] = u);
         for half in [half, twin] {
             let [a, b] = [next(half), previous(half)].map(|half| self.twins[half as usize]);
             let opposite = self.corners[previous(half) as usize];
-            self.join(a, b);
-            // At least one of both exists, and begins or ends at the opposite vertex.
+            self.join_twins(a, b);
+            // At least one of the two half-edges exists, and it begins or ends at the opposite vertex.
             let kept = if a != NONE { a } else { b };
             for half in [kept, next(kept)] {
                 let from = self.corners[half as usize];
@@ -246,13 +251,13 @@ impl Triangulation {
         self.leaving[v as usize] = NONE;
     }
 
-    /// How many faces are left.
+    /// The number of remaining faces.
     pub(crate) fn n_faces(&self) -> usize {
         self.corners.as_chunks::<3>().0.iter().filter(|face| face[0] != NONE).count()
     }
 
-    /// The faces that are left, with vertices renumbered without gaps, and the present number of each of these vertices: first those of the
-    /// rim, then the others in order.
+    /// Returns the remaining faces with vertices renumbered without gaps, and for each new vertex number the present one. Rim vertices come
+    /// first, then the other vertices in order.
     pub(crate) fn compact(&self) -> (Vec<[u32; 3]>, Vec<u32>) {
         let mut numbers = vec![NONE; self.points.len()];
         let mut kept: Vec<u32> = (0..self.fixed as u32).collect();
@@ -266,7 +271,13 @@ impl Triangulation {
     }
 }
 
-/// The normal of a triangle, as long as twice its area.
+/// Returns the cotangent of the angle at `apex` between the directions to two points.
+pub(crate) fn cotangent(apex: Point3<f64>, a: Point3<f64>, b: Point3<f64>) -> f64 {
+    let [u, v] = [a - apex, b - apex];
+    u.dot(&v) / u.cross(&v).norm().max(f64::MIN_POSITIVE)
+}
+
+/// Returns the vector area of a triangle times two: a vector along the normal whose length is twice the area.
 pub(crate) fn area_vector([a, b, c]: [Point3<f64>; 3]) -> Vector3<f64> {
     (b - a).cross(&(c - a))
 }

@@ -5,13 +5,13 @@ use maquette_value::parallel::*;
 
 use super::gradient::Levels;
 
-/// How many deviations from its center the Gaussian is cut off: 1/3000 of its height is left there.
-const REACH: f64 = 4.0;
+/// The distance at which the Gaussian is cut off, in standard deviations; at this distance it has 1/3000 of its height.
+const CUTOFF: f64 = 4.0;
 
-/// The levels blurred along rows, then along columns, by a Gaussian of deviation `sigma` (pixels). At the picture's border
-/// its weights inside are scaled to sum to 1.
+/// Blurs levels along rows, then along columns, by a Gaussian of standard deviation `sigma` (pixels). At the border of the picture, the
+/// weights of the pixels inside are scaled to sum to 1.
 ///
-/// Each level is changed by the weighed differences of its neighbors from it, so that what is flat stays exactly as it is.
+/// Weighted differences of neighbors are added to each level, so that constant areas stay exactly constant.
 pub(crate) fn blur(levels: Levels<'_>, sigma: f64) -> Vec<f32> {
     let [width, height] = levels.size();
     let weights = &weights(sigma, width.max(height))[..];
@@ -28,22 +28,22 @@ pub(crate) fn blur(levels: Levels<'_>, sigma: f64) -> Vec<f32> {
     blurred
 }
 
-/// The Gaussian's height at the distances 0, 1, ... up to its reach, or to the picture's size.
+/// Returns the values of the Gaussian at the distances 0, 1, ... up to its cut-off, or up to the size of the picture.
 fn weights(sigma: f64, size: usize) -> Vec<f32> {
-    // The square of less than that is zero.
+    // The square of a smaller sigma would underflow to zero.
     let sigma = sigma.max(1e-100);
-    let count = (REACH * sigma).ceil() as usize;
+    let count = (CUTOFF * sigma).ceil() as usize;
     (0..=count.min(size))
         .map(|k: usize| libm::exp(-0.5 * (k * k) as f64 / (sigma * sigma)) as f32)
         .collect()
 }
 
-/// The sums of the weights that lie inside, for each of `count` places along a row.
+/// Returns, for each of `count` positions along a row, the sum of the weights that are inside the picture.
 fn sums(weights: &[f32], count: usize) -> Vec<f32> {
     (0..count)
-        .map(|place: usize| {
+        .map(|position: usize| {
             (1..).zip(&weights[1..]).fold(weights[0], |mut sum, (k, weight)| {
-                for _ in 0..usize::from(k <= place) + usize::from(place + k < count) {
+                for _ in 0..usize::from(k <= position) + usize::from(position + k < count) {
                     sum += weight;
                 }
                 sum
@@ -52,7 +52,7 @@ fn sums(weights: &[f32], count: usize) -> Vec<f32> {
         .collect()
 }
 
-/// A row to be blurred along itself, and what the weights sum to; to be compiled for wide instructions.
+/// A kernel that blurs a row along itself, given the sums of the weights; dispatched to SIMD code.
 struct AlongRow<'a> {
     levels: Levels<'a>,
     row: usize,
@@ -81,7 +81,7 @@ impl pulp::NullaryFnOnce for AlongRow<'_> {
     }
 }
 
-/// One of some rows to be blurred along the columns; to be compiled for wide instructions.
+/// A kernel that blurs a row across the rows; dispatched to SIMD code.
 struct AcrossRows<'a> {
     rows: &'a [f32],
     row: usize,
@@ -122,13 +122,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_flat_stays_exactly_flat() {
+    fn constant_levels_stay_exactly_constant() {
         let levels = vec![0.1; 13 * 5];
         assert_eq!(blur(Levels::Plane(&levels, 13), 2.5), levels);
     }
 
     #[test]
-    fn a_deviation_whose_square_is_nothing_changes_nothing() {
+    fn a_deviation_whose_square_underflows_changes_nothing() {
         let levels: Vec<_> = (0..12).map(|k| (k * k) as f32).collect();
         for sigma in [1e-155, 1e-200, f64::from_bits(1)] {
             assert_eq!(blur(Levels::Plane(&levels, 4), sigma), levels);

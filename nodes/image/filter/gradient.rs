@@ -1,20 +1,20 @@
-//! How steeply the levels of a picture change.
+//! The gradient of the levels of a picture.
 //!
-//! Differences are taken along rows and columns; at the picture's border they are one-sided, so that nothing is made up
-//! beyond it. Levels that change evenly have the same gradient everywhere, the border included.
+//! Differences are taken along rows and columns. At the border of the picture they are one-sided, which requires no levels beyond it. A
+//! linear ramp has the same gradient everywhere, including the border.
 
 use maquette_value::{Image, Mask, Rgb};
 
 use crate::operator::Operator;
 
-/// A picture as one number a pixel.
+/// A picture with one number per pixel.
 #[derive(Clone, Copy)]
 pub(crate) enum Levels<'a> {
-    /// 0.299 red + 0.587 green + 0.114 blue: 0 to 255.
+    /// The luma, 0.299 red + 0.587 green + 0.114 blue: 0 to 255.
     Luma(&'a Image),
-    /// 0 outside, 1 inside.
+    /// 0 outside the mask, 1 inside.
     Inside(&'a Mask),
-    /// Numbers as they are, and how many there are in a row.
+    /// Given numbers, row by row, and the number of columns.
     Plane(&'a [f32], usize),
 }
 
@@ -45,8 +45,8 @@ impl Levels<'_> {
     }
 }
 
-/// Writes the luma of some pixels. The channels of a block are taken apart first, so that both loops become wide instructions;
-/// a short block would be unrolled to single bytes instead.
+/// Writes the luma of pixels. The channels of a block are separated first, which lets the compiler vectorize both loops; a shorter block
+/// would be unrolled to single bytes instead.
 #[inline(always)]
 fn write_luma(pixels: &[Rgb], to: &mut [f32]) {
     const BLOCK: usize = 256;
@@ -64,22 +64,23 @@ fn write_luma(pixels: &[Rgb], to: &mut [f32]) {
     to_rest.iter_mut().zip(rest).for_each(|(to, &pixel)| *to = luma(pixel));
 }
 
-/// The sum is a whole number of thousandths, so that gray has exactly its own level.
+/// Returns the luma of a color. The weights sum to 1000 thousandths and the sum is an integer; a gray pixel therefore has exactly its own
+/// level.
 #[inline(always)]
 fn luma([r, g, b]: Rgb) -> f32 {
     thousandths((299 * i32::from(r) + 587 * i32::from(g) + 114 * i32::from(b)) as f32)
 }
 
-/// A thousandth of a whole number up to 255 000, rounded to nearest as a division rounds it, which takes several times as long: the
-/// first product is exact.
+/// Returns a thousandth of an integer up to 255 000, rounded to nearest as by a division, but several times faster: the first product is
+/// exact.
 #[inline(always)]
 fn thousandths(number: f32) -> f32 {
-    const MOST: f32 = 33.0 / 32768.0;
-    const REST: f32 = (0.001 - 33.0 / 32768.0) as f32;
-    number * MOST + number * REST
+    const UPPER_PART: f32 = 33.0 / 32768.0;
+    const LOWER_PART: f32 = (0.001 - 33.0 / 32768.0) as f32;
+    number * UPPER_PART + number * LOWER_PART
 }
 
-/// Writes the length of the gradient at the pixels of some rows, from row `first` on, in levels per pixel.
+/// Writes the length of the gradient at the pixels of rows from `first` on, in levels per pixel.
 pub(crate) fn write_gradient(
     levels: Levels<'_>,
     operator: Operator,
@@ -89,7 +90,7 @@ pub(crate) fn write_gradient(
     pulp::Arch::new().dispatch(Strip { levels, operator, first, lengths });
 }
 
-/// Some rows, to be compiled for wide instructions.
+/// A kernel that processes some rows; dispatched to SIMD code.
 struct Strip<'a> {
     levels: Levels<'a>,
     operator: Operator,
@@ -106,7 +107,7 @@ impl pulp::NullaryFnOnce for Strip<'_> {
     }
 }
 
-/// The rows from `first` on.
+/// Computes the gradient of the rows from `first` on.
 #[inline(always)]
 fn gradient_of_strip(levels: Levels<'_>, operator: Operator, first: usize, lengths: &mut [f32]) {
     let [width, height] = levels.size();
@@ -114,7 +115,7 @@ fn gradient_of_strip(levels: Levels<'_>, operator: Operator, first: usize, lengt
     fn buffer(width: usize) -> Vec<f32> {
         vec![0.0; width]
     }
-    // The levels of the rows around the current one: row k is in window[k % 3].
+    // The levels of the previous, the current and the next row: row k is in window[k % 3].
     let mut window = [buffer(width), buffer(width), buffer(width)];
     let (mut around, mut down) = (buffer(width), buffer(width));
     let mut read = first.saturating_sub(1);
@@ -126,23 +127,23 @@ fn gradient_of_strip(levels: Levels<'_>, operator: Operator, first: usize, lengt
         read = read.max(needed);
         let (upper, lower) = neighbors(operator, row, height);
         let [upper, here, lower] = [upper, row, lower].map(|row| &window[row % 3]);
-        let share = 1.0 / neighbors_apart(operator, row, height);
+        let scale = 1.0 / neighbor_distance(operator, row, height);
         if operator == Operator::Sobel {
             let to = around.iter_mut().zip(&mut down);
             for ((around, down), ((a, b), c)) in to.zip(upper.iter().zip(here).zip(lower)) {
                 *around = mean(*a, *b, *c);
-                *down = (c - a) * share;
+                *down = (c - a) * scale;
             }
             write_lengths_of_means(&around, &down, lengths);
         } else {
             let pairs = down.iter_mut().zip(lower.iter().zip(upper));
-            pairs.for_each(|(down, (lower, upper))| *down = (lower - upper) * share);
+            pairs.for_each(|(down, (lower, upper))| *down = (lower - upper) * scale);
             write_lengths(operator, here, &down, lengths);
         }
     }
 }
 
-/// Writes the lengths of a row's gradients: its differences along the row, and these across it.
+/// Writes the lengths of the gradients of a row, from its differences along the row and the given differences across it.
 #[inline(always)]
 fn write_lengths(operator: Operator, row: &[f32], down: &[f32], to: &mut [f32]) {
     let last = row.len() - 1;
@@ -160,7 +161,8 @@ fn write_lengths(operator: Operator, row: &[f32], down: &[f32], to: &mut [f32]) 
     (to[0], to[last]) = (at_start, at_end);
 }
 
-/// The same for Sobel's operator, whose differences across the row are averaged along it; beyond its ends are their own values.
+/// Writes the lengths of the gradients for Sobel's operator, which averages the differences across the row along the row; beyond the ends
+/// of the row, its values are repeated.
 #[inline(always)]
 fn write_lengths_of_means(row: &[f32], down: &[f32], to: &mut [f32]) {
     let last = row.len() - 1;
@@ -183,20 +185,20 @@ fn length(across: f32, down: f32) -> f32 {
     (across * across + down * down).sqrt()
 }
 
-/// The mean of three neighbors, weighed 1, 2, 1.
+/// Returns the mean of three neighbors, weighted 1, 2, 1.
 #[inline(always)]
 fn mean(a: f32, b: f32, c: f32) -> f32 {
     (a + 2.0 * b + c) * 0.25
 }
 
-/// The difference along a row at one of its places.
+/// Returns the difference along a row at `index`.
 #[inline(always)]
 fn slope(operator: Operator, row: &[f32], index: usize) -> f32 {
     let (before, after) = neighbors(operator, index, row.len());
-    (row[after] - row[before]) / neighbors_apart(operator, index, row.len())
+    (row[after] - row[before]) / neighbor_distance(operator, index, row.len())
 }
 
-/// The two places whose levels are compared at place `index` of `count`.
+/// Returns the two positions whose levels are compared at position `index` of `count`.
 #[inline(always)]
 fn neighbors(operator: Operator, index: usize, count: usize) -> (usize, usize) {
     let next = (index + 1).min(count - 1);
@@ -206,9 +208,9 @@ fn neighbors(operator: Operator, index: usize, count: usize) -> (usize, usize) {
     }
 }
 
-/// How far apart they are; 1 where there is only one place, so that its difference with itself is 0.
+/// Returns the distance of the two compared positions. It is 1 if there is only one position, whose difference from itself is 0.
 #[inline(always)]
-fn neighbors_apart(operator: Operator, index: usize, count: usize) -> f32 {
+fn neighbor_distance(operator: Operator, index: usize, count: usize) -> f32 {
     let (before, after) = neighbors(operator, index, count);
     if after == before + 2 { 2.0 } else { 1.0 }
 }
@@ -217,7 +219,7 @@ fn neighbors_apart(operator: Operator, index: usize, count: usize) -> f32 {
 mod tests {
     use super::*;
 
-    /// The whole picture, in strips of some rows.
+    /// Returns the gradient of a picture, computed in strips of `rows` rows.
     fn gradient(levels: &[f32], width: usize, operator: Operator, rows: usize) -> Vec<f32> {
         let mut lengths = vec![f32::NAN; levels.len()];
         for (strip, lengths) in lengths.chunks_mut(rows * width.max(1)).enumerate() {

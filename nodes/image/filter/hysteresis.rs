@@ -1,47 +1,46 @@
-//! Keeps weak pixels that are connected with strong ones, 64 pixels at a time.
+//! Keeps the weak pixels that are connected with strong ones, 64 pixels at a time.
 //!
-//! Rows of bits are swept downwards and upwards until nothing changes: morphological reconstruction of the weak pixels from
-//! the strong ones, Vincent, "Morphological grayscale reconstruction in image analysis", IEEE Transactions on Image Processing
-//! 2 (1993), section 3, on packed bits. Along a row a whole run is filled at once, because the carry of an addition runs
-//! through it. The result does not depend on the order of the sweeps. The time is about that of three passes over the bits;
-//! a spiral needs a pass for each of its turns.
+//! Sweeps over rows of bits, downward and upward, until nothing changes. This is morphological reconstruction of the weak pixels from the
+//! strong ones, on packed bits: Vincent, "Morphological grayscale reconstruction in image analysis", IEEE Transactions on Image Processing
+//! 2 (1993), section 3. A run along a row is filled at once, by the carry of an addition. The result does not depend on the order of the
+//! sweeps. The time is about three passes over the bits; a spiral needs a pass per turn.
 
 use maquette_value::parallel::*;
 
-/// Pixels in a word.
+/// The number of pixels per word.
 pub(crate) const WORD: usize = u64::BITS as usize;
 
-/// Rows of bits: bit `k` of word `n` of a row is its column `64 n + k`. Bits behind the last column are 0.
+/// Rows of bits: bit `k` of word `n` of a row is its column `64 n + k`. Bits after the last column are 0.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Bits {
-    /// Words in a row.
+    /// The number of words per row.
     pub(crate) words: usize,
-    /// Row by row from the top.
+    /// All words, row by row from the top.
     pub(crate) rows: Vec<u64>,
 }
 
 impl Bits {
-    /// No bit set.
+    /// Creates rows without set bits.
     pub(crate) fn new(width: usize, height: usize) -> Self {
         let words = width.div_ceil(WORD);
         Self { words, rows: vec![0; words * height] }
     }
 }
 
-/// Clears the bits of a row's pixels that are not wanted, and those behind the last one.
+/// Clears the bits of unwanted pixels in a row, and the bits after the last pixel.
 #[inline(always)]
 pub(crate) fn retain<T: Copy>(bits: &mut [u64], pixels: &[T], is_wanted: impl Fn(T) -> bool) {
-    // The loops over whole words have a known length, which makes them several times as fast.
+    // Loops over whole words have a fixed length, which makes them several times faster.
     let (blocks, rest) = pixels.as_chunks::<WORD>();
     let (words, others) = bits.split_at_mut(blocks.len());
     words.iter_mut().zip(blocks).for_each(|(word, block)| *word &= pack(block, &is_wanted));
-    if let [last, behind @ ..] = others {
+    if let [last, unused @ ..] = others {
         *last &= pack(rest, &is_wanted);
-        behind.fill(0);
+        unused.fill(0);
     }
 }
 
-/// Packs 64 pixels or fewer, those that are wanted as set bits.
+/// Packs up to 64 pixels into bits; the bits of wanted pixels are 1.
 #[inline(always)]
 fn pack<T: Copy>(pixels: &[T], is_wanted: impl Fn(T) -> bool) -> u64 {
     let mut bytes = [0; WORD];
@@ -54,13 +53,13 @@ fn pack<T: Copy>(pixels: &[T], is_wanted: impl Fn(T) -> bool) -> u64 {
     })
 }
 
-/// Rows that one thread works on at a time.
+/// The number of rows per task.
 const STRIP_ROWS: usize = 64;
 
-/// The weak pixels from which a path over weak pixels, along sides and corners, leads to a strong one. Every strong pixel must
-/// be weak, too.
+/// Returns the weak pixels from which a path over weak pixels, along sides and corners, leads to a strong pixel. Every strong pixel must
+/// also be weak.
 ///
-/// Strips of rows come first, each for itself and in parallel; then only the rows along their borders can still grow.
+/// Strips of rows are processed first, in parallel; afterwards only rows at the borders of strips can grow.
 pub(crate) fn reconstruct(weak: &Bits, strong: Bits) -> Bits {
     let mut kept = strong;
     let words = kept.words.max(1);
@@ -76,7 +75,7 @@ pub(crate) fn reconstruct(weak: &Bits, strong: Bits) -> Bits {
     kept
 }
 
-/// Lets the rows that wait grow, and those whose neighbor has changed, until none changes.
+/// Grows the waiting rows, and the rows whose neighbor has changed, until no row changes.
 fn grow_rows(words: usize, weak: &[u64], kept: &mut [u64], mut waiting: Vec<bool>) {
     let height = waiting.len();
     let mut touching = vec![0; words + 1];
@@ -92,7 +91,8 @@ fn grow_rows(words: usize, weak: &[u64], kept: &mut [u64], mut waiting: Vec<bool
     }
 }
 
-/// Lets a row grow into what its neighbors and the row itself touch; whether it did. `touching` is room for a row and a word of 0.
+/// Grows a row into the weak pixels that are adjacent to its own pixels or to those of the neighboring rows. Returns true if the row has
+/// changed. `touching` is a buffer for a row, with an additional word of 0.
 fn grow(row: usize, weak: &[u64], kept: &mut [u64], touching: &mut [u64]) -> bool {
     let words = touching.len() - 1;
     let rows = row.saturating_sub(1) * words..kept.len().min((row + 2) * words);
@@ -125,9 +125,9 @@ fn grow(row: usize, weak: &[u64], kept: &mut [u64], touching: &mut [u64]) -> boo
     changed != 0
 }
 
-/// Fills the runs of weak bits from their seeds to their upper ends; `carry` goes from one word to the next.
+/// Extends the seeds along runs of weak bits to the upper ends of the runs. `carry` is passed from one word to the next.
 fn run_on(seeds: u64, weak: u64, carry: &mut bool) -> u64 {
-    // Adding a seed to its run turns over every bit from the seed to the run's end, but for other seeds.
+    // Adding a seed to its run flips every bit from the seed to the end of the run, except for other seeds.
     let (sum, over) = weak.overflowing_add(seeds);
     let (sum, over_too) = sum.overflowing_add(u64::from(*carry));
     *carry = over | over_too;
@@ -151,7 +151,7 @@ mod tests {
         bits
     }
 
-    /// The definition: components of the weak pixels that have a strong one.
+    /// Checks the result against the definition: the components of the weak pixels that contain a strong pixel.
     fn check(width: usize, weak: &[u8], strong: &[u8]) {
         let mask = Mask::new(width, weak.len() / width, weak.to_vec()).unwrap();
         let labels = label(&mask, Connectivity::Eight);
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_kept_are_the_components_with_a_strong_pixel() {
+    fn components_with_a_strong_pixel_are_kept() {
         let mut state = 1u64;
         fn random(state: &mut u64) -> u64 {
             *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);

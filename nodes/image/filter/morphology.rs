@@ -1,21 +1,21 @@
 //! Opening and closing of masks by squares: Serra, *Image Analysis and Mathematical Morphology* (1982), chapter 2.
 //!
-//! A square of radius r has (2 r + 1)^2 pixels. Everything beyond the picture's border is background, so that an object at
-//! the border is neither extended along the border nor eroded from it.
+//! A square of radius r has (2 r + 1)^2 pixels. All pixels beyond the border of the picture are background, so that an object at the border
+//! is neither extended along the border nor eroded from it.
 
 use maquette_value::Mask;
 
-/// Removes parts into which no square of this radius fits: erosion, then dilation. Radius 0 changes nothing.
+/// Removes the parts of the mask into which no square of the radius `radius` fits: erosion, then dilation. Radius 0 changes nothing.
 pub fn open(mask: &Mask, radius: usize) -> Mask {
     spread_both(mask, radius, [0, 1])
 }
 
-/// Closes gaps into which no square of this radius fits: dilation, then erosion. Radius 0 changes nothing.
+/// Closes the gaps into which no square of the radius `radius` fits: dilation, then erosion. Radius 0 changes nothing.
 pub fn close(mask: &Mask, radius: usize) -> Mask {
     spread_both(mask, radius, [1, 0])
 }
 
-/// All that a square of this radius around a pixel of the mask covers. Radius 0 changes nothing.
+/// Dilates the mask: returns all pixels that are in a square of the radius `radius` around a pixel of the mask. Radius 0 changes nothing.
 pub fn dilate(mask: &Mask, radius: usize) -> Mask {
     let (width, height) = (mask.width(), mask.height());
     let mut pixels = mask.pixels().to_vec();
@@ -23,13 +23,13 @@ pub fn dilate(mask: &Mask, radius: usize) -> Mask {
     Mask::new(width, height, pixels).expect("as many pixels as before")
 }
 
-/// Spreads first the pixels of one kind, then those of the other.
+/// Spreads the pixels of the first of two kinds, then those of the second.
 fn spread_both(mask: &Mask, radius: usize, kinds: [u8; 2]) -> Mask {
     let (width, height) = (mask.width(), mask.height());
     if radius == 0 || mask.count() == 0 {
         return mask.clone();
     }
-    // With a margin, so that the second step finds there what the first one has left.
+    // The margin keeps the part of the first step's result that is beyond the border, because the second step needs it.
     let (wide, high) = (width + 2 * radius, height + 2 * radius);
     let mut pixels = vec![0; wide * high];
     for row in 0..height {
@@ -47,13 +47,13 @@ fn spread_both(mask: &Mask, radius: usize, kinds: [u8; 2]) -> Mask {
     .expect("as many pixels as before")
 }
 
-/// Gives the value `kind` to all pixels that a square around a pixel of that kind covers.
+/// Sets all pixels to `kind` that are in a square around a pixel with the value `kind`.
 fn spread_square(pixels: &mut [u8], width: usize, height: usize, radius: usize, kind: u8) {
     (0..height).for_each(|row| spread(pixels, row * width, 1, width, radius, kind));
     (0..width).for_each(|column| spread(pixels, column, width, height, radius, kind));
 }
 
-/// Along one line of `count` pixels, `step` apart, gives the value `kind` to all within `radius` of a pixel that has it.
+/// Sets pixels to `kind` that are within `radius` of a pixel with this value, along one line of `count` pixels, `step` apart.
 fn spread(pixels: &mut [u8], first: usize, step: usize, count: usize, radius: usize, kind: u8) {
     let of_kind: Vec<usize> = (0..count).filter(|k| pixels[first + k * step] == kind).collect();
     let mut done = 0;
@@ -71,13 +71,13 @@ mod tests {
 
     #[test]
     fn opening_removes_a_speck_and_keeps_a_square() {
-        let mask = Mask::drawn(&["#....", "..###", "..###", "..###"]);
+        let mask = Mask::from_rows(&["#....", "..###", "..###", "..###"]);
         assert_eq!(open(&mask, 1).draw(), ".....\n..###\n..###\n..###\n");
     }
 
     #[test]
     fn dilating_grows_by_squares_up_to_the_border() {
-        let mask = Mask::drawn(&["#.....", "......", "......", ".....#"]);
+        let mask = Mask::from_rows(&["#.....", "......", "......", ".....#"]);
         assert_eq!(dilate(&mask, 1).draw(), "##....\n##....\n....##\n....##\n");
         assert_eq!(dilate(&mask, 0), mask);
         assert_eq!(dilate(&mask, 9).count(), 24);
@@ -85,9 +85,9 @@ mod tests {
 
     #[test]
     fn closing_fills_a_gap_and_leaves_the_border_alone() {
-        let mask = Mask::drawn(&["##.##", "##.##", "##.##"]);
+        let mask = Mask::from_rows(&["##.##", "##.##", "##.##"]);
         assert_eq!(close(&mask, 1).draw(), "#####\n#####\n#####\n");
-        let speck = Mask::drawn(&["#....", "....."]);
+        let speck = Mask::from_rows(&["#....", "....."]);
         assert_eq!(close(&speck, 1), speck);
     }
 }

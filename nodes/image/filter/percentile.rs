@@ -1,58 +1,58 @@
-//! The number below which a given share of many numbers lies.
+//! Percentiles of many numbers.
 
 use maquette_value::parallel::*;
 
 use super::hysteresis::{WORD, retain};
 
-/// Numbers that one thread compares at a time: they stay in its first cache.
+/// The count of numbers that one task processes: few enough to stay in the first-level cache.
 const CHUNK: usize = 1 << 12;
 
-/// One of so many numbers is in the sample.
+/// The sample contains one in this many numbers.
 const SAMPLED: usize = 256;
 
-/// Of `numbers`, none negative and none NaN, where `within` is 1 (everywhere if left out), the least one that at least
-/// `percent` of them do not exceed: the nearest rank, one of the numbers themselves. None if there are none.
+/// Returns the smallest of the numbers that at least `percent` percent of the numbers do not exceed: the nearest rank. Only numbers where
+/// `within` is 1 count (all if `None`). `numbers` must be neither negative nor NaN. Returns `None` if no number counts.
 ///
-/// A sample says between which two numbers it lies; one pass counts what is below and picks what is between, a hundredth of all. If the
-/// sample was wrong, a second pass looks on the other side of one of the two: Floyd and Rivest, "Expected time bounds for selection",
-/// Communications of the ACM 18 (1975), section 2.
+/// A sample gives two bounds for the result. One pass counts the numbers below the bounds and collects the numbers between them, about a
+/// hundredth of all. If the result is outside the bounds, a second pass uses the other side of one bound: Floyd and Rivest, "Expected time
+/// bounds for selection", Communications of the ACM 18 (1975), section 2.
 pub(crate) fn percentile(numbers: &[f32], within: Option<&[u8]>, percent: f64) -> Option<f32> {
-    let share = (percent / 100.0).clamp(0.0, 1.0);
-    let mut bounds = estimate(sample(numbers, within), share);
+    let fraction = (percent / 100.0).clamp(0.0, 1.0);
+    let mut bounds = estimate(sample(numbers, within), fraction);
     loop {
-        let [least, most] = bounds;
+        let [low, high] = bounds;
         let ([below, to_least, below_most, total], mut between) = split(numbers, within, bounds);
-        let rank = ((share * total as f64).ceil() as usize).max(1) - 1;
+        let rank = ((fraction * total as f64).ceil() as usize).max(1) - 1;
         bounds = match rank {
             _ if total == 0 => return None,
-            _ if rank < below => [0.0, least],
-            _ if rank < to_least => return Some(least),
+            _ if rank < below => [0.0, low],
+            _ if rank < to_least => return Some(low),
             _ if rank < below_most => {
                 let rank = rank - to_least;
                 return Some(*between.select_nth_unstable_by(rank, f32::total_cmp).1);
             }
-            _ => [most, f32::INFINITY],
+            _ => [high, f32::INFINITY],
         };
     }
 }
 
 fn sample(numbers: &[f32], within: Option<&[u8]>) -> Vec<f32> {
-    let places = (0..numbers.len() / SAMPLED)
-        .map(sampled)
+    let indices = (0..numbers.len() / SAMPLED)
+        .map(sample_index)
         .filter(|k| within.is_none_or(|within| within[*k] == 1));
-    places.map(|k| numbers[k]).collect()
+    indices.map(|k| numbers[k]).collect()
 }
 
-/// A place among the `k`th [`SAMPLED`], such that no pattern of a picture repeats the places.
-fn sampled(k: usize) -> usize {
+/// Returns an index among the `k`th [`SAMPLED`] numbers. The indices are irregular, so no pattern of a picture coincides with them.
+fn sample_index(k: usize) -> usize {
     SAMPLED * k + k.wrapping_mul(0x9e37_79b1) / (1 << 24) % SAMPLED
 }
 
-/// Two numbers between which that of this share lies, but for one of some ten thousand samples: four deviations of its rank to either
-/// side.
-fn estimate(mut sample: Vec<f32>, share: f64) -> [f32; 2] {
-    let rank = share * sample.len() as f64;
-    let margin = 4.0 * (rank * (1.0 - share)).sqrt() + 1.0;
+/// Returns bounds for the percentile, at four standard deviations of its rank to either side. The bounds are wrong for about one of ten
+/// thousand samples.
+fn estimate(mut sample: Vec<f32>, fraction: f64) -> [f32; 2] {
+    let rank = fraction * sample.len() as f64;
+    let margin = 4.0 * (rank * (1.0 - fraction)).sqrt() + 1.0;
     [(rank - margin, 0.0), (rank + margin, f32::INFINITY)].map(|(rank, none)| {
         if (0.0..sample.len() as f64).contains(&rank) {
             *sample.select_nth_unstable_by(rank as usize, f32::total_cmp).1
@@ -62,8 +62,8 @@ fn estimate(mut sample: Vec<f32>, share: f64) -> [f32; 2] {
     })
 }
 
-/// How many numbers inside of the mask are less than the first bound, at most the first, less than the second, and there at all; and
-/// those that lie between the bounds.
+/// Counts the numbers inside the mask: those less than the first bound, those at most the first, those less than the second, and all. Also
+/// returns the numbers between the bounds.
 fn split(numbers: &[f32], within: Option<&[u8]>, bounds: [f32; 2]) -> ([usize; 4], Vec<f32>) {
     let chunks = numbers.par_chunks(CHUNK).enumerate().map(|(chunk, numbers)| {
         let within = within.map(|within| &within[chunk * CHUNK..][..numbers.len()]);
@@ -78,7 +78,7 @@ fn split(numbers: &[f32], within: Option<&[u8]>, bounds: [f32; 2]) -> ([usize; 4
     (sums, between)
 }
 
-/// Some numbers, to be compared by wide instructions.
+/// A kernel that compares numbers with bounds; dispatched to SIMD code.
 struct Chunk<'a> {
     numbers: &'a [f32],
     within: Option<&'a [u8]>,
@@ -90,8 +90,8 @@ impl pulp::NullaryFnOnce for Chunk<'_> {
 
     #[inline(always)]
     fn call(self) -> Self::Output {
-        let [least, most] = self.bounds;
-        let bits = [self.bits(|x| x < least), self.bits(|x| x <= least), self.bits(|x| x < most)];
+        let [low, high] = self.bounds;
+        let bits = [self.bits(|x| x < low), self.bits(|x| x <= low), self.bits(|x| x < high)];
         let count =
             |words: &[u64]| words.iter().fold(0, |count, word| count + word.count_ones() as usize);
         let [below, to_least, below_most] = bits.each_ref().map(|words| count(words));
@@ -109,7 +109,7 @@ impl pulp::NullaryFnOnce for Chunk<'_> {
 }
 
 impl Chunk<'_> {
-    /// The numbers inside of the mask for which `is` is true, as set bits.
+    /// Returns, as set bits, the numbers inside the mask for which `is` returns true.
     #[inline(always)]
     fn bits(&self, is: impl Fn(f32) -> bool) -> [u64; CHUNK / WORD] {
         let mut bits = [u64::MAX; CHUNK / WORD];
@@ -139,7 +139,7 @@ mod tests {
     fn a_sample_unlike_the_rest_changes_nothing() {
         for odd in [0.0, 500.0, 1e9] {
             let mut numbers: Vec<f32> = (0..90_000u32).map(|k| (k * 7919 % 1009) as f32).collect();
-            (0..numbers.len() / SAMPLED).for_each(|k| numbers[sampled(k)] = odd);
+            (0..numbers.len() / SAMPLED).for_each(|k| numbers[sample_index(k)] = odd);
             let mut sorted = numbers.clone();
             sorted.sort_by(f32::total_cmp);
             for (percent, rank) in [(0.0, 0), (10.0, 8999), (50.0, 44_999), (100.0, 89_999)] {

@@ -1,8 +1,8 @@
 //! The connected parts of a mask.
 //!
-//! Two passes over runs of pixels: He, Chao and Suzuki, "A run-based two-scan labeling algorithm", IEEE Transactions on Image
-//! Processing 17 (2008). Strips of rows are worked on in parallel, each with as many provisional labels as it has runs; the
-//! numbering does not depend on the strips.
+//! Two passes over runs of pixels: He, Chao and Suzuki, "A run-based two-scan labeling algorithm", IEEE Transactions on Image Processing 17
+//! (2008). Strips of rows are processed in parallel, each with as many provisional labels as it has runs; the final numbering does not
+//! depend on the division into strips.
 
 use std::ops::Range;
 
@@ -11,10 +11,10 @@ use maquette_value::{LabelRun, Labels, Mask};
 
 use crate::connectivity::Connectivity;
 
-/// Rows in a strip: enough work to be worth waking a thread.
+/// The number of rows in a strip: enough work to be worth a thread.
 const STRIP_ROWS: usize = 64;
 
-/// Numbers the connected parts of `mask`. The same as flooding them one by one, row by row from the top.
+/// Numbers the connected parts of `mask`, in the order of their first pixels, row by row from the top.
 pub fn label(mask: &Mask, connectivity: Connectivity) -> Labels {
     let (width, height) = (mask.width(), mask.height());
     let reach = match connectivity {
@@ -28,22 +28,22 @@ pub fn label(mask: &Mask, connectivity: Connectivity) -> Labels {
         .map(|(strip, pixels)| Strip::new(pixels, width, STRIP_ROWS * strip, reach))
         .collect();
     let count = strips.iter().map(|strip| strip.runs.len()).sum();
-    let mut whole = Strip::with_capacity(count);
-    strips.into_iter().for_each(|strip| whole.append(strip, reach));
-    Labels::from_runs(width, height, &whole.labelled())
+    let mut all = Strip::with_capacity(count);
+    strips.into_iter().for_each(|strip| all.append(strip, reach));
+    Labels::from_runs(width, height, &all.into_labels())
         .expect("runs are found row by row, and a part is numbered at its first run")
 }
 
-/// Some rows of a mask as runs, and which of the runs are connected.
+/// Rows of a mask as runs, and the connections between the runs.
 #[derive(Default)]
 pub(crate) struct Strip {
-    /// Row by row from the top; their labels are not yet known.
+    /// The runs, row by row from the top; their labels are not set yet.
     runs: Vec<LabelRun>,
-    /// A run that is connected with this one and does not come after it; itself for the first run of a component.
+    /// For each run, a connected run that does not come after it. The first run of a component refers to itself.
     parents: Vec<u32>,
-    /// Number of runs in the first row.
+    /// The number of runs in the first row.
     first: usize,
-    /// Number of runs in the last row.
+    /// The number of runs in the last row.
     last: usize,
 }
 
@@ -72,7 +72,7 @@ impl Strip {
         strip
     }
 
-    /// Puts another strip below this one.
+    /// Appends the strip below `self`.
     fn append(&mut self, below: Self, reach: u32) {
         let start = self.runs.len();
         self.runs.extend(below.runs);
@@ -81,12 +81,12 @@ impl Strip {
         self.last = below.last;
     }
 
-    /// Joins the runs of two rows that overlap, or come within `reach` of it.
+    /// Connects the runs of two rows that overlap, or that are within `reach` of each other.
     fn join_rows(&mut self, above: Range<usize>, below: Range<usize>, reach: u32) {
         let mut upper = above.start;
         for lower in below {
             let LabelRun { start, end, .. } = self.runs[lower];
-            // A run that ends before this one meets no later run of this row either.
+            // If a run above ends before the current run, it meets no later run of the row either.
             while upper < above.end && self.runs[upper].end + reach <= start {
                 upper += 1;
             }
@@ -98,13 +98,13 @@ impl Strip {
         }
     }
 
-    /// Joins two parts; the earlier first run is the first run of both.
+    /// Connects two parts. The earlier of the two parts' first runs becomes the first run of the union.
     fn join(&mut self, a: u32, b: u32) {
         let (a, b) = (self.find(a), self.find(b));
         self.parents[a.max(b) as usize] = a.min(b);
     }
 
-    /// The first run of a part, with path halving: Tarjan and van Leeuwen, "Worst-case analysis of set union algorithms" (1984).
+    /// Finds the first run of a part, with path halving: Tarjan and van Leeuwen, "Worst-case analysis of set union algorithms" (1984).
     fn find(&mut self, mut run: u32) -> u32 {
         while self.parents[run as usize] != run {
             let parent = self.parents[run as usize];
@@ -114,8 +114,8 @@ impl Strip {
         run
     }
 
-    /// The runs with their labels.
-    fn labelled(mut self) -> Vec<LabelRun> {
+    /// Returns the runs with their labels.
+    fn into_labels(mut self) -> Vec<LabelRun> {
         let mut count = 0;
         for run in 0..self.runs.len() {
             let parent = self.parents[run] as usize;
@@ -130,11 +130,11 @@ impl Strip {
     }
 }
 
-/// Adds the runs of one row.
+/// Adds the runs of one row to `runs`.
 fn push_runs(pixels: &[u8], row: u32, runs: &mut Vec<LabelRun>) {
     let mut start = 0;
     while start < pixels.len() {
-        let end = start + alike(&pixels[start..]);
+        let end = start + run_length(&pixels[start..]);
         if pixels[start] == 1 {
             runs.push(LabelRun { row, start: start as u32, end: end as u32, label: 0 });
         }
@@ -142,13 +142,13 @@ fn push_runs(pixels: &[u8], row: u32, runs: &mut Vec<LabelRun>) {
     }
 }
 
-/// How many of the first pixels are like the very first one.
-fn alike(pixels: &[u8]) -> usize {
-    // Sixteen at a time is one comparison for the processor.
+/// Returns the number of pixels at the start that are equal to the first one.
+fn run_length(pixels: &[u8]) -> usize {
+    // Sixteen pixels are one comparison for the processor.
     let sixteen = [pixels[0]; 16];
-    let whole = 16 * pixels.chunks_exact(16).take_while(|chunk| **chunk == sixteen).count();
-    let rest = &pixels[whole..];
-    whole + rest.iter().position(|&pixel| pixel != pixels[0]).unwrap_or(rest.len())
+    let length = 16 * pixels.chunks_exact(16).take_while(|chunk| **chunk == sixteen).count();
+    let rest = &pixels[length..];
+    length + rest.iter().position(|&pixel| pixel != pixels[0]).unwrap_or(rest.len())
 }
 
 #[cfg(test)]
@@ -157,7 +157,7 @@ mod tests {
 
     const BOTH: [Connectivity; 2] = [Connectivity::Eight, Connectivity::Four];
 
-    /// The definition: floods from each pixel that has no label yet, row by row from the top.
+    /// Labels a mask by the definition: floods from each pixel without a label, row by row from the top.
     fn flood(mask: &Mask, connectivity: Connectivity) -> Vec<u32> {
         let (width, height) = (mask.width() as isize, mask.height() as isize);
         let mut labels = vec![0; mask.pixels().len()];
@@ -173,8 +173,11 @@ mod tests {
                 let (column, row) = (pixel as isize % width, pixel as isize / width);
                 for (x, y) in (-1..=1).flat_map(|y| (-1..=1).map(move |x| (x, y))) {
                     let next = (column + x, row + y);
-                    let near = connectivity == Connectivity::Eight || x == 0 || y == 0;
-                    if !near || !(0..width).contains(&next.0) || !(0..height).contains(&next.1) {
+                    let is_neighbor = connectivity == Connectivity::Eight || x == 0 || y == 0;
+                    if !is_neighbor
+                        || !(0..width).contains(&next.0)
+                        || !(0..height).contains(&next.1)
+                    {
                         continue;
                     }
                     let next = (next.1 * width + next.0) as usize;
@@ -188,7 +191,7 @@ mod tests {
         labels
     }
 
-    /// A mask in which some `density` hundredths of the pixels are inside: Marsaglia's xorshift, seeded by its size.
+    /// Returns a mask with `density` percent of the pixels inside: Marsaglia's xorshift, seeded by the size of the mask.
     fn noise(width: usize, height: usize, density: u64) -> Mask {
         let mut state = ((1 + width * 1000 + height) as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
         let pixels = (0..width * height).map(|_| {
@@ -250,15 +253,15 @@ mod tests {
 
     #[test]
     fn each_dot_of_a_dotted_row_is_a_part() {
-        let labels = label(&Mask::drawn(&["#.#.#"]), Connectivity::Eight);
+        let labels = label(&Mask::from_rows(&["#.#.#"]), Connectivity::Eight);
         assert_eq!(labels.pixels(), [1, 0, 2, 0, 3]);
     }
 
     #[test]
     fn parts_that_meet_late_have_one_number() {
-        let mask = Mask::drawn(&["#.#.#", "#.###", "###.."]);
+        let mask = Mask::from_rows(&["#.#.#", "#.###", "###.."]);
         assert_eq!(label(&mask, Connectivity::Four).statistics().len(), 1);
-        let mask = Mask::drawn(&["#...#", ".#.#.", "..#..", "#...."]);
+        let mask = Mask::from_rows(&["#...#", ".#.#.", "..#..", "#...."]);
         assert_eq!(label(&mask, Connectivity::Eight).statistics().len(), 2);
         assert_eq!(label(&mask, Connectivity::Four).statistics().len(), 6);
     }

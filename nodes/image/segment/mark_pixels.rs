@@ -7,10 +7,9 @@ use maquette_value::{Image, Mask};
 use super::select::{Select, measure};
 use crate::picture_error::{PictureError, check_size};
 
-/// Marks the pixels of `image`, inside `within` if given, that `select` takes; with `invert` all the others.
+/// Marks the pixels of `image`, inside `within` if given, that `select` accepts; with `invert` all other pixels.
 ///
-/// # Errors
-/// If a sampled pixel is outside of the picture, or `within` has another size.
+/// Returns an error if a sampled pixel is outside the picture, or `within` has another size.
 pub fn threshold(
     image: &Image,
     within: Option<&Mask>,
@@ -31,5 +30,5 @@ pub fn threshold(
     Ok(Mask::from_bools(image.width(), image.height(), marks).expect("one mark per pixel"))
 }
 
-/// Pixels that one thread marks at a time: some 0.1 ms of work, and its memory stays in the cache.
+/// The number of pixels per task: about 0.1 ms of work, and few enough for the cache.
 const CHUNK: usize = 16 * 1024;

@@ -1,10 +1,11 @@
-//! The level that divides a picture in two.
+//! Otsu's threshold.
 
-/// The level that divides a histogram best: levels above it are the second class. Of several, their mean, rounded down; of a
-/// histogram with one level, that level.
+/// Returns the level that divides a histogram best: levels above it are the second class. If several levels are best, returns their mean,
+/// rounded down; if the histogram has only one level, returns that level.
 ///
-/// Otsu, "A threshold selection method from gray-level histograms" (1979), eq. 18: the largest variance between classes,
-/// `(mu_T w - mu)^2 / (w (1 - w))`. All sums are whole numbers, so that equal variances are equal exactly.
+/// Otsu, "A threshold selection method from gray-level histograms" (1979), eq. 18: the level maximizes the variance between classes, `(mu_T
+/// w - mu)^2 / (w (1 - w))`, where `w` and `mu` are the zeroth and first moments of the histogram up to the level, and `mu_T` is its mean.
+/// All sums are integers, so equal variances compare as equal.
 pub fn otsu(histogram: &[u64; 256]) -> u32 {
     let total: u64 = histogram.iter().sum();
     let moment: u64 =
@@ -40,11 +41,11 @@ mod tests {
     #[test]
     fn otsu_of_two_levels_lies_between_them() {
         for (a, b) in [(0, 1), (10, 200), (254, 255), (7, 8), (3, 250)] {
-            for share in [1, 50, 99] {
+            for percent in [1, 50, 99] {
                 let mut histogram = [0; 256];
-                histogram[a] = share;
-                histogram[b] = 100 - share;
-                assert_eq!(otsu(&histogram) as usize, (a + b - 1) / 2, "{a} {b} {share}");
+                histogram[a] = percent;
+                histogram[b] = 100 - percent;
+                assert_eq!(otsu(&histogram) as usize, (a + b - 1) / 2, "{a} {b} {percent}");
             }
         }
     }

@@ -1,4 +1,4 @@
-//! What a threshold selects, and how far a pixel is from that.
+//! Selection rules of a threshold, and the distance of pixels from the selection.
 
 use maquette_value::{Color, Image, Lab, Mask, Rgb};
 use schemars::JsonSchema;
@@ -7,58 +7,58 @@ use serde::{Deserialize, Serialize};
 use super::otsu::otsu;
 use crate::picture_error::{PictureError, check_inside};
 
-/// Which pixels a threshold marks.
+/// Rule that selects pixels.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub enum Select {
-    /// Those near a color.
+    /// Pixels close to a color.
     Near {
-        /// The color to look for, as in `"#c33923"`.
+        /// Reference color, as in `"#c33923"`.
         color: Color,
-        /// Largest distance that still counts as near, in CIE L*a*b* (CIE76); 2.3 is just noticeable.
+        /// Maximum distance from the color, in CIE L*a*b* (CIE76); 2.3 is just noticeable.
         #[schemars(range(min = 0.0, max = 400.0))]
-        #[serde(default = "near")]
+        #[serde(default = "default_distance")]
         distance: f64,
-        /// How much differences of lightness count: 1 as all others, 0 not at all, which ignores shading.
+        /// Weight of lightness differences: 1 weights lightness like color, 0 ignores it and so shading.
         #[schemars(range(min = 0.0, max = 10.0))]
-        #[serde(default = "one")]
+        #[serde(default = "default_lightness")]
         lightness: f64,
     },
-    /// Those near the color of one pixel.
+    /// Pixels close to the color of one pixel.
     Sample {
-        /// The pixel that has the color: column, row.
+        /// Pixel with the reference color: column, row.
         at: (u32, u32),
-        /// Largest distance that still counts as near, as in `Near`.
+        /// Maximum distance from the color, as in `Near`.
         #[schemars(range(min = 0.0, max = 400.0))]
-        #[serde(default = "near")]
+        #[serde(default = "default_distance")]
         distance: f64,
-        /// How much differences of lightness count, as in `Near`.
+        /// Weight of lightness differences, as in `Near`.
         #[schemars(range(min = 0.0, max = 10.0))]
-        #[serde(default = "one")]
+        #[serde(default = "default_lightness")]
         lightness: f64,
     },
-    /// Those between two corners of a color space, both included.
+    /// Pixels between two corners of a color space, both included.
     Box {
-        /// The space that the corners are given in.
+        /// Color space of the corners.
         space: Space,
-        /// Lowest value of each channel.
+        /// Minimum of each channel.
         #[schemars(extend("most" = "high", "wraps" = { "space": "Hsv" }))]
         low: [f64; 3],
-        /// Highest value of each channel; a hue below the lowest one wraps around.
+        /// Maximum of each channel; a hue below the minimum wraps around.
         high: [f64; 3],
     },
-    /// Those above the level that best divides the picture in two.
+    /// Pixels above the level that best divides the picture in two classes.
     Otsu {
-        /// What is divided.
+        /// Channel to divide.
         #[serde(default)]
         channel: Channel,
     },
 }
 
-fn near() -> f64 {
+fn default_distance() -> f64 {
     15.0
 }
 
-fn one() -> f64 {
+fn default_lightness() -> f64 {
     1.0
 }
 
@@ -67,7 +67,7 @@ fn one() -> f64 {
 pub enum Space {
     /// CIE L*a*b*: lightness 0 to 100, a and b about -128 to 127.
     Lab,
-    /// Hue 0 to 360 degrees, saturation and value 0 to 1; gray has no hue and is outside of every box.
+    /// Hue 0 to 360 degrees, saturation and value 0 to 1; gray has no hue and is outside every box.
     Hsv,
     /// Red, green, blue: 0 to 255.
     Rgb,
@@ -85,34 +85,34 @@ pub enum Channel {
     Green,
     /// Blue.
     Blue,
-    /// How colorful: 255 (largest - smallest) / largest channel.
+    /// Saturation: 255 (maximum - minimum) / maximum of the channels.
     Saturation,
 }
 
-/// How far a pixel is from what is selected.
+/// The measure of a pixel's distance from the selection.
 pub(crate) enum Measure {
-    /// From a color, in Lab, with lightness weighed.
+    /// The distance from a color, in Lab, with lightness differences weighted by `lightness`.
     Color { color: Lab, lightness: f32 },
-    /// From a box: the largest excess over its sides, in the units of its space.
+    /// The distance from a box: the largest excess over its sides, in the units of its color space.
     Box { space: Space, low: [f32; 3], high: [f32; 3] },
-    /// From the least level that is selected.
-    Level { channel: Channel, least: u32 },
+    /// The difference to the minimum selected level, if the pixel is below it.
+    Level { channel: Channel, min: u32 },
 }
 
-/// The measure behind `select`, and the largest distance that it takes.
+/// Returns the distance measure of `select`, and the maximum distance of selected pixels.
 pub(crate) fn measure(
     image: &Image,
     within: Option<&Mask>,
     select: &Select,
 ) -> Result<(Measure, f32), PictureError> {
-    fn near(color: Color, distance: f64, lightness: f64) -> (Measure, f32) {
+    fn color_measure(color: Color, distance: f64, lightness: f64) -> (Measure, f32) {
         (Measure::Color { color: color.lab(), lightness: lightness as f32 }, distance as f32)
     }
     Ok(match *select {
-        Select::Near { color, distance, lightness } => near(color, distance, lightness),
+        Select::Near { color, distance, lightness } => color_measure(color, distance, lightness),
         Select::Sample { at: (column, row), distance, lightness } => {
             check_inside(image, (column, row))?;
-            near(Color(image.at([column as usize, row as usize])), distance, lightness)
+            color_measure(Color(image.pixel([column as usize, row as usize])), distance, lightness)
         }
         Select::Box { space, low, high } => {
             let [low, high] = [low, high].map(|corner| corner.map(|channel| channel as f32));
@@ -125,13 +125,13 @@ pub(crate) fn measure(
                     histogram[level(channel, pixel) as usize] += 1;
                 }
             }
-            (Measure::Level { channel, least: otsu(&histogram) + 1 }, 0.0)
+            (Measure::Level { channel, min: otsu(&histogram) + 1 }, 0.0)
         }
     })
 }
 
 impl Measure {
-    /// Marks the pixels that are at most `limit` away; with `invert` the others.
+    /// Marks the pixels that are at most `limit` away; with `invert` all other pixels.
     pub(crate) fn mark(&self, pixels: &[Rgb], limit: f32, invert: bool, marks: &mut [bool]) {
         if let Self::Box { space: Space::Rgb, low, high } = *self {
             return mark_box(pixels, low, high, invert, marks);
@@ -166,51 +166,51 @@ impl Measure {
                 };
                 first.max(excess(1)).max(excess(2)).max(0.0)
             }
-            Self::Level { channel, least } => least.saturating_sub(level(channel, pixel)) as f32,
+            Self::Level { channel, min } => min.saturating_sub(level(channel, pixel)) as f32,
         }
     }
 }
 
-/// Marks the pixels in a box of sRGB values; with `invert` the others.
+/// Marks the pixels in a box of sRGB values; with `invert` all other pixels.
 fn mark_box(pixels: &[Rgb], low: [f32; 3], high: [f32; 3], invert: bool, marks: &mut [bool]) {
-    // The whole numbers in the box; the conversion ends at 0 and 255.
-    let (least, most) = (low.map(|x| x.ceil() as u8), high.map(|x| x.floor() as u8));
+    // The smallest and largest integers in the box; the casts saturate at 0 and 255.
+    let (min, max) = (low.map(|x| x.ceil() as u8), high.map(|x| x.floor() as u8));
     let is_empty =
-        (0..3).any(|k| high[k] < low[k] || high[k] < 0.0 || 255.0 < low[k] || most[k] < least[k]);
+        (0..3).any(|k| high[k] < low[k] || high[k] < 0.0 || 255.0 < low[k] || max[k] < min[k]);
     if is_empty {
         return marks.fill(invert);
     }
-    let span = [0, 1, 2].map(|k| most[k] - least[k]);
+    let span = [0, 1, 2].map(|k| max[k] - min[k]);
     pulp::Arch::new().dispatch(|| {
         for (mark, pixel) in marks.iter_mut().zip(pixels) {
-            // What is below the least value wraps around to above the span: one comparison for both sides.
-            let inside = |k: usize| pixel[k].wrapping_sub(least[k]) <= span[k];
+            // A value below the minimum wraps around to a value above the span: one comparison covers both sides.
+            let inside = |k: usize| pixel[k].wrapping_sub(min[k]) <= span[k];
             *mark = (inside(0) & inside(1) & inside(2)) != invert;
         }
     });
 }
 
-/// Hue (degrees), saturation and value (0 to 1) on sRGB values: the hexcone of Smith, "Color Gamut Transform Pairs" (1978).
-/// None for gray, which has no hue.
+/// Returns hue (degrees), saturation and value (0 to 1) of sRGB values: the hexcone of Smith, "Color Gamut Transform Pairs" (1978). Returns
+/// `None` for gray, which has no hue.
 fn hsv(pixel: Rgb) -> Option<[f32; 3]> {
     let [r, g, b] = pixel.map(f32::from);
-    let (most, least) = (r.max(g).max(b), r.min(g).min(b));
-    let chroma = most - least;
+    let (max, min) = (r.max(g).max(b), r.min(g).min(b));
+    let chroma = max - min;
     if chroma == 0.0 {
         return None;
     }
-    let sextant = if most == r {
+    let sextant = if max == r {
         (g - b) / chroma
-    } else if most == g {
+    } else if max == g {
         (b - r) / chroma + 2.0
     } else {
         (r - g) / chroma + 4.0
     };
     let hue = if sextant < 0.0 { sextant + 6.0 } else { sextant } * 60.0;
-    Some([hue, chroma / most, most / 255.0])
+    Some([hue, chroma / max, max / 255.0])
 }
 
-/// The level of a color.
+/// Returns the level of a color in a channel.
 pub fn level(channel: Channel, [r, g, b]: Rgb) -> u32 {
     let [red, green, blue] = [r, g, b].map(u32::from);
     match channel {
@@ -219,8 +219,8 @@ pub fn level(channel: Channel, [r, g, b]: Rgb) -> u32 {
         Channel::Green => green,
         Channel::Blue => blue,
         Channel::Saturation => {
-            let most = red.max(green).max(blue);
-            (255 * (most - red.min(green).min(blue))).checked_div(most).unwrap_or(0)
+            let max = red.max(green).max(blue);
+            (255 * (max - red.min(green).min(blue))).checked_div(max).unwrap_or(0)
         }
     }
 }

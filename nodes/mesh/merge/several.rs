@@ -1,19 +1,18 @@
-//! The materials of several meshes in one.
+//! Combines the different materials of several meshes.
 
-use maquette_value::{Attribute, MATERIAL, Material, Mesh, MeshError};
+use maquette_value::{Attribute, MATERIAL_ATTRIBUTE, Material, Mesh, MeshError};
 
 use super::MergeError;
 
-/// The mesh with texture coordinates and colors where others of those that it is merged with may have them: texture coordinates at its
-/// corners, and a color at each vertex.
-pub(super) fn prepared(mesh: &Mesh) -> Result<Mesh, MeshError> {
+/// Returns the mesh with texture coordinates at its corners and a color at each vertex, because the other merged meshes may have them.
+pub(super) fn prepare(mesh: &Mesh) -> Result<Mesh, MeshError> {
     let corners = mesh.faces().corners();
     let uv = match (mesh.corner().pairs("uv"), mesh.vertex().pairs("uv")) {
         (Some(uv), _) => uv.clone(),
         (None, Some(uv)) => corners.iter().map(|&vertex| uv[vertex as usize]).collect(),
         (None, None) => vec![[0.0; 2]; corners.len()].into(),
     };
-    let prepared = mesh.clone().without("uv").with_corner("uv", Attribute::Pair(uv))?;
+    let prepared = mesh.clone().without_attribute("uv").with_corner("uv", Attribute::Pair(uv))?;
     if mesh.vertex().colors("color").is_some() {
         return Ok(prepared);
     }
@@ -25,7 +24,7 @@ pub(super) fn prepared(mesh: &Mesh) -> Result<Mesh, MeshError> {
     prepared.with_vertex("color", Attribute::Color(colors.into()))
 }
 
-/// The merged mesh with the materials of all parts, each once.
+/// Returns the merged mesh with the materials of all parts, without duplicates.
 pub(super) fn with_materials(merged: Mesh, parts: &[Mesh]) -> Result<Mesh, MergeError> {
     let mut materials: Vec<Material> = Vec::new();
     let mut numbers: Vec<u32> = Vec::with_capacity(merged.faces().len());
@@ -54,7 +53,7 @@ pub(super) fn with_materials(merged: Mesh, parts: &[Mesh]) -> Result<Mesh, Merge
     }
     let merged = match materials.len() {
         0 | 1 => merged,
-        _ => merged.with_face(MATERIAL, Attribute::Index(numbers.into()))?,
+        _ => merged.with_face(MATERIAL_ATTRIBUTE, Attribute::Index(numbers.into()))?,
     };
     Ok(merged.with_materials(materials))
 }
@@ -74,7 +73,7 @@ mod tests {
         mesh.with_materials(materials)
     }
 
-    fn named(name: &str, base_color: [f64; 4]) -> Material {
+    fn material(name: &str, base_color: [f64; 4]) -> Material {
         Material { name: name.to_owned(), base_color, ..Material::default() }
     }
 
@@ -84,13 +83,13 @@ mod tests {
             Attribute::Pair(vec![[0.5, 0.25]; 3].into())
         }
         let picture = Image::new(1, 1, vec![[9, 8, 7]]).unwrap();
-        let skin = Material { name: "skin".to_owned(), ..Material::of_picture(picture) };
-        let red = named("red", [1.0, 0.0, 0.0, 1.0]);
+        let skin = Material { name: "skin".to_owned(), ..Material::from_picture(picture) };
+        let red = material("red", [1.0, 0.0, 0.0, 1.0]);
         let pictured = triangle(vec![skin.clone()]).with_vertex("uv", uv()).unwrap();
         let bare = triangle(vec![red.clone()]);
         let unknown = triangle(Vec::new());
         let all = [&pictured, &bare, &unknown, &bare];
-        assert!(Looks::of(&all) == Looks::Several);
+        assert!(Looks::choose(&all) == Looks::Several);
         let merged = merge(&all, Poses::Auto).unwrap();
         assert_eq!(merged.materials()[..], [skin, red, Material::default()]);
         assert_eq!(merged.face_materials().map(|all| all.to_vec()), Some(vec![0, 1, 2, 1]));

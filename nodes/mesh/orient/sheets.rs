@@ -1,59 +1,57 @@
-//! The parts of a mesh whose faces can agree on a side.
+//! The parts of a mesh whose faces can be oriented consistently.
 
 use maquette_base::topology::lists::Lists;
 use maquette_value::Mesh;
 use thiserror::Error;
 
-/// A part like a Moebius strip.
+/// A part that is not orientable, such as a Moebius strip.
 #[derive(Clone, Debug, PartialEq, Error)]
 #[error(
     "a part of {faces} faces has only one side, as a Moebius strip has: at {edges} of its edges faces cannot agree, at {} to {} near ({:.3}, {:.3}, {:.3}) for one; \
      cut it there, or take the part away by `Pieces`", ends[0], ends[1], at[0], at[1], at[2]
 )]
 pub struct OneSided {
-    /// Faces of the part.
+    /// Number of faces of the part.
     pub faces: usize,
-    /// Edges at which they do not agree.
+    /// Number of edges at which the part's faces cannot be made consistent.
     pub edges: usize,
-    /// The vertices of the first of these.
+    /// The vertices of the first inconsistent edge.
     pub ends: [u32; 2],
-    /// Where that is.
+    /// The middle of the edge `ends`, in mm.
     pub at: [f64; 3],
 }
 
-/// Faces that hang together by edges of two faces.
+/// The parts of a mesh: faces that are connected by edges of two faces.
 pub(super) struct Sheets {
-    /// The part of each face.
+    /// The number of the part that contains each face.
     pub(super) of_face: Vec<u32>,
-    /// Which faces must be turned so that those of each part agree: fewer than half of each part.
+    /// The faces that are flipped to make each part consistent: fewer than half of the faces of a part.
     pub(super) is_turned: Vec<bool>,
-    /// Whether each edge of a part has two faces.
+    /// For each part, true if all of its edges have two faces.
     pub(super) is_closed: Vec<bool>,
-    /// How many edges have more than two faces, and the first of them.
+    /// The number of edges with more than two faces, and the first of them.
     pub(super) crowded: Option<(usize, [u32; 2])>,
 }
 
 impl Sheets {
-    /// Floods each part from its first face.
+    /// Finds the connected parts of a mesh, and the faces to reverse so that each part is consistently oriented.
     ///
     /// # Errors
-    /// If a part has only one side.
+    /// Returns an error if a part is not orientable.
     pub(super) fn new(mesh: &Mesh) -> Result<Self, OneSided> {
         let (edges, count) = (mesh.edges(), mesh.faces().len());
-        // The sides of faces at each edge: the face, and whether it runs upwards.
-        let sides = || {
+        // For each edge, the sides of faces at it: the face, and true if the side runs from the lower to the higher vertex.
+        let at_edges = Lists::group(edges.vertices.len(), || {
             let mut corner = 0;
-            mesh.faces().iter().zip(0..).flat_map(move |(face, number)| {
+            let sides = mesh.faces().iter().zip(0..).flat_map(move |(face, number)| {
                 let first = corner;
                 corner += face.len();
                 (0..face.len()).map(move |k| {
                     let is_up = face[k] < face[(k + 1) % face.len()];
                     (first + k, number << 1 | u32::from(is_up))
                 })
-            })
-        };
-        let at_edges = Lists::group(edges.vertices.len(), || {
-            sides().map(|(corner, side)| (edges.of_corner[corner], side))
+            });
+            sides.map(|(corner, side)| (edges.of_corner[corner], side))
         });
         let mut of_face = vec![u32::MAX; count];
         let mut is_turned = vec![false; count];
@@ -72,7 +70,7 @@ impl Sheets {
                 let corners = mesh.faces().first_corner(face);
                 for corner in corners..corners + mesh.faces().face(face).len() {
                     let edge = edges.of_corner[corner] as usize;
-                    let &[a, b] = at_edges.of(edge) else {
+                    let &[a, b] = at_edges.list(edge) else {
                         is_closed[part as usize] = false;
                         continue;
                     };
@@ -88,7 +86,7 @@ impl Sheets {
                 }
             }
             if let Some(&first) = torn.iter().min() {
-                // Each edge was met from both of its faces.
+                // Each inconsistent edge was counted from both of its faces.
                 let (faces, edges_of_it) = (flooded.len(), torn.len() / 2);
                 let ends = edges.vertices[first];
                 let [a, b] = ends.map(|end| mesh.positions()[end as usize]);

@@ -1,4 +1,4 @@
-//! Which side of a part is its outside.
+//! Determines the outside of a part.
 
 use maquette_base::solid_angle::half_solid_angle;
 use maquette_base::topology::lists::Lists;
@@ -8,24 +8,25 @@ use nalgebra::{Point3, Vector3};
 
 use super::sheets::Sheets;
 
-/// At least and at most so many faces of an open part are judged; in between, so many that the sum is short.
-const JUDGES: std::ops::RangeInclusive<usize> = 16..=256;
+/// Minimum and maximum number of faces of an open part that are sampled; between these limits, as many as [`SOLID_ANGLES`] allows.
+const SAMPLED_FACES: std::ops::RangeInclusive<usize> = 16..=256;
 
-/// So many solid angles are computed for an open part, if that is not out of [`JUDGES`]: half a second on one thread.
+/// Maximum number of solid angles that are computed for an open part, within the limits of [`SAMPLED_FACES`]. Computing them takes half a
+/// second on one thread.
 const SOLID_ANGLES: usize = 1 << 23;
 
-/// An open part whose winding number is nearer to 0 than this has no outside. That of a plane is 0, but for rounding, of a relief of a tenth
-/// of its width about a tenth, and of a half ball a quarter.
-const LEAST: f64 = 1e-3;
+/// Minimum absolute winding number of an open part for which an outside is determined. The winding number of a plane is 0, except for
+/// rounding; that of a relief a tenth as high as wide is about 0.1, and that of a half sphere 0.25.
+const MIN_BULGE: f64 = 1e-3;
 
-/// Of each part a number: positive if its faces look outward, negative if they look inward, 0 if it has no outside.
+/// Returns a number for each part: positive if its faces look outward, negative if they look inward, 0 if no outside can be determined.
 pub(super) fn outward_sides(mesh: &Mesh, sheets: &Sheets) -> Vec<f64> {
     let count = sheets.is_closed.len();
     let faces =
         Lists::<u32>::group(count, || (0..).zip(&sheets.of_face).map(|(face, &part)| (part, face)));
-    let boxes: Vec<_> = (0..count).map(|part| bounds(mesh, faces.of(part))).collect();
+    let boxes: Vec<_> = (0..count).map(|part| bounds(mesh, faces.list(part))).collect();
     let own = (0..count).into_par_iter().map(|part| {
-        let faces = faces.of(part);
+        let faces = faces.list(part);
         match sheets.is_closed[part] {
             true => volume(mesh, faces, boxes[part].0),
             false => bulge(mesh, faces),
@@ -42,21 +43,22 @@ pub(super) fn outward_sides(mesh: &Mesh, sheets: &Sheets) -> Vec<f64> {
         let ((low, high), (outer_low, outer_high)) = (boxes[inner], boxes[outer]);
         let is_boxed = (0..3).all(|k| outer_low[k] < low[k] && high[k] < outer_high[k]);
         is_boxed && {
-            let faces_of = faces.of(inner);
+            let faces_of = faces.list(inner);
             let some = [0, faces_of.len() / 2, faces_of.len() - 1];
             some.into_iter().all(|place| {
                 let vertex = mesh.faces().face(faces_of[place] as usize)[0];
                 let at = mesh.positions()[vertex as usize];
-                winding(mesh, faces.of(outer), at, None).abs() > 0.5
+                winding(mesh, faces.list(outer), at, None).abs() > 0.5
             })
         }
     }
-    let is_shell = |part: &usize| sheets.is_closed[*part] && own[*part] != 0.0;
+    let is_shell: Vec<bool> =
+        (0..count).map(|part| sheets.is_closed[part] && own[part] != 0.0).collect();
     let sides = (0..count).into_par_iter().map(|part| {
-        if !is_shell(&part) {
+        if !is_shell[part] {
             return own[part];
         }
-        let around = (0..count).filter(|&outer| outer != part).filter(is_shell);
+        let around = (0..count).filter(|&outer| outer != part && is_shell[outer]);
         let depth = around.filter(|&outer| is_within(part, outer, &boxes, &faces, mesh)).count();
         if depth % 2 == 1 { -own[part] } else { own[part] }
     });
@@ -71,7 +73,7 @@ fn bounds(mesh: &Mesh, faces: &[u32]) -> (Point3<f64>, Point3<f64>) {
     places.fold(nothing, |(low, high), at| (low.inf(&at), high.sup(&at)))
 }
 
-/// The volume that closed faces enclose; negative if they look inward.
+/// Returns the volume that closed faces enclose; negative if the faces look inward.
 fn volume(mesh: &Mesh, faces: &[u32], near: Point3<f64>) -> f64 {
     let triangles = faces.iter().flat_map(|&face| fan(mesh, mesh.faces().face(face as usize)));
     triangles
@@ -80,8 +82,8 @@ fn volume(mesh: &Mesh, faces: &[u32], near: Point3<f64>) -> f64 {
         .sum()
 }
 
-/// How often faces wind around a place: the sum of the solid angles in which it sees them, in whole spheres, without that of the face that
-/// the place is on.
+/// Returns the winding number of faces around a point: the sum of their solid angles divided by 4 pi. The face `on`, which contains the
+/// point, is left out.
 fn winding(mesh: &Mesh, faces: &[u32], at: Point3<f64>, on: Option<u32>) -> f64 {
     let others = faces.iter().filter(|face| Some(**face) != on);
     let triangles = others.flat_map(|&face| fan(mesh, mesh.faces().face(face as usize)));
@@ -89,12 +91,12 @@ fn winding(mesh: &Mesh, faces: &[u32], at: Point3<f64>, on: Option<u32>) -> f64 
     halves.sum::<f64>() / std::f64::consts::TAU
 }
 
-/// The mean of the winding number of open faces on themselves; 0 if it is too near to that.
+/// Returns the mean winding number of an open part at its own faces; 0 if it is too small to be decisive.
 ///
-/// On a face its own solid angle counts as 0, so that the sum is the mean of those right before and right behind it: half of what a closed
-/// surface has inside.
+/// Seen from a point on a face, the face itself has the solid angle 0, so the winding number is the mean of the values on both sides of the
+/// face. For a closed surface, this is half of the value inside.
 fn bulge(mesh: &Mesh, faces: &[u32]) -> f64 {
-    let judges = (SOLID_ANGLES / faces.len()).clamp(*JUDGES.start(), *JUDGES.end());
+    let judges = (SOLID_ANGLES / faces.len()).clamp(*SAMPLED_FACES.start(), *SAMPLED_FACES.end());
     let step = faces.len().div_ceil(judges);
     let mut judged = (0.0, 0.0);
     for &face in faces.iter().step_by(step) {
@@ -106,10 +108,10 @@ fn bulge(mesh: &Mesh, faces: &[u32]) -> f64 {
         judged.1 += area;
     }
     let mean = judged.0 / judged.1;
-    if mean.abs() >= LEAST { mean } else { 0.0 }
+    if mean.abs() >= MIN_BULGE { mean } else { 0.0 }
 }
 
-/// A polygon as a fan of triangles.
+/// Returns the triangles of a polygon, divided as a fan.
 fn fan<'a>(mesh: &'a Mesh, face: &'a [u32]) -> impl Iterator<Item = [Point3<f64>; 3]> + 'a {
     face[1..].windows(2).map(move |pair| {
         [face[0], pair[0], pair[1]].map(|vertex: u32| mesh.positions()[vertex as usize])

@@ -1,4 +1,4 @@
-//! Which faces are turned.
+//! Tests of orientation.
 
 use maquette_value::{CaptureFrame, Faces};
 use nalgebra::Point3;
@@ -10,7 +10,7 @@ fn mesh(positions: Vec<[f64; 3]>, faces: Vec<[u32; 3]>) -> Mesh {
     Mesh::new(positions, Faces::triangles(faces)).unwrap()
 }
 
-/// The tetrahedron at a place, its faces seen from outside.
+/// Returns a tetrahedron at a position, with faces that look outward.
 fn tetrahedron(at: f64, size: f64) -> Mesh {
     let (low, high) = (at, at + size);
     mesh(
@@ -19,30 +19,30 @@ fn tetrahedron(at: f64, size: f64) -> Mesh {
     )
 }
 
-/// Several meshes in one.
-fn together(parts: &[Mesh]) -> Mesh {
+/// Concatenates several meshes.
+fn concatenate(parts: &[Mesh]) -> Mesh {
     crate::merge(&Vec::from_iter(parts), crate::Poses::Ignore).unwrap()
 }
 
-fn flipped(mesh: &Mesh, faces: &[usize]) -> Mesh {
+fn flip(mesh: &Mesh, faces: &[usize]) -> Mesh {
     let flags: Vec<_> = (0..mesh.faces().len()).map(|face| faces.contains(&face)).collect();
-    turned(mesh, &flags).unwrap()
+    flip_faces(mesh, &flags).unwrap()
 }
 
-/// A net of triangles over a square of 2 x 2 whose height is given, looking along z.
+/// Returns a height field of triangles over a square of 2 x 2, seen along z.
 fn net(height: impl Fn(f64, f64) -> f64) -> Mesh {
     let side = 9;
-    fn at(k: u32, side: u32) -> f64 {
+    fn coordinate(k: u32, side: u32) -> f64 {
         f64::from(k) / f64::from(side - 1) * 2.0 - 1.0
     }
-    let places = (0..side * side).map(|k| [at(k % side, side), at(k / side, side)]);
+    let places = (0..side * side).map(|k| [coordinate(k % side, side), coordinate(k / side, side)]);
     let positions = places.map(|[x, y]| [x, y, height(x, y)]).collect();
     let cells = (0..side * (side - 1)).filter(|k| k % side < side - 1);
     let faces = cells.flat_map(|k| [[k, k + 1, k + side + 1], [k, k + side + 1, k + side]]);
     mesh(positions, faces.collect())
 }
 
-fn captured(mesh: Mesh) -> Mesh {
+fn with_frame(mesh: Mesh) -> Mesh {
     let frame =
         CaptureFrame { camera: None, picture: [2, 2], depth: 700.0, world_from_camera: None };
     mesh.with_frame(Some(frame))
@@ -59,7 +59,7 @@ fn whatever_faces_of_a_closed_part_look_inward_all_look_outward() {
     let right = tetrahedron(5.0, 1.0);
     for wrong in 0..16 {
         let wrong: Vec<_> = (0..4).filter(|face| wrong >> face & 1 == 1).collect();
-        let found = orient(&flipped(&right, &wrong), Outside::Outward).unwrap();
+        let found = orient(&flip(&right, &wrong), Outside::Outward).unwrap();
         let seen = found.mesh.faces().iter().map(|face| found.mesh.area_vector(face));
         let wanted: Vec<_> = right.faces().iter().map(|face| right.area_vector(face)).collect();
         seen.zip(&wanted).for_each(|(seen, wanted)| assert!((seen - wanted).norm() < 1e-12));
@@ -71,27 +71,27 @@ fn whatever_faces_of_a_closed_part_look_inward_all_look_outward() {
 fn a_closed_part_within_another_is_a_cavity_and_one_within_that_is_solid() {
     let [outer, middle, inner] =
         [tetrahedron(0.0, 8.0), tetrahedron(0.5, 4.0), tetrahedron(0.75, 2.0)];
-    let hollow = flipped(&middle, &[0, 1, 2, 3]);
-    let right = together(&[outer.clone(), hollow, inner.clone()]);
-    check(&together(&[outer, middle, inner]), Outside::Outward, &right);
+    let hollow = flip(&middle, &[0, 1, 2, 3]);
+    let right = concatenate(&[outer.clone(), hollow, inner.clone()]);
+    check(&concatenate(&[outer, middle, inner]), Outside::Outward, &right);
     check(&right, Outside::Outward, &right);
 }
 
 #[test]
-fn an_open_part_looks_to_where_it_bulges() {
+fn an_open_part_faces_its_convex_side() {
     let dome = net(|x, y| 1.0 - 0.4 * (x * x + y * y));
     let all = Vec::from_iter(0..dome.faces().len());
     check(&dome, Outside::Outward, &dome);
-    check(&flipped(&dome, &all), Outside::Outward, &dome);
+    check(&flip(&dome, &all), Outside::Outward, &dome);
     let bowl = net(|x, y| 0.4 * (x * x + y * y));
-    check(&bowl, Outside::Outward, &flipped(&bowl, &all));
-    check(&flipped(&dome, &all[..50]), Outside::Outward, &dome);
+    check(&bowl, Outside::Outward, &flip(&bowl, &all));
+    check(&flip(&dome, &all[..50]), Outside::Outward, &dome);
 }
 
 #[test]
 fn a_flat_part_stays_and_is_counted() {
     let flat = net(|_, _| 3.0);
-    for start in [flat.clone(), flipped(&flat, &Vec::from_iter(0..flat.faces().len()))] {
+    for start in [flat.clone(), flip(&flat, &Vec::from_iter(0..flat.faces().len()))] {
         let found = orient(&start, Outside::Outward).unwrap();
         assert_eq!((found.mesh.faces(), found.undecided), (start.faces(), 1));
     }
@@ -101,38 +101,38 @@ fn a_flat_part_stays_and_is_counted() {
 
 #[test]
 fn the_sensor_sees_the_outside_of_open_parts() {
-    let seen = captured(net(|x, _| -5.0 + 0.2 * x * x));
+    let seen = with_frame(net(|x, _| -5.0 + 0.2 * x * x));
     let all = Vec::from_iter(0..seen.faces().len());
-    check(&flipped(&seen, &all[..100]), Outside::Sensor, &seen);
+    check(&flip(&seen, &all[..100]), Outside::Sensor, &seen);
     let error = orient(&net(|_, _| 0.0), Outside::Sensor).err().unwrap();
     assert_eq!(
         error.to_string(),
-        "no capture gave this mesh, so that no sensor is known: choose `outside: Outward`"
+        "the mesh is not from a capture, so its sensor is unknown: use `outside: Outward`"
     );
-    let closed = captured(tetrahedron(5.0, 1.0));
-    check(&flipped(&closed, &[0, 1, 2, 3]), Outside::Sensor, &closed);
+    let closed = with_frame(tetrahedron(5.0, 1.0));
+    check(&flip(&closed, &[0, 1, 2, 3]), Outside::Sensor, &closed);
 }
 
 #[test]
 fn others_look_as_the_largest_part_does() {
     let (large, small) = (tetrahedron(0.0, 4.0), tetrahedron(9.0, 1.0));
     let all = [0, 1, 2, 3];
-    let inward = [flipped(&small, &all), flipped(&large, &all)];
+    let inward = [flip(&small, &all), flip(&large, &all)];
     check(
-        &together(&[small.clone(), flipped(&large, &all)]),
+        &concatenate(&[small.clone(), flip(&large, &all)]),
         Outside::LargestPart,
-        &together(&inward),
+        &concatenate(&inward),
     );
-    let outward = together(&[small.clone(), large.clone()]);
-    check(&together(&[flipped(&small, &all), large]), Outside::LargestPart, &outward);
+    let outward = concatenate(&[small.clone(), large.clone()]);
+    check(&concatenate(&[flip(&small, &all), large]), Outside::LargestPart, &outward);
     let (flat, all) = (net(|_, _| 0.0), (0..128).collect::<Vec<_>>());
-    fn two(second: Mesh, flat: &Mesh) -> Mesh {
-        together(&[flat.clone(), second])
+    fn with_flat(second: Mesh, flat: &Mesh) -> Mesh {
+        concatenate(&[flat.clone(), second])
     }
     check(
-        &two(flipped(&net(|_, _| 1.0), &all), &flat),
+        &with_flat(flip(&net(|_, _| 1.0), &all), &flat),
         Outside::LargestPart,
-        &two(net(|_, _| 1.0), &flat),
+        &with_flat(net(|_, _| 1.0), &flat),
     );
 }
 
@@ -156,15 +156,15 @@ fn normals_turn_with_their_faces() {
     }
     let wanted = with_normals(&right);
     for wrong in [&[0][..], &[0, 1, 2, 3]] {
-        let found = orient(&with_normals(&flipped(&right, wrong)), Outside::Outward).unwrap().mesh;
-        fn near(a: &[[f64; 3]], b: &[[f64; 3]]) -> bool {
+        let found = orient(&with_normals(&flip(&right, wrong)), Outside::Outward).unwrap().mesh;
+        fn is_close(a: &[[f64; 3]], b: &[[f64; 3]]) -> bool {
             let mut pairs = a.iter().zip(b);
             pairs.all(|(a, b)| (Vector3::from(*a) - Vector3::from(*b)).norm() < 1e-12)
         }
         let vectors = [&wanted, &found].map(|mesh| mesh.vertex().vectors("normal").unwrap());
-        assert!(near(vectors[0], vectors[1]), "{wrong:?}");
+        assert!(is_close(vectors[0], vectors[1]), "{wrong:?}");
         let vectors = [&wanted, &found].map(|mesh| mesh.corner().vectors("normal").unwrap());
-        assert!(near(vectors[0], vectors[1]), "{wrong:?}");
+        assert!(is_close(vectors[0], vectors[1]), "{wrong:?}");
     }
 }
 
@@ -192,7 +192,7 @@ fn a_moebius_strip_is_refused_with_its_numbers() {
 }
 
 #[test]
-fn an_edge_of_three_faces_joins_no_parts_and_is_told() {
+fn an_edge_of_three_faces_joins_no_parts_and_is_reported() {
     let fan = mesh(
         vec![[0.; 3], [0., 0., 1.], [1., 0., 0.], [0., 1., 0.], [-1., -1., 0.]],
         vec![[0, 1, 2], [0, 1, 3], [0, 1, 4]],

@@ -1,61 +1,61 @@
-//! Some of the cells of a cube, or of the nodes between them, in rows: z, then y, then x ascends.
+//! Sparse sets of cells of a cube, or of its nodes, sorted by z, then y, then x. A row is all positions with the same z and y.
 
 use std::ops::Range;
 
 use maquette_value::parallel::*;
 use nalgebra::Point3;
 
-/// A place in a cube of cells or nodes: x, y, z.
+/// A position in a cube of cells or nodes: x, y, z.
 pub(super) type CellIndex = [i32; 3];
 
-/// A cube that is halved again and again: at depth `d` it has `2^d` cells along each side.
+/// A cube that is halved repeatedly: at depth `d` it has `2^d` cells along each side.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cube {
     /// The corner with the lowest coordinates.
     pub(super) corner: Point3<f64>,
-    /// Edge of the finest cells, in mm.
+    /// Edge length of the finest cells, in mm.
     pub(super) edge: f64,
     /// Depth of the finest cells.
     pub(super) depth: u32,
 }
 
 impl Cube {
-    /// Edge of the cells at a depth, in mm.
+    /// Returns the edge length of the cells at a depth, in mm.
     pub(super) fn edge_at(&self, depth: u32) -> f64 {
         self.edge * f64::from(1_u32 << (self.depth - depth))
     }
 
-    /// Coordinates in cells of a depth.
+    /// Converts a point to coordinates in units of the cells at a depth.
     pub(super) fn in_cells(&self, point: &Point3<f64>, depth: u32) -> [f64; 3] {
         let edge = self.edge_at(depth);
         [0, 1, 2].map(|axis| (point[axis] - self.corner[axis]) / edge)
     }
 
-    /// The cell of a depth that has these coordinates.
+    /// Returns the cell at a depth that contains the coordinates.
     pub(super) fn cell(&self, coordinates: [f64; 3], depth: u32) -> CellIndex {
         let last = (1_i32 << depth) - 1;
         coordinates.map(|x| (x.floor() as i32).clamp(0, last))
     }
 
-    /// The point at these coordinates in cells of a depth.
+    /// Returns the point at coordinates in units of the cells at a depth.
     pub(super) fn point(&self, coordinates: [f64; 3], depth: u32) -> Point3<f64> {
         let edge = self.edge_at(depth);
         Point3::from([0, 1, 2].map(|axis| self.corner[axis] + coordinates[axis] * edge))
     }
 }
 
-/// A sorted set of places, each of which has a number.
+/// A sorted set of positions, each with an index.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Places {
-    /// Rows along y and z.
+    /// The number of rows along y and along z.
     side: i32,
     places: Vec<[u16; 3]>,
-    /// Where each row (z, y) begins, and the end of the last.
+    /// The first index of each row (z, y), and the end of the last row.
     rows: Vec<u32>,
 }
 
 impl Places {
-    /// Those of sorted, different places below `side`.
+    /// Makes a set of sorted, distinct positions, whose coordinates are below `side`.
     pub(super) fn new(side: i32, places: Vec<[u16; 3]>) -> Self {
         let n_rows = (side * side) as usize;
         let mut rows = vec![0_u32; n_rows + 1];
@@ -80,7 +80,7 @@ impl Places {
         self.places[number].map(i32::from)
     }
 
-    /// The numbers of a row.
+    /// Returns the indices of the positions in a row.
     pub(super) fn row(&self, y: i32, z: i32) -> Range<usize> {
         if y < 0 || z < 0 || y >= self.side || z >= self.side {
             return 0..0;
@@ -89,7 +89,7 @@ impl Places {
         self.rows[row] as usize..self.rows[row + 1] as usize
     }
 
-    /// The first number of a row that is at `x` or behind.
+    /// Returns the first index in a row whose position is at least `x`.
     pub(super) fn from(&self, row: Range<usize>, x: i32) -> usize {
         row.start + self.places[row].partition_point(|place| i32::from(place[0]) < x)
     }
@@ -100,8 +100,8 @@ impl Places {
         (at < row.end && i32::from(self.places[at][0]) == x).then_some(at)
     }
 
-    /// The numbers of the places whose coordinates differ from these by at most 1.
-    pub(super) fn near(&self, [x, y, z]: CellIndex) -> impl Iterator<Item = usize> {
+    /// Returns the indices of the positions whose coordinates differ from the given ones by at most 1.
+    pub(super) fn neighbors(&self, [x, y, z]: CellIndex) -> impl Iterator<Item = usize> {
         (0..9).flat_map(move |k| {
             let row = self.row(y + k % 3 - 1, z + k / 3 - 1);
             let first = self.from(row.clone(), x - 1);
@@ -109,7 +109,7 @@ impl Places {
         })
     }
 
-    /// The numbers of the eight corners of a cell, if all are there; corner `k` has the bits of `k` added, x first.
+    /// Returns the indices of the eight corners of a cell, if all exist; corner `k` is offset by the bits of `k`, x first.
     pub(super) fn corners(&self, [x, y, z]: CellIndex) -> Option<[usize; 8]> {
         let mut corners = [0; 8];
         for k in 0..4 {
@@ -124,43 +124,45 @@ impl Places {
         Some(corners)
     }
 
-    /// All places of a cube with `side` places along each side whose coordinates are those of a place here and `reach` more.
+    /// Returns all cells of a cube of `side` cells along each axis whose offset from a cell of the set is within `reach` along each axis.
     pub(super) fn spread(&self, side: i32, reach: std::ops::RangeInclusive<i32>) -> Self {
         let (low, high) = (*reach.start(), *reach.end());
-        let of_layer = |z: i32| {
-            let mut places = Vec::new();
-            let mut is_in = vec![0_u64; side as usize / 64 + 1];
-            for y in 0..side {
-                let mut any = false;
-                for cell_z in z - high..=z - low {
-                    for cell_y in y - high..=y - low {
-                        for at in self.row(cell_y, cell_z) {
-                            any = true;
-                            let x = i32::from(self.places[at][0]);
-                            for x in (x + low).max(0)..=(x + high).min(side - 1) {
-                                is_in[x as usize / 64] |= 1 << (x % 64);
+        let layers: Vec<Vec<[u16; 3]>> = (0..side)
+            .into_par_iter()
+            .map(|z: i32| {
+                let mut places = Vec::new();
+                let mut is_in = vec![0_u64; side as usize / 64 + 1];
+                for y in 0..side {
+                    let mut any = false;
+                    for cell_z in z - high..=z - low {
+                        for cell_y in y - high..=y - low {
+                            for at in self.row(cell_y, cell_z) {
+                                any = true;
+                                let x = i32::from(self.places[at][0]);
+                                for x in (x + low).max(0)..=(x + high).min(side - 1) {
+                                    is_in[x as usize / 64] |= 1 << (x % 64);
+                                }
+                            }
+                        }
+                    }
+                    if any {
+                        for (word, bits) in is_in.iter_mut().enumerate() {
+                            while *bits != 0 {
+                                let x = 64 * word as u32 + bits.trailing_zeros();
+                                places.push([x as u16, y as u16, z as u16]);
+                                *bits &= *bits - 1;
                             }
                         }
                     }
                 }
-                if any {
-                    for (word, bits) in is_in.iter_mut().enumerate() {
-                        while *bits != 0 {
-                            let x = 64 * word as u32 + bits.trailing_zeros();
-                            places.push([x as u16, y as u16, z as u16]);
-                            *bits &= *bits - 1;
-                        }
-                    }
-                }
-            }
-            places
-        };
-        let layers: Vec<Vec<[u16; 3]>> = (0..side).into_par_iter().map(of_layer).collect();
+                places
+            })
+            .collect();
         Self::new(side, layers.concat())
     }
 
-    /// All places of a cube.
-    pub(super) fn all(side: i32) -> Self {
+    /// Returns all positions of a cube.
+    pub(super) fn full(side: i32) -> Self {
         let count = side * side * side;
         Self::new(
             side,
@@ -171,7 +173,7 @@ impl Places {
     }
 }
 
-/// The quadratic B-spline around 0, which is 0 from 1.5 on.
+/// Returns the value of the quadratic B-spline around 0, which is 0 from 1.5 on.
 pub(super) fn bell(x: f64) -> f64 {
     let x = x.abs();
     if x < 0.5 {
@@ -183,12 +185,12 @@ pub(super) fn bell(x: f64) -> f64 {
     }
 }
 
-/// The weights of a cell's corners at a place within it, from 0 to 1 along each axis.
+/// Returns the weights of a cell's corners at a position within the cell, given from 0 to 1 along each axis.
 pub(super) fn corner_weights([x, y, z]: [f64; 3]) -> [f64; 8] {
     std::array::from_fn(|k| {
-        fn along(x: f64, bit: usize, k: usize) -> f64 {
+        fn weight(x: f64, bit: usize, k: usize) -> f64 {
             if k & bit == 0 { 1.0 - x } else { x }
         }
-        along(x, 1, k) * along(y, 2, k) * along(z, 4, k)
+        weight(x, 1, k) * weight(y, 2, k) * weight(z, 4, k)
     })
 }

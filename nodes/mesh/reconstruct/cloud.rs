@@ -1,31 +1,31 @@
-//! The points to reconstruct a surface from, with their normals and the directions to the sensor where these are known.
+//! The points of a reconstruction, with their normals and, where known, the directions to the sensor.
 
 use maquette_base::scattered::Scattered;
 use maquette_value::{Attribute, Attributes, Column, Mesh, Points, RangeImage, Rgb};
 use nalgebra::{Matrix4, Point3, Vector3};
 
-/// Points of several sources in one frame.
+/// The points of several sources in one coordinate system.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Cloud {
     pub(super) positions: Vec<Point3<f64>>,
-    /// Unit normals; 0 where there is none.
+    /// Unit normals; zero vectors for points without a normal.
     pub(super) normals: Vec<Vector3<f64>>,
-    /// Unit vectors towards the sensor; 0 where it is not known.
+    /// Unit vectors towards the sensor; zero vectors if the sensor is unknown.
     pub(super) views: Vec<Vector3<f64>>,
-    /// One for each point, if all sources have colors.
+    /// A color for each point, if all sources have colors.
     pub(super) colors: Option<Vec<Rgb>>,
-    /// How much each point counts, 1 on the mean; empty if all count the same.
+    /// The weight of each point, 1 on average; empty if all weights are equal.
     pub(super) weights: Vec<f64>,
 }
 
-/// The attribute of points that says how much each counts.
+/// Name of the point attribute from which weights are read.
 const CONFIDENCE: &str = "confidence";
 
-/// A point counts at least so much, as a share of one that counts 1: a mean needs a weight.
-const LEAST: f64 = 1e-6;
+/// Minimum weight of a point: a mean needs positive weights.
+const MIN_WEIGHT: f64 = 1e-6;
 
 impl Cloud {
-    /// The points of all sources, moved by their poses where there are some. Normals are left out without `normals`.
+    /// Collects the points of all sources, moved by their poses if there are some. Normals are dropped unless `normals` is true.
     pub(super) fn new(
         sources: &[Scattered],
         poses: &[Option<Matrix4<f64>>],
@@ -53,7 +53,7 @@ impl Cloud {
         cloud
     }
 
-    /// Takes the weights of points from sources that have some. Points of the others count 1.
+    /// Reads the weights of points from sources that have some. Other points have the weight 1.
     fn weigh(&mut self, sources: &[Scattered]) {
         if !sources.iter().any(|source| match source {
             Scattered::RangeImage(_) => false,
@@ -71,7 +71,7 @@ impl Cloud {
             self.weights.extend(own);
         }
         let mean = self.weights.iter().sum::<f64>() / self.weights.len().max(1) as f64;
-        self.weights.iter_mut().for_each(|weight| *weight = (*weight / mean).max(LEAST));
+        self.weights.iter_mut().for_each(|weight| *weight = (*weight / mean).max(MIN_WEIGHT));
     }
 
     fn add_points(&mut self, points: &Points) -> Option<Vec<Rgb>> {
@@ -80,13 +80,13 @@ impl Cloud {
         colors(points.attributes())
     }
 
-    /// Vertices that belong to no face have no normal; without faces none has.
+    /// Adds the vertices of a mesh and returns their colors. A vertex without faces has no normal, so a mesh without faces has no normals.
     fn add_mesh(&mut self, mesh: &Mesh) -> Option<Vec<Rgb>> {
         let given = !mesh.faces().is_empty() || mesh.vertex().vectors("normal").is_some();
         let normals = given.then(|| mesh.normals());
         self.add(mesh.positions(), normals.as_deref());
         if let Some(depth) = mesh.frame().map(|frame| frame.depth).filter(|_| !given) {
-            // The sensor is at the origin of its frame.
+            // The sensor of a capture is at the origin of the capture's frame.
             let first = self.views.len() - mesh.positions().len();
             let views = mesh.positions().iter().map(|point| towards_sensor(point, depth));
             self.views.truncate(first);
@@ -110,16 +110,20 @@ impl Cloud {
     fn add(&mut self, places: &[Point3<f64>], normals: Option<&[[f64; 3]]>) {
         self.positions.extend_from_slice(places);
         self.views.resize(self.positions.len(), Vector3::zeros());
-        let unit =
-            |normal: &[f64; 3]| Vector3::from(*normal).try_normalize(1e-9).unwrap_or_default();
+
         match normals {
-            Some(normals) => self.normals.extend(normals.iter().map(unit)),
+            Some(normals) => self.normals.extend(
+                normals
+                    .iter()
+                    .map(|normal| Vector3::from(*normal).try_normalize(1e-9).unwrap_or_default()),
+            ),
             None => self.normals.resize(self.positions.len(), Vector3::zeros()),
         }
     }
 }
 
-/// The direction of the sensor, which looks along z from the origin. Grids without a camera may have been moved towards it.
+/// Returns the direction from a point towards the sensor, which looks along z from the origin. A grid without a camera may have been moved
+/// to or behind the origin; if `depth` is therefore not positive, the direction is -z.
 fn towards_sensor(point: &Point3<f64>, depth: f64) -> Vector3<f64> {
     if depth > 0.0 {
         (-point.coords).try_normalize(1e-9).unwrap_or_default()
@@ -138,7 +142,11 @@ fn confidence(attributes: &Attributes) -> Option<&Column<f64>> {
 fn weights(attributes: &Attributes, count: usize) -> Vec<f64> {
     confidence(attributes).map_or_else(
         || vec![1.0; count],
-        |own| own.iter().map(|it| if it.is_finite() { it.max(LEAST) } else { LEAST }).collect(),
+        |own| {
+            own.iter()
+                .map(|it| if it.is_finite() { it.max(MIN_WEIGHT) } else { MIN_WEIGHT })
+                .collect()
+        },
     )
 }
 

@@ -1,41 +1,41 @@
-//! The level set of a function as quads: a vertex in each finest cell that it runs through, a quad across each edge of the grid that it
-//! cuts.
+//! Extracts the level set of a function as quads. It has a vertex in each finest cell that the level set intersects, and a quad across each
+//! grid edge that it crosses.
 //!
-//! Gibson, "Constrained elastic surface nets" (1998). With one vertex in a cell, the mesh is closed, but two sheets may meet in a vertex or
-//! an edge. They cannot if in each cell the inner nodes are connected along the cell's edges, and the outer nodes, too (Latecki, "3D
-//! well-composed pictures", 1997). Where they are not, the outer node nearest to the surface is counted as an inner one until they are.
+//! Gibson, "Constrained elastic surface nets" (1998). With one vertex per cell, the mesh is closed, but two sheets may share a vertex or an
+//! edge. This cannot happen if, in each cell, the inner nodes are connected along the cell's edges, and the outer nodes, too (Latecki, "3D
+//! well-composed pictures", 1997). Where the condition fails, the outer node nearest to the surface is made an inner one, until it holds.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use maquette_node::{Cancelled, Limit, Progress};
+use maquette_node::{CancelledError, Limit, Progress};
 use maquette_value::parallel::*;
 use nalgebra::Point3;
 
 use super::cells::{CellIndex, Places};
 use super::poisson::{Field, SURFACE, SolveError};
 
-/// Faces of a skin; with normals and attributes some 2 GB while it is made.
+/// Maximum number of faces; with normals and attributes, the computation then needs about 2 GB.
 pub(super) const FACES: Limit = Limit {
-    most: 1 << 24,
-    of: "faces",
+    max: 1 << 24,
+    items: "faces",
     help: "choose a larger `spacing`, or points of a smaller part",
 };
 
-/// Quads that turn counter-clockwise seen from outside.
+/// A mesh of quads that are counter-clockwise seen from outside.
 pub(super) struct Skin {
     pub(super) positions: Vec<Point3<f64>>,
     pub(super) quads: Vec<[u32; 4]>,
 }
 
-/// The closed skin of a function.
+/// Returns the closed surface at which a function has the value [`super::poisson::SURFACE`].
 pub(super) fn contour(field: &Field, progress: &Progress<'_>) -> Result<Skin, SolveError> {
-    let (cells, nodes) = crossed(field, progress)?;
+    let (cells, nodes) = intersected_cells(field, progress)?;
     let depth = field.cube.depth;
     let mut values: Vec<f64> = (0..nodes.len())
         .into_par_iter()
         .map(|node: usize| field.at_node(nodes.place(node), depth, depth + 1) - SURFACE)
         .collect();
-    // A node on the surface is outside, so that each edge that is cut has two different ends.
+    // A node on the surface counts as outside, so that the two ends of each crossed edge have different signs.
     values.par_iter_mut().for_each(|x| *x = if *x == 0.0 { -f64::MIN_POSITIVE } else { *x });
     progress.tick(0.5)?;
     let taken_in = compose(field, &cells, &nodes, &values, progress)?;
@@ -62,13 +62,16 @@ fn is_mixed(values: &[f64; 8]) -> bool {
     0 < inside && inside < 8
 }
 
-/// The finest cells that the surface runs through, and all nodes of these.
-fn crossed(field: &Field, progress: &Progress<'_>) -> Result<(Places, Places), SolveError> {
+/// Returns the finest cells that the surface intersects, and all of their nodes.
+fn intersected_cells(
+    field: &Field,
+    progress: &Progress<'_>,
+) -> Result<(Places, Places), SolveError> {
     let depth = field.cube.depth;
     let mut coarse: Vec<CellIndex> = Vec::new();
     for from in 0..=depth {
         let grid = &field.grids[from as usize];
-        // Cells of this grid and those within cells of coarser ones.
+        // The cells of this grid, and the cells of the same size inside of cells of coarser grids.
         let own = (0..grid.nodes.len()).into_par_iter().filter_map(|node| {
             let place = grid.nodes.place(node);
             let corners = grid.nodes.corners(place)?;
@@ -77,14 +80,14 @@ fn crossed(field: &Field, progress: &Progress<'_>) -> Result<(Places, Places), S
         let own: Vec<CellIndex> = own.collect();
         let inherited = coarse.par_iter().copied().filter(|&cell| {
             grid.nodes.corners(cell).is_none()
-                && is_mixed(&around(cell).map(|node| field.at_node(node, from, from) - SURFACE))
+                && is_mixed(&corners_of(cell).map(|node| field.at_node(node, from, from) - SURFACE))
         });
         let mut cells: Vec<CellIndex> = inherited.collect();
         cells.extend(own);
         FACES.check("the skin", cells.len() as f64)?;
         progress.check().map_err(SolveError::Cancelled)?;
         coarse = if from < depth {
-            cells.par_iter().flat_map_iter(|cell| around(cell.map(|x| 2 * x))).collect()
+            cells.par_iter().flat_map_iter(|cell| corners_of(cell.map(|x| 2 * x))).collect()
         } else {
             cells
         };
@@ -98,8 +101,8 @@ fn crossed(field: &Field, progress: &Progress<'_>) -> Result<(Places, Places), S
     Ok((cells, nodes))
 }
 
-/// The corners of a cell; corner `k` has the bits of `k` added, x first.
-fn around([x, y, z]: CellIndex) -> [CellIndex; 8] {
+/// Returns the corners of a cell; corner `k` is offset by the bits of `k`, x first.
+fn corners_of([x, y, z]: CellIndex) -> [CellIndex; 8] {
     std::array::from_fn(|k| {
         fn bit(axis: usize, k: usize) -> i32 {
             (k >> axis & 1) as i32
@@ -108,7 +111,7 @@ fn around([x, y, z]: CellIndex) -> [CellIndex; 8] {
     })
 }
 
-/// What is inside (above 0) and outside.
+/// The values at the nodes: above 0 inside, below 0 outside.
 struct Signs<'a> {
     field: &'a Field,
     nodes: &'a Places,
@@ -134,13 +137,13 @@ impl Signs<'_> {
         {
             return corners.map(|node| self.values[node]);
         }
-        around(place).map(|node| self.of_node(node))
+        corners_of(place).map(|node| self.of_node(node))
     }
 
-    /// The cells that the surface runs through now.
+    /// Returns the cells that the surface intersects after the changes.
     fn cells(&self, before: &Places) -> Places {
         let mut cells: BTreeMap<[i32; 3], CellIndex> = BTreeMap::new();
-        let changed = self.taken_in.iter().flat_map(|&[x, y, z]| around([x - 1, y - 1, z - 1]));
+        let changed = self.taken_in.iter().flat_map(|&[x, y, z]| corners_of([x - 1, y - 1, z - 1]));
         for cell in (0..before.len()).map(|cell| before.place(cell)).chain(changed) {
             if is_mixed(&self.of_cell(cell)) {
                 cells.insert([cell[2], cell[1], cell[0]], cell);
@@ -151,14 +154,14 @@ impl Signs<'_> {
     }
 }
 
-/// The nodes to take in, so that no two sheets meet.
+/// Returns the outer nodes that become inner ones, so that two sheets of the surface never meet in a cell.
 fn compose(
     field: &Field,
     cells: &Places,
     nodes: &Places,
     values: &[f64],
     progress: &Progress<'_>,
-) -> Result<BTreeSet<CellIndex>, Cancelled> {
+) -> Result<BTreeSet<CellIndex>, CancelledError> {
     let mut taken_in = BTreeSet::new();
     let composed: Vec<bool> = (0..=255).map(is_composed).collect();
     let none = BTreeSet::new();
@@ -168,7 +171,7 @@ fn compose(
         .filter(|&cell| !composed[mask(&signs.of_cell(cells.place(cell)))])
         .collect();
     let mut cells: Vec<CellIndex> = bad.into_iter().rev().map(|cell| cells.place(cell)).collect();
-    // Each step takes in one more node, so that there is an end.
+    // Each step adds one inner node, so the loop ends.
     while let Some(cell) = cells.pop() {
         progress.check()?;
         let signs = Signs { field, nodes, values, taken_in: &taken_in };
@@ -176,17 +179,17 @@ fn compose(
         if composed[mask(&corners)] {
             continue;
         }
-        // The border of the cube stays outside, so that the skin is closed.
+        // Nodes at the border of the cube stay outside; otherwise the surface would be open.
         let last = 1 << field.cube.depth;
         let outside = (0..8)
             .filter(|&k| corners[k] <= 0.0)
-            .filter(|k| around(cell)[*k].iter().all(|&x| 0 < x && x < last));
+            .filter(|k| corners_of(cell)[*k].iter().all(|&x| 0 < x && x < last));
         let Some(nearest) = outside.max_by(|&a, &b| corners[a].total_cmp(&corners[b])) else {
             continue;
         };
-        let node = around(cell)[nearest];
+        let node = corners_of(cell)[nearest];
         taken_in.insert(node);
-        cells.extend(around(node.map(|x| x - 1)));
+        cells.extend(corners_of(node.map(|x| x - 1)));
     }
     Ok(taken_in)
 }
@@ -195,9 +198,9 @@ fn mask(values: &[f64; 8]) -> usize {
     (0..8).filter(|&k| values[k] > 0.0).map(|k| 1 << k).sum()
 }
 
-/// Whether the inner corners of a cell are connected along its edges, and the outer ones, too.
+/// Returns true if, along the edges of a cell, the inner corners are connected, and the outer corners, too.
 fn is_composed(mask: u32) -> bool {
-    fn is_one(mask: u32) -> bool {
+    fn is_connected(mask: u32) -> bool {
         let mut reached = mask & mask.wrapping_neg();
         for _ in 0..8 {
             let near = [1, 2, 4].map(|bit| {
@@ -207,10 +210,10 @@ fn is_composed(mask: u32) -> bool {
         }
         reached == mask
     }
-    is_one(mask) && is_one(!mask & 255)
+    is_connected(mask) && is_connected(!mask & 255)
 }
 
-/// The mean of where the surface cuts the edges of a cell.
+/// Returns the mean of the points at which the surface intersects the edges of a cell.
 fn middle(place: CellIndex, values: &[f64; 8]) -> [f64; 3] {
     let (mut sum, mut count) = ([0.0; 3], 0.0);
     for axis in 0..3 {
@@ -221,7 +224,7 @@ fn middle(place: CellIndex, values: &[f64; 8]) -> [f64; 3] {
             }
             count += 1.0;
             for (i, sum) in sum.iter_mut().enumerate() {
-                // Ends that nearly are on the surface would pull the vertices of several cells to one place.
+                // The intersection is kept away from the ends of the edge; otherwise vertices of several cells could coincide.
                 let at =
                     if i == axis { (a / (a - b)).clamp(0.05, 0.95) } else { (k >> i & 1) as f64 };
                 *sum += at;
@@ -231,7 +234,7 @@ fn middle(place: CellIndex, values: &[f64; 8]) -> [f64; 3] {
     [0, 1, 2].map(|axis| f64::from(place[axis]) + sum[axis] / count)
 }
 
-/// The quads across those edges of a cell that begin at its lowest node.
+/// Returns the quads that cross those three edges of a cell that begin at its lowest node.
 fn quads(cells: &Places, place: CellIndex, values: &[f64; 8]) -> Vec<[u32; 4]> {
     let mut quads = Vec::new();
     for axis in 0..3 {
@@ -245,7 +248,7 @@ fn quads(cells: &Places, place: CellIndex, values: &[f64; 8]) -> Vec<[u32; 4]> {
             cells.find(place).map(|cell| cell as u32)
         }
         let [u, v] = [(axis + 1) % 3, (axis + 2) % 3];
-        // Counter-clockwise seen from the end of the edge.
+        // The four cells around the edge, counter-clockwise seen from its end.
         let around = [
             step(&[], &place, cells),
             step(&[u], &place, cells),

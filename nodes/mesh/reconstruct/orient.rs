@@ -1,27 +1,27 @@
-//! Turns normals to the outside.
+//! Orients normals outward.
 //!
-//! Sides are carried along the edges of a minimum spanning tree from neighbor to neighbor: Hoppe, DeRose, Duchamp, McDonald and
-//! Stuetzle, "Surface reconstruction from unorganized points" (1992), section 3.3. An edge costs little if the normal that a circle
-//! through both places would have is near to the normal that is there, rather than if both are parallel, so that a side finds its
-//! way around bends; a circle's normal at one place is that at the other, mirrored at the plane half-way.
+//! The orientation is propagated from neighbor to neighbor along the edges of a minimum spanning tree: Hoppe, DeRose, Duchamp, McDonald and
+//! Stuetzle, "Surface reconstruction from unorganized points" (1992), section 3.3. There, an edge is cheap if both normals are parallel.
+//! Here, it is cheap if both normals agree with a circle through both points, which lets the orientation pass around bends. The normal of a
+//! circle at one point is its normal at the other point, mirrored at the bisecting plane.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use maquette_base::topology::lists::Lists;
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use maquette_value::parallel::*;
 use nalgebra::Vector3;
 
 use super::surfels::{Pyramid, Surfel, place};
 
-/// Turns the normals of all surfels outwards: from those whose side is known; of other parts, so that they are outside where the
-/// part reaches farthest.
+/// Orients the normals of all surfels (surface elements) outward. Known orientations are propagated. A part without known orientations is
+/// oriented such that its outermost normal points outward.
 pub(super) fn orient(
     pyramid: &Pyramid,
     surfels: &mut [Surfel],
     progress: &Progress<'_>,
-) -> Result<(), Cancelled> {
+) -> Result<(), CancelledError> {
     if surfels.iter().all(|surfel| surfel.is_sided || surfel.normal == Vector3::zeros()) {
         return Ok(());
     }
@@ -30,27 +30,33 @@ pub(super) fn orient(
     let mut queue = BinaryHeap::new();
     for from in 0..surfels.len() {
         if surfels[from].is_sided {
-            push(surfels, &neighbors, &done, from, &mut queue);
+            push_edges(surfels, &neighbors, &done, from, &mut queue);
         }
     }
-    grow(surfels, &neighbors, &mut done, &mut queue, progress)?;
+    propagate(surfels, &neighbors, &mut done, &mut queue, progress)?;
     for from in 0..surfels.len() {
         if !done[from] && surfels[from].normal != Vector3::zeros() {
             done[from] = true;
-            push(surfels, &neighbors, &done, from, &mut queue);
-            let mut part = grow(surfels, &neighbors, &mut done, &mut queue, progress)?;
+            push_edges(surfels, &neighbors, &done, from, &mut queue);
+            let mut part = propagate(surfels, &neighbors, &mut done, &mut queue, progress)?;
             part.push(from as u32);
-            face_out(surfels, &part);
+            orient_outward(surfels, &part);
         }
     }
     Ok(())
 }
 
-/// Costs, as bits of floats that are not negative, from where, and to where.
+/// A queue of candidate edges: the cost, as bits of a nonnegative float, the start and the end.
 type Queue = BinaryHeap<Reverse<(u32, u32, u32)>>;
 
-fn push(surfels: &[Surfel], neighbors: &Lists, done: &[bool], from: usize, queue: &mut Queue) {
-    for &to in neighbors.of(from) {
+fn push_edges(
+    surfels: &[Surfel],
+    neighbors: &Lists,
+    done: &[bool],
+    from: usize,
+    queue: &mut Queue,
+) {
+    for &to in neighbors.list(from) {
         if !done[to as usize] {
             let (cost, _) = bend(&surfels[from], &surfels[to as usize]);
             queue.push(Reverse(((cost as f32).to_bits(), from as u32, to)));
@@ -58,14 +64,14 @@ fn push(surfels: &[Surfel], neighbors: &Lists, done: &[bool], from: usize, queue
     }
 }
 
-/// Takes over what the cheapest edges reach, and gives it.
-fn grow(
+/// Orients the surfels that the cheapest edges reach, and returns them.
+fn propagate(
     surfels: &mut [Surfel],
     neighbors: &Lists,
     done: &mut [bool],
     queue: &mut Queue,
     progress: &Progress<'_>,
-) -> Result<Vec<u32>, Cancelled> {
+) -> Result<Vec<u32>, CancelledError> {
     let mut reached = Vec::new();
     while let Some(Reverse((_, from, to))) = queue.pop() {
         if done[to as usize] {
@@ -80,29 +86,30 @@ fn grow(
         if reached.len() % 16384 == 0 {
             progress.check()?;
         }
-        push(surfels, neighbors, done, to as usize, queue);
+        push_edges(surfels, neighbors, done, to as usize, queue);
     }
     Ok(reached)
 }
 
-/// What carrying a side from one surfel to another costs, 0 to 2, and whether both normals are on the same side now.
+/// Returns the cost, from 0 to 2, of propagating the orientation from one surfel to another, and true if the two normals are
+/// already consistent.
 fn bend(from: &Surfel, to: &Surfel) -> (f64, bool) {
     let way = to.on_plane - from.on_plane;
-    // Within a part of the neighborhoods that both normals were seen in, the way is chance.
+    // If the distance of the surfels is less than this fraction of their neighborhoods, its direction is random.
     let blur = BLUR * from.reach.max(to.reach);
     let square = (way.norm_squared() + blur * blur).max(f64::MIN_POSITIVE);
     let along = from.normal.dot(&way);
     let expected = from.normal - way * (2.0 * along / square);
     let agreement = expected.dot(&to.normal);
-    // A way across the surface leads to another sheet.
+    // If the direction leads across the surface, the other surfel belongs to another sheet.
     let across = along.abs().max(to.normal.dot(&way).abs());
     ((1.0 - agreement.abs()).max(0.0) + across * across / square, agreement >= 0.0)
 }
 
-/// The part of a neighborhood's size below which ways are not trusted.
+/// Distance below which the direction between two surfels is not used, as a fraction of the size of their neighborhoods.
 const BLUR: f64 = 0.1;
 
-/// Both ways, without doubles.
+/// Returns the edges to neighbors, in both directions, without duplicates.
 fn neighbors(pyramid: &Pyramid, surfels: &[Surfel]) -> Lists {
     let cube = &pyramid.cube;
     let mut neighbors: Vec<Vec<u32>> = surfels
@@ -113,7 +120,7 @@ fn neighbors(pyramid: &Pyramid, surfels: &[Surfel]) -> Lists {
                 return Vec::new();
             }
             let layer = &pyramid.layers[surfel.depth as usize];
-            let cells = layer.cells.near(place(cube, &surfel.at, surfel.depth));
+            let cells = layer.cells.neighbors(place(cube, &surfel.at, surfel.depth));
             let all = cells.map(|cell| layer.finest[cell]);
             all.filter(|&to| to as usize != from && surfels[to as usize].normal != Vector3::zeros())
                 .collect()
@@ -132,8 +139,8 @@ fn neighbors(pyramid: &Pyramid, surfels: &[Surfel]) -> Lists {
     Lists::collect(neighbors.iter())
 }
 
-/// Turns a part round if its normals point inwards where it reaches farthest.
-fn face_out(surfels: &mut [Surfel], part: &[u32]) {
+/// Flips the normals of a part if they point inward where the part extends farthest.
+fn orient_outward(surfels: &mut [Surfel], part: &[u32]) {
     let mut vote = 0.0;
     for k in (0..27).filter(|&k| k != 13) {
         let way = Vector3::from([k % 3, k / 3 % 3, k / 9].map(|x| f64::from(x) - 1.0)).normalize();

@@ -1,41 +1,41 @@
-//! A function that is 1 inside and 0 outside, from oriented pieces of the surface between.
+//! Solves for a function that is 1 inside and 0 outside of the surface, from oriented surface elements (surfels).
 //!
-//! Its gradient is to be the field of normals: Kazhdan, Bolitho and Hoppe, "Poisson surface reconstruction" (2006); and it is to be
-//! 1/2 at the points: Kazhdan and Hoppe, "Screened Poisson surface reconstruction" (2013), section 4.1. The functions are trilinear
-//! on grids that are halved where the points are dense enough; each depth is solved for once, coarse ones first, and only around
-//! the points (section 5 there), with the coarser function on the border. So the function is continuous. On the border of the
-//! cube it is 0, so that its skin is closed (Kazhdan, Chuang, Rusinkiewicz and Hoppe, "Poisson surface reconstruction with
-//! envelope constraints", 2020).
+//! Two conditions define the function: its gradient should be the field of normals (Kazhdan, Bolitho and Hoppe, "Poisson surface
+//! reconstruction", 2006), and it should be 1/2 at the points (Kazhdan and Hoppe, "Screened Poisson surface reconstruction", 2013, section
+//! 4.1). It is a sum of trilinear functions on grids that are halved where the points are dense enough. Each depth is solved once, coarse
+//! grids first, and only around the points (section 5 of the second paper), with the coarser function on the border; therefore the sum is
+//! continuous. On the border of the cube it is 0, which closes its surface (Kazhdan, Chuang, Rusinkiewicz and Hoppe, "Poisson surface
+//! reconstruction with envelope constraints", 2020).
 //!
 //! Notation: `h` is the edge of a cell, `B_i` the trilinear function of node `i`, `K_ij` the integral of the product of the
 //! gradients of `B_i` and `B_j`.
 
 use maquette_base::topology::lists::Lists;
-use maquette_node::{Cancelled, Limit, Progress, TooMuch};
+use maquette_node::{CancelledError, Limit, LimitError, Progress};
 use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
 use super::cells::{CellIndex, Cube, Places, bell, corner_weights};
 use super::surfels::{Pyramid, Surfel};
 
-/// The value at the surface.
+/// The value of the function at the surface.
 pub(super) const SURFACE: f64 = 0.5;
 
-/// Nodes of all depths together; each has some 200 bytes while it is solved for.
+/// Maximum number of nodes of all depths together; each needs about 200 bytes in the solver.
 pub(super) const NODES: Limit =
-    Limit { most: 20_000_000, of: "nodes", help: "choose a larger `spacing`, or fewer points" };
+    Limit { max: 20_000_000, items: "nodes", help: "choose a larger `spacing`, or fewer points" };
 
-/// Up to this depth all of the cube is solved for.
+/// Maximum depth at which a grid covers the whole cube.
 const WHOLE: u32 = 5;
 
-/// Points that are farther apart than so many cells are not solved for on a grid: between them it would find nothing.
+/// Maximum distance of neighboring points, in cells, for which a grid is solved: between points farther apart it would find nothing.
 const SPARSEST: f64 = 1.6;
 
-/// Steps of the conjugate gradients on a grid; what is left is smooth, and the coarser grids had it.
+/// Maximum number of conjugate gradient steps on a grid. The error that remains is smooth, and the coarser grids have corrected it already.
 const STEPS: usize = 24;
 
-/// A residual that is so small a part of the first is good enough.
-const ENOUGH: f64 = 2e-3;
+/// The residual, relative to the initial one, at which the iteration on a grid stops.
+const TOLERANCE: f64 = 2e-3;
 
 /// The function on the grid of one depth.
 pub(super) struct Grid {
@@ -43,14 +43,14 @@ pub(super) struct Grid {
     pub(super) values: Vec<f64>,
 }
 
-/// The function on the grids of all depths, each finer one where there are points.
+/// The function on the grids of all depths; each finer grid exists only around the points.
 pub(super) struct Field {
     pub(super) cube: Cube,
     pub(super) grids: Vec<Grid>,
 }
 
 impl Field {
-    /// Solves for the function; `screening` is how strongly it is held to 1/2 at the points.
+    /// Solves for the function; `screening` is the weight of the value 1/2 at the points.
     pub(super) fn solve(
         pyramid: &Pyramid,
         surfels: &[Surfel],
@@ -64,7 +64,7 @@ impl Field {
             let side = (1 << depth) + 1;
             let sums = sums(pyramid, surfels, depth);
             let (free, nodes) = if depth <= WHOLE {
-                (None, Places::all(side))
+                (None, Places::full(side))
             } else {
                 let dense = sums.iter().filter(|sum| sum.spacing < SPARSEST * cube.edge_at(depth));
                 let mut cells: Vec<[u16; 3]> = dense.map(|sum| sum.cell).collect();
@@ -80,7 +80,7 @@ impl Field {
             let mut level = PoissonLevel::new(&cube, depth, nodes, free.as_ref(), values);
             level.add_normals(&sums);
             level.screen(&sums, screening);
-            // Coarse grids have nothing under them that would have found what is smooth.
+            // The coarsest grids get more steps, because no coarser grid would correct the smooth part of the error.
             let steps = if depth <= WHOLE { 4 * STEPS } else { STEPS };
             level.solve(steps, progress)?;
             field.grids.push(Grid { nodes: level.nodes, values: level.values });
@@ -90,8 +90,8 @@ impl Field {
         Ok(field)
     }
 
-    /// The halves of those cells of a depth that the surface runs through far from all points: there the function is smooth, but what
-    /// a coarse grid makes of it has steps.
+    /// Returns the halves, at the next depth, of those cells of a depth that the surface intersects far from all points: there the function
+    /// is smooth, but a coarse grid shows steps.
     fn bridges(&self, pyramid: &Pyramid, depth: u32) -> Vec<[u16; 3]> {
         let grid = &self.grids[depth as usize];
         let points = &pyramid.layers[depth as usize].cells;
@@ -99,7 +99,7 @@ impl Field {
             let place = grid.nodes.place(node);
             let corners = grid.nodes.corners(place)?;
             let inside = corners.iter().filter(|&&node| grid.values[node] > SURFACE).count();
-            let is_bridge = 0 < inside && inside < 8 && points.near(place).next().is_none();
+            let is_bridge = 0 < inside && inside < 8 && points.neighbors(place).next().is_none();
             is_bridge.then(|| {
                 (0..8)
                     .map(move |k| [0, 1, 2].map(|axis| (2 * place[axis] + (k >> axis & 1)) as u16))
@@ -109,7 +109,7 @@ impl Field {
         nodes.flat_map_iter(|node| halves(node).into_iter().flatten()).collect()
     }
 
-    /// The function at the nodes of a depth, from the coarser grids.
+    /// Returns the function at the nodes of a depth, interpolated from the coarser grids.
     fn values_at(&self, nodes: &Places, depth: u32) -> Vec<f64> {
         (0..nodes.len())
             .into_par_iter()
@@ -117,14 +117,19 @@ impl Field {
             .collect()
     }
 
-    /// The function at a node of a depth, from the grids below `end`.
+    /// Returns the function at a node of a depth, summed over the grids of depths less than `end`.
     pub(super) fn at_node(&self, place: CellIndex, depth: u32, end: u32) -> f64 {
-        self.at(place.map(f64::from), depth, end).0
+        self.value_and_gradient(place.map(f64::from), depth, end).0
     }
 
-    /// The function at a place in cells of a depth, from the grids below depth `end`, and its gradient there, in cells of that
-    /// depth.
-    pub(super) fn at(&self, at: [f64; 3], depth: u32, end: u32) -> (f64, Vector3<f64>) {
+    /// Returns the value and the gradient of the function at a position given in cells of a depth, summed over the grids of depths less
+    /// than `end`. The gradient is per cell of the given depth.
+    pub(super) fn value_and_gradient(
+        &self,
+        at: [f64; 3],
+        depth: u32,
+        end: u32,
+    ) -> (f64, Vector3<f64>) {
         for from in (0..end).rev() {
             let grid = &self.grids[from as usize];
             let scale = libm::scalbn(1.0, from as i32 - depth as i32);
@@ -139,10 +144,11 @@ impl Field {
         (0.0, Vector3::zeros())
     }
 
-    /// The function at a point and its gradient, in 1/mm.
+    /// Returns the function at a point and its gradient, in 1/mm.
     pub(super) fn at_point(&self, point: &Point3<f64>) -> (f64, Vector3<f64>) {
         let depth = self.cube.depth;
-        let (value, gradient) = self.at(self.cube.in_cells(point, depth), depth, depth + 1);
+        let (value, gradient) =
+            self.value_and_gradient(self.cube.in_cells(point, depth), depth, depth + 1);
         (value, gradient / self.cube.edge)
     }
 }
@@ -162,23 +168,23 @@ fn gradient(values: &[f64; 8], within: [f64; 3]) -> Vector3<f64> {
     })
 }
 
-/// Why there is no function.
+/// Reasons why the function cannot be computed.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum SolveError {
     #[error(transparent)]
-    TooMuch(#[from] TooMuch),
+    TooMuch(#[from] LimitError),
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }
 
-/// The surfels of a cell of some depth as one.
+/// The surfels of a cell of one depth, combined.
 #[derive(Clone, Copy)]
 struct Sum {
     cell: [u16; 3],
-    /// In cells of the depth.
+    /// The mean position of the surfels, in cells of the depth.
     at: [f64; 3],
     area: f64,
-    /// Normals times areas, in mm^2.
+    /// The sum of normals times areas, in mm^2.
     normal: Vector3<f64>,
     spacing: f64,
 }
@@ -195,43 +201,44 @@ fn sums(pyramid: &Pyramid, surfels: &[Surfel], depth: u32) -> Vec<Sum> {
     keys.par_sort_unstable();
     let mut sums = Vec::new();
     for cell in keys.chunk_by(|a, b| a.0 == b.0) {
-        let of_cell = || cell.iter().map(|&(_, place)| &surfels[place as usize]);
-        let area: f64 = of_cell().map(|surfel| surfel.area).sum();
+        let of_cell = cell.iter().map(|&(_, place)| &surfels[place as usize]);
+        let area: f64 = of_cell.clone().map(|surfel| surfel.area).sum();
         let mean: Vector3<f64> =
-            of_cell().map(|surfel| surfel.at.coords * (surfel.area / area)).sum();
+            of_cell.clone().map(|surfel| surfel.at.coords * (surfel.area / area)).sum();
         sums.push(Sum {
             cell: [cell[0].0 as u16, (cell[0].0 >> 16) as u16, (cell[0].0 >> 32) as u16],
             at: cube.in_cells(&Point3::from(mean), depth),
             area,
-            normal: of_cell().map(|surfel| surfel.normal * surfel.area).sum(),
-            spacing: of_cell().map(|surfel| surfel.spacing).fold(f64::INFINITY, f64::min),
+            normal: of_cell.clone().map(|surfel| surfel.normal * surfel.area).sum(),
+            spacing: of_cell.clone().map(|surfel| surfel.spacing).fold(f64::INFINITY, f64::min),
         });
     }
     sums
 }
 
-/// What is solved for at one depth.
+/// The linear equations for the grid of one depth.
 struct PoissonLevel {
     depth: u32,
     edge: f64,
     nodes: Places,
     values: Vec<f64>,
-    /// The nodes that are solved for, and the 27 nodes around each, x first.
+    /// The free nodes, which are the unknowns, and the 27 nodes around each of them, x first.
     free: Vec<u32>,
     around: Vec<[u32; 27]>,
-    /// The right sides of the free nodes.
+    /// The right sides of the equations of the free nodes.
     right: Vec<f64>,
-    /// Cells that are held to the surface at one place: corners, and their weights times the root of the cell's weight.
+    /// The cells in which the function is pulled to the surface value at a point: their corners, and the interpolation weights times the
+    /// square root of the cell's weight.
     held: Vec<([u32; 8], [f64; 8])>,
-    /// The held cells at each node, and its corner there.
+    /// For each node, the pulled cells that contain it, and the index of the cell's corner at the node.
     held_at: Lists<(u32, u8)>,
 }
 
-/// Nodes that one task looks at.
+/// Number of nodes per parallel task.
 const BLOCK: usize = 4096;
 
 impl PoissonLevel {
-    /// All nodes that have neighbors are free, or those of `free`.
+    /// Makes the equations of the free nodes. These are the nodes `free`, or all nodes that have all neighbors.
     fn new(
         cube: &Cube,
         depth: u32,
@@ -269,30 +276,33 @@ impl PoissonLevel {
         Self { depth, edge, nodes, values, free, around, right, held, held_at }
     }
 
-    /// Right sides: the integrals of the field of normals times the gradients of `B_i`. The field is trilinear; a surfel is spread
-    /// over the nodes around it by a quadratic B-spline.
+    /// Adds the right sides: the integrals of the field of normals times the gradients of `B_i`. The field is trilinear; a surfel is
+    /// distributed to the nodes around it by a quadratic B-spline.
     fn add_normals(&mut self, sums: &[Sum]) {
         let volume = self.edge * self.edge * self.edge;
         let cells = Places::new(1 << self.depth, sums.iter().map(|sum| sum.cell).collect());
-        let spread = |node: usize| {
-            let place = self.nodes.place(node);
-            let mut normal = Vector3::zeros();
-            for k in 0..16 {
-                let row = cells.row(place[1] + k % 4 - 2, place[2] + k / 4 - 2);
-                let first = cells.from(row.clone(), place[0] - 2);
-                for sum in &sums[first..row.end] {
-                    if i32::from(sum.cell[0]) > place[0] + 1 {
-                        break;
+        let field: Vec<Vector3<f64>> = (0..self.nodes.len())
+            .into_par_iter()
+            .with_min_len(BLOCK)
+            .map(|node: usize| {
+                let place = self.nodes.place(node);
+                let mut normal = Vector3::zeros();
+                for k in 0..16 {
+                    let row = cells.row(place[1] + k % 4 - 2, place[2] + k / 4 - 2);
+                    let first = cells.from(row.clone(), place[0] - 2);
+                    for sum in &sums[first..row.end] {
+                        if i32::from(sum.cell[0]) > place[0] + 1 {
+                            break;
+                        }
+                        let weights =
+                            [0, 1, 2].map(|axis| bell(sum.at[axis] - f64::from(place[axis])));
+                        normal += sum.normal * (weights[0] * weights[1] * weights[2] / volume);
                     }
-                    let weights = [0, 1, 2].map(|axis| bell(sum.at[axis] - f64::from(place[axis])));
-                    normal += sum.normal * (weights[0] * weights[1] * weights[2] / volume);
                 }
-            }
-            normal
-        };
-        let field: Vec<Vector3<f64>> =
-            (0..self.nodes.len()).into_par_iter().with_min_len(BLOCK).map(spread).collect();
-        // Integrals of products along one axis: slope and value, value and value.
+                normal
+            })
+            .collect();
+        // Integrals along one axis: of the product of slope and value, and of the product of two values.
         let slope = [0.5, 0.0, -0.5];
         let value = [1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0];
         let square = self.edge * self.edge;
@@ -305,7 +315,7 @@ impl PoissonLevel {
                 for (k, &node) in around.iter().enumerate() {
                     let [x, y, z] = [k % 3, k / 3 % 3, k / 9];
                     let normal = field[node as usize];
-                    // The function falls along the normals.
+                    // The sign is negative because the function decreases along the normals.
                     sum -= normal.x * slope[x] * value[y] * value[z]
                         + normal.y * value[x] * slope[y] * value[z]
                         + normal.z * value[x] * value[y] * slope[z];
@@ -315,8 +325,7 @@ impl PoissonLevel {
             .collect();
     }
 
-    /// Holds the function to the surface's value at the places of the surfels; the weight grows as cells become smaller, as the
-    /// integrals do.
+    /// Pulls the function to the surface value at the surfels. The weight grows as cells become smaller, in the same way as the integrals.
     fn screen(&mut self, sums: &[Sum], screening: f64) {
         self.held = sums
             .par_iter()
@@ -345,10 +354,10 @@ impl PoissonLevel {
     }
 
     fn held_by(&self, node: u32) -> &[(u32, u8)] {
-        self.held_at.of(node as usize)
+        self.held_at.list(node as usize)
     }
 
-    /// The sum of what its held cells have, by the weights of this node in them.
+    /// Returns the sum of `of_cells` over the pulled cells of a node, weighted by the node's weight in each cell.
     fn pull(&self, node: u32, of_cells: &[f64]) -> f64 {
         let held = self.held_by(node).iter();
         held.map(|&(cell, corner)| {
@@ -357,8 +366,8 @@ impl PoissonLevel {
         .sum()
     }
 
-    /// The left sides of all free nodes for these values of all nodes.
-    fn left(&self, values: &[f64]) -> Vec<f64> {
+    /// Returns the left sides of the equations of all free nodes, for the given values of all nodes.
+    fn left_sides(&self, values: &[f64]) -> Vec<f64> {
         let in_cells: Vec<f64> = self
             .held
             .par_iter()
@@ -375,19 +384,19 @@ impl PoissonLevel {
         nodes
             .with_min_len(BLOCK)
             .map(|(&node, around): (&u32, &[u32; 27])| {
-                fn at(k: usize, values: &[f64], around: &[u32; 27]) -> f64 {
+                fn value(k: usize, values: &[f64], around: &[u32; 27]) -> f64 {
                     values[around[k] as usize]
                 }
-                let edges: f64 = EDGES.iter().map(|&k| at(k, values, around)).sum();
-                let corners: f64 = CORNERS.iter().map(|&k| at(k, values, around)).sum();
-                let stiff = 8.0 / 3.0 * at(13, values, around) - edges / 6.0 - corners / 12.0;
+                let edges: f64 = EDGES.iter().map(|&k| value(k, values, around)).sum();
+                let corners: f64 = CORNERS.iter().map(|&k| value(k, values, around)).sum();
+                let stiff = 8.0 / 3.0 * value(13, values, around) - edges / 6.0 - corners / 12.0;
                 stiff * self.edge + self.pull(node, &in_cells)
             })
             .collect()
     }
 
-    /// Conjugate gradients, each equation divided by its diagonal: Hestenes and Stiefel (1952).
-    fn solve(&mut self, steps: usize, progress: &Progress<'_>) -> Result<(), Cancelled> {
+    /// Solves the equations by conjugate gradients with the diagonal as preconditioner: Hestenes and Stiefel (1952).
+    fn solve(&mut self, steps: usize, progress: &Progress<'_>) -> Result<(), CancelledError> {
         let diagonal: Vec<f64> = self
             .free
             .par_iter()
@@ -400,7 +409,7 @@ impl PoissonLevel {
                 8.0 / 3.0 * self.edge + weight.sum::<f64>()
             })
             .collect();
-        let left = self.left(&self.values);
+        let left = self.left_sides(&self.values);
         let mut residual: Vec<f64> = self.right.iter().zip(&left).map(|(r, l)| r - l).collect();
         let mut way = vec![0.0; self.values.len()];
         let (mut squared, mut first) = (0.0, 0.0);
@@ -412,14 +421,14 @@ impl PoissonLevel {
             if step == 0 {
                 first = squared;
             }
-            if squared <= ENOUGH * ENOUGH * first || squared == 0.0 {
+            if squared <= TOLERANCE * TOLERANCE * first || squared == 0.0 {
                 break;
             }
             let ratio = if step == 0 { 0.0 } else { squared / last };
             for (&node, scaled) in self.free.iter().zip(&scaled) {
                 way[node as usize] = way[node as usize] * ratio + scaled;
             }
-            let left = self.left(&way);
+            let left = self.left_sides(&way);
             let on_way: Vec<f64> = self.free.iter().map(|&node| way[node as usize]).collect();
             let length = squared / dot(&on_way, &left);
             for (k, &node) in self.free.iter().enumerate() {
@@ -431,11 +440,11 @@ impl PoissonLevel {
     }
 }
 
-/// The nodes across an edge and across a corner, among 27; those across a face have no part in `K`.
+/// Indices, among the 27 nodes, of those across an edge and of those across a corner; nodes across a face have no entry in `K`.
 const EDGES: [usize; 12] = [1, 3, 5, 7, 9, 11, 15, 17, 19, 21, 23, 25];
 const CORNERS: [usize; 8] = [0, 2, 6, 8, 18, 20, 24, 26];
 
-/// The same for any number of threads.
+/// Returns a dot product whose rounding does not depend on the number of threads.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let blocks = a.par_chunks(BLOCK).zip(b.par_chunks(BLOCK));
     let sums: Vec<f64> =

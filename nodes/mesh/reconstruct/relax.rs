@@ -1,8 +1,8 @@
-//! Relaxes the reconstructed mesh along the surface, and drops components that the points do not support.
+//! Relaxes the reconstructed mesh along the surface, and removes components that the points do not support.
 
 use maquette_base::topology::lists::Lists;
 use maquette_base::topology::union_find::UnionFind;
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
@@ -10,28 +10,28 @@ use super::contour::Skin;
 use super::poisson::{Field, SURFACE};
 use super::surfels::{Pyramid, Surfel, place};
 
-/// Rounds of moving each vertex towards the middle of its neighbors. After 4, edges are still as the grid cut them; after 12 nothing
-/// is gained.
+/// Number of rounds that move each vertex towards the centroid of its neighbors. After 4 rounds, edges still show the grid; after 12
+/// nothing improves.
 const ROUNDS: usize = 8;
 
-/// Moves the vertices along the surface to the middle of their neighbors, and back onto the surface.
+/// Moves each vertex along the surface to the centroid of its neighbors, and back onto the surface.
 pub(super) fn relax(
     skin: &mut Skin,
     field: &Field,
     progress: &Progress<'_>,
-) -> Result<(), Cancelled> {
+) -> Result<(), CancelledError> {
     let neighbors = Neighbors::new(skin);
     for round in 0..ROUNDS {
         let positions = &skin.positions;
         skin.positions = (0..positions.len())
             .into_par_iter()
             .map(|vertex: usize| {
-                let near = neighbors.of(vertex);
+                let near = neighbors.neighbors(vertex);
                 if near.is_empty() {
                     return positions[vertex];
                 }
                 let sum: Vector3<f64> = near.iter().map(|&v| positions[v as usize].coords).sum();
-                onto(field, &Point3::from(sum / near.len() as f64), &positions[vertex])
+                project(field, &Point3::from(sum / near.len() as f64), &positions[vertex])
             })
             .collect();
         progress.tick((round + 1) as f64 / ROUNDS as f64)?;
@@ -39,9 +39,9 @@ pub(super) fn relax(
     Ok(())
 }
 
-/// The place on the surface at a goal: by steps of Newton along the gradient, each no longer than half a cell. Where that leads
-/// nowhere, the vertex stays where it was.
-fn onto(field: &Field, goal: &Point3<f64>, before: &Point3<f64>) -> Point3<f64> {
+/// Returns the point on the surface near `goal`, found by Newton steps along the gradient, each at most half a cell long. If the steps do
+/// not converge, returns `before`.
+fn project(field: &Field, goal: &Point3<f64>, before: &Point3<f64>) -> Point3<f64> {
     let half = 0.5 * field.cube.edge;
     let mut at = *goal;
     for _ in 0..3 {
@@ -60,7 +60,7 @@ fn onto(field: &Field, goal: &Point3<f64>, before: &Point3<f64>) -> Point3<f64> 
     if (at - goal).norm() > 2.0 * half { *before } else { at }
 }
 
-/// The vertices that share an edge with each.
+/// The vertices that share an edge with each vertex.
 pub(super) struct Neighbors(Lists);
 
 impl Neighbors {
@@ -81,55 +81,58 @@ impl Neighbors {
         Self(Lists::group(skin.positions.len(), || edges.iter().copied()))
     }
 
-    pub(super) fn of(&self, vertex: usize) -> &[u32] {
-        self.0.of(vertex)
+    pub(super) fn neighbors(&self, vertex: usize) -> &[u32] {
+        self.0.list(vertex)
     }
 }
 
-/// How far from the plane of the points around it a vertex may lie, in distances of points: farther away the skin has rolled over.
+/// Maximum distance of a vertex from the plane of the points around it, in multiples of the points' spacing. A vertex farther away is on a
+/// fold of the surface.
 const OFF_PLANE: f64 = 0.5;
 
-/// Which vertices have points around them: the nearest surfel is no farther away than `reach` times the distance of points there, and the
-/// vertex lies on its plane.
-pub(super) fn supported(
+/// Returns, for each vertex, whether points support it: the nearest surfel is at most `reach` times the local spacing of points away, and
+/// the vertex is on the surfel's plane.
+pub(super) fn find_supported(
     skin: &Skin,
     pyramid: &Pyramid,
     surfels: &[Surfel],
     reach: f64,
     noise: f64,
 ) -> Vec<bool> {
-    let of_vertex = |at: &Point3<f64>| {
-        let mut depth = pyramid.cube.depth;
-        loop {
-            let layer = &pyramid.layers[depth as usize];
-            let edge = pyramid.cube.edge_at(depth);
-            let near = layer.cells.near(place(&pyramid.cube, at, depth));
-            // How much farther away than allowed each is.
-            let excess = near.map(|cell| {
-                let surfel = &surfels[layer.finest[cell] as usize];
-                if surfel.normal == Vector3::zeros() {
-                    return f64::INFINITY;
+    skin.positions
+        .par_iter()
+        .map(|at: &Point3<f64>| {
+            let mut depth = pyramid.cube.depth;
+            loop {
+                let layer = &pyramid.layers[depth as usize];
+                let edge = pyramid.cube.edge_at(depth);
+                let near = layer.cells.neighbors(place(&pyramid.cube, at, depth));
+                // For each surfel, the amount by which its distance exceeds the allowed distance.
+                let excess = near.map(|cell| {
+                    let surfel = &surfels[layer.finest[cell] as usize];
+                    if surfel.normal == Vector3::zeros() {
+                        return f64::INFINITY;
+                    }
+                    let spacing = surfel.spacing.max(pyramid.cube.edge);
+                    let away = at - surfel.on_plane;
+                    let off = away.dot(&surfel.normal).abs() - OFF_PLANE * spacing;
+                    (away.norm() - reach * spacing).max(off) - 3.0 * noise
+                });
+                let least = excess.fold(f64::INFINITY, f64::min);
+                if least <= 0.0 {
+                    return true;
                 }
-                let spacing = surfel.spacing.max(pyramid.cube.edge);
-                let away = at - surfel.on_plane;
-                let off = away.dot(&surfel.normal).abs() - OFF_PLANE * spacing;
-                (away.norm() - reach * spacing).max(off) - 3.0 * noise
-            });
-            let least = excess.fold(f64::INFINITY, f64::min);
-            if least <= 0.0 {
-                return true;
+                // Cells farther away may contain sparser points, whose allowed distance is larger.
+                if least < f64::INFINITY && least > edge || depth == 0 {
+                    return false;
+                }
+                depth -= 1;
             }
-            // Cells farther away may have sparser points that reach as far as here.
-            if least < f64::INFINITY && least > edge || depth == 0 {
-                return false;
-            }
-            depth -= 1;
-        }
-    };
-    skin.positions.par_iter().map(of_vertex).collect()
+        })
+        .collect()
 }
 
-/// Drops connected components with hardly any vertex near points: far from all points the values of the function mean nothing.
+/// Removes connected components with hardly any supported vertex: far from all points, the values of the function are accidental.
 pub(super) fn drop_chance(skin: &mut Skin, supported: &mut Vec<bool>) {
     let parts = parts(skin);
     let n_parts = parts.iter().max().map_or(0, |&last| last as usize + 1);
@@ -146,19 +149,19 @@ pub(super) fn drop_chance(skin: &mut Skin, supported: &mut Vec<bool>) {
     compact(skin, supported);
 }
 
-/// The least share of a part's vertices that have points around them.
+/// Minimum fraction of a component's vertices that must be supported.
 const SUPPORTED: f64 = 0.05;
 
-/// The part of each vertex; parts are numbered by their first vertices.
+/// Returns the component of each vertex; components are numbered by their first vertices.
 fn parts(skin: &Skin) -> Vec<u32> {
     let mut parts = UnionFind::new(skin.positions.len());
     for quad in &skin.quads {
-        quad[1..].iter().for_each(|&vertex| parts.join(quad[0], vertex));
+        quad[1..].iter().for_each(|&vertex| parts.union(quad[0], vertex));
     }
-    parts.numbered().0
+    parts.into_labels().0
 }
 
-/// Leaves out vertices that no quad has.
+/// Removes vertices without quads.
 fn compact(skin: &mut Skin, flags: &mut Vec<bool>) {
     let mut is_used = vec![false; skin.positions.len()];
     skin.quads.iter().flatten().for_each(|&vertex| is_used[vertex as usize] = true);
@@ -173,20 +176,21 @@ fn compact(skin: &mut Skin, flags: &mut Vec<bool>) {
     (skin.positions, *flags) = (positions, kept);
 }
 
-/// Leaves out quads that reach where there are no points, and whatever touches the rest in single vertices; then evens out the
-/// borders, which the grid has cut in steps.
-pub(super) fn open(skin: &mut Skin, supported: &mut Vec<bool>) {
+/// Removes quads without points nearby, and parts that touch the rest in single vertices; then smooths the borders, which otherwise show
+/// the steps of the grid.
+pub(super) fn remove_unsupported(skin: &mut Skin, supported: &mut Vec<bool>) {
     skin.quads.retain(|quad| quad.iter().all(|&vertex| supported[vertex as usize]));
     loop {
-        // A vertex between faces has as many faces as neighbors; on a border it has one less, where more borders meet still less.
+        // An interior vertex has as many faces as neighbors. A vertex on a border has one face less, and still fewer where several borders
+        // meet.
         let neighbors = Neighbors::new(skin);
         let mut faces = vec![0; skin.positions.len()];
         skin.quads.iter().flatten().for_each(|&vertex| faces[vertex as usize] += 1);
         fn is_pinched(vertex: u32, neighbors: &Neighbors, faces: &[usize]) -> bool {
-            let near = neighbors.of(vertex as usize).len();
+            let near = neighbors.neighbors(vertex as usize).len();
             near > faces[vertex as usize] + 1
         }
-        // A corner that only one quad has stands out as a tooth.
+        // A quad with two corners that belong to no other quad sticks out as a tooth.
         fn is_tooth(quad: &[u32; 4], faces: &[usize]) -> bool {
             quad.iter().filter(|&&vertex| faces[vertex as usize] == 1).count() > 1
         }
@@ -203,7 +207,7 @@ pub(super) fn open(skin: &mut Skin, supported: &mut Vec<bool>) {
     smooth_borders(skin);
 }
 
-/// Moves vertices on borders to the middle of their neighbors there.
+/// Moves each border vertex to the midpoint of its two neighbors on the border.
 fn smooth_borders(skin: &mut Skin) {
     let mut sides: Vec<(u32, u32)> = skin
         .quads
@@ -235,5 +239,5 @@ fn smooth_borders(skin: &mut Skin) {
     }
 }
 
-/// Rounds of evening out borders: steps are gone after some four, small bays after more.
+/// Number of rounds of smoothing borders. Steps vanish after about four rounds, small bays after more.
 const BORDER_ROUNDS: usize = 6;

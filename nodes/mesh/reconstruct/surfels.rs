@@ -1,10 +1,10 @@
-//! Surface elements: the points of each cell as one, with an unoriented normal and the area that it stands for.
+//! Surface elements (surfels). Each combines the points of one cell, with an unoriented normal and the area that the points represent.
 //!
-//! Normals are those of the least-squares planes of neighborhoods: Hoppe, DeRose, Duchamp, McDonald and Stuetzle, "Surface
-//! reconstruction from unorganized points" (1992), section 3.1. Neighborhoods are not the k nearest points but weighted by a
-//! B-spline on sums over cells, so that any size costs the same, and so large that noise does not hide the plane.
+//! Normals are those of the least-squares planes of neighborhoods: Hoppe, DeRose, Duchamp, McDonald and Stuetzle, "Surface reconstruction
+//! from unorganized points" (1992), section 3.1. A neighborhood is not the k nearest points: its points are weighted by a B-spline, on sums
+//! over cells. The cost therefore does not depend on the size of a neighborhood, which can be so large that noise does not hide the plane.
 
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use maquette_value::Rgb;
 use maquette_value::parallel::*;
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -12,17 +12,17 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use super::cells::{CellIndex, Cube, Places, bell};
 use super::cloud::Cloud;
 
-/// Sums over the points of a cell; coordinates from the cube's corner, in its finest cells.
+/// Sums over the points of a cell. Coordinates are relative to the corner of the cube, in units of the cube's finest cells.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Moments {
     pub(super) count: f64,
     sum: [f64; 3],
-    /// xx, xy, xz, yy, yz, zz.
+    /// Second moments xx, xy, xz, yy, yz, zz.
     squares: [f64; 6],
 }
 
 impl Moments {
-    fn of(at: [f64; 3]) -> Self {
+    fn of_point(at: [f64; 3]) -> Self {
         let [x, y, z] = at;
         Self { count: 1.0, sum: at, squares: [x * x, x * y, x * z, y * y, y * z, z * z] }
     }
@@ -49,21 +49,21 @@ impl Moments {
 pub(super) struct Layer {
     pub(super) cells: Places,
     pub(super) moments: Vec<Moments>,
-    /// The finest cell that stands for each cell: that with the most points.
+    /// For each cell, the finest cell that represents it: the one with the most points.
     pub(super) finest: Vec<u32>,
 }
 
 /// The points in cells of all depths.
 pub(super) struct Pyramid {
     pub(super) cube: Cube,
-    /// By depth.
+    /// The cells by depth.
     pub(super) layers: Vec<Layer>,
-    /// The points, cell by cell of the finest depth, and where those of each begin.
+    /// The indices of the points, ordered by finest cell.
     pub(super) order: Vec<u32>,
     pub(super) starts: Vec<u32>,
 }
 
-/// The points sorted by their cells, as numbers in rows, and the cell of each.
+/// Returns the points sorted by their cells: the cell of each point, as a sort key, and the index of the point.
 pub(super) fn by_cell(positions: &[Point3<f64>], cube: &Cube) -> Vec<(u64, u32)> {
     let places = 0..positions.len();
     let mut keys: Vec<(u64, u32)> = positions
@@ -100,7 +100,7 @@ impl Pyramid {
                 for &point in &order[of_cell[0] as usize..of_cell[1] as usize] {
                     let weight = cloud.weights.get(point as usize).copied().unwrap_or(1.0);
                     let at = cube.in_cells(&positions[point as usize], cube.depth);
-                    moments.add(&Moments::of(at), weight);
+                    moments.add(&Moments::of_point(at), weight);
                 }
                 moments
             })
@@ -120,13 +120,13 @@ impl Pyramid {
         &self.layers[self.cube.depth as usize]
     }
 
-    /// Weighted sums around a place that is given in the finest cells: weights, and how many points have one.
-    fn around(&self, at: [f64; 3], depth: u32) -> (Moments, f64) {
+    /// Returns weighted sums around a position, given in finest cells: the moments, and the number of points whose weight is not 0.
+    fn sums_around(&self, at: [f64; 3], depth: u32) -> (Moments, f64) {
         let layer = &self.layers[depth as usize];
         let scale = 1.0 / f64::from(1_u32 << (self.cube.depth - depth));
         let place = self.cube.cell(at.map(|x| x * scale), depth);
         let (mut sums, mut count) = (Moments::default(), 0.0);
-        for cell in layer.cells.near(place) {
+        for cell in layer.cells.neighbors(place) {
             let moments = &layer.moments[cell];
             let mean = moments.mean();
             let weight: f64 = (0..3).map(|axis| bell((mean[axis] - at[axis]) * scale)).product();
@@ -138,17 +138,17 @@ impl Pyramid {
         (sums, count)
     }
 
-    /// The plane around a place, if there are enough points, in the finest cells.
+    /// Returns the plane around a position, in finest cells; `None` if there are too few points.
     fn plane(&self, at: [f64; 3], depth: u32) -> Option<Plane> {
-        let (sums, count) = self.around(at, depth);
-        if count < FEWEST {
+        let (sums, count) = self.sums_around(at, depth);
+        if count < MIN_PLANE_POINTS {
             return None;
         }
         let eigen = sums.covariance().try_symmetric_eigen(f64::EPSILON, 1000)?;
         let mut order = [0, 1, 2];
         order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
         let spread = order.map(|k| eigen.eigenvalues[k].max(0.0));
-        // Of a line any plane is as near.
+        // For collinear points, any plane through the line fits equally well.
         if spread[1] < LINE * spread[2] || spread[1] == 0.0 {
             return None;
         }
@@ -157,18 +157,18 @@ impl Pyramid {
         Some(Plane { normal, middle, spread, weight: sums.count, depth })
     }
 
-    /// The depth at which most neighborhoods are flat, and the deviation of the points from the surface, in mm.
+    /// Returns the depth at which most neighborhoods are flat, and the deviation of the points from the surface, in mm.
     ///
-    /// In larger neighborhoods there is more of the surface's bend, the variance of which grows with the fourth power of the size:
-    /// two sizes tell how much of the variance is noise.
+    /// Larger neighborhoods contain more curvature, whose variance grows with the fourth power of the size. Comparing two sizes separates
+    /// it from the variance of the noise.
     pub(super) fn flat_depth(&self) -> (u32, f64) {
         let finest = self.cube.depth;
         let mut best = (finest, f64::INFINITY, 0.0);
         let mut last = None;
         for depth in (finest.saturating_sub(COARSEST).max(1).min(finest)..=finest).rev() {
             let Some([flatness, variance]) = self.flatness(depth) else { continue };
-            // Farther away, the shape of the whole is seen.
-            if best.1 < BALL && best.1 < flatness {
+            // The search stops here: larger neighborhoods would see the global shape.
+            if best.1 < MAX_PERPENDICULAR && best.1 < flatness {
                 break;
             }
             if flatness < best.1 {
@@ -183,8 +183,8 @@ impl Pyramid {
         (best.0, best.2.sqrt() * self.cube.edge)
     }
 
-    /// The median parts of variance across the planes of a depth, and the median variances, in squared finest cells; none if most
-    /// places have no plane.
+    /// Returns two medians over the planes of a depth: of the fraction of variance perpendicular to the plane, and of that variance, in
+    /// squared finest cells. Returns `None` if most positions have no plane.
     fn flatness(&self, depth: u32) -> Option<[f64; 2]> {
         let layer = self.finest();
         let step = layer.moments.len().div_ceil(SAMPLES).max(1);
@@ -205,7 +205,7 @@ impl Pyramid {
 }
 
 impl Pyramid {
-    /// The sum of the points' colors in each finest cell.
+    /// Returns the sum of the points' colors in each finest cell.
     pub(super) fn colors(&self, colors: &[Rgb]) -> Vec<[f64; 3]> {
         self.starts
             .par_windows(2)
@@ -218,14 +218,14 @@ impl Pyramid {
             .collect()
     }
 
-    /// The mean color around a point: of the finest cells that are near, or else of what stands for coarser ones.
+    /// Returns the mean color around a point: of the finest cells nearby, or of coarser cells if no finest cell is near.
     pub(super) fn color_at(&self, at: &Point3<f64>, of_cells: &[[f64; 3]]) -> Rgb {
         for depth in (0..=self.cube.depth).rev() {
             let layer = &self.layers[depth as usize];
             let here = self.cube.in_cells(at, self.cube.depth);
             let scale = 1.0 / f64::from(1_u32 << (self.cube.depth - depth));
             let (mut sum, mut total) = ([0.0; 3], 0.0);
-            for cell in layer.cells.near(place(&self.cube, at, depth)) {
+            for cell in layer.cells.neighbors(place(&self.cube, at, depth)) {
                 let finest = layer.finest[cell] as usize;
                 let moments = &self.finest().moments[finest];
                 let mean = moments.mean();
@@ -242,36 +242,37 @@ impl Pyramid {
     }
 }
 
-/// Planes are found from so many points on: of fewer, the side to which they lie flat is chance.
-const FEWEST: f64 = 9.0;
+/// Minimum number of points from which a plane is computed: with fewer, its direction is random.
+const MIN_PLANE_POINTS: f64 = 9.0;
 
-/// Points whose second spread is a smaller part of the first (squares, in mm^2) lie on a line.
+/// Points are collinear if their second variance is less than this fraction of the first (both in mm^2).
 const LINE: f64 = 0.02;
 
-/// Largest part of a neighborhood's variance across its plane. Noise with a deviation of a tenth of the neighborhood has it; of
-/// smaller neighborhoods, normals turn by more than 15 degrees.
+/// Maximum fraction of a neighborhood's variance that is perpendicular to its plane, for the neighborhood to count as flat. Noise whose
+/// deviation is a tenth of the neighborhood's size reaches it; with smaller neighborhoods, normals are wrong by more than 15 degrees.
 const FLAT: f64 = 0.1;
 
-/// Neighborhoods with a larger part across have no side that they lie on: those of few points in a ball of noise have 0.4.
-const BALL: f64 = 0.35;
+/// Maximum fraction of variance perpendicular to a plane; neighborhoods with a larger fraction have no plane. For a few random points in a
+/// ball, it is 0.4.
+const MAX_PERPENDICULAR: f64 = 0.35;
 
-/// So many neighborhoods tell the noise.
+/// Number of neighborhoods from which the noise is estimated.
 const SAMPLES: usize = 4096;
 
-/// So many halvings of the resolution may be needed to see a plane.
+/// Maximum number of times the resolution is halved in search of a plane.
 const COARSEST: u32 = 6;
 
 struct Plane {
     normal: Vector3<f64>,
     middle: Point3<f64>,
-    /// Variances, ascending, in the finest cells.
+    /// The variances along the principal axes, ascending, in squared finest cells.
     spread: [f64; 3],
     weight: f64,
     depth: u32,
 }
 
 impl Plane {
-    /// The part of the variance across the plane.
+    /// Returns the fraction of the variance that is perpendicular to the plane.
     fn flatness(&self) -> f64 {
         self.spread[0] / self.spread[1]
     }
@@ -303,37 +304,37 @@ fn coarser(layer: &Layer, depth: u32) -> Layer {
     Layer { cells: Places::new(1 << depth, places), moments, finest }
 }
 
-/// A piece of the surface.
+/// A surface element.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Surfel {
     pub(super) at: Point3<f64>,
-    /// The same, on the plane of its neighborhood: without most of the noise, but inside of what is bent.
+    /// The position projected onto the plane of the surfel's neighborhood. It has less noise, but is on the inner side of curved surfaces.
     pub(super) on_plane: Point3<f64>,
-    /// Of length 1, to which side is not known unless `is_sided`; 0 if it belongs to no surface.
+    /// The unit normal, with an unknown sign unless `is_sided`; 0 if the surfel belongs to no surface.
     pub(super) normal: Vector3<f64>,
-    /// What it stands for, in mm^2.
+    /// The area that the surfel represents, in mm^2.
     pub(super) area: f64,
-    /// The distance of points around it, in mm.
+    /// The spacing of points around the surfel, in mm.
     pub(super) spacing: f64,
-    /// Whether the normal is known to point outside.
+    /// True if the normal is known to point outward.
     pub(super) is_sided: bool,
-    /// Edge of the cells in which its neighborhood is seen, in mm.
+    /// Edge length of the cells of the surfel's neighborhood, in mm.
     pub(super) reach: f64,
-    /// The depth of these cells.
+    /// The depth of the cells of the surfel's neighborhood.
     pub(super) depth: u32,
 }
 
-/// What the points around a place stand for if they lie on a plane: the integral of the weights over it, in squared cells. It is
-/// 0.75 along the cells and about 0.66 across them.
+/// The sum of weights per point density for points on a plane: the integral of the weights over the plane, in squared cells. It is 0.75 if
+/// the plane is parallel to the cells and about 0.66 if it is diagonal.
 const PLANE: f64 = 0.7;
 
-/// The surfels of all finest cells.
+/// Returns the surfels of all finest cells.
 pub(super) fn surfels(
     pyramid: &Pyramid,
     cloud: &Cloud,
     flat: u32,
     progress: &Progress<'_>,
-) -> Result<Vec<Surfel>, Cancelled> {
+) -> Result<Vec<Surfel>, CancelledError> {
     let cube = &pyramid.cube;
     let mut surfels = Vec::with_capacity(pyramid.finest().moments.len());
     let cells: Vec<usize> = (0..pyramid.finest().moments.len()).collect();
@@ -342,7 +343,7 @@ pub(super) fn surfels(
         of_part.collect_into(&mut surfels);
         progress.tick(surfels.len() as f64 / cells.len() as f64)?;
     }
-    // What has no neighborhood of its own stands for as much as its cell, so that it is not lost.
+    // A surfel has a minimum spacing, so that it is never 0.
     for surfel in &mut surfels {
         surfel.spacing = surfel.spacing.max(1e-3 * cube.edge);
     }
@@ -369,16 +370,16 @@ fn surfel(pyramid: &Pyramid, cloud: &Cloud, flat: u32, cell: usize) -> Surfel {
     }
     let mut spacing = area.sqrt();
     if depth < flat {
-        // Nothing else is near: what was found is far away.
+        // No points are nearby: those that the larger neighborhood found are far away.
         spacing = spacing.max(SPARSE * cube.edge_at(depth));
     }
     let mut is_sided = false;
     if given.norm() > AGREED {
         (normal, is_sided) = (given.normalize(), true);
-    } else if view.norm() > AGREED && (normal.dot(&view)).abs() > GRAZING {
+    } else if view.norm() > AGREED && (normal.dot(&view)).abs() > GRAZING_COSINE {
         (normal, is_sided) = (normal * normal.dot(&view).signum(), true);
     }
-    // Far from all others and from their plane: nothing that a surface could be made of.
+    // Points that are far from all others and from their plane belong to no surface.
     let is_stray = plane.as_ref().is_some_and(|plane| {
         let off = (plane.middle - at).dot(&plane.normal).abs();
         plane.depth < flat
@@ -401,19 +402,19 @@ fn surfel(pyramid: &Pyramid, cloud: &Cloud, flat: u32, cell: usize) -> Surfel {
     }
 }
 
-/// Normals of a cell whose mean is shorter point to all sides.
+/// Minimum length of the mean of the unit normals in a cell; if it is shorter, the normals point in all directions.
 const AGREED: f64 = 0.3;
 
-/// The distance of points, in cells, where as few are found as a plane needs.
+/// The spacing of points, in cells, at which a neighborhood contains just as many points as a plane needs.
 const SPARSE: f64 = 0.6;
 
-/// Farthest distance from the plane of a sparse neighborhood, in cells.
+/// Maximum distance of a point from the plane of a sparse neighborhood, in cells.
 const STRAY: f64 = 0.35;
 
-/// Surfaces that are seen at a smaller cosine may as well be seen from behind.
-const GRAZING: f64 = 0.2;
+/// Minimum cosine of the viewing angle for which the front of a surface can be distinguished from its back.
+const GRAZING_COSINE: f64 = 0.2;
 
-/// The place of a point in the finest cells.
+/// Returns the cell at a depth that contains a point.
 pub(super) fn place(cube: &Cube, at: &Point3<f64>, depth: u32) -> CellIndex {
     cube.cell(cube.in_cells(at, depth), depth)
 }

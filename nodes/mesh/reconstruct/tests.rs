@@ -1,11 +1,11 @@
 use std::collections::BTreeMap;
 
-use maquette_value::random::Random;
+use maquette_value::rng::Random;
 use maquette_value::{Points, RangeImage};
 
 use super::*;
 
-/// Normal noise.
+/// Pseudorandom numbers with a normal distribution.
 trait Noise {
     fn normal(&mut self, deviation: f64) -> f64;
 
@@ -15,14 +15,14 @@ trait Noise {
 }
 
 impl Noise for Random {
-    /// Normal, with this deviation: Box and Muller (1958).
+    /// Returns a normally distributed number with the given deviation: Box and Muller (1958).
     fn normal(&mut self, deviation: f64) -> f64 {
         let angle = std::f64::consts::TAU * self.even();
         deviation * (-2.0 * libm::log(1.0 - self.even())).sqrt() * libm::cos(angle)
     }
 }
 
-/// Evenly spread points of a sphere of radius 50 mm, each moved by this deviation along each axis.
+/// Returns uniformly distributed points of a sphere of radius 50 mm, moved along each axis by noise with the given deviation.
 fn sphere(count: usize, deviation: f64) -> Vec<Point3<f64>> {
     let mut random = Random(1);
     fn direction(random: &mut Random) -> Vector3<f64> {
@@ -33,13 +33,14 @@ fn sphere(count: usize, deviation: f64) -> Vec<Point3<f64>> {
         .collect()
 }
 
-/// The same of a torus around y, with radii of 40 and 15 mm.
+/// Returns uniformly distributed points of a torus around y with radii of 40 and 15 mm, moved by noise in the same way as those of
+/// `sphere`.
 fn torus(count: usize, deviation: f64) -> Vec<Point3<f64>> {
     let mut random = Random(2);
     let mut points = Vec::new();
     while points.len() < count {
         let [u, v] = [0, 1].map(|_| std::f64::consts::TAU * random.even());
-        // As many as there is area.
+        // The density of the accepted angles is proportional to the area.
         if random.even() * 55.0 < 40.0 + 15.0 * libm::cos(v) {
             let r = 40.0 + 15.0 * libm::cos(v);
             let at = Vector3::new(r * libm::cos(u), 15.0 * libm::sin(v), r * libm::sin(u));
@@ -63,7 +64,7 @@ fn cloud(points: Vec<Point3<f64>>) -> Scattered {
 }
 
 fn skin(points: Vec<Point3<f64>>, options: &Options) -> Mesh {
-    reconstruct(&[cloud(points)], Poses::Auto, options, &Progress::none()).unwrap()
+    reconstruct(&[cloud(points)], Poses::Auto, options, &Progress::silent()).unwrap()
 }
 
 fn rms(mesh: &Mesh, off: impl Fn(&Point3<f64>) -> f64) -> f64 {
@@ -71,7 +72,8 @@ fn rms(mesh: &Mesh, off: impl Fn(&Point3<f64>) -> f64) -> f64 {
     (squares / mesh.positions().len() as f64).sqrt()
 }
 
-/// Euler characteristic and border edges of a mesh, all edges of which have one or two faces and all vertices one fan of them.
+/// Returns the Euler characteristic and the number of border edges of a mesh. Checks that all edges have one or two faces and that each
+/// vertex has one fan of faces.
 fn topology(mesh: &Mesh) -> (i64, usize) {
     let mut sides: BTreeMap<[u32; 2], [usize; 2]> = BTreeMap::new();
     let mut next: BTreeMap<u32, BTreeMap<u32, u32>> = BTreeMap::new();
@@ -84,7 +86,7 @@ fn topology(mesh: &Mesh) -> (i64, usize) {
     }
     assert!(sides.values().all(|&[a, b]| a <= 1 && b <= 1), "edges have one face on each side");
     for ways in next.values() {
-        // From the way that nothing leads to, or any.
+        // Begin at the border edge without a predecessor, or at any edge of a closed fan.
         let first = ways.keys().find(|&way| !ways.values().any(|to| to == way));
         let mut at = *first.unwrap_or_else(|| ways.keys().next().unwrap());
         let mut seen = 0;
@@ -107,30 +109,32 @@ fn volume(mesh: &Mesh) -> f64 {
     mesh.faces()
         .iter()
         .map(|face| {
-            fn at(k: usize, mesh: &Mesh, face: &[u32]) -> Vector3<f64> {
+            fn edge(k: usize, mesh: &Mesh, face: &[u32]) -> Vector3<f64> {
                 mesh.positions()[face[k] as usize].coords
             }
             (1..face.len() - 1)
-                .map(|k| at(0, mesh, face).dot(&at(k, mesh, face).cross(&at(k + 1, mesh, face))))
+                .map(|k| {
+                    edge(0, mesh, face).dot(&edge(k, mesh, face).cross(&edge(k + 1, mesh, face)))
+                })
                 .sum::<f64>()
                 / 6.0
         })
         .sum()
 }
 
-/// The smallest angle of each triangle in degrees, sorted.
+/// Returns the smallest angle of each triangle in degrees, sorted.
 fn smallest_angles(mesh: &Mesh) -> Vec<f64> {
     let mut angles: Vec<f64> = mesh
         .faces()
         .iter()
         .map(|face| {
-            fn at(k: usize, mesh: &Mesh, face: &[u32]) -> Point3<f64> {
+            fn corner(k: usize, mesh: &Mesh, face: &[u32]) -> Point3<f64> {
                 mesh.positions()[face[k % 3] as usize]
             }
             (0..3)
                 .map(|k: usize| {
-                    (at(k + 1, mesh, face) - at(k, mesh, face))
-                        .angle(&(at(k + 2, mesh, face) - at(k, mesh, face)))
+                    (corner(k + 1, mesh, face) - corner(k, mesh, face))
+                        .angle(&(corner(k + 2, mesh, face) - corner(k, mesh, face)))
                         .to_degrees()
                 })
                 .fold(f64::INFINITY, f64::min)
@@ -140,7 +144,7 @@ fn smallest_angles(mesh: &Mesh) -> Vec<f64> {
     angles
 }
 
-/// The mean distance of points: the side of the square that each has.
+/// Returns the mean spacing of points: the side of the square that each point represents.
 fn distance_on(area: f64, count: usize) -> f64 {
     (area / count as f64).sqrt()
 }
@@ -151,7 +155,7 @@ const TORUS: f64 = 4.0 * std::f64::consts::PI * std::f64::consts::PI * 600.0;
 #[test]
 fn noise_of_a_hundredth_is_averaged_to_half_the_distance_of_points() {
     let count = 100_000;
-    // A hundredth of the diagonals of their boxes: three distances of points.
+    // The deviation is a hundredth of the diagonal of the bounding box, three times the spacing.
     let mesh = skin(sphere(count, 1.73), &Options::default());
     assert_eq!(topology(&mesh), (2, 0));
     assert!(rms(&mesh, off_sphere) < 0.5 * distance_on(SPHERE, count));
@@ -189,17 +193,17 @@ fn given_normals_decide_what_is_outside() {
     let inwards = points.iter().map(|point| (-point.coords.normalize()).into()).collect::<Vec<_>>();
     let cloud = Points::new(points).unwrap();
     let cloud = cloud.with_attribute("normal", Attribute::Vector(inwards.into())).unwrap();
-    fn of(normals: Normals, cloud: &Points) -> Mesh {
+    fn reconstruct_with(normals: Normals, cloud: &Points) -> Mesh {
         let options = Options { normals, skin: SkinKind::Open, ..Options::default() };
         let sources = [Scattered::Points(cloud.clone())];
-        reconstruct(&sources, Poses::Auto, &options, &Progress::none()).unwrap()
+        reconstruct(&sources, Poses::Auto, &options, &Progress::silent()).unwrap()
     }
-    assert!(volume(&of(Normals::Given, &cloud)) < 0.0);
-    assert!(volume(&of(Normals::Estimated, &cloud)) > 0.0);
+    assert!(volume(&reconstruct_with(Normals::Given, &cloud)) < 0.0);
+    assert!(volume(&reconstruct_with(Normals::Estimated, &cloud)) > 0.0);
 }
 
 #[test]
-fn an_open_cloud_has_an_open_skin_or_a_closed_one_with_a_flag() {
+fn an_open_cloud_gets_an_open_surface_or_a_closed_one_with_a_flag() {
     let cap: Vec<_> = sphere(8000, 0.0).into_iter().filter(|point| point.z > 0.0).collect();
     let open = skin(cap.clone(), &Options { skin: SkinKind::Open, ..Options::default() });
     let (euler, borders) = topology(&open);
@@ -216,17 +220,20 @@ fn an_open_cloud_has_an_open_skin_or_a_closed_one_with_a_flag() {
 }
 
 #[test]
-fn a_flat_cloud_has_an_open_skin() {
+fn a_flat_cloud_gets_an_open_surface() {
     let mut random = Random(3);
     let points: Vec<_> =
         (0..2000).map(|_| Point3::new(random.even(), random.even(), 0.0) * 10.0).collect();
     let mesh = skin(points, &Options { skin: SkinKind::Open, ..Options::default() });
     assert_eq!(topology(&mesh).0, 1);
-    // At the rim it bends by no more than the distance of two points.
+    // At its border, the surface deviates from the plane by at most the spacing of two points.
     let most = mesh.positions().iter().map(|point| point.z.abs()).fold(0.0, f64::max);
     assert!(most < 0.224, "{most}");
-    let is_among = |point: &&Point3<f64>| [point.x, point.y].iter().all(|x| 1.1 < *x && *x < 8.9);
-    assert!(mesh.positions().iter().filter(is_among).all(|point| point.z.abs() < 0.05));
+    let mut inner = mesh
+        .positions()
+        .iter()
+        .filter(|point| [point.x, point.y].iter().all(|x| 1.1 < *x && *x < 8.9));
+    assert!(inner.all(|point| point.z.abs() < 0.05));
 }
 
 #[test]
@@ -249,7 +256,7 @@ fn a_large_spacing_makes_a_control_mesh_of_quads() {
 
 #[test]
 fn a_range_image_shows_its_outside_to_the_sensor() {
-    // A bowl that opens towards the sensor: what reaches farthest is inside.
+    // The surface is a bowl that opens towards the sensor: its outermost parts face inward.
     let range = RangeImage::new(
         60,
         60,
@@ -266,7 +273,7 @@ fn a_range_image_shows_its_outside_to_the_sensor() {
     .unwrap();
     let options = Options { skin: SkinKind::Open, ..Options::default() };
     let sources = [Scattered::RangeImage(range)];
-    let mesh = reconstruct(&sources, Poses::Auto, &options, &Progress::none()).unwrap();
+    let mesh = reconstruct(&sources, Poses::Auto, &options, &Progress::silent()).unwrap();
     assert!(mesh.frame().is_some());
     let towards = mesh.faces().iter().filter(|face| mesh.area_vector(face).z < 0.0).count();
     assert!(towards as f64 > 0.95 * mesh.faces().len() as f64);
@@ -283,7 +290,7 @@ fn colors_are_those_of_the_points() {
     let cloud = cloud.with_attribute("color", Attribute::Color(colors.into())).unwrap();
     let options = Options::default();
     let sources = [Scattered::Points(cloud)];
-    let mesh = reconstruct(&sources, Poses::Auto, &options, &Progress::none()).unwrap();
+    let mesh = reconstruct(&sources, Poses::Auto, &options, &Progress::silent()).unwrap();
     let colors = mesh.vertex().colors("color").unwrap();
     for (point, found) in mesh.positions().iter().zip(&**colors) {
         assert!(point.x.abs() < 10.0 || *found == color(point), "{point} {found:?}");
@@ -291,47 +298,48 @@ fn colors_are_those_of_the_points() {
 }
 
 #[test]
-fn what_has_no_skin_is_an_error() {
+fn clouds_without_a_surface_are_errors() {
     fn error(points: Vec<Point3<f64>>, options: &Options) -> String {
-        let found = reconstruct(&[cloud(points)], Poses::Auto, options, &Progress::none());
+        let found = reconstruct(&[cloud(points)], Poses::Auto, options, &Progress::silent());
         found.unwrap_err().to_string()
     }
     let options = Options::default();
-    let few = "there are only 1 different points, but a skin needs at least 4";
+    let few = "there are only 1 different points, but a surface needs at least 4";
     assert_eq!(error(vec![Point3::new(1.0, 2.0, 3.0); 9], &options), few);
     assert!(error(Vec::new(), &options).starts_with("there are only 0"));
-    let line = |k: i32| Point3::from(Vector3::new(1.0, 2.0, 3.0) * f64::from(k));
-    assert!(error((0..50).map(line).collect(), &options).contains("line"));
-    let plane = |k: i32| Point3::new(f64::from(k % 7), f64::from(k / 7), 5.0);
-    assert!(error((0..49).map(plane).collect(), &options).contains("plane"));
-    let far = |k: i32| Point3::new(1e300 * f64::from(k), 1.0, f64::from(k * k));
-    assert!(error((0..9).map(far).collect(), &options).contains("too far"));
+    let line = (0..50).map(|k: i32| Point3::from(Vector3::new(1.0, 2.0, 3.0) * f64::from(k)));
+    assert!(error(line.collect(), &options).contains("line"));
+    let plane = (0..49).map(|k: i32| Point3::new(f64::from(k % 7), f64::from(k / 7), 5.0));
+    assert!(error(plane.collect(), &options).contains("plane"));
+    let far = (0..9).map(|k: i32| Point3::new(1e300 * f64::from(k), 1.0, f64::from(k * k)));
+    assert!(error(far.collect(), &options).contains("too far"));
     let tiny = Options { spacing: 1e-9, ..options };
     assert!(error(sphere(100, 0.0), &tiny).contains("cells along a side"));
     for spacing in [f64::NAN, -1.0, f64::INFINITY] {
         assert!(error(sphere(100, 0.0), &Options { spacing, ..options }).contains("`spacing`"));
     }
-    let apply = reconstruct(&[cloud(sphere(100, 0.0))], Poses::Apply, &options, &Progress::none());
+    let apply =
+        reconstruct(&[cloud(sphere(100, 0.0))], Poses::Apply, &options, &Progress::silent());
     assert!(apply.unwrap_err().to_string().contains("no pose"));
 }
 
 #[test]
 fn any_number_of_threads_makes_the_same() {
-    fn of(threads: usize) -> Mesh {
+    fn reconstruct_on(threads: usize) -> Mesh {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| skin(torus(6000, 0.3), &Options::default()))
     }
-    assert_eq!(of(1), of(3));
+    assert_eq!(reconstruct_on(1), reconstruct_on(3));
 }
 
 #[test]
-fn the_skin_of_any_function_is_manifold() {
+fn the_surface_of_any_function_is_manifold() {
     for seed in 0..20 {
         let mut random = Random(seed);
         let depth = 3;
         let cube = Cube { corner: Point3::origin(), edge: 1.0, depth };
         let grids = (0..=depth).map(|depth| {
-            let nodes = cells::Places::all((1 << depth) + 1);
+            let nodes = cells::Places::full((1 << depth) + 1);
             let last = 1 << depth;
             fn is_border(node: usize, nodes: &cells::Places, last: i32) -> bool {
                 nodes.place(node).iter().any(|&x| x == 0 || x == last)
@@ -342,7 +350,7 @@ fn the_skin_of_any_function_is_manifold() {
             poisson::Grid { nodes, values }
         });
         let field = Field { cube, grids: grids.collect() };
-        let skin = contour(&field, &Progress::none()).unwrap();
+        let skin = contour(&field, &Progress::silent()).unwrap();
         let mesh = Mesh::new(skin.positions.clone(), faces(&skin, FaceKind::Quads).unwrap());
         assert_eq!(topology(&mesh.unwrap()).1, 0);
     }
@@ -350,7 +358,7 @@ fn the_skin_of_any_function_is_manifold() {
 
 #[test]
 fn points_count_as_much_as_they_are_sure() {
-    // A good scan of a ball, and one that is too large by 2 mm.
+    // One scan of a sphere is good, the other one is too large by 2 mm.
     let good = sphere(20_000, 0.0);
     let wrong = sphere(20_000, 0.0).into_iter().map(|it| Point3::from(it.coords * 1.04));
     let both = [good, wrong.collect()].concat();
@@ -362,7 +370,7 @@ fn points_count_as_much_as_they_are_sure() {
             points = points.with_attribute("confidence", Attribute::Number(column)).unwrap();
         }
         let sources = [Scattered::Points(points)];
-        let skin = reconstruct(&sources, Poses::Ignore, &options, &Progress::none()).unwrap();
+        let skin = reconstruct(&sources, Poses::Ignore, &options, &Progress::silent()).unwrap();
         let radii = skin.positions().iter().map(|it| it.coords.norm());
         radii.sum::<f64>() / skin.positions().len() as f64
     };

@@ -18,7 +18,7 @@ use crate::net::profile::Profile;
 const ALL_MODES: [BlendMode; 3] =
     [BlendMode::Displacement, BlendMode::Replace, BlendMode::Feather { band: 3.0 }];
 
-/// A rough scan with a hole in it.
+/// Returns a rough scan with a hole.
 fn bumpy() -> RangeImage {
     range(30, 26, |x, y| match (x, y) {
         (13.0, 12.0) => f64::NAN,
@@ -37,11 +37,11 @@ fn surface(
     order: usize,
     growth: f64,
 ) -> Surface {
-    let net = control_net(region, range, method, 0, 0, &Progress::none()).unwrap();
+    let net = control_net(region, range, method, 0, 0, &Progress::silent()).unwrap();
     let sensor = Unit::new_unchecked(-Vector3::z());
     let steps = [OffsetStep { distance: growth, angle: 0.0, axis: [0.0; 3] }];
     let net =
-        offset_net(&net, Some(sensor), None, None, &steps, Profile::Cosine, &Progress::none())
+        offset_net(&net, Some(sensor), None, None, &steps, Profile::Cosine, &Progress::silent())
             .unwrap();
     nurbs(&net, None, None, Some([order; 2])).unwrap()
 }
@@ -57,7 +57,7 @@ fn a_displacement_by_nothing_keeps_every_bit() {
     for order in 2..=5 {
         let surface = surface(&range, &region, NetMethod::Grid, order, 0.0);
         let same =
-            blend(&range, &region, &surface, BlendMode::Displacement, [1, 1], &Progress::none())
+            blend(&range, &region, &surface, BlendMode::Displacement, [1, 1], &Progress::silent())
                 .unwrap();
         for cell in 0..range.points().len() {
             let before = match region.find(cell) {
@@ -84,7 +84,7 @@ fn a_plane_replaced_by_its_surface_is_the_same_plane() {
         for order in 2..=5 {
             let surface = surface(&range, region, method, order, 0.0);
             let same =
-                blend(&range, region, &surface, BlendMode::Replace, [1, 1], &Progress::none())
+                blend(&range, region, &surface, BlendMode::Replace, [1, 1], &Progress::silent())
                     .unwrap();
             for (before, after) in range.points().iter().zip(same.range.points()) {
                 assert!((before - after).norm() <= 1e-12, "{method:?} {order} {before}");
@@ -100,7 +100,7 @@ fn cells_outside_of_the_region_keep_every_bit() {
     let surface = surface(&range, &region, NetMethod::Grid, 3, 9.0);
     for mode in ALL_MODES {
         let after =
-            blend(&range, &region, &surface, mode, [1, 1], &Progress::none()).unwrap().range;
+            blend(&range, &region, &surface, mode, [1, 1], &Progress::silent()).unwrap().range;
         let mut changed = 0;
         for cell in 0..range.points().len() {
             let same = bits(range.point(cell)) == bits(after.point(cell));
@@ -122,8 +122,9 @@ fn another_surface_is_written_to_the_range_image_that_was_made() {
     let range = range.with_points(points).unwrap();
     let [before, now] = [3.0, 30.0].map(|by| surface(&range, &nose, NetMethod::Grid, 3, by));
     for mode in ALL_MODES {
-        let [made, expected] = [&before, &now]
-            .map(|surface| blend(&range, &nose, surface, mode, [1, 1], &Progress::none()).unwrap());
+        let [made, expected] = [&before, &now].map(|surface| {
+            blend(&range, &nose, surface, mode, [1, 1], &Progress::silent()).unwrap()
+        });
         let followed = follow(&range, &nose, &now, mode, &made.range).unwrap();
         assert_eq!(hash_of(&followed.range), hash_of(&expected.range), "{mode:?}");
         assert_eq!((followed.folded, followed.seam), (expected.folded, expected.seam), "{mode:?}");
@@ -137,14 +138,15 @@ fn replacing_leaves_a_known_part_of_a_spike() {
     let region = region(&range, |x, y| (4..18).contains(&x) && (4..17).contains(&y));
     for (order, left) in [(4, 16.0 / 36.0), (3, 36.0 / 64.0)] {
         let surface = surface(&range, &region, NetMethod::Grid, order, 0.0);
-        let after = blend(&range, &region, &surface, BlendMode::Replace, [1, 1], &Progress::none())
-            .unwrap();
+        let after =
+            blend(&range, &region, &surface, BlendMode::Replace, [1, 1], &Progress::silent())
+                .unwrap();
         let height = after.range.points()[10 * 22 + 11].z;
         assert!((height - left).abs() <= 1e-12, "{height}");
     }
 }
 
-/// A face with a nose: half a ball of 13 cells' radius and its cells' points, 1 mm apart.
+/// Returns a scan of a face, and its nose as region: a half sphere with a radius of 13 cells, 1 mm apart.
 fn face() -> (RangeImage, Region) {
     fn height_sq(x: f64, y: f64) -> f64 {
         169.0 - (x - 24.0) * (x - 24.0) - (y - 22.0) * (y - 22.0)
@@ -164,17 +166,17 @@ fn the_summit_moves_by_the_growth_and_the_contour_stays() {
     for order in [3, 4] {
         let surface = surface(&range, &nose, NetMethod::Grid, order, growth);
         let after =
-            blend(&range, &nose, &surface, BlendMode::Displacement, [1, 1], &Progress::none())
+            blend(&range, &nose, &surface, BlendMode::Displacement, [1, 1], &Progress::silent())
                 .unwrap();
-        fn moved(cell: usize, range: &RangeImage, after_range: &RangeImage) -> f64 {
+        fn displacement(cell: usize, range: &RangeImage, after_range: &RangeImage) -> f64 {
             (after_range.points()[cell] - range.points()[cell]).norm()
         }
-        let summit = moved(22 * 49 + 24, &range, &after.range);
+        let summit = displacement(22 * 49 + 24, &range, &after.range);
         assert!((summit - growth).abs() <= 0.1 * growth, "{summit}");
         let depths = from_border(&nose, 1.0);
         let contour = nose.cells().iter().zip(depths).filter(|(_, depth)| *depth <= 1.0);
         let most = contour
-            .map(|(&cell, _)| moved(cell as usize, &range, &after.range))
+            .map(|(&cell, _)| displacement(cell as usize, &range, &after.range))
             .fold(0.0, f64::max);
         assert!(0.0 < most && most <= 0.015 * growth, "order {order}: {most}");
         assert_eq!(after.folded, 0);
@@ -193,7 +195,7 @@ fn the_methods_rows_and_feather_grow_the_nose_too() {
         (NetMethod::Grid, BlendMode::Feather { band: 4.0 }),
     ] {
         let surface = surface(&range, &nose, method, 3, 12.0);
-        let after = blend(&range, &nose, &surface, mode, [1, 1], &Progress::none()).unwrap();
+        let after = blend(&range, &nose, &surface, mode, [1, 1], &Progress::silent()).unwrap();
         let summit = after.range.points()[22 * 49 + 24] - range.points()[22 * 49 + 24];
         assert!((summit.norm() - 12.0).abs() <= 1.5, "{method:?} {mode:?} {summit}");
     }
@@ -208,7 +210,7 @@ fn a_surface_that_misses_the_border_leaves_a_seam() {
             surface.net().points().iter().map(|p| p - 9.0 * Vector3::z()).collect();
         let net = surface.net().clone().with_points(raised).unwrap();
         let surface = nurbs(&net, None, None, None).unwrap();
-        blend(&range, &nose, &surface, mode, [1, 1], &Progress::none()).unwrap().seam
+        blend(&range, &nose, &surface, mode, [1, 1], &Progress::silent()).unwrap().seam
     };
     let seam = steps(BlendMode::Replace).unwrap();
     assert!(seam.is_visible() && (seam.step - 9.0).abs() < 2.0, "{seam:?}");
@@ -222,10 +224,11 @@ fn a_finer_grid_shows_the_same_nose() {
     let (range, nose) = face();
     let surface = surface(&range, &nose, NetMethod::Grid, 3, 12.0);
     for mode in ALL_MODES {
-        let coarse = blend(&range, &nose, &surface, mode, [1, 1], &Progress::none()).unwrap().range;
-        let fine = blend(&range, &nose, &surface, mode, [3, 1], &Progress::none()).unwrap().range;
+        let coarse =
+            blend(&range, &nose, &surface, mode, [1, 1], &Progress::silent()).unwrap().range;
+        let fine = blend(&range, &nose, &surface, mode, [3, 1], &Progress::silent()).unwrap().range;
         assert_eq!((fine.width(), fine.height()), (49, 135));
-        // The middle one of three new rows lies on the old row.
+        // The middle one of three new rows coincides with the old row.
         for cell in 0..coarse.points().len() {
             let there = (cell / 49 * 3 + 1) * 49 + cell % 49;
             let difference = fine.points()[there] - coarse.points()[cell];
@@ -237,17 +240,17 @@ fn a_finer_grid_shows_the_same_nose() {
 #[test]
 fn a_point_pulled_aside_folds() {
     let (range, nose) = face();
-    let net = control_net(&nose, &range, NetMethod::Grid, 0, 0, &Progress::none()).unwrap();
+    let net = control_net(&nose, &range, NetMethod::Grid, 0, 0, &Progress::silent()).unwrap();
     let aside = Some(Unit::new_unchecked(Vector3::x()));
     let steps = [OffsetStep { distance: 30.0, angle: 0.0, axis: [0.0; 3] }];
     let net =
-        offset_net(&net, aside, None, None, &steps, Profile::Cosine, &Progress::none()).unwrap();
+        offset_net(&net, aside, None, None, &steps, Profile::Cosine, &Progress::silent()).unwrap();
     let surface = nurbs(&net, None, None, None).unwrap();
     let camera = Pinhole { focal: [700.0; 2], center: [0.0; 2] };
     for camera in [None, Some(camera)] {
         let range = range.clone().with_camera(camera);
         let after =
-            blend(&range, &nose, &surface, BlendMode::Displacement, [1, 1], &Progress::none())
+            blend(&range, &nose, &surface, BlendMode::Displacement, [1, 1], &Progress::silent())
                 .unwrap();
         assert!(after.folded > 20, "{}", after.folded);
     }
@@ -258,50 +261,51 @@ fn surfaces_that_do_not_belong_to_the_range_are_refused() {
     let range = bumpy();
     let disk = disk(&range);
     let fitting = surface(&range, &disk, NetMethod::Grid, 3, 1.0);
-    fn refused(
+    fn error(
         range: &RangeImage,
         region: &Region,
         surface: &Surface,
         resample: [usize; 2],
     ) -> BlendError {
-        blend(range, region, surface, BlendMode::Replace, resample, &Progress::none()).unwrap_err()
+        blend(range, region, surface, BlendMode::Replace, resample, &Progress::silent())
+            .unwrap_err()
     }
     let free = value::ControlNet::new(3, 3, vec![Point3::origin(); 9]).unwrap();
     let free = nurbs(&free, None, None, None).unwrap();
-    assert_eq!(refused(&range, &disk, &free, [1, 1]), BlendError::NoChart);
+    assert_eq!(error(&range, &disk, &free, [1, 1]), BlendError::NoChart);
     let all = region(&range, |_, _| true);
     let not_there = BlendError::NotOnSurface { column: 0, row: 0 };
-    assert_eq!(refused(&range, &all, &fitting, [1, 1]), not_there);
+    assert_eq!(error(&range, &all, &fitting, [1, 1]), not_there);
     let other = self::range(5, 5, |_, _| 0.0);
-    assert!(matches!(refused(&other, &disk, &fitting, [1, 1]), BlendError::Grid { .. }));
+    assert!(matches!(error(&other, &disk, &fitting, [1, 1]), BlendError::Grid { .. }));
     for factors in [[0, 1], [1, 0]] {
-        assert_eq!(refused(&range, &disk, &fitting, factors), BlendError::Resample { factors });
+        assert_eq!(error(&range, &disk, &fitting, factors), BlendError::Resample { factors });
     }
     for factors in [[1 << 15, 1 << 15], [usize::MAX, 2]] {
-        let error = refused(&range, &disk, &fitting, factors);
+        let error = error(&range, &disk, &fitting, factors);
         assert!(matches!(error, BlendError::TooMuch(_)), "{error}");
     }
 }
 
-/// What the redesigned nose does to the mesh: its faces, before and after.
+/// Returns the faces of the mesh before and after the redesign of the nose.
 fn faces_before_and_after(
     range: &RangeImage,
     nose: &Region,
     growth: f64,
     profile: Profile,
 ) -> [usize; 2] {
-    let net = control_net(nose, range, NetMethod::Grid, 0, 0, &Progress::none()).unwrap();
+    let net = control_net(nose, range, NetMethod::Grid, 0, 0, &Progress::silent()).unwrap();
     let sensor = Some(Unit::new_unchecked(-Vector3::z()));
     let steps = [OffsetStep { distance: growth, angle: 0.0, axis: [0.0; 3] }];
-    let net = offset_net(&net, sensor, None, None, &steps, profile, &Progress::none()).unwrap();
+    let net = offset_net(&net, sensor, None, None, &steps, profile, &Progress::silent()).unwrap();
     let surface = nurbs(&net, None, None, Some([3; 2])).unwrap();
-    let after = blend(range, nose, &surface, BlendMode::Displacement, [1, 1], &Progress::none());
+    let after = blend(range, nose, &surface, BlendMode::Displacement, [1, 1], &Progress::silent());
     [range, &after.unwrap().range]
         .map(|range| triangulate(range, 6.0, 85.0, 0).unwrap().faces().len())
 }
 
 #[test]
-fn the_region_hangs_on_its_surroundings_and_not_on_what_is_far_behind() {
+fn the_region_is_connected_to_its_surroundings_and_not_to_a_distant_background() {
     let (range, nose) = face();
     for growth in [5.0, 40.0, 400.0] {
         for profile in [Profile::Round, Profile::Plateau] {
@@ -309,8 +313,8 @@ fn the_region_hangs_on_its_surroundings_and_not_on_what_is_far_behind() {
             assert_eq!(before, after, "{growth} {profile:?}");
         }
     }
-    // Everything else farther away, by so many mm: cells are 1 mm apart.
-    fn behind(depth: f64, range: &RangeImage, nose: &Region) -> RangeImage {
+    // Moves everything except the nose away from the sensor by the distance `depth` in mm. Cells are 1 mm apart.
+    fn push_background(depth: f64, range: &RangeImage, nose: &Region) -> RangeImage {
         fn is_nose(cell: usize, nose: &Region) -> bool {
             nose.cells().contains(&(cell as u32))
         }
@@ -327,13 +331,13 @@ fn the_region_hangs_on_its_surroundings_and_not_on_what_is_far_behind() {
             )
             .unwrap()
     }
-    // In front of a far wall its silhouette is a border before and after.
+    // If the wall behind the nose is distant, the silhouette of the nose is a border before and after.
     let [before, after] =
-        faces_before_and_after(&behind(300.0, &range, &nose), &nose, 40.0, Profile::Round);
+        faces_before_and_after(&push_background(300.0, &range, &nose), &nose, 40.0, Profile::Round);
     assert!(before < 48 * 44 * 2 - 80 && after == before, "{before} {after}");
-    // Where it hides a part of the cheek, the cheek hangs on it.
+    // If the nose hides only a part of the cheek, the cheek is connected to it.
     let [before, after] =
-        faces_before_and_after(&behind(8.0, &range, &nose), &nose, 40.0, Profile::Round);
+        faces_before_and_after(&push_background(8.0, &range, &nose), &nose, 40.0, Profile::Round);
     assert!(before < 48 * 44 * 2 - 80 && after == 48 * 44 * 2, "{before} {after}");
 }
 
@@ -351,17 +355,20 @@ fn a_shadow_beside_the_region_is_filled_and_one_elsewhere_is_not() {
     let surface = surface(&range, &nose, NetMethod::Grid, 3, 12.0);
     for resample in [[1, 1], [2, 3]] {
         let after =
-            blend(&range, &nose, &surface, BlendMode::Displacement, resample, &Progress::none());
+            blend(&range, &nose, &surface, BlendMode::Displacement, resample, &Progress::silent());
         let after = after.unwrap().range;
-        let at = |cell: usize| {
+        fn refined_cell(cell: usize, resample: [usize; 2], after: &RangeImage) -> usize {
             let [down, right] = resample;
             (cell / 49 * down) * after.width() + cell % 49 * right
-        };
+        }
         assert!(
-            after.is_filled(at(beside))
-                && after.joined(at(beside)) != 0
-                && after.point(at(beside)).is_some()
+            after.is_filled(refined_cell(beside, resample, &after))
+                && after.forced_triangles(refined_cell(beside, resample, &after)) != 0
+                && after.point(refined_cell(beside, resample, &after)).is_some()
         );
-        assert!(after.point(at(elsewhere)).is_none() && after.joined(at(elsewhere)) == 0);
+        assert!(
+            after.point(refined_cell(elsewhere, resample, &after)).is_none()
+                && after.forced_triangles(refined_cell(elsewhere, resample, &after)) == 0
+        );
     }
 }

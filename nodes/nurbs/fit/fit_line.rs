@@ -1,68 +1,68 @@
 //! B-spline curves through or near points with given parameters: one direction of a fitted surface.
 
-use maquette_base::linear::banded::{Banded, Factors};
-use maquette_node::{Cancelled, Progress};
+use maquette_base::linear::banded::{BandedMatrix, Factors};
+use maquette_node::{CancelledError, Progress};
 use maquette_value::KnotVector;
 use nalgebra::Vector3;
 
-/// A fit of lines of points that all have the same parameters.
+/// A fit for lines of points that all have the same parameters.
 pub(crate) struct LineFit {
     knots: KnotVector,
-    /// For each point the first control point that matters, and the basis functions.
+    /// For each point, the index of the first basis function that is not 0, and the values of the nonzero basis functions.
     rows: Vec<(usize, Vec<f64>)>,
     solver: Solver,
 }
 
-/// How control points are found.
+/// A method that computes control points.
 enum Solver {
-    /// As many control points as points: the collocation matrix.
+    /// Interpolation with as many control points as points: the factored collocation matrix.
     Interpolate(Factors),
-    /// Fewer: the normal equations of all control points but the ends.
+    /// Least squares with fewer control points: the factored normal equations of all control points except the ends.
     LeastSquares(Factors),
-    /// The iteration.
+    /// Progressive iteration.
     Progressive { iterations: usize, tolerance: f64 },
 }
 
 /// The control points of one line.
 pub(crate) struct FittedLine {
     pub(crate) control: Vec<Vector3<f64>>,
-    /// Largest step of a control point in the last round of an iteration that did not settle, else 0.
+    /// Largest step of a control point in the last round of an iteration that did not converge; 0 if it converged.
     pub(crate) unsettled: f64,
-    /// What the points were missed by before each round of an iteration.
-    pub(crate) rounds: Vec<Missed>,
+    /// The residuals of the points before each round of an iteration.
+    pub(crate) rounds: Vec<Residual>,
 }
 
-/// What some points are missed by, in mm.
+/// The residuals of some points, in mm.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Missed {
-    /// The largest distance.
+pub(crate) struct Residual {
+    /// The largest distance of a point from the curve or surface.
     pub(crate) max: f64,
-    /// The sum of the distances' squares.
+    /// The sum of the squared distances.
     pub(crate) sum_sq: f64,
 }
 
-impl Missed {
-    /// By one distance.
-    pub(crate) fn by(distance: &Vector3<f64>) -> Self {
+impl Residual {
+    /// The residual of a single point at this distance.
+    pub(crate) fn of_distance(distance: &Vector3<f64>) -> Self {
         Self { max: distance.norm(), sum_sq: distance.norm_squared() }
     }
 
-    /// Of these points and others.
-    pub(crate) fn and(self, other: Self) -> Self {
+    /// Combines the residuals of two sets of points.
+    pub(crate) fn merge(self, other: Self) -> Self {
         Self { max: self.max.max(other.max), sum_sq: self.sum_sq + other.sum_sq }
     }
 }
 
 impl LineFit {
-    /// Curves through all points. None if the knots do not suit the parameters.
+    /// Prepares curves through all points. Returns `None` if the knots are unsuitable for the parameters.
     ///
     /// Piegl and Tiller, *The NURBS Book*, 2nd ed. (1997), section 9.2.1.
     pub(crate) fn interpolate(knots: KnotVector, parameters: &[f64]) -> Option<Self> {
         let rows = rows(&knots, parameters);
-        let mut matrix = Banded::new(rows.len(), knots.degree());
+        let mut matrix = BandedMatrix::new(rows.len(), knots.degree());
         for (k, (first, values)) in rows.iter().enumerate() {
             for (column, &value) in (*first..).zip(values).filter(|(_, value)| **value != 0.0) {
-                // A parameter outside of its own basis function: Schoenberg and Whitney's condition.
+                // A parameter outside of the support of the basis function with its index violates the Schoenberg-Whitney condition.
                 if column.abs_diff(k) > knots.degree() {
                     return None;
                 }
@@ -72,24 +72,25 @@ impl LineFit {
         Some(Self { solver: Solver::Interpolate(matrix.factor()?), knots, rows })
     }
 
-    /// Curves that begin and end with their points and are as near as possible to the others, by squares. None if the knots do not
-    /// suit the parameters.
+    /// Prepares curves that begin and end at the first and the last point and approximate the others by least squares. Returns `None` if
+    /// the knots are unsuitable for the parameters.
     ///
     /// Piegl and Tiller (1997), section 9.4.1, eqs. 9.63 to 9.67.
     pub(crate) fn least_squares(knots: KnotVector, parameters: &[f64]) -> Option<Self> {
         let rows = rows(&knots, parameters);
         let inner = knots.n_control() - 2;
-        let mut matrix = Banded::new(inner, knots.degree().min(inner.saturating_sub(1)));
+        let mut matrix = BandedMatrix::new(inner, knots.degree().min(inner.saturating_sub(1)));
         for (first, values) in &rows[1..rows.len() - 1] {
-            let terms = || (*first..).zip(values).filter(|(k, _)| 1 <= *k && *k <= inner);
-            for (a, x) in terms() {
-                terms().for_each(|(b, y)| matrix.add(a - 1, b - 1, x * y));
+            let terms = (*first..).zip(values).filter(|(k, _)| 1 <= *k && *k <= inner);
+            for (a, x) in terms.clone() {
+                terms.clone().for_each(|(b, y)| matrix.add(a - 1, b - 1, x * y));
             }
         }
         Some(Self { solver: Solver::LeastSquares(matrix.factor()?), knots, rows })
     }
 
-    /// The same curves by progressive iteration, at most so many rounds, until no control point moves farther than `tolerance`.
+    /// Prepares the curves of [`least_squares`](Self::least_squares) or [`interpolate`](Self::interpolate), but computed by progressive
+    /// iteration. It runs until no control point moves farther than `tolerance`, at most for the given number of rounds.
     pub(crate) fn progressive(
         knots: KnotVector,
         parameters: &[f64],
@@ -104,25 +105,25 @@ impl LineFit {
         &self.knots
     }
 
-    /// The control points of one line, a point for each parameter.
+    /// Returns the control points of one line, given a point for each parameter.
     ///
     /// # Errors
-    /// If the evaluation is told to stop.
+    /// Returns an error if the evaluation is cancelled.
     pub(crate) fn fit(
         &self,
         points: &[Vector3<f64>],
         progress: &Progress<'_>,
-    ) -> Result<FittedLine, Cancelled> {
-        fn settled(control: Vec<Vector3<f64>>) -> FittedLine {
+    ) -> Result<FittedLine, CancelledError> {
+        fn direct_solution(control: Vec<Vector3<f64>>) -> FittedLine {
             FittedLine { control, unsettled: 0.0, rounds: Vec::new() }
         }
         Ok(match &self.solver {
             Solver::Interpolate(factors) => {
                 let mut control = points.to_vec();
                 factors.solve(&mut control);
-                settled(control)
+                direct_solution(control)
             }
-            Solver::LeastSquares(factors) => settled(self.near(factors, points)),
+            Solver::LeastSquares(factors) => direct_solution(self.approximate(factors, points)),
             &Solver::Progressive { iterations, tolerance } => {
                 let mut control = self.start(points);
                 let mut steps = Steps::new(&self.rows, self.knots.n_control());
@@ -143,7 +144,7 @@ impl LineFit {
         })
     }
 
-    fn near(&self, factors: &Factors, points: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+    fn approximate(&self, factors: &Factors, points: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let last = self.knots.n_control() - 1;
         let ends = [points[0], points[points.len() - 1]];
         let mut right = vec![Vector3::zeros(); last - 1];
@@ -167,7 +168,7 @@ impl LineFit {
         right
     }
 
-    /// A point for each control point, at even steps along the list: the points themselves, if there are as many.
+    /// Returns a start for each control point, at even steps along the list of points: the points themselves, if there are as many.
     fn start(&self, points: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let count = self.knots.n_control();
         let last = points.len() - 1;
@@ -186,24 +187,24 @@ fn rows(knots: &KnotVector, parameters: &[f64]) -> Vec<(usize, Vec<f64>)> {
     parameters.iter().map(|&u| knots.basis(u)).collect()
 }
 
-/// Progressive iteration: every round moves each control point by what the points that it reaches are missed by.
+/// Progressive iteration: every round moves each control point by the residuals of the points that the control point influences.
 ///
-/// With as many control points as points, by the distance of its own point: Lin, Bao and Wang, "Totally positive bases and
-/// progressive iteration approximation" (2005). With fewer, by the mean distance weighted by its basis function, the ends staying at
-/// the first and the last point: Deng and Lin, "Progressive and iterative approximation for least squares B-spline curve and
-/// surface fitting" (2014).
+/// With as many control points as points, a control point moves by the residual of the point with its index: Lin, Bao and Wang, "Totally
+/// positive bases and progressive iteration approximation" (2005). With fewer, it moves by the mean residual weighted by its basis
+/// function, and the ends are fixed at the first and the last point: Deng and Lin, "Progressive and iterative approximation for least
+/// squares B-spline curve and surface fitting" (2014).
 struct Steps {
-    /// Sum of each basis function over all points; empty with as many control points as points.
+    /// The sum of each basis function over all points; empty if there are as many control points as points.
     sums: Vec<f64>,
     missed: Vec<Vector3<f64>>,
     moves: Vec<Vector3<f64>>,
 }
 
-/// What one round did.
+/// The result of one round.
 struct Round {
-    /// What the points were missed by, before the round.
-    missed: Missed,
-    /// How far a control point moved, at most.
+    /// The residuals of the points before the round.
+    missed: Residual,
+    /// The largest step of a control point.
     control: f64,
 }
 
@@ -221,7 +222,7 @@ impl Steps {
         Self { sums, missed, moves }
     }
 
-    /// One round, whose steps are multiplied by `factor`.
+    /// Runs one round; the steps of the control points are multiplied by `factor`.
     fn round(
         &mut self,
         rows: &[(usize, Vec<f64>)],
@@ -243,7 +244,7 @@ impl Steps {
                 }
             }
             for (step, &sum) in self.moves.iter_mut().zip(&self.sums) {
-                // A basis function without any point has no say.
+                // A basis function that is 0 at all points moves nothing.
                 *step = if sum > 0.0 { *step / sum } else { Vector3::zeros() };
             }
             let last = self.moves.len() - 1;
@@ -252,7 +253,11 @@ impl Steps {
         fn largest(all: &[Vector3<f64>]) -> f64 {
             all.iter().map(|x| x.norm()).fold(0.0, f64::max)
         }
-        let missed = self.missed.iter().map(Missed::by).fold(Missed::default(), Missed::and);
+        let missed = self
+            .missed
+            .iter()
+            .map(Residual::of_distance)
+            .fold(Residual::default(), Residual::merge);
         let round = Round { missed, control: factor * largest(&self.moves) };
         control.iter_mut().zip(&self.moves).for_each(|(control, step)| *control += step * factor);
         round
@@ -263,7 +268,7 @@ impl Steps {
 mod tests {
     use super::*;
 
-    /// Points of a figure of eight; their parameters are the angles.
+    /// Returns the points of a figure of eight; their parameters are the angles.
     fn lemniscate() -> (Vec<f64>, Vec<Vector3<f64>>) {
         let pi = std::f64::consts::PI;
         let angles: Vec<f64> =
@@ -285,16 +290,16 @@ mod tests {
         (angles, points)
     }
 
-    /// The largest distance from a point before each round, with steps of this factor.
+    /// Returns the largest distance of a point from the curve before each round, with steps multiplied by `factor`.
     fn trace((angles, points): (Vec<f64>, Vec<Vector3<f64>>), factor: f64) -> Vec<f64> {
-        let knots = KnotVector::averaged(&angles, 3).unwrap();
+        let knots = KnotVector::from_parameters(&angles, 3).unwrap();
         let rows = rows(&knots, &angles);
         let mut steps = Steps::new(&rows, knots.n_control());
         let mut control = points.clone();
         (0..=50).map(|_| steps.round(&rows, &points, &mut control, factor).missed.max).collect()
     }
 
-    // The published numbers, to all printed digits.
+    // The expected numbers are the published ones, to all printed digits.
     #[test]
     fn progressive_iteration_has_the_published_errors() {
         fn check(trace: Vec<f64>, published: &[(usize, &str)]) {
@@ -355,7 +360,7 @@ mod tests {
         );
     }
 
-    fn at(fit: &LineFit, control: &[Vector3<f64>], u: f64) -> Vector3<f64> {
+    fn evaluate(fit: &LineFit, control: &[Vector3<f64>], u: f64) -> Vector3<f64> {
         let (first, values) = fit.knots().basis(u);
         control[first..].iter().zip(values).map(|(control, value)| control * value).sum()
     }
@@ -363,20 +368,21 @@ mod tests {
     #[test]
     fn an_interpolation_goes_through_its_points_and_iteration_ends_there() {
         let (angles, points) = helix();
-        let knots = KnotVector::averaged(&angles, 3).unwrap();
+        let knots = KnotVector::from_parameters(&angles, 3).unwrap();
         let direct = LineFit::interpolate(knots.clone(), &angles).unwrap();
-        let control = direct.fit(&points, &Progress::none()).unwrap().control;
+        let control = direct.fit(&points, &Progress::silent()).unwrap().control;
         for (&angle, point) in angles.iter().zip(&points) {
-            assert!((at(&direct, &control, angle) - point).norm() <= 1e-13);
+            assert!((evaluate(&direct, &control, angle) - point).norm() <= 1e-13);
         }
         let settled = LineFit::progressive(knots.clone(), &angles, 200, 1e-11)
-            .fit(&points, &Progress::none())
+            .fit(&points, &Progress::silent())
             .unwrap();
         assert_eq!(settled.unsettled, 0.0);
         let apart = settled.control.iter().zip(&control).map(|(a, b)| (a - b).norm());
         assert!(apart.fold(0.0, f64::max) <= 1e-9);
-        let stopped =
-            LineFit::progressive(knots, &angles, 3, 1e-11).fit(&points, &Progress::none()).unwrap();
+        let stopped = LineFit::progressive(knots, &angles, 3, 1e-11)
+            .fit(&points, &Progress::silent())
+            .unwrap();
         assert!(stopped.unsettled > 0.1, "{}", stopped.unsettled);
     }
 
@@ -390,21 +396,22 @@ mod tests {
             .collect();
         let knots = KnotVector::approximating(&parameters, 9, 3).unwrap();
         let direct = LineFit::least_squares(knots.clone(), &parameters).unwrap();
-        let control = direct.fit(&points, &Progress::none()).unwrap().control;
+        let control = direct.fit(&points, &Progress::silent()).unwrap().control;
         assert_eq!((control[0], control[8]), (points[0], points[39]));
         let settled = LineFit::progressive(knots, &parameters, 20_000, 1e-13)
-            .fit(&points, &Progress::none())
+            .fit(&points, &Progress::silent())
             .unwrap();
         let apart = settled.control.iter().zip(&control).map(|(a, b)| (a - b).norm());
         assert!(apart.fold(0.0, f64::max) <= 1e-8);
-        // No control point can be moved to lower the sum of squares.
+        // The result is optimal if no control point can be moved to reduce the sum of squares.
         fn sum_sq(
             control: &[Vector3<f64>],
             parameters: &[f64],
             points: &[Vector3<f64>],
             direct: &LineFit,
         ) -> f64 {
-            let missed = parameters.iter().zip(points).map(|(&u, p)| at(direct, control, u) - p);
+            let missed =
+                parameters.iter().zip(points).map(|(&u, p)| evaluate(direct, control, u) - p);
             missed.map(|missed| missed.norm_squared()).sum()
         }
         for k in 1..8 {

@@ -1,13 +1,13 @@
-//! The control points of a fitted surface, one direction after the other, and how far it misses the points.
+//! The control points of a fitted surface, one direction after the other, and its residuals.
 
-use maquette_base::parameters::{even, parameters};
-use maquette_node::{Cancelled, Progress};
+use maquette_base::parameters::{parameters, uniform_parameters};
+use maquette_node::{CancelledError, Progress};
 use maquette_value as value;
 use maquette_value::parallel::*;
-use maquette_value::{Along, KnotVector, Surface, Trace, TraceStep};
+use maquette_value::{KnotVector, ParameterDirection, Surface, Trace, TraceStep};
 use nalgebra::{Point3, Vector3};
 
-use super::fit_line::{FittedLine, LineFit, Missed};
+use super::fit_line::{FittedLine, LineFit, Residual};
 use crate::fit_error::FitError;
 use crate::fit_method::FitMethod;
 use crate::fit_parameters::FitParameters;
@@ -21,28 +21,28 @@ pub(crate) struct Direction {
 impl Direction {
     pub(crate) fn new(
         net: &value::ControlNet,
-        along: Along,
+        along: ParameterDirection,
         order: [usize; 2],
         counts: [usize; 2],
         method: FitMethod,
         kind: FitParameters,
     ) -> Result<Self, FitError> {
         let (points, order, count) = match along {
-            Along::U => (net.rows(), order[0], counts[0]),
-            Along::V => (net.columns(), order[1], counts[1]),
+            ParameterDirection::U => (net.rows(), order[0], counts[0]),
+            ParameterDirection::V => (net.columns(), order[1], counts[1]),
         };
         let control = if count == 0 { points } else { count };
         if points < control || control < order || control < 2 {
             return Err(FitError::Count { along, control, points, order });
         }
         let parameters = match kind {
-            FitParameters::Uniform => even(points),
+            FitParameters::Uniform => uniform_parameters(points),
             FitParameters::Chord => parameters(net, along, |distance| distance),
             FitParameters::Centripetal => parameters(net, along, f64::sqrt),
         };
         let degree = order.saturating_sub(1);
         let knots = if control == points {
-            KnotVector::averaged(&parameters, degree)?
+            KnotVector::from_parameters(&parameters, degree)?
         } else {
             KnotVector::approximating(&parameters, control, degree)?
         };
@@ -56,7 +56,7 @@ impl Direction {
         Ok(Self { fit: fit.ok_or(FitError::Singular { along })?, parameters })
     }
 
-    /// The net coordinate on the fitted surface of one among the points.
+    /// Returns the net coordinate on the fitted surface that corresponds to the position `a` among the points.
     pub(crate) fn coordinate(&self, a: f64) -> f64 {
         let last = self.parameters.len() - 1;
         let before = (a.max(0.0) as usize).min(last);
@@ -67,25 +67,24 @@ impl Direction {
     }
 }
 
-/// The control points for some points.
+/// The control points of a surface fitted to some points.
 pub(crate) struct FittedNet {
-    /// Row by row.
+    /// The control points, row by row.
     pub(crate) points: Vec<Point3<f64>>,
-    /// How far they are from settled.
+    /// The largest step of a control point in the last round of an iteration that did not converge.
     pub(crate) unsettled: f64,
-    /// What the points were missed by before each round along u, then along v, as the largest distance and the root of the mean
-    /// square.
+    /// The residuals before each round along u, then along v, as the largest distance and the root mean square.
     pub(crate) rounds: Vec<[f64; 2]>,
 }
 
-/// The control points for some points of the size of `net`, row by row.
+/// Computes the control points for `points`, which are as many as those of `net`, row by row.
 pub(crate) fn fit_points(
     points: &[Point3<f64>],
     net: &value::ControlNet,
     u: &Direction,
     v: &Direction,
     progress: &Progress<'_>,
-) -> Result<FittedNet, Cancelled> {
+) -> Result<FittedNet, CancelledError> {
     let [rows, columns] = [net.rows(), net.columns()];
     let down = (0..columns).into_par_iter().map(|column| {
         let line: Vec<Vector3<f64>> =
@@ -105,24 +104,27 @@ pub(crate) fn fit_points(
     Ok(FittedNet { points, unsettled, rounds })
 }
 
-/// The residuals of lines of `length` points before each round, over all lines. A line that has converged keeps its last residual.
+/// Returns the residuals before each round, over all lines, which have `length` points each. A converged line keeps its last residual.
 fn missed_before_rounds(lines: &[FittedLine], length: usize) -> Vec<[f64; 2]> {
     let count = lines.iter().map(|line| line.rounds.len()).max().unwrap_or(0);
     (0..count)
         .map(|round: usize| {
             let missed =
                 lines.iter().filter_map(|line| line.rounds.get(round).or(line.rounds.last()));
-            distances(missed.copied().fold(Missed::default(), Missed::and), lines.len() * length)
+            distances(
+                missed.copied().fold(Residual::default(), Residual::merge),
+                lines.len() * length,
+            )
         })
         .collect()
 }
 
-/// The largest distance and the root of the mean square over so many points.
-fn distances(missed: Missed, count: usize) -> [f64; 2] {
+/// Returns the largest distance and the root mean square distance over `count` points.
+fn distances(missed: Residual, count: usize) -> [f64; 2] {
     [missed.max, (missed.sum_sq / count as f64).sqrt()]
 }
 
-/// The distances before each round, and at last those of the points from the surface.
+/// Returns the residuals before each round, and finally those of the points from the surface.
 pub(crate) fn trace(
     rounds: Vec<[f64; 2]>,
     net: &value::ControlNet,
@@ -131,8 +133,9 @@ pub(crate) fn trace(
     v: &Direction,
 ) -> Result<Trace, FitError> {
     let met = surface.grid(&u.parameters, &v.parameters);
-    let missed = net.points().iter().zip(met).map(|(point, met)| Missed::by(&(point - met)));
-    let end = distances(missed.fold(Missed::default(), Missed::and), net.points().len());
+    let missed =
+        net.points().iter().zip(met).map(|(point, met)| Residual::of_distance(&(point - met)));
+    let end = distances(missed.fold(Residual::default(), Residual::merge), net.points().len());
     let steps = (0..).zip(rounds.into_iter().chain([end]));
     Ok(Trace::new(
         steps

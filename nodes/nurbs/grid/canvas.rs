@@ -1,4 +1,4 @@
-//! The cells that a surface is written to.
+//! The cells to which a surface is written.
 
 use maquette_value::{Chart, RangeImage, Region, Surface};
 use nalgebra::Point3;
@@ -7,13 +7,13 @@ use super::distance::from_border;
 use crate::blend_error::BlendError;
 use crate::blend_mode::BlendMode;
 
-/// The cells that a surface is written to, and what lies under them.
+/// The cells to which a surface is written, and their old points.
 pub(crate) struct Canvas {
-    /// Cells in a row.
+    /// Number of cells per row.
     pub(crate) width: usize,
-    /// Rows.
+    /// Number of rows.
     pub(crate) height: usize,
-    /// The point of every cell before the change; NaN where there is none.
+    /// The point of every cell before the change; NaN for a cell without a point.
     pub(crate) points: Vec<Point3<f64>>,
     /// The cells inside the region, in raster order.
     pub(crate) targets: Vec<Target>,
@@ -22,16 +22,17 @@ pub(crate) struct Canvas {
 /// A cell inside the region.
 #[derive(Clone, Copy)]
 pub(crate) struct Target {
-    /// Its index in the grid.
+    /// The index of the cell in the grid.
     pub(crate) cell: usize,
-    /// Its net coordinate.
+    /// The net coordinate of the cell.
     pub(crate) coordinate: [f64; 2],
-    /// How far it is from the border, in cells of the range; known for the mode `Feather` only.
+    /// The distance of the cell from the border, in cells of the range image; known only in the mode `Feather`.
     pub(crate) depth: f64,
 }
 
 impl Canvas {
-    /// The range's own grid, with the region's points where it has none, and the places of the region's cells on the surface.
+    /// Returns the grid of the range image, with the region's points where the range image has none, and the net coordinates of the
+    /// region's cells.
     pub(crate) fn new(
         range: &RangeImage,
         region: &Region,

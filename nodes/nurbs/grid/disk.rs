@@ -1,32 +1,32 @@
 //! A region as a triangulated disk.
 //!
-//! Four cells around a corner of the grid make two triangles, three make one. Holes of the region are closed first. Of the
-//! components that are connected by edges, the largest is kept. It is a disk: if several fans of its triangles met in a vertex, a closed
-//! chain of cells would run through that vertex, and what such a chain surrounds has been closed.
+//! Four cells around a corner of the grid make two triangles, three cells make one. Holes of the region are closed first. Of the components
+//! connected by edges, the largest is kept. The result is a disk: if several fans of its triangles met in a vertex, a closed chain of cells
+//! would pass through that vertex, but the inside of such a chain has been filled.
 //!
-//! An inner edge whose ends both lie on the border gets a vertex in its middle. Otherwise no map to a square could be one-to-one if all
-//! of a bay's border goes to one side of the square: Floater, "One-to-one piecewise linear mappings over
-//! triangulations", Mathematics of Computation 72 (2003), theorem 6.1.
+//! An inner edge with both ends on the border gets a vertex at its middle. Without it, no map to a square could be one-to-one if the whole
+//! border of a bay is mapped to one side of the square: Floater, "One-to-one piecewise linear mappings over triangulations", Mathematics of
+//! Computation 72 (2003), theorem 6.1.
 
 use std::collections::BTreeMap;
 
-/// In place of the triangle on the other side of an edge that has none.
+/// Used as the neighbor of a triangle across an edge that has no other triangle.
 const NONE: u32 = u32::MAX;
 
 /// A triangulated disk.
 pub(crate) struct Disk {
-    /// (column, row) of each vertex: first all cells of the window, then vertices between two cells.
+    /// The (column, row) of each vertex. First come all cells of the window, then the vertices in the middle between two cells.
     pub(crate) places: Vec<[f64; 2]>,
-    /// The two cells that each vertex after the cells lies between.
+    /// For each vertex that is not a cell, the two cells between which it is.
     pub(crate) between: Vec<[u32; 2]>,
-    /// Counter-clockwise as one sees the picture.
+    /// The triangles, counter-clockwise in the picture.
     pub(crate) triangles: Vec<[u32; 3]>,
-    /// The border, counter-clockwise, from its first cell on.
+    /// The vertices of the border, counter-clockwise, from the border's first cell on.
     pub(crate) border: Vec<u32>,
 }
 
 impl Disk {
-    /// The disk of the cells with entry 1 in a grid of so many columns; none if no three cells make a triangle.
+    /// Makes the disk of the cells with entry 1 in a grid with the given number of columns; `None` if no three cells make a triangle.
     pub(crate) fn new(rows: usize, columns: usize, inside: &[u8]) -> Option<Self> {
         let mut inside = inside.to_vec();
         close_holes(rows, columns, &mut inside);
@@ -51,7 +51,7 @@ impl Disk {
         Some(disk)
     }
 
-    /// Adds a triangle, divided at the middles of its edges.
+    /// Adds a triangle, divided at the middles of those of its edges that have one.
     fn push(&mut self, [a, b, c]: [u32; 3], middles: &BTreeMap<[u32; 2], u32>) {
         for [a, b, c] in [[a, b, c], [b, c, a], [c, a, b]] {
             if let Some(&middle) = middles.get(&[a.min(b), a.max(b)]) {
@@ -64,7 +64,7 @@ impl Disk {
     }
 }
 
-/// Marks as inside what no path over the sides of cells outside joins with the rim of the grid.
+/// Marks those cells as inside from which no path along sides of outside cells leads to the rim of the grid.
 fn close_holes(rows: usize, columns: usize, inside: &mut [u8]) {
     let mut stack: Vec<usize> = (0..inside.len())
         .filter(|at| {
@@ -93,7 +93,7 @@ fn close_holes(rows: usize, columns: usize, inside: &mut [u8]) {
     inside.iter_mut().zip(outside).for_each(|(inside, outside)| *inside = u8::from(!outside));
 }
 
-/// The triangles between cells that are inside, in raster order.
+/// Returns the triangles between inside cells, in raster order.
 fn triangles(rows: usize, columns: usize, inside: &[u8]) -> Vec<[u32; 3]> {
     let mut triangles = Vec::new();
     for row in 1..rows {
@@ -115,7 +115,7 @@ fn triangles(rows: usize, columns: usize, inside: &[u8]) -> Vec<[u32; 3]> {
     triangles
 }
 
-/// The triangles of the largest component that is connected by edges; of equals the first.
+/// Returns the triangles of the largest edge-connected component; if several are equally large, of the first one.
 fn largest_part(triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
     let neighbors = Sides::new(triangles).neighbors;
     let mut part = vec![NONE; triangles.len()];
@@ -141,24 +141,24 @@ fn largest_part(triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
     }
     let most = sizes.iter().max();
     let largest = sizes.iter().position(|size| Some(size) == most);
-    fn kept(name: &u32, largest: &Option<usize>) -> bool {
+    fn is_largest(name: &u32, largest: &Option<usize>) -> bool {
         *largest == Some(*name as usize)
     }
     triangles
         .iter()
         .zip(&part)
-        .filter(|(_, name)| kept(name, &largest))
+        .filter(|(_, name)| is_largest(name, &largest))
         .map(|(triangle, _)| *triangle)
         .collect()
 }
 
-/// The edges of triangles.
+/// The edges of a list of triangles, and the neighbors across them.
 struct Sides {
-    /// For each triangle the one on the other side of its edges 0-1, 1-2 and 2-0.
+    /// The triangles adjacent to each triangle across its edges 0-1, 1-2 and 2-0.
     neighbors: Vec<[u32; 3]>,
-    /// Edges between two triangles (a < b), sorted.
+    /// The edges between two triangles, as pairs (a, b) with a < b, sorted.
     inner: Vec<[u32; 2]>,
-    /// Edges of one triangle, as it has them, sorted.
+    /// The edges that belong to only one triangle, in the direction in which the triangle has them, sorted.
     outer: Vec<[u32; 2]>,
 }
 
@@ -194,7 +194,7 @@ impl Sides {
         sides
     }
 
-    /// The border as one closed chain of vertices; none if there is no border, or more than one chain.
+    /// Returns the border as one closed chain of vertices. `None` if the border is empty or consists of several chains.
     fn border(&self) -> Option<Vec<u32>> {
         let start = self.outer.first()?[0];
         let mut chain = vec![start];
@@ -221,14 +221,14 @@ mod tests {
     use super::*;
 
     fn disk(rows: &[&str]) -> Option<Disk> {
-        let mask = Mask::drawn(rows);
+        let mask = Mask::from_rows(rows);
         Disk::new(mask.height(), mask.width(), mask.pixels())
     }
 
     #[test]
     fn a_hole_is_closed_and_a_spike_is_left_out() {
         let disk = disk(&["###..", "#.###", "###.."]).unwrap();
-        // The spike's last cell makes no triangle; its first one does, with the corners above and below.
+        // The last cell of the spike makes no triangle; its first cell makes one with the corners above and below.
         assert_eq!(disk.border, [0, 5, 10, 11, 12, 8, 2, 1]);
     }
 
@@ -240,7 +240,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_disk_is_one(
+        fn every_disk_is_a_topological_disk(
             (width, pixels) in (3usize..14, 3usize..14).prop_flat_map(|(width, height)| {
                 (Just(width), prop::collection::vec(prop::bool::weighted(0.75), width * height))
             }),
@@ -251,7 +251,7 @@ mod tests {
             let disk = Disk::new(rows, width, &inside);
             prop_assert_eq!(disk.is_some(), any);
             let Some(disk) = disk else { return Ok(()) };
-            // Euler: vertices - edges + triangles = 1 on a disk.
+            // Euler's formula: vertices - edges + triangles = 1 on a disk.
             let sides = Sides::new(&disk.triangles);
             let mut used: Vec<u32> = disk.triangles.concat();
             used.sort_unstable();
@@ -259,9 +259,8 @@ mod tests {
             let edges = sides.inner.len() + sides.outer.len();
             prop_assert_eq!(used.len() + disk.triangles.len(), edges + 1);
             prop_assert_eq!(sides.outer.len(), disk.border.len());
-            // No edge inside joins two vertices of the border.
-            let on = |vertex: &u32| disk.border.contains(vertex);
-            prop_assert!(sides.inner.iter().all(|[a, b]| !(on(a) && on(b))));
+            // No inner edge connects two border vertices.
+            prop_assert!(sides.inner.iter().all(|[a, b]| !(disk.border.contains(a) && disk.border.contains(b))));
         }
     }
 }

@@ -1,11 +1,11 @@
-//! How far the cells of a region lie from its border.
+//! Distances of a region's cells from its border.
 
 use maquette_value::Region;
 
-/// For each cell of the region the distance from the nearest cell outside of it, in cells between their centers; infinite where
-/// that is more than `most`. The end of the grid is no border.
+/// Returns, for each cell of the region, the distance from the nearest cell outside of the region, in cells between their centers; infinite
+/// if that exceeds `most`. The end of the grid is not a border.
 ///
-/// Two passes, exact: along the columns, then over the columns within reach; Saito and Toriwaki, "New algorithms for Euclidean
+/// Two exact passes, first along the columns, then across the columns within reach: Saito and Toriwaki, "New algorithms for Euclidean
 /// distance transformation of an n-dimensional digitized picture" (1994).
 pub(crate) fn from_border(region: &Region, most: f64) -> Vec<f64> {
     let (width, height) = (region.width(), region.height());
@@ -35,7 +35,7 @@ pub(crate) fn from_border(region: &Region, most: f64) -> Vec<f64> {
         .collect()
 }
 
-/// No cell outside in this column.
+/// Marks a column without an outside cell.
 const FAR: u32 = u32::MAX;
 
 #[cfg(test)]

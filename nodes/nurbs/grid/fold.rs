@@ -1,10 +1,10 @@
-//! Finds where a range grid stops being seen from the sensor: a cell in front of its neighbors' sight line.
+//! Finds cells of a range grid that the sensor cannot see, because neighboring cells hide them from it.
 
 use maquette_value::Pinhole;
 use nalgebra::Point3;
 
-/// How many of the cells `changed` touch a square of four cells whose picture on the sensor was on its front before and is turned
-/// over, or nothing, after. Without a camera the sensor is taken to be far away: x and y are the picture.
+/// Returns the number of `changed` cells that touch a newly folded square of four cells: its projection on the sensor was front-facing
+/// before the change and is flipped or degenerate after it. Without a camera the sensor is at infinity: x and y are the projection.
 pub(crate) fn folded_cells(
     width: usize,
     before: &[Point3<f64>],
@@ -13,32 +13,34 @@ pub(crate) fn folded_cells(
     camera: Option<&Pinhole>,
 ) -> usize {
     let height = before.len() / width;
-    let folds = |&&cell: &&usize| {
-        let (row, column) = (cell / width, cell % width);
-        let squares = [(0, 0), (0, 1), (1, 0), (1, 1)].into_iter();
-        squares.filter(|&(up, left)| up <= row && left <= column).any(|(up, left)| {
-            let (row, column) = (row - up, column - left);
-            if row + 1 == height || column + 1 == width {
-                return false;
-            }
-            let corner = row * width + column;
-            let corners = [corner, corner + 1, corner + width + 1, corner + width];
-            fn cell_area(
-                points: &[Point3<f64>],
-                corners: [usize; 4],
-                camera: &Option<&Pinhole>,
-            ) -> f64 {
-                area(corners.map(|at| points[at]), *camera)
-            }
-            // An invalid corner makes the area NaN, which is neither.
-            cell_area(before, corners, &camera) > 0.0 && cell_area(after, corners, &camera) <= 0.0
+    changed
+        .iter()
+        .filter(|&&cell| {
+            let (row, column) = (cell / width, cell % width);
+            let squares = [(0, 0), (0, 1), (1, 0), (1, 1)].into_iter();
+            squares.filter(|&(up, left)| up <= row && left <= column).any(|(up, left)| {
+                let (row, column) = (row - up, column - left);
+                if row + 1 == height || column + 1 == width {
+                    return false;
+                }
+                let corner = row * width + column;
+                let corners = [corner, corner + 1, corner + width + 1, corner + width];
+                fn cell_area(
+                    points: &[Point3<f64>],
+                    corners: [usize; 4],
+                    camera: &Option<&Pinhole>,
+                ) -> f64 {
+                    area(corners.map(|at| points[at]), *camera)
+                }
+                // With an invalid corner the area is NaN, which makes both comparisons false.
+                cell_area(before, corners, &camera) > 0.0
+                    && cell_area(after, corners, &camera) <= 0.0
+            })
         })
-    };
-    changed.iter().filter(folds).count()
+        .count()
 }
 
-/// Twice the signed area of a square of cells on the picture: positive seen from the front, with columns to the right and rows
-/// down.
+/// Returns twice the signed area of a square of cells in the picture: positive if front-facing, with columns to the right and rows down.
 fn area(corners: [Point3<f64>; 4], camera: Option<&Pinhole>) -> f64 {
     let [a, b, c, d] = corners.map(|point: Point3<f64>| match camera {
         Some(camera) => camera.project(point),

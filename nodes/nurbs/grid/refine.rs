@@ -1,7 +1,9 @@
-//! A finer range grid over the same view, and the places of its cells on a net.
+//! A finer range grid over the same view, and the net coordinates of its cells.
 //!
-//! Each cell becomes `rows x columns` smaller ones that cover the same area. Everything on the old grid is interpolated
-//! bilinearly between the centers of its cells, and continued in a straight line beyond the outermost ones.
+//! Each cell becomes `rows x columns` smaller cells that cover the same area. All data of the old grid is interpolated bilinearly between
+//! the centers of the old cells, and extrapolated linearly beyond the outermost centers.
+
+use std::array;
 
 use maquette_value::parallel::*;
 use maquette_value::{Pinhole, RangeImage, Registration, SizeError};
@@ -9,28 +11,27 @@ use nalgebra::{Point3, Vector3};
 
 use super::canvas::{Canvas, Target};
 
-/// The old cells around a place, each with its share; those without a share are left out.
+/// The old cells around a position, each with its weight, which is not 0.
 type Corners = [Option<(usize, f64)>; 4];
 
-/// The canvas with each cell divided into `factors` = (rows, columns), at least 1 each.
+/// Returns the canvas with each cell divided into `factors` = (rows, columns), at least 1 each.
 pub(crate) fn refine(canvas: &Canvas, [down, right]: [usize; 2]) -> Canvas {
     let old = Old::new(canvas);
     let (width, height) = (canvas.width * right, canvas.height * down);
     let rows: Vec<_> = (0..height)
         .into_par_iter()
         .map(|row: usize| {
-            let places = || {
-                (0..width)
-                    .map(|column: usize| {
-                        let at = [position(row, down), position(column, right)];
-                        (row / down * canvas.width + column / right, old.corners(at))
-                    })
-                    .enumerate()
-            };
-            let points: Vec<_> = places().map(|(_, (_, corners))| old.point(&corners)).collect();
+            let places = (0..width)
+                .map(|column: usize| {
+                    let at = [position(row, down), position(column, right)];
+                    (row / down * canvas.width + column / right, old.corners(at))
+                })
+                .enumerate();
+            let points: Vec<_> =
+                places.clone().map(|(_, (_, corners))| old.point(&corners)).collect();
             (
                 points,
-                places()
+                places
                     .filter_map(|(column, (owner, corners)): (usize, (usize, Corners))| {
                         let (coordinate, depth) = old.target(owner, &corners)?;
                         Some(Target { cell: row * width + column, coordinate, depth })
@@ -47,15 +48,15 @@ pub(crate) fn refine(canvas: &Canvas, [down, right]: [usize; 2]) -> Canvas {
     Canvas { width, height, points, targets }
 }
 
-/// Where the center of a new line lies among the old ones.
+/// Returns the position of the center of a new row or column, counted in old rows or columns.
 fn position(line: usize, factor: usize) -> f64 {
     (line as f64 + 0.5) / factor as f64 - 0.5
 }
 
-/// The old grid, ready to be looked up.
+/// The old grid, indexed for lookup.
 struct Old<'a> {
     canvas: &'a Canvas,
-    /// For each cell its index among the targets.
+    /// For each cell, its index among the targets.
     index: Vec<Option<u32>>,
 }
 
@@ -66,7 +67,7 @@ impl<'a> Old<'a> {
         Self { canvas, index }
     }
 
-    fn inside(&self, cell: usize) -> Option<&Target> {
+    fn own_target(&self, cell: usize) -> Option<&Target> {
         self.index[cell].map(|k| &self.canvas.targets[k as usize])
     }
 
@@ -77,19 +78,14 @@ impl<'a> Old<'a> {
             let share = if sizes[axis] == 1 { 0.0 } else { at[axis] - first as f64 };
             (first, share)
         });
-        let corner = |down: usize, right: usize, share: f64| {
-            let cell = (row + down) * self.canvas.width + column + right;
-            (share != 0.0).then_some((cell, share))
-        };
-        [
-            corner(0, 0, (1.0 - t) * (1.0 - s)),
-            corner(0, 1, (1.0 - t) * s),
-            corner(1, 0, t * (1.0 - s)),
-            corner(1, 1, t * s),
-        ]
+        let weights = [(1.0 - t) * (1.0 - s), (1.0 - t) * s, t * (1.0 - s), t * s];
+        array::from_fn(|k| {
+            let cell = (row + k / 2) * self.canvas.width + column + k % 2;
+            (weights[k] != 0.0).then_some((cell, weights[k]))
+        })
     }
 
-    /// NaN if a corner is invalid.
+    /// Returns the interpolated point; NaN if a corner is invalid.
     fn point(&self, corners: &Corners) -> Point3<f64> {
         Point3::from(
             corners
@@ -100,31 +96,32 @@ impl<'a> Old<'a> {
         )
     }
 
-    /// The net coordinate and depth of a part of the cell `owner`, if that is inside.
+    /// Returns the net coordinate and the depth of a part of the cell `owner`, if that cell is inside.
     fn target(&self, owner: usize, corners: &Corners) -> Option<([f64; 2], f64)> {
-        self.inside(owner)?;
+        self.own_target(owner)?;
         let mut coordinate = [0.0; 2];
         let mut depth = 0.0;
         for &(cell, share) in corners.iter().flatten() {
-            let at = match self.inside(cell) {
+            let at = match self.own_target(cell) {
                 Some(target) => target.coordinate,
-                None => self.continued(owner, cell),
+                None => self.extrapolate(owner, cell),
             };
             (0..2).for_each(|k| coordinate[k] += at[k] * share);
-            // Infinite times a share that is not positive would be no distance.
-            let deep = self.inside(cell).map_or(0.0, |target| target.depth.min(f64::MAX / 16.0));
+            // The depth is made finite: infinity times a weight of 0 would be NaN.
+            let deep =
+                self.own_target(cell).map_or(0.0, |target| target.depth.min(f64::MAX / 16.0));
             depth += deep * share;
         }
         Some((coordinate, depth.max(0.0)))
     }
 
-    /// The net coordinate that a cell outside would have, if the chart went on as it does at `owner`.
-    fn continued(&self, owner: usize, cell: usize) -> [f64; 2] {
+    /// Returns the net coordinate of an outside cell, extrapolated from the coordinates around the inside cell `owner`.
+    fn extrapolate(&self, owner: usize, cell: usize) -> [f64; 2] {
         let width = self.canvas.width;
-        let here = self.inside(owner).expect("the owner is inside").coordinate;
+        let here = self.own_target(owner).expect("the owner is inside").coordinate;
         let slope = |before: Option<usize>, after: Option<usize>| {
             let [before, after] =
-                [before, after].map(|cell| cell.and_then(|cell| self.inside(cell)));
+                [before, after].map(|cell| cell.and_then(|cell| self.own_target(cell)));
             [0, 1].map(|k| match (before, after) {
                 (Some(before), Some(after)) => (after.coordinate[k] - before.coordinate[k]) / 2.0,
                 (Some(before), None) => here[k] - before.coordinate[k],
@@ -147,7 +144,7 @@ impl<'a> Old<'a> {
     }
 }
 
-/// The range image of the finer grid: what travels with `range`, on smaller cells.
+/// Returns the range image of the finer grid, with the other data of `range` on the smaller cells.
 pub(crate) fn refined_range(
     range: &RangeImage,
     [down, right]: [usize; 2],
@@ -174,8 +171,20 @@ pub(crate) fn refined_range(
     match range.colors() {
         None => Ok(fine),
         Some(colors) => {
-            let owner = |cell: usize| cell / width / down * range.width() + cell % width / right;
-            fine.with_colors((0..width * height).map(|cell| colors[owner(cell)]).collect())
+            fn owner(
+                cell: usize,
+                width: usize,
+                down: usize,
+                right: usize,
+                range: &RangeImage,
+            ) -> usize {
+                cell / width / down * range.width() + cell % width / right
+            }
+            fine.with_colors(
+                (0..width * height)
+                    .map(|cell| colors[owner(cell, width, down, right, range)])
+                    .collect(),
+            )
         }
     }
 }
@@ -188,7 +197,7 @@ mod tests {
         Point3::new(x, y, 5.0 + 0.5 * x - 0.25 * y)
     }
 
-    /// A canvas of 7 x 5 cells on a plane, with a region in its middle whose chart is bent.
+    /// Returns a canvas of 7 x 5 cells on a plane, with a region in its middle whose net coordinates are curved.
     fn canvas() -> Canvas {
         Canvas {
             width: 7,
@@ -232,8 +241,9 @@ mod tests {
         let mut canvas = canvas();
         canvas.points[0] = Point3::new(f64::NAN, f64::NAN, f64::NAN);
         let fine = refine(&canvas, [2, 1]);
-        let invalid = |cell: &usize| fine.points[*cell].x.is_nan();
-        assert_eq!((0..fine.points.len()).filter(invalid).collect::<Vec<_>>(), [0, 7, 14]);
+        let invalid: Vec<usize> =
+            (0..fine.points.len()).filter(|&cell| fine.points[cell].x.is_nan()).collect();
+        assert_eq!(invalid, [0, 7, 14]);
     }
 
     #[test]

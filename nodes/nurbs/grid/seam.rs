@@ -1,4 +1,4 @@
-//! How far a surface misses the scan at the border of its region.
+//! The step between a surface and the scan at the border of a region.
 
 use maquette_value::Region;
 use nalgebra::Point3;
@@ -6,23 +6,24 @@ use nalgebra::Point3;
 /// The seam that a blend leaves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Seam {
-    /// How far a cell of the region next to a cell outside was moved, at most; in mm.
+    /// The largest displacement in mm of a cell of the region that is next to an outside cell.
     pub step: f64,
-    /// Median distance of neighboring cells outside of the region; in mm. Infinite if there are none.
+    /// The median distance in mm of neighboring cells outside of the region; infinite without such cells.
     pub spacing: f64,
 }
 
-/// A step of so many spacings shows in a picture: less is lost in the scan's own roughness.
-const VISIBLE: f64 = 3.0;
+/// Minimum visible step, in units of the cell spacing; the roughness of the scan hides smaller steps.
+const MIN_VISIBLE_STEP: f64 = 3.0;
 
 impl Seam {
-    /// Whether the step is more than three spacings.
+    /// Returns true if the step exceeds `MIN_VISIBLE_STEP` (three) cell spacings.
     pub fn is_visible(&self) -> bool {
-        self.step > VISIBLE * self.spacing
+        self.step > MIN_VISIBLE_STEP * self.spacing
     }
 }
 
-/// The seam between `points`, which were changed inside the region only, and the points `before`; NaN where a cell has none.
+/// Returns the seam between `points`, which differ inside the region only, and the points `before` the blend. A cell without a point is
+/// NaN.
 pub(crate) fn seam(region: &Region, before: &[Point3<f64>], points: &[Point3<f64>]) -> Seam {
     let (width, height) = (region.width(), region.height());
     let inside = region.grid();
@@ -45,19 +46,20 @@ pub(crate) fn seam(region: &Region, before: &[Point3<f64>], points: &[Point3<f64
             step = step.max((points[cell] - before[cell]).norm());
         }
     }
-    fn outside(cell: usize, inside: &[u8], before: &[Point3<f64>]) -> bool {
+    fn is_outside(cell: usize, inside: &[u8], before: &[Point3<f64>]) -> bool {
         inside[cell] == 0 && valid(cell, before)
     }
     let mut spacings: Vec<f64> = (0..inside.len())
         .filter(|cell| {
             (cell + 1) % width != 0
-                && outside(*cell, &inside, before)
-                && outside(cell + 1, &inside, before)
+                && is_outside(*cell, &inside, before)
+                && is_outside(cell + 1, &inside, before)
         })
         .map(|cell| (before[cell + 1] - before[cell]).norm())
         .collect();
-    let down = (width..inside.len())
-        .filter(|&cell| outside(cell, &inside, before) && outside(cell - width, &inside, before));
+    let down = (width..inside.len()).filter(|&cell| {
+        is_outside(cell, &inside, before) && is_outside(cell - width, &inside, before)
+    });
     spacings.extend(down.map(|cell| (before[cell] - before[cell - width]).norm()));
     let middle = spacings.len() / 2;
     let spacing = match spacings.is_empty() {
@@ -77,16 +79,16 @@ mod tests {
         let range = range(9, 8, |_, _| 5.0);
         let square = region(&range, |x, y| (2..7).contains(&x) && (2..7).contains(&y));
         let before = range.points();
-        fn moved(at: usize, by: f64, square: &Region, before: &[Point3<f64>]) -> Seam {
+        fn seam_after(at: usize, by: f64, square: &Region, before: &[Point3<f64>]) -> Seam {
             let mut points = before.to_vec();
             points[at].z += by;
             seam(square, before, &points)
         }
-        assert_eq!(moved(4 * 9 + 4, 50.0, &square, before), Seam { step: 0.0, spacing: 1.0 });
-        assert_eq!(moved(2 * 9 + 4, 2.0, &square, before), Seam { step: 2.0, spacing: 1.0 });
+        assert_eq!(seam_after(4 * 9 + 4, 50.0, &square, before), Seam { step: 0.0, spacing: 1.0 });
+        assert_eq!(seam_after(2 * 9 + 4, 2.0, &square, before), Seam { step: 2.0, spacing: 1.0 });
         assert!(
-            !moved(2 * 9 + 4, 2.9, &square, before).is_visible()
-                && moved(2 * 9 + 4, 3.1, &square, before).is_visible()
+            !seam_after(2 * 9 + 4, 2.9, &square, before).is_visible()
+                && seam_after(2 * 9 + 4, 3.1, &square, before).is_visible()
         );
         let whole = region(&range, |_, _| true);
         assert_eq!(seam(&whole, before, before), Seam { step: 0.0, spacing: f64::INFINITY });

@@ -2,37 +2,37 @@
 
 use std::borrow::Cow;
 
-use maquette_base::linear::laplace::{self, Unsolved};
+use maquette_base::linear::laplace::{self, PoissonError};
 use maquette_node::Progress;
 use maquette_value::{RangeImage, Region};
 use nalgebra::Point3;
 
-/// The cells of a range grid in the rectangle around a region, padded, with a point each.
+/// The cells of a range grid in the rectangle around a region, padded. Every cell has a point.
 pub(crate) struct GridWindow {
-    /// Column of the grid that is the first one here.
+    /// The first column, in columns of the grid.
     pub(crate) left: usize,
-    /// Row of the grid that is the first one here.
+    /// The first row, in rows of the grid.
     pub(crate) top: usize,
-    /// Cells in a row of the whole grid.
+    /// Number of cells per row of the whole grid.
     width: usize,
-    /// Rows.
+    /// Number of rows of the window.
     pub(crate) rows: usize,
-    /// Columns.
+    /// Number of columns of the window.
     pub(crate) columns: usize,
-    /// A point for each cell, row by row: the region's, the range's, or smooth between those.
+    /// A point for each cell, row by row: the point of the region, that of the range image, or a smooth interpolation.
     pub(crate) points: Vec<Point3<f64>>,
     /// 1 for each cell of the region, row by row.
     pub(crate) inside: Vec<u8>,
 }
 
 impl GridWindow {
-    /// The rectangle around a region with so many cells more on each side, if the grid goes on.
+    /// Returns the rectangle around a region with the given padding on each side, as far as the grid extends.
     pub(crate) fn new(
         region: &Region,
         range: &RangeImage,
         padding: usize,
         progress: &Progress<'_>,
-    ) -> Result<Self, Unsolved> {
+    ) -> Result<Self, PoissonError> {
         let width = range.width();
         let (low, high) = region.bounds();
         let [left, top] = low.map(|low| low.saturating_sub(padding));
@@ -43,21 +43,24 @@ impl GridWindow {
             .flat_map(|row| &range.points()[row * width + left..=row * width + right])
             .copied()
             .collect();
-        Self { left, top, width, rows, columns, points, inside: Vec::new() }.with(region, progress)
+        Self { left, top, width, rows, columns, points, inside: Vec::new() }.fill(region, progress)
     }
 
-    /// The rectangle around a region, its other cells continued from the region: where it ends at a step in depth, what is
-    /// behind it has no part in what lies between the cells.
-    pub(crate) fn alone(region: &Region, progress: &Progress<'_>) -> Result<Self, Unsolved> {
+    /// Returns the rectangle around a region; the cells outside of the region are extrapolated from it. Where the region ends at a step in
+    /// depth, the background therefore does not influence the points between its cells.
+    pub(crate) fn around_region(
+        region: &Region,
+        progress: &Progress<'_>,
+    ) -> Result<Self, PoissonError> {
         let (low, high) = region.bounds();
         let ([left, top], width) = (low, region.width());
         let (rows, columns) = (high[1] - top + 1, high[0] - left + 1);
         let points = vec![Point3::new(f64::NAN, f64::NAN, f64::NAN); rows * columns];
-        Self { left, top, width, rows, columns, points, inside: Vec::new() }.with(region, progress)
+        Self { left, top, width, rows, columns, points, inside: Vec::new() }.fill(region, progress)
     }
 
-    /// The window with the region's points, and none missing.
-    fn with(self, region: &Region, progress: &Progress<'_>) -> Result<Self, Unsolved> {
+    /// Returns the window with the points of the region, and with missing points filled in.
+    fn fill(self, region: &Region, progress: &Progress<'_>) -> Result<Self, PoissonError> {
         let (rows, columns) = (self.rows, self.columns);
         let mut window = Self { inside: vec![0; rows * columns], ..self };
         for (&cell, &point) in region.cells().iter().zip(region.points()) {
@@ -69,39 +72,38 @@ impl GridWindow {
         Ok(window)
     }
 
-    /// Row and column of a cell of the grid.
+    /// Returns the row and column in the window of a cell of the grid.
     pub(crate) fn place(&self, cell: u32) -> [usize; 2] {
         [cell as usize / self.width - self.top, cell as usize % self.width - self.left]
     }
 
-    /// The point between the cells at (column, row), bilinear; beyond the border that at the border.
-    pub(crate) fn at(&self, [x, y]: [f64; 2]) -> Point3<f64> {
+    /// Returns the point at (column, row), interpolated bilinearly between cells; outside of the window, the nearest point on its border.
+    pub(crate) fn interpolate(&self, [x, y]: [f64; 2]) -> Point3<f64> {
         let [x, y] = [x.min((self.columns - 1) as f64), y.min((self.rows - 1) as f64)];
         let [x, y] = [x.max(0.0), y.max(0.0)];
-        fn before(at: f64, count: usize) -> usize {
+        fn lower_index(at: f64, count: usize) -> usize {
             (at as usize).min(count.saturating_sub(2))
         }
-        let (column, row) = (before(x, self.columns), before(y, self.rows));
+        let (column, row) = (lower_index(x, self.columns), lower_index(y, self.rows));
         let (s, t) = (x - column as f64, y - row as f64);
-        let point = |row: usize, column: usize| {
-            let (row, column) = (row.min(self.rows - 1), column.min(self.columns - 1));
-            self.points[row * self.columns + column]
-        };
         let [above, below] = [row, row + 1].map(|row| {
-            let (a, b) = (point(row, column), point(row, column + 1));
+            let [a, b] = [column, column + 1].map(|column| {
+                let (row, column) = (row.min(self.rows - 1), column.min(self.columns - 1));
+                self.points[row * self.columns + column]
+            });
             a + (b - a) * s
         });
         above + (below - above) * t
     }
 }
 
-/// The region with the points that `range` has now. Where `range` has none, the region's own stays, moved by as much as those around
-/// it, the smoothest way.
-pub(crate) fn placed<'a>(
+/// Returns the region with the current points of `range`. Where `range` has no point, the region keeps its own point, displaced smoothly
+/// with the points around it.
+pub(crate) fn place_region<'a>(
     region: &'a Region,
     range: &RangeImage,
     progress: &Progress<'_>,
-) -> Result<Cow<'a, Region>, Unsolved> {
+) -> Result<Cow<'a, Region>, PoissonError> {
     fn now(cell: u32, range: &RangeImage) -> Option<Point3<f64>> {
         range.point(cell as usize)
     }
@@ -133,19 +135,19 @@ pub(crate) fn placed<'a>(
         region.height(),
         region.cells().to_vec(),
         points.collect(),
-        region.filled().to_vec(),
+        region.filled_cells().to_vec(),
         region.contours().to_vec(),
     );
     Ok(Cow::Owned(moved.expect("the cells are those of a region, and their points finite")))
 }
 
-/// Gives the invalid points of a grid the smoothest values that fit the valid ones.
+/// Replaces the invalid points of a grid by the smoothest values that fit the valid points.
 fn fill(
     points: &mut [Point3<f64>],
     rows: usize,
     columns: usize,
     progress: &Progress<'_>,
-) -> Result<(), Unsolved> {
+) -> Result<(), PoissonError> {
     let free: Vec<u8> = points.iter().map(|point| u8::from(point.x.is_nan())).collect();
     if !free.contains(&1) {
         return Ok(());

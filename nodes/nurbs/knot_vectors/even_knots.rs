@@ -1,8 +1,8 @@
-//! Knots at the same distances.
+//! Uniform knots.
 
 use maquette_value::KnotVector;
 
-/// Whether knots are those of the kind [`KnotsKind::Uniform`](crate::KnotsKind::Uniform), on whatever domain.
+/// Returns true if the knots are uniform, of the kind [`KnotsKind::Uniform`](crate::KnotsKind::Uniform), on any domain.
 pub(crate) fn is_even(knots: &KnotVector) -> bool {
     let Ok(even) = KnotVector::uniform(knots.n_control(), knots.degree() + 1) else { return false };
     let ((start, end), (even_start, even_end)) = (knots.domain(), even.domain());

@@ -1,41 +1,41 @@
-//! Knot vectors by the rule that is asked for.
+//! Knot vectors of the requested kind.
 
-use maquette_base::parameters::{even, parameters};
+use maquette_base::parameters::{parameters, uniform_parameters};
 use maquette_value as value;
-use maquette_value::{Along, KnotVector};
+use maquette_value::{KnotVector, ParameterDirection};
 
 use crate::knots_error::KnotsError;
 use crate::knots_kind::KnotsKind;
 
-/// The knots of a surface with this net, along one direction. The domain of the averaged kinds is 0 to 1.
+/// Returns the knots of a surface with the given net, along one direction. The domain of the averaged kinds is 0 to 1.
 ///
 /// # Errors
-/// If the order is not from 2 to 10, the net has too few control points for it, or the kind does not fit them.
+/// Returns an error if the order is not from 2 to 10, the net has too few control points for it, or the kind is unsuitable for the net.
 pub fn knots(
     net: &value::ControlNet,
-    along: Along,
+    along: ParameterDirection,
     order: usize,
     kind: &KnotsKind,
 ) -> Result<KnotVector, KnotsError> {
     let points = match along {
-        Along::U => net.rows(),
-        Along::V => net.columns(),
+        ParameterDirection::U => net.rows(),
+        ParameterDirection::V => net.columns(),
     };
     if (2..=10).contains(&order) && points < order {
         return Err(KnotsError::TooFew { order, along, points });
     }
     let degree = order.saturating_sub(1);
-    fn averaged(
+    fn average(
         parameters: Vec<f64>,
         degree: usize,
     ) -> Result<KnotVector, maquette_value::KnotVectorError> {
-        KnotVector::averaged(&parameters, degree)
+        KnotVector::from_parameters(&parameters, degree)
     }
     Ok(match kind {
         KnotsKind::Uniform => KnotVector::uniform(points, order)?,
-        KnotsKind::Averaging => averaged(even(points), degree)?,
-        KnotsKind::Chord => averaged(parameters(net, along, |distance| distance), degree)?,
-        KnotsKind::Centripetal => averaged(parameters(net, along, f64::sqrt), degree)?,
+        KnotsKind::Averaging => average(uniform_parameters(points), degree)?,
+        KnotsKind::Chord => average(parameters(net, along, |distance| distance), degree)?,
+        KnotsKind::Centripetal => average(parameters(net, along, f64::sqrt), degree)?,
         KnotsKind::Periodic => KnotVector::periodic(points, order)?,
         KnotsKind::Cylinder if (points, order) == (9, 3) => KnotVector::cylinder(),
         KnotsKind::Cylinder => return Err(KnotsError::NotCylinder { order, along, points }),
@@ -53,44 +53,50 @@ mod tests {
 
     use super::*;
 
-    /// A net of two rows whose columns lie at these places.
+    /// Returns a net of two rows whose columns are at the given positions.
     fn net(columns: &[f64]) -> value::ControlNet {
-        let row = |y| columns.iter().map(move |&x| Point3::new(x, y, 0.0));
-        let points = row(0.0).chain(row(1.0)).collect::<Vec<_>>();
+        let rows = [0.0, 1.0].into_iter();
+        let points: Vec<_> =
+            rows.flat_map(|y| columns.iter().map(move |&x| Point3::new(x, y, 0.0))).collect();
         value::ControlNet::new(2, columns.len(), points).unwrap()
     }
 
-    fn placed(kind: KnotsKind, columns: &[f64]) -> Vec<f64> {
-        knots(&net(columns), Along::V, 3, &kind).unwrap().knots().to_vec()
+    fn knots_of(kind: KnotsKind, columns: &[f64]) -> Vec<f64> {
+        knots(&net(columns), ParameterDirection::V, 3, &kind).unwrap().knots().to_vec()
     }
 
     #[test]
     fn knots_follow_the_distances_between_control_points() {
         let columns = [0.0, 1.0, 5.0, 21.0];
-        assert_eq!(placed(KnotsKind::Uniform, &columns), [0., 0., 0., 1., 2., 2., 2.]);
-        assert_eq!(placed(KnotsKind::Averaging, &columns)[3], 0.5);
-        assert_eq!(placed(KnotsKind::Chord, &columns)[3], 3.0 / 21.0);
-        assert_eq!(placed(KnotsKind::Centripetal, &columns)[3], 2.0 / 7.0);
-        assert_eq!(placed(KnotsKind::Chord, &[2.0; 4]), placed(KnotsKind::Averaging, &[2.0; 4]));
+        assert_eq!(knots_of(KnotsKind::Uniform, &columns), [0., 0., 0., 1., 2., 2., 2.]);
+        assert_eq!(knots_of(KnotsKind::Averaging, &columns)[3], 0.5);
+        assert_eq!(knots_of(KnotsKind::Chord, &columns)[3], 3.0 / 21.0);
+        assert_eq!(knots_of(KnotsKind::Centripetal, &columns)[3], 2.0 / 7.0);
+        assert_eq!(
+            knots_of(KnotsKind::Chord, &[2.0; 4]),
+            knots_of(KnotsKind::Averaging, &[2.0; 4])
+        );
     }
 
     #[test]
     fn knots_along_u_are_for_the_rows() {
-        let knots = knots(&net(&[0.0; 5]), Along::U, 2, &KnotsKind::Chord).unwrap();
+        let knots = knots(&net(&[0.0; 5]), ParameterDirection::U, 2, &KnotsKind::Chord).unwrap();
         assert_eq!(knots.knots(), [0.0, 0.0, 1.0, 1.0]);
     }
 
     #[test]
-    fn a_net_too_small_for_its_order_is_told_what_is_needed() {
-        let error = knots(&net(&[0.0; 5]), Along::U, 3, &KnotsKind::Uniform).unwrap_err();
+    fn a_net_too_small_for_its_order_is_an_error_with_the_minimum() {
+        let error =
+            knots(&net(&[0.0; 5]), ParameterDirection::U, 3, &KnotsKind::Uniform).unwrap_err();
         let expected = "order 3 along U needs at least 3 control points, the net has 2";
         assert_eq!(error.to_string(), expected);
     }
 
     #[test]
     fn a_cylinder_needs_nine_columns() {
-        let cylinder =
-            |count, order| knots(&net(&vec![0.0; count]), Along::V, order, &KnotsKind::Cylinder);
+        fn cylinder(count: usize, order: usize) -> Result<KnotVector, KnotsError> {
+            knots(&net(&vec![0.0; count]), ParameterDirection::V, order, &KnotsKind::Cylinder)
+        }
         assert_eq!(cylinder(9, 3), Ok(KnotVector::cylinder()));
         assert!(matches!(cylinder(8, 3), Err(KnotsError::NotCylinder { .. })));
         assert!(matches!(cylinder(9, 4), Err(KnotsError::NotCylinder { .. })));
@@ -98,13 +104,16 @@ mod tests {
 
     #[test]
     fn given_knots_are_counted_and_checked() {
-        fn given(values: &[f64]) -> Result<KnotVector, KnotsError> {
-            knots(&net(&[0.0; 3]), Along::V, 2, &KnotsKind::Values(values.to_vec()))
+        fn given_knots(values: &[f64]) -> Result<KnotVector, KnotsError> {
+            knots(&net(&[0.0; 3]), ParameterDirection::V, 2, &KnotsKind::Values(values.to_vec()))
         }
-        assert_eq!(given(&[0., 0., 3., 4., 4.]).unwrap().knots(), [0., 0., 3., 4., 4.]);
-        assert_eq!(given(&[0., 1.]), Err(KnotsError::Count { order: 2, points: 3, count: 2 }));
-        assert!(matches!(given(&[0., 0., 3., 2., 4.]), Err(KnotsError::Knots(_))));
-        let high = knots(&net(&[0.0; 3]), Along::V, usize::MAX, &KnotsKind::Uniform);
+        assert_eq!(given_knots(&[0., 0., 3., 4., 4.]).unwrap().knots(), [0., 0., 3., 4., 4.]);
+        assert_eq!(
+            given_knots(&[0., 1.]),
+            Err(KnotsError::Count { order: 2, points: 3, count: 2 })
+        );
+        assert!(matches!(given_knots(&[0., 0., 3., 2., 4.]), Err(KnotsError::Knots(_))));
+        let high = knots(&net(&[0.0; 3]), ParameterDirection::V, usize::MAX, &KnotsKind::Uniform);
         assert!(matches!(high, Err(KnotsError::Knots(KnotVectorError::Degree { .. }))));
     }
 }

@@ -1,8 +1,8 @@
-//! A net of a region of any shape without holes, mapped to a square.
+//! A control net of a region of any shape without holes, mapped to a square.
 //!
-//! The contour goes to the border of the square, each side evenly by its length in the range grid; the cells inside go to means
-//! of their neighbors, so that no two of them overlap ([`super::mean_value`]). The points of the net are what lies at an even
-//! grid of the square. Its border is the contour, and is fixed.
+//! The contour of the region is mapped to the border of the square; along each side of the square, lengths are proportional to those in the
+//! range grid. Each inner cell is a weighted mean of its neighbors, which prevents overlaps ([`super::mean_value`]). The points of the net
+//! are at a uniform grid in the square. The border of the net is the contour, and is fixed.
 
 use std::collections::VecDeque;
 
@@ -11,23 +11,23 @@ use maquette_value as value;
 use maquette_value::{RangeImage, Region};
 use nalgebra::Point3;
 
-use super::charted::{charted, on_border};
 use super::mean_value::relax;
-use super::rows::resampled;
+use super::parameterized::{on_border, parameterize};
+use super::rows::resample;
 use crate::grid::disk::Disk;
 use crate::grid::window::GridWindow;
 use crate::net_error::NetError;
 
-/// Fewest rows and columns that are chosen: enough for a cubic.
-const LEAST: usize = 4;
+/// Minimum automatic number of rows and columns: enough for a cubic.
+const MIN_LINES: usize = 4;
 
-/// Most rows and columns that are chosen: those that the node takes.
-const MOST: usize = 4096;
+/// Maximum automatic number of rows and columns: the maximum that the node allows.
+const MAX_LINES: usize = 4096;
 
-/// How far a given corner may lie from the contour, in cells: as far as people miss a cell in a picture.
+/// Maximum distance of a given corner from the contour, in cells: the accuracy with which users pick a cell in a picture.
 const SNAP: f64 = 3.0;
 
-/// The net, with the corners (column, row) and `rows` and `columns` where they are not 0.
+/// Makes the net with the given corners (column, row). `rows` and `columns` are automatic where they are 0.
 pub(crate) fn net(
     region: &Region,
     range: &RangeImage,
@@ -39,7 +39,7 @@ pub(crate) fn net(
     let (low, high) = region.bounds();
     let degenerate =
         NetError::DegenerateRegion { rows: high[1] - low[1] + 1, columns: high[0] - low[0] + 1 };
-    // Three cells have no four corners.
+    // A disk of three cells does not have four corners.
     let disk = Disk::new(window.rows, window.columns, &window.inside)
         .filter(|disk| disk.border.len() >= 4)
         .ok_or(degenerate)?;
@@ -50,13 +50,16 @@ pub(crate) fn net(
     let sides = Sides::new(&disk, corners);
     let square = map_to_square(&disk, &sides)?;
     let lengths: Vec<f64> = sides.0.iter().map(|side| length(&disk, side)).collect();
-    fn chosen(given: usize, a: usize, b: usize, lengths: &[f64]) -> usize {
+    fn choose_count(given: usize, a: usize, b: usize, lengths: &[f64]) -> usize {
         match given {
-            0 => (((lengths[a] + lengths[b]) / 2.0).round() as usize + 1).clamp(LEAST, MOST),
+            0 => {
+                (((lengths[a] + lengths[b]) / 2.0).round() as usize + 1).clamp(MIN_LINES, MAX_LINES)
+            }
             given => given,
         }
     }
-    let (rows, columns) = (chosen(rows, 0, 2, &lengths), chosen(columns, 1, 3, &lengths));
+    let (rows, columns) =
+        (choose_count(rows, 0, 2, &lengths), choose_count(columns, 1, 3, &lengths));
 
     let mut points = interior(&disk, &window, &square, rows, columns)?;
     for (k, side) in sides.0.iter().enumerate() {
@@ -64,7 +67,7 @@ pub(crate) fn net(
             side.iter().map(|&vertex| window.points[vertex as usize]).collect();
         let count = if k % 2 == 0 { rows } else { columns };
         for (step, point) in
-            resampled(&on_border, &shares(&disk, side), count).into_iter().enumerate()
+            resample(&on_border, &shares(&disk, side), count).into_iter().enumerate()
         {
             let (row, column) = match k {
                 0 => (step, 0),
@@ -81,59 +84,67 @@ pub(crate) fn net(
         .map(|[u, v]| [u * scale[0], v * scale[1]])
         .collect();
     let size = [rows, columns];
-    charted(range, size, points, on_border(size), region.cells().to_vec(), coordinates)
+    parameterize(range, size, points, on_border(size), region.cells().to_vec(), coordinates)
 }
 
-/// The border of a disk from corner to corner of the square: down the left side, to the right, up, and back to the left. Each
-/// side has both of its corners.
+/// The border of a disk, divided at the corners of the square: down the left side, to the right, up, and back to the left. Each side
+/// contains both of its corners.
 struct Sides([Vec<u32>; 4]);
 
 impl Sides {
-    /// The sides between corners, given by their places in the border.
+    /// Divides the border into the sides between `corners`, given by their indices in the border.
     fn new(disk: &Disk, corners: [usize; 4]) -> Self {
         let n = disk.border.len();
         let steps = corners.map(|corner| (corner + n - corners[0]) % n);
         let ends = [0, steps[1], steps[2], steps[3], n];
-        let side = |k: usize| {
+        Self([0, 1, 2, 3].map(|k: usize| {
             (ends[k]..=ends[k + 1]).map(|step| disk.border[(corners[0] + step) % n]).collect()
-        };
-        Self([side(0), side(1), side(2), side(3)])
+        }))
     }
 }
 
-/// Whether four places of a closed chain of `n` follow each other along it.
+/// Returns true if four indices of a closed chain of `n` vertices follow each other along the chain.
 fn in_order(corners: [usize; 4], n: usize) -> bool {
     let [_, a, b, c] = corners.map(|corner| (corner + n - corners[0]) % n);
     0 < a && a < b && b < c
 }
 
-/// The vertices of the border that lie farthest along the diagonals of the disk's principal frame; of equals the one nearest to the
-/// diagonal. The frame is turned so that its rows run down and its columns to the right.
+/// Returns the border vertices farthest along the diagonals of the disk's principal axes; if several are equally far, the one nearest to
+/// the diagonal. The axes are oriented so that rows run down and columns to the right.
 fn chosen_corners(disk: &Disk) -> [usize; 4] {
     let n = disk.border.len();
     let frame = Frame::new(disk);
     let local: Vec<[f64; 2]> =
         disk.border.iter().map(|&vertex| frame.local(disk.places[vertex as usize])).collect();
     fn farthest(across: f64, down: f64, local: &[[f64; 2]], n: usize) -> usize {
-        let rank = |k: &usize| {
+        fn rank(k: &usize, across: f64, down: f64, local: &[[f64; 2]]) -> (f64, f64) {
             let [x, y] = local[*k];
             (across * x + down * y, -(across * x - down * y).abs())
-        };
-        // Differences of rounding are none: corners must not depend on them.
-        let best = (0..n).map(|k| rank(&k).0).fold(f64::NEG_INFINITY, f64::max);
-        let equals = (0..n).filter(|k| rank(k).0 >= best - 1e-9);
-        equals.max_by(|a, b| rank(a).1.total_cmp(&rank(b).1).then(b.cmp(a))).unwrap_or(0)
+        }
+        // Differences of the size of rounding errors are ignored, because corners must not depend on them.
+        let best =
+            (0..n).map(|k| rank(&k, across, down, local).0).fold(f64::NEG_INFINITY, f64::max);
+        let equals = (0..n).filter(|k| rank(k, across, down, local).0 >= best - 1e-9);
+        equals
+            .max_by(|a, b| {
+                rank(a, across, down, local)
+                    .1
+                    .total_cmp(&rank(b, across, down, local).1)
+                    .then(b.cmp(a))
+            })
+            .unwrap_or(0)
     }
     let corners = [(-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0)]
         .map(|(across, down)| farthest(across, down, &local, n));
     match in_order(corners, n) {
         true => corners,
-        // A region with a corner on two diagonals: quarters of the border, which has four vertices at least.
+        // One corner of the region is extreme on two diagonals. The border, which has at least four vertices, is divided into quarters
+        // instead.
         false => [0, 1, 2, 3].map(|k| (corners[0] + k * n / 4) % n),
     }
 }
 
-/// The places in the border that are nearest to cells (column, row) of the grid.
+/// Returns the indices in the border that are nearest to the given cells (column, row).
 fn given_corners(
     disk: &Disk,
     window: &GridWindow,
@@ -145,15 +156,29 @@ fn given_corners(
         fn place(k: &usize, disk_places: &[[f64; 2]], disk_border: &[u32]) -> [f64; 2] {
             disk_places[disk_border[*k] as usize]
         }
-        let distance = |k: &usize| {
+        fn distance(
+            k: &usize,
+            x: f64,
+            y: f64,
+            disk_places: &[[f64; 2]],
+            disk_border: &[u32],
+        ) -> f64 {
             libm::hypot(
-                place(k, &disk.places, &disk.border)[0] - x,
-                place(k, &disk.places, &disk.border)[1] - y,
+                place(k, disk_places, disk_border)[0] - x,
+                place(k, disk_places, disk_border)[1] - y,
             )
-        };
-        let nearest = (0..disk.border.len()).min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        }
+        let nearest = (0..disk.border.len()).min_by(|a, b| {
+            distance(a, x, y, &disk.places, &disk.border).total_cmp(&distance(
+                b,
+                x,
+                y,
+                &disk.places,
+                &disk.border,
+            ))
+        });
         *corner = nearest.unwrap_or(0);
-        if distance(corner) > SNAP {
+        if distance(corner, x, y, &disk.places, &disk.border) > SNAP {
             let [column, row] = place(corner, &disk.places, &disk.border).map(|at| at as usize);
             let nearest = [window.left + column, window.top + row];
             return Err(NetError::CornerOff { corner: cell, nearest });
@@ -162,7 +187,7 @@ fn given_corners(
     if in_order(corners, disk.border.len()) { Ok(corners) } else { Err(NetError::CornerOrder) }
 }
 
-/// The principal frame of a disk's cells, turned by at most 45 degrees.
+/// The principal axes of a disk's cells, rotated by at most 45 degrees.
 struct Frame {
     center: [f64; 2],
     cos: f64,
@@ -173,18 +198,18 @@ impl Frame {
     fn new(disk: &Disk) -> Self {
         let mut used = vec![false; disk.places.len()];
         disk.triangles.iter().flatten().for_each(|&vertex| used[vertex as usize] = true);
-        // Vertices between cells would pull it towards where they are.
+        // Only cells count: vertices between cells would shift the axes.
         let cells = disk.places.len() - disk.between.len();
-        let places = || (0..cells).filter(|&cell| used[cell]).map(|cell| disk.places[cell]);
-        let n = places().count() as f64;
-        let center = [0, 1].map(|axis| places().map(|place| place[axis]).sum::<f64>() / n);
+        let places = (0..cells).filter(|&cell| used[cell]).map(|cell| disk.places[cell]);
+        let n = places.clone().count() as f64;
+        let center = [0, 1].map(|axis| places.clone().map(|place| place[axis]).sum::<f64>() / n);
         let mut moments = [0.0; 3];
-        for place in places() {
+        for place in places {
             let [x, y] = [0, 1].map(|axis| place[axis] - center[axis]);
             moments = [moments[0] + x * x, moments[1] + x * y, moments[2] + y * y];
         }
         let [xx, xy, yy] = moments;
-        // A round region has no axes, and rounding must not choose any.
+        // A round region has no principal axes, and rounding errors must not choose any.
         let round = xy.abs().max((xx - yy).abs()) <= 1e-9 * (xx + yy);
         let quarter = std::f64::consts::FRAC_PI_2;
         let angle = if round { 0.0 } else { libm::atan2(2.0 * xy, xx - yy) / 2.0 };
@@ -213,22 +238,27 @@ fn length(disk: &Disk, side: &[u32]) -> f64 {
     lengths(disk, side).last().copied().unwrap_or(0.0)
 }
 
-/// For each vertex of a side the share of the side's length up to it; a side of one vertex has none.
+/// Returns, for each vertex of a side, the fraction of the side's length before it, from 0 to 1; all 0 if the side has no length.
 fn shares(disk: &Disk, side: &[u32]) -> Vec<f64> {
     let lengths = lengths(disk, side);
     let whole = lengths.last().copied().filter(|&whole| whole > 0.0).unwrap_or(1.0);
     lengths.into_iter().map(|along| along / whole).collect()
 }
 
-/// The place of each vertex on the square: (0, 0) is the upper left corner, the first number grows down, the second to the right.
+/// Returns the position of each vertex in the square: (0, 0) is the upper left corner, the first coordinate grows down, the second to the
+/// right.
 fn map_to_square(disk: &Disk, sides: &Sides) -> Result<Vec<[f64; 2]>, NetError> {
-    // A first guess that is exact for rectangles: the place in the rectangle around the disk.
-    let on_border = || disk.border.iter().map(|&vertex| disk.places[vertex as usize]);
-    let bound = |axis: usize, better: fn(f64, f64) -> f64| {
-        on_border().map(|place| place[axis]).reduce(better).unwrap_or(0.0)
-    };
-    let (left, top) = (bound(0, f64::min), bound(1, f64::min));
-    let (width, height) = (bound(0, f64::max) - left, bound(1, f64::max) - top);
+    /// Returns the minimum or maximum of a coordinate over the border; `better` is `f64::min` or `f64::max`.
+    fn bound(disk: &Disk, axis: usize, better: fn(f64, f64) -> f64) -> f64 {
+        disk.border
+            .iter()
+            .map(|&vertex| disk.places[vertex as usize][axis])
+            .reduce(better)
+            .unwrap_or(0.0)
+    }
+    // The first guess is the position in the rectangle around the disk, which is exact for rectangles.
+    let (left, top) = (bound(disk, 0, f64::min), bound(disk, 1, f64::min));
+    let (width, height) = (bound(disk, 0, f64::max) - left, bound(disk, 1, f64::max) - top);
     let mut square: Vec<[f64; 2]> =
         disk.places.iter().map(|[x, y]| [(y - top) / height, (x - left) / width]).collect();
     for (k, side) in sides.0.iter().enumerate() {
@@ -245,7 +275,8 @@ fn map_to_square(disk: &Disk, sides: &Sides) -> Result<Vec<[f64; 2]>, NetError> 
     Ok(square)
 }
 
-/// The points at an even grid of the square, from the triangles that they lie in; those of the border are left at the origin.
+/// Returns the points at a uniform grid of the square, interpolated in the triangles that contain them; the points of the border are left
+/// at the origin.
 fn interior(
     disk: &Disk,
     window: &GridWindow,
@@ -268,7 +299,8 @@ fn interior(
             }
         }
     }
-    // How deep in its triangle each point lies: on an edge rounding may put it outside of both.
+    // The signed depth of each point in its triangle. A point on an edge may be outside of both triangles due to rounding, so the deepest
+    // triangle wins.
     let mut depths = vec![f64::NEG_INFINITY; rows * columns];
     let mut points = vec![Point3::origin(); rows * columns];
     for triangle in &disk.triangles {
@@ -287,8 +319,8 @@ fn interior(
             corners: &[[f64; 2]; 3],
         ) -> std::ops::RangeInclusive<usize> {
             let at = corners.map(|corner| corner[axis]);
-            let low = at[0].min(at[1]).min(at[2]) - REACH;
-            let high = at[0].max(at[1]).max(at[2]) + REACH;
+            let low = at[0].min(at[1]).min(at[2]) - MAX_OUTSIDE;
+            let high = at[0].max(at[1]).max(at[2]) + MAX_OUTSIDE;
             (low.ceil().max(1.0) as usize)..=(high.floor().min((count - 2) as f64) as usize)
         }
         for row in reach(0, rows, &corners) {
@@ -318,16 +350,16 @@ fn interior(
     }
 }
 
-/// How far beyond its triangle a point is still looked for, in steps of the net: far above rounding.
-const REACH: f64 = 1e-6;
+/// Maximum distance of a point outside of its triangle, in steps of the net: far above rounding errors.
+const MAX_OUTSIDE: f64 = 1e-6;
 
-/// Twice the area of a triangle.
+/// Returns twice the signed area of a triangle.
 fn cross(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 }
 
-/// The place on the square of each cell of the region. A cell that is not on the disk takes that of the nearest one, in steps
-/// from cell to cell.
+/// Returns the position in the square of each cell of the region. A cell outside of the disk gets the position of the nearest cell on the
+/// disk, counted in steps from cell to cell.
 fn coordinates(
     region: &Region,
     window: &GridWindow,

@@ -1,25 +1,25 @@
 //! A one-to-one map of a disk of triangles to a convex polygon.
 //!
-//! Every vertex inside is put at a mean of its neighbors, with the factors by which the mean value coordinates express its place:
-//! Floater, "Mean value coordinates", Computer Aided Geometric Design 20 (2003), eq. 2.1. They are positive, so that the map is
-//! one-to-one (Tutte, "How to draw a graph", 1963), and reproduce an affine map if the border has one.
+//! Every inner vertex is a weighted mean of its neighbors. The weights are its mean value coordinates: Floater, "Mean value coordinates",
+//! Computer Aided Geometric Design 20 (2003), eq. 2.1. Because the weights are positive, the map is one-to-one (Tutte, "How to draw a
+//! graph", 1963). If the map of the border is affine, the whole map is.
 
 use crate::grid::disk::Disk;
 
-/// Residual, as a share of the size of the polygon, at which the equations count as solved: rounding leaves some 1e-15.
+/// Tolerance of the solver: the residual as a fraction of the polygon's size. Rounding errors are about 1e-15.
 const TOLERANCE: f64 = 1e-13;
 
-/// A residual above this is an error: a thousandth of a cell on the largest net.
+/// Residual above which the map is an error: a thousandth of a cell on the largest net.
 const LARGEST: f64 = 1e-7;
 
-/// Rounds of relaxation at the end, which put each vertex inside of its neighbors once more.
+/// Number of rounds of relaxation at the end; they move each vertex into the inside of its neighbors once more.
 const ROUNDS: usize = 8;
 
-/// Puts every inner vertex of the disk at the mean of its neighbors. `places` holds those of the border, and guesses for the
-/// others; it receives the solution. Entries of vertices without a triangle stay as they are.
+/// Moves every inner vertex of the disk to the weighted mean of its neighbors. `places` contains the positions of border vertices and
+/// guesses for the others; it receives the solution. Entries of vertices without a triangle do not change.
 ///
 /// # Errors
-/// The residual, if the iteration does not converge.
+/// Returns the residual as error if the iteration does not converge.
 pub(crate) fn relax(disk: &Disk, places: &mut [[f64; 2]]) -> Result<(), f64> {
     let system = System::new(disk);
     for axis in 0..2 {
@@ -30,12 +30,12 @@ pub(crate) fn relax(disk: &Disk, places: &mut [[f64; 2]]) -> Result<(), f64> {
     Ok(())
 }
 
-/// `x_i = sum_j factor_ij x_j` for the inner vertices i.
+/// The linear system `x_i = sum_j factor_ij x_j` for the inner vertices i.
 struct System {
     inner: Vec<u32>,
-    /// Where the terms of each inner vertex begin, and the end.
+    /// The index of the first term of each inner vertex, followed by the number of all terms.
     starts: Vec<usize>,
-    /// Neighbor and factor.
+    /// The terms: the index of a neighbor, and its weight.
     terms: Vec<(u32, f64)>,
     /// Number of vertices.
     count: usize,
@@ -59,7 +59,7 @@ impl System {
                 }
                 let (a, b) = (spoke(j, at, &disk.places), spoke(k, at, &disk.places));
                 let [length_a, length_b] = [a, b].map(|[x, y]| (x * x + y * y).sqrt());
-                // The tangent of half the angle between the spokes: (1 - cos) / sin.
+                // The tangent of half the angle between two edges at the vertex: (1 - cos) / sin.
                 let cross = (a[0] * b[1] - a[1] * b[0]).abs();
                 let tangent = (length_a * length_b - (a[0] * b[0] + a[1] * b[1])) / cross;
                 weights.push((i, j, tangent / length_a));
@@ -80,19 +80,19 @@ impl System {
         system
     }
 
-    /// The mean of the neighbors of the `row`-th inner vertex.
+    /// Returns the weighted mean of the neighbors of the `row`-th inner vertex.
     fn mean(&self, row: usize, x: &[f64]) -> f64 {
         let terms = &self.terms[self.starts[row]..self.starts[row + 1]];
         terms.iter().map(|&(vertex, factor)| factor * x[vertex as usize]).sum()
     }
 
-    /// The means less the values themselves.
+    /// Returns the residuals: for each inner vertex, the weighted mean of its neighbors minus its own value.
     fn residual(&self, x: &[f64]) -> Vec<f64> {
         (0..self.inner.len()).map(|row| self.mean(row, x) - x[self.inner[row] as usize]).collect()
     }
 
-    /// The stabilized method of biconjugate gradients: van der Vorst, "Bi-CGSTAB" (1992), whose names are kept. It starts again
-    /// from what it has where it breaks down.
+    /// Solves the system by the stabilized biconjugate gradient method: van der Vorst, "Bi-CGSTAB" (1992), whose variable names are used.
+    /// If the method breaks down, it restarts from the current solution.
     fn solve(&self, x: &mut [f64]) -> Result<(), f64> {
         let n = self.inner.len();
         let most = 200 + 20 * (n as f64).sqrt() as usize;
@@ -115,27 +115,30 @@ impl System {
         if residual <= LARGEST { Ok(()) } else { Err(residual) }
     }
 
+    /// Returns the product of the system's matrix and a vector over the inner vertices. `whole` is scratch space for all vertices,
+    /// initially 0.
+    fn multiply(&self, p: &[f64], whole: &mut [f64]) -> Vec<f64> {
+        self.inner.iter().zip(p).for_each(|(&vertex, &p)| whole[vertex as usize] = p);
+        (0..self.inner.len()).map(|row| p[row] - self.mean(row, whole)).collect()
+    }
+
     fn iterate(&self, x: &mut [f64], most: usize, steps: &mut usize) {
         fn dot(a: &[f64], b: &[f64]) -> f64 {
             a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>()
         }
         let n = self.inner.len();
-        // A vector of the inner vertices as one of all vertices, whose other entries stay 0.
+        // Scratch space over all vertices; the entries of vertices that are not inner ones stay 0.
         let mut whole = vec![0.0; self.count];
-        let mut apply = |p: &[f64]| -> Vec<f64> {
-            self.inner.iter().zip(p).for_each(|(&vertex, &p)| whole[vertex as usize] = p);
-            (0..n).map(|row| p[row] - self.mean(row, &whole)).collect()
-        };
         let mut r = self.residual(x);
         let shadow = r.clone();
         let mut p = r.clone();
         let mut rho = dot(&r, &shadow);
         while *steps < most && largest(&r) > TOLERANCE / 4.0 {
             *steps += 1;
-            let v = apply(&p);
+            let v = self.multiply(&p, &mut whole);
             let alpha = rho / dot(&shadow, &v);
             let s: Vec<f64> = r.iter().zip(&v).map(|(r, v)| r - alpha * v).collect();
-            let t = apply(&s);
+            let t = self.multiply(&s, &mut whole);
             let tt = dot(&t, &t);
             let omega = if tt > 0.0 { dot(&t, &s) / tt } else { 0.0 };
             if !(alpha.is_finite() && omega.is_finite()) {

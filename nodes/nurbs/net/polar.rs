@@ -1,12 +1,12 @@
-//! A net of rings around the middle of a region.
+//! A net of rings around the center of a region.
 //!
-//! Row 0 of the net is the pole, the mean of the region's cells; the last row follows the contour and is fixed; the rows between
-//! divide the spokes evenly in the range grid. Columns go around counter-clockwise as one sees the picture, and the last
-//! `order - 1` of them repeat the first ones, so that knots of the kind `Periodic` close the surface smoothly. Around the pole
-//! a surface has one tangent plane if the first ring lies in a plane with it, and so it is made to.
+//! Row 0 of the net is the pole, the mean of the region's cells. The last row follows the contour and is fixed. The rows between them
+//! divide the spokes (lines from the pole to the contour) evenly in the range grid. Columns are counter-clockwise in the picture, and the
+//! last `order - 1` of them repeat the first ones, so that knots of the kind `Periodic` close the surface smoothly. The surface has one
+//! tangent plane at the pole if the first ring is coplanar with the pole; therefore the ring is made coplanar.
 //!
-//! The contour of a region that was found in a picture has steps and teeth, which a spoke may cross more than once. So the last
-//! row is a smooth line around all of it ([`super::rays`]), on the region's points continued a little beyond its cells.
+//! The contour of a region that was found in a picture has steps and teeth, which a spoke may cross more than once. Therefore the last row
+//! is a smooth line around the whole contour ([`super::rays`]), on the region's points extrapolated slightly beyond its cells.
 
 use maquette_node::Progress;
 use maquette_range::contours;
@@ -14,19 +14,19 @@ use maquette_value as value;
 use maquette_value::{RangeImage, Region};
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::charted::charted;
+use super::parameterized::parameterize;
 use super::rays::{NotAStar, Rays, turn};
 use crate::grid::window::GridWindow;
 use crate::net_error::NetError;
 
-/// Most spokes that are chosen; a contour has some hundred cells, half of which would only follow its steps.
-const MOST_SPOKES: usize = 64;
+/// Maximum automatic number of spokes. A contour has some hundred cells, and spokes to more than half of them would only follow its steps.
+const MAX_SPOKES: usize = 64;
 
-/// Fewest spokes, and fewest rings, that are chosen or allowed: three spokes are the least around a point.
-const LEAST_SPOKES: usize = 3;
-const LEAST_RINGS: usize = 3;
+/// Minimum number of spokes and of rings: a pole needs three spokes around it.
+const MIN_SPOKES: usize = 3;
+const MIN_RINGS: usize = 3;
 
-/// The net for surfaces of this order along the columns, with `rows` and `columns` where they are not 0.
+/// Makes the net for surfaces of the given order along the columns. `rows` and `columns` are automatic where they are 0.
 pub(crate) fn net(
     region: &Region,
     range: &RangeImage,
@@ -38,11 +38,11 @@ pub(crate) fn net(
         return Err(NetError::Order { order });
     }
     let repeated = order - 1;
-    let least = LEAST_SPOKES.max(repeated) + repeated;
+    let least = MIN_SPOKES.max(repeated) + repeated;
     if columns != 0 && columns < least {
         return Err(NetError::FewColumns { columns, least });
     }
-    let window = GridWindow::alone(region, progress)?;
+    let window = GridWindow::around_region(region, progress)?;
     let center = middle(region, &window);
     let contour = outline(&window, center)?;
     fn cell(
@@ -51,10 +51,10 @@ pub(crate) fn net(
         window_left: usize,
         window_top: usize,
     ) -> (usize, usize) {
-        fn at(middle: f64, step: f64) -> usize {
+        fn round_cell(middle: f64, step: f64) -> usize {
             (middle + step).round() as usize
         }
-        (window_left + at(center[0], x), window_top + at(center[1], y))
+        (window_left + round_cell(center[0], x), window_top + round_cell(center[1], y))
     }
     let rays = Rays::new(&contour).map_err(|why| match why {
         NotAStar::NotInside => {
@@ -67,12 +67,11 @@ pub(crate) fn net(
         }
     })?;
     let count = match columns {
-        0 => ((rays.length() / 2.0) as usize).min(MOST_SPOKES).max(LEAST_SPOKES.max(repeated)),
+        0 => ((rays.length() / 2.0) as usize).min(MAX_SPOKES).max(MIN_SPOKES.max(repeated)),
         columns => columns - repeated,
     };
     let wheel = Wheel { center, spokes: rays.spokes(count) };
-    let rings =
-        if rows == 0 { (wheel.radius().ceil() as usize).max(LEAST_RINGS) } else { rows - 1 };
+    let rings = if rows == 0 { (wheel.radius().ceil() as usize).max(MIN_RINGS) } else { rows - 1 };
     let points = wheel.points(&window, rings);
     let coordinates = region
         .cells()
@@ -87,10 +86,10 @@ pub(crate) fn net(
         .map(|at| points[at / columns * count + at % columns % count])
         .collect();
     let size = [rings + 1, columns];
-    charted(range, size, points, |row, _| row == rings, region.cells().to_vec(), coordinates)
+    parameterize(range, size, points, |row, _| row == rings, region.cells().to_vec(), coordinates)
 }
 
-/// (column, row) of the mean of the region's cells.
+/// Returns the (column, row) of the mean of the region's cells.
 fn middle(region: &Region, window: &GridWindow) -> [f64; 2] {
     let n = region.cells().len() as f64;
     region.cells().iter().fold([0.0; 2], |[x, y], &cell| {
@@ -99,7 +98,7 @@ fn middle(region: &Region, window: &GridWindow) -> [f64; 2] {
     })
 }
 
-/// The contour of the region as a closed line through the centers of its cells: (column, row) of each, from the middle.
+/// Returns the contour of the region as a closed line through the centers of its cells: the (column, row) of each, relative to the center.
 fn outline(window: &GridWindow, center: [f64; 2]) -> Result<Vec<[f64; 2]>, NetError> {
     let all = contours(window.columns, window.rows, &window.inside);
     if all.iter().filter(|contour| !contour.hole).count() != 1 {
@@ -115,33 +114,31 @@ fn outline(window: &GridWindow, center: [f64; 2]) -> Result<Vec<[f64; 2]>, NetEr
         .collect())
 }
 
-/// The middle of a region and spokes to its contour.
+/// The center of a region and spokes to its contour.
 struct Wheel {
-    /// (column, row) of the middle.
+    /// The (column, row) of the center.
     center: [f64; 2],
-    /// From the middle to the ends of the spokes, counter-clockwise with rows growing down.
+    /// Vectors from the center to the ends of the spokes, counter-clockwise with rows growing down.
     spokes: Vec<[f64; 2]>,
 }
 
 impl Wheel {
-    /// Mean length of the spokes, in cells.
+    /// Returns the mean length of the spokes, in cells.
     fn radius(&self) -> f64 {
         let lengths = self.spokes.iter().map(|[x, y]| libm::hypot(*x, *y));
         lengths.sum::<f64>() / self.spokes.len() as f64
     }
 
-    /// The points of the net, ring by ring from the pole to the contour, no column twice.
+    /// Returns the points of the net, ring by ring from the pole to the contour, without repeated columns.
     fn points(&self, window: &GridWindow, rings: usize) -> Vec<Point3<f64>> {
         let count = self.spokes.len();
-        let pole = window.at(self.center);
+        let pole = window.interpolate(self.center);
         let mut points = vec![pole; count];
         for ring in 1..=rings {
             let share = ring as f64 / rings as f64;
-            points.extend(
-                self.spokes.iter().map(|[x, y]| {
-                    window.at([self.center[0] + share * x, self.center[1] + share * y])
-                }),
-            );
+            points.extend(self.spokes.iter().map(|[x, y]| {
+                window.interpolate([self.center[0] + share * x, self.center[1] + share * y])
+            }));
         }
         if rings > 1 {
             flatten(pole, &mut points[count..2 * count]);
@@ -149,9 +146,9 @@ impl Wheel {
         points
     }
 
-    /// The net coordinate of a place: between which two spokes it lies, and how far along them.
+    /// Returns the net coordinate of a position, from the two spokes between which it is and its distance along them.
     ///
-    /// Places beyond the line through the ends of the spokes are put on it.
+    /// Positions beyond the line through the ends of the spokes are projected onto it.
     fn coordinate(&self, [x, y]: [f64; 2], rings: usize, order: usize) -> [f64; 2] {
         let count = self.spokes.len();
         let place = [x - self.center[0], y - self.center[1]];
@@ -164,14 +161,14 @@ impl Wheel {
         let (before, after) = (turn(self.spokes[k], place), turn(place, next));
         let ring = (before + after) / turn(self.spokes[k], next) * rings as f64;
         let around = k as f64 + before / (before + after);
-        // The domain of periodic knots begins here.
+        // The domain of periodic knots begins at this net coordinate.
         let start = (order - 2) as f64 / 2.0;
         let around = if around < start { around + count as f64 } else { around };
         [ring.min(rings as f64), around]
     }
 }
 
-/// Moves the points of a ring into the plane through the pole that fits them best.
+/// Projects the points of a ring onto the plane through the pole that fits them best.
 fn flatten(pole: Point3<f64>, ring: &mut [Point3<f64>]) {
     let covariance = ring.iter().fold(Matrix3::zeros(), |sum: Matrix3<f64>, point| {
         let spoke = point - pole;
@@ -215,7 +212,7 @@ mod tests {
     }
 
     fn surface(net: &value::ControlNet, order: usize) -> Surface {
-        let around = knots(net, value::Along::V, order, &KnotsKind::Periodic).unwrap();
+        let around = knots(net, value::ParameterDirection::V, order, &KnotsKind::Periodic).unwrap();
         nurbs(net, None, Some(&around), None).unwrap()
     }
 
@@ -223,15 +220,15 @@ mod tests {
     fn rings_go_from_the_pole_to_the_contour() {
         let range = hill();
         let egg = egg(&range);
-        let net = control_net(&egg, &range, POLAR, 9, 34, &Progress::none()).unwrap();
+        let net = control_net(&egg, &range, POLAR, 9, 34, &Progress::silent()).unwrap();
         assert_eq!((net.rows(), net.columns()), (9, 34));
         let points = net.points();
         assert!(points[..34].iter().all(|point| *point == points[0]));
         for row in 0..9 {
             assert_eq!(points[row * 34..row * 34 + 2], points[row * 34 + 32..][..2]);
-            assert!(net.fixed()[row * 34..][..34].iter().all(|&f| f == u8::from(row == 8)));
+            assert!(net.fixed_points()[row * 34..][..34].iter().all(|&f| f == u8::from(row == 8)));
         }
-        // The first ring and the pole lie in one plane.
+        // Checks that the first ring and the pole are coplanar.
         let normal = (points[34] - points[0]).cross(&(points[34 + 9] - points[0])).normalize();
         for point in &points[34..68] {
             assert!(normal.dot(&(point - points[0])).abs() <= 1e-9);
@@ -239,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn a_surface_of_the_net_closes_and_looks_at_the_sensor() {
+    fn a_surface_of_the_net_is_closed_and_faces_the_sensor() {
         let range = hill();
         for order in [2, 3, 4] {
             let net = control_net(
@@ -248,7 +245,7 @@ mod tests {
                 NetMethod::Polar { order },
                 0,
                 0,
-                &Progress::none(),
+                &Progress::silent(),
             )
             .unwrap();
             let surface = surface(&net, order);
@@ -263,10 +260,10 @@ mod tests {
     }
 
     #[test]
-    fn cells_lie_where_the_chart_says() {
+    fn the_chart_gives_the_positions_of_cells() {
         let range = hill();
         let egg = egg(&range);
-        let net = control_net(&egg, &range, POLAR, 0, 0, &Progress::none()).unwrap();
+        let net = control_net(&egg, &range, POLAR, 0, 0, &Progress::silent()).unwrap();
         let surface = surface(&net, 3);
         let chart = net.chart().unwrap();
         assert_eq!(&*chart.cells, egg.cells());
@@ -275,12 +272,12 @@ mod tests {
             let [u, v] = surface.parameters(*coordinate);
             worst = worst.max((surface.point(u, v) - point).norm());
         }
-        // Cells at the contour lie up to half a cell beyond the line through the ends of the spokes.
+        // Cells at the contour are up to half a cell beyond the line through the ends of the spokes.
         assert!(worst <= 1.0, "{worst}");
     }
 
-    /// A disk whose contour goes in and out by up to so many cells, without any order, with a spur and a speck beside it.
-    fn jagged(range: &RangeImage, teeth: f64) -> Region {
+    /// Returns a disk with an irregular contour whose amplitude is `teeth` cells, with a spur and a speck beside it.
+    fn jagged_disk(range: &RangeImage, teeth: f64) -> Region {
         fn noise(x: usize, y: usize) -> f64 {
             let mixed = (x * 7919 + y * 104_729 + 13).wrapping_mul(2_654_435_761) >> 7;
             (mixed % 1000) as f64 / 500.0 - 1.0
@@ -296,9 +293,9 @@ mod tests {
     fn a_jagged_disk_makes_a_calm_net() {
         let range = hill();
         for teeth in [0.0, 1.0, 2.0, 3.0] {
-            let disk = jagged(&range, teeth);
-            // Teeth may leave cells behind that are no longer connected.
-            let net = match control_net(&disk, &range, POLAR, 0, 0, &Progress::none()) {
+            let disk = jagged_disk(&range, teeth);
+            // Without its teeth, the region may have disconnected cells.
+            let net = match control_net(&disk, &range, POLAR, 0, 0, &Progress::silent()) {
                 Err(NetError::Parts) => continue,
                 net => net.unwrap(),
             };
@@ -321,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn regions_that_are_no_stars_are_refused() {
+    fn regions_that_are_not_star_shaped_are_refused() {
         let range = hill();
         let moon = region(&range, |x, y| {
             fn far(cx: usize, x: usize, y: usize) -> usize {
@@ -329,31 +326,28 @@ mod tests {
             }
             far(18, x, y) < 225 && far(27, x, y) > 150
         });
-        fn refused(
+        fn error(
             region: &Region,
             method: NetMethod,
             rows: usize,
             columns: usize,
             range: &RangeImage,
         ) -> NetError {
-            control_net(region, range, method, rows, columns, &Progress::none()).unwrap_err()
+            control_net(region, range, method, rows, columns, &Progress::silent()).unwrap_err()
         }
-        assert!(matches!(refused(&moon, POLAR, 0, 0, &range), NetError::NotStarShaped { .. }));
+        assert!(matches!(error(&moon, POLAR, 0, 0, &range), NetError::NotStarShaped { .. }));
         let line = region(&range, |x, y| y == 4 && x < 9);
-        assert_eq!(refused(&line, POLAR, 0, 0, &range), NetError::NoMiddle { column: 4, row: 4 });
+        assert_eq!(error(&line, POLAR, 0, 0, &range), NetError::NoMiddle { column: 4, row: 4 });
         let ring = region(&range, |x, y| {
             let (x, y) = (x as f64 - 20.0, y as f64 - 19.0);
             (100.0..250.0).contains(&(x * x + y * y)) && (x < 0.0 || y.abs() > 2.0)
         });
-        assert!(matches!(refused(&ring, POLAR, 0, 0, &range), NetError::NoMiddle { .. }));
+        assert!(matches!(error(&ring, POLAR, 0, 0, &range), NetError::NoMiddle { .. }));
         let two = region(&range, |x, _| !(4..=9).contains(&x));
-        assert_eq!(refused(&two, POLAR, 0, 0, &range), NetError::Parts);
+        assert_eq!(error(&two, POLAR, 0, 0, &range), NetError::Parts);
         let egg = egg(&range);
-        assert_eq!(
-            refused(&egg, POLAR, 0, 4, &range),
-            NetError::FewColumns { columns: 4, least: 5 }
-        );
+        assert_eq!(error(&egg, POLAR, 0, 4, &range), NetError::FewColumns { columns: 4, least: 5 });
         let order = NetError::Order { order: 11 };
-        assert_eq!(refused(&egg, NetMethod::Polar { order: 11 }, 0, 0, &range), order);
+        assert_eq!(error(&egg, NetMethod::Polar { order: 11 }, 0, 0, &range), order);
     }
 }

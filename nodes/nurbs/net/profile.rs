@@ -1,6 +1,6 @@
-//! How an offset fades from the middle of a net's free points to its fixed ones.
+//! Profiles of an offset between the center of a net's free points and its fixed ones.
 
-use maquette_base::linear::laplace::{self, Unsolved};
+use maquette_base::linear::laplace::{self, PoissonError};
 use maquette_node::Progress;
 use maquette_value as value;
 use maquette_value::Field;
@@ -9,49 +9,50 @@ use serde::{Deserialize, Serialize};
 
 use super::round::Round;
 
-/// How an offset fades towards the points that stay. `d` is 0 at those and 1 at the innermost point.
+/// The profile of an offset. `d` is 0 at fixed points and 1 at the innermost point.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub enum Profile {
-    /// A dome while it is low, a finger when it is high: its tip is as round and its wall as steep as the distance and the width of the
-    /// free points ask for, and it leaves the border smoothly.
+    /// A dome if the offset is small, a finger if it is large: the roundness of its tip and the steepness of its wall follow from the
+    /// offset's distance and the width of the free part, and it is tangent to the border.
     #[default]
     Round,
-    /// A smooth hill: `(1 - cos(pi d)) / 2`. The higher, the more pointed.
+    /// A smooth hill: `(1 - cos(pi d)) / 2`. A higher one is more pointed.
     Cosine,
-    /// All free points move the whole way, which makes a cliff at the border.
+    /// All free points move by the whole offset, which makes a cliff at the border.
     Plateau,
     /// `d` to the power of this number: 1 is about a cone, below 1 blunt, above 1 pointed.
     Power(#[schemars(range(min = 0.0, max = 100.0))] f64),
     /// A bell of this width: `exp(-(1 - d)^2 / (2 width^2))`.
     Gaussian(#[schemars(range(min = 0.001, max = 100.0))] f64),
-    /// The gray levels of the port `picture`, laid over the net; its least is 0 and its greatest 1.
+    /// The gray levels of the port `picture`, stretched over the net; the minimum is 0 and the maximum 1.
     Picture,
 }
 
-/// Why there is no profile.
+/// Reasons why a profile cannot be computed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ProfileError {
-    /// No gray levels.
+    /// The profile needs a picture, but none is linked.
     #[error("the profile `Picture` needs a field at the port `picture`")]
     NoPicture,
-    /// Gray levels that are all unknown.
+    /// The picture has no finite number.
     #[error("the field at the port `picture` has no finite number")]
     EmptyPicture,
-    /// A power or width out of range.
+    /// The power or width is out of range.
     #[error("the profile's number is {number}; it must be {least}")]
     Number {
         /// The number.
         number: f64,
-        /// What is allowed.
+        /// The allowed range.
         least: &'static str,
     },
     /// The distance from the border could not be computed.
     #[error(transparent)]
-    Distance(#[from] Unsolved),
+    Distance(#[from] PoissonError),
 }
 
 impl Profile {
-    /// The factor of the offset, which is `distance` long, for each point of a net, row by row. `free` is 1 for each point that moves.
+    /// Returns the factor of the offset, whose length is `distance`, for each point of a net, row by row. `free` is 1 for each point that
+    /// moves.
     pub(crate) fn factors(
         self,
         net: &value::ControlNet,
@@ -68,7 +69,7 @@ impl Profile {
             }
             Self::Round => {
                 let round = Round::new(distance / radius(net, free));
-                Box::new(move |d| round.at(1.0 - d))
+                Box::new(move |d| round.height(1.0 - d))
             }
             Self::Cosine => Box::new(|d| (1.0 - libm::cos(std::f64::consts::PI * d)) / 2.0),
             Self::Power(power) if power >= 0.0 => Box::new(move |d| libm::pow(d, power)),
@@ -91,8 +92,8 @@ impl Profile {
     }
 }
 
-/// Moves the ring around a pole of a net as far as the pole: otherwise a smooth hill would have a tip there. The pole is a first row
-/// whose points, before any offset, lie in one place.
+/// Moves the ring around a pole as far as the pole itself; otherwise a smooth hill would have a sharp tip at the pole. A net has a pole if
+/// the points of its first row coincide before any offset.
 fn blunt(net: &value::ControlNet, free: &[u8], factors: &mut [f64]) {
     let columns = net.columns();
     let pole = &net.base()[..columns];
@@ -103,8 +104,8 @@ fn blunt(net: &value::ControlNet, free: &[u8], factors: &mut [f64]) {
     }
 }
 
-/// The radius of the disk that is as large as the free part of the net before any offset: of all quads, one with some of its points
-/// free counts by their share.
+/// Returns the radius of the disk that has the area of the net's free part before any offset. A quad with only some free points counts by
+/// their fraction.
 fn radius(net: &value::ControlNet, free: &[u8]) -> f64 {
     let (columns, base) = (net.columns(), net.base());
     let quads = (0..net.rows().saturating_sub(1) * columns).filter(|at| at % columns + 1 < columns);
@@ -120,16 +121,16 @@ fn radius(net: &value::ControlNet, free: &[u8]) -> f64 {
         .sqrt()
 }
 
-/// From 0 at the points that stay to 1 at the innermost free one; if none stays, the net's border counts as staying.
+/// Returns `d` for each point: 0 at fixed points, 1 at the innermost free point. If no point is fixed, the net's border counts as fixed.
 ///
-/// `d = 1 - sqrt(1 - h / max h)` with `Laplace h = -1` on the free points of the index grid, 0 on the others: on a disk exactly
-/// the distance from the rim, on any other shape without the ridges that the distance itself has.
+/// `d = 1 - sqrt(1 - h / max h)`, where `h` solves `Laplace h = -1` at the free points of the index grid and is 0 at the others. On a disk,
+/// `d` is exactly the distance from the border; on other shapes it lacks the ridges of that distance.
 fn inwardness(
     rows: usize,
     columns: usize,
     free: &[u8],
     progress: &Progress<'_>,
-) -> Result<Vec<f64>, Unsolved> {
+) -> Result<Vec<f64>, PoissonError> {
     fn border(at: usize, columns: usize, rows: usize) -> bool {
         let (row, column) = (at / columns, at % columns);
         row == 0 || row + 1 == rows || column == 0 || column + 1 == columns
@@ -144,15 +145,15 @@ fn inwardness(
     if highest == 0.0 {
         return Ok(heights);
     }
-    // Rounding may leave a height a little below 0 or above the highest.
+    // Rounding may leave a height slightly below 0 or above the maximum.
     Ok(heights
         .into_iter()
         .map(|height: f64| 1.0 - (1.0 - (height / highest).clamp(0.0, 1.0)).sqrt())
         .collect())
 }
 
-/// A field laid over a net, corners on corners, bilinear between its pixels, scaled so that its least number is 0 and its greatest
-/// 1. Unknown numbers count as the least; a field of one level counts as 1. None if no number is finite.
+/// Returns a field stretched over a net, with corners on corners, bilinear between its pixels, scaled so that its minimum is 0 and its
+/// maximum 1. Unknown numbers count as the minimum; a constant field is 1. `None` if no number is finite.
 fn gray(field: &Field, rows: usize, columns: usize) -> Option<Vec<f64>> {
     let (least, greatest) = field.range()?;
     let (least, span) = (f64::from(least), f64::from(greatest) - f64::from(least));
@@ -164,7 +165,7 @@ fn gray(field: &Field, rows: usize, columns: usize) -> Option<Vec<f64>> {
             (true, true) => (number - least) / span,
         }
     }
-    // The pixel before a net's line, the one after it, and the share of the latter.
+    // Returns the pixels before and after a line of the net, and the weight of the second pixel.
     fn place(k: usize, count: usize, size: usize) -> (usize, usize, f64) {
         let at = (size - 1) as f64 * (k as f64 / (count - 1).max(1) as f64);
         let before = (at as usize).min(size - 1);
@@ -203,8 +204,9 @@ mod tests {
             (x * x + y * y).sqrt()
         }
         let free: Vec<u8> = (0..43 * 43).map(|at| u8::from(from_center(at) < radius)).collect();
-        let cone =
-            Profile::Power(1.0).factors(&net(43, 43), &free, 1.0, None, &Progress::none()).unwrap();
+        let cone = Profile::Power(1.0)
+            .factors(&net(43, 43), &free, 1.0, None, &Progress::silent())
+            .unwrap();
         for (at, d) in cone.iter().enumerate() {
             let exact = (1.0 - from_center(at) / radius).max(0.0);
             assert!((d - exact).abs() <= 0.03, "{at}: {d} {exact}");
@@ -216,7 +218,7 @@ mod tests {
         let mut free = vec![0; 25];
         [6, 7, 8, 11, 12, 13, 16, 17, 18].into_iter().for_each(|at| free[at] = 1);
         fn factors(profile: Profile, free: &[u8]) -> Vec<f64> {
-            profile.factors(&net(5, 5), free, 1.0, None, &Progress::none()).unwrap()
+            profile.factors(&net(5, 5), free, 1.0, None, &Progress::silent()).unwrap()
         }
         for profile in [Profile::Cosine, Profile::Power(2.0)] {
             let factors = factors(profile, &free);
@@ -226,13 +228,13 @@ mod tests {
         }
         assert!((factors(Profile::Gaussian(0.5), &free)[0] - libm::exp(-2.0)).abs() <= 1e-15);
         assert_eq!(factors(Profile::Plateau, &free), [1.0; 25]);
-        // Without a point that stays, the border of the net is the border of the profile.
+        // Without a fixed point, the border of the net is the border of the profile.
         assert_eq!(
-            Profile::Cosine.factors(&net(5, 5), &[1; 25], 1.0, None, &Progress::none()).unwrap(),
+            Profile::Cosine.factors(&net(5, 5), &[1; 25], 1.0, None, &Progress::silent()).unwrap(),
             factors(Profile::Cosine, &free)
         );
         assert_eq!(
-            Profile::Cosine.factors(&net(2, 2), &[1; 4], 1.0, None, &Progress::none()),
+            Profile::Cosine.factors(&net(2, 2), &[1; 4], 1.0, None, &Progress::silent()),
             Ok(vec![0.0; 4])
         );
     }
@@ -248,8 +250,9 @@ mod tests {
         )
         .unwrap();
         let free: Vec<u8> = (0..30).map(|at| u8::from(at < 24)).collect();
-        let factors =
-            |profile: Profile| profile.factors(&net, &free, 1.0, None, &Progress::none()).unwrap();
+        let factors = |profile: Profile| {
+            profile.factors(&net, &free, 1.0, None, &Progress::silent()).unwrap()
+        };
         for profile in [Profile::Cosine, Profile::Gaussian(0.5)] {
             let factors = factors(profile);
             assert_eq!(factors[..6], factors[6..12]);
@@ -260,7 +263,7 @@ mod tests {
 
     #[test]
     fn a_picture_is_laid_over_the_net() {
-        fn over(
+        fn stretch_over(
             pixels: Vec<f32>,
             width: usize,
             rows: usize,
@@ -272,16 +275,16 @@ mod tests {
                 &vec![1; rows * columns],
                 1.0,
                 Some(&picture),
-                &Progress::none(),
+                &Progress::silent(),
             )
         }
-        let levels = over(vec![10.0, 30.0, 10.0, 50.0], 2, 3, 3).unwrap();
+        let levels = stretch_over(vec![10.0, 30.0, 10.0, 50.0], 2, 3, 3).unwrap();
         assert_eq!(levels, [0.0, 0.25, 0.5, 0.0, 0.375, 0.75, 0.0, 0.5, 1.0]);
-        assert_eq!(over(vec![7.0; 4], 2, 1, 2).unwrap(), [1.0, 1.0]);
-        assert_eq!(over(vec![f32::NAN, 1.0, 2.0], 3, 1, 3).unwrap(), [0.0, 0.0, 1.0]);
-        assert_eq!(over(vec![f32::NAN], 1, 1, 1), Err(ProfileError::EmptyPicture));
+        assert_eq!(stretch_over(vec![7.0; 4], 2, 1, 2).unwrap(), [1.0, 1.0]);
+        assert_eq!(stretch_over(vec![f32::NAN, 1.0, 2.0], 3, 1, 3).unwrap(), [0.0, 0.0, 1.0]);
+        assert_eq!(stretch_over(vec![f32::NAN], 1, 1, 1), Err(ProfileError::EmptyPicture));
         assert_eq!(
-            Profile::Picture.factors(&net(1, 1), &[1], 1.0, None, &Progress::none()),
+            Profile::Picture.factors(&net(1, 1), &[1], 1.0, None, &Progress::silent()),
             Err(ProfileError::NoPicture)
         );
     }
@@ -289,7 +292,7 @@ mod tests {
     #[test]
     fn numbers_out_of_range_are_refused() {
         for profile in [Profile::Power(-1.0), Profile::Power(f64::NAN), Profile::Gaussian(0.0)] {
-            let refused = profile.factors(&net(3, 3), &[1; 9], 1.0, None, &Progress::none());
+            let refused = profile.factors(&net(3, 3), &[1; 9], 1.0, None, &Progress::silent());
             assert!(matches!(refused, Err(ProfileError::Number { .. })), "{profile:?}");
         }
     }

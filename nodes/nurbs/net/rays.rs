@@ -1,65 +1,67 @@
-//! How far a closed line reaches from a point inside of it, in every direction.
+//! Distances of a closed line from a point inside of it, in every direction.
 //!
-//! Rays go out from the point, some to a cell of the line. A ray ends where it crosses the line for the last time, so that the
-//! line may have teeth that hide parts of it; how much of a ray lies outside before that tells teeth from bays.
+//! Rays start at the point, several for each cell of the line. A ray ends where it crosses the line for the last time, because the line may
+//! have teeth that hide parts of it. The length of the part of a ray that is outside before its end distinguishes teeth from bays.
 
 use std::f64::consts::TAU;
 
-/// Rays to a cell of the line's length: fine enough that none of its steps falls between two.
+/// Number of rays per cell of the line's length: fine enough that no step of the line is between two rays.
 const DENSITY: f64 = 8.0;
 
-/// Rays reach as far as their neighbors over so many cells to both sides, and are then smoothed over as many: notches of twice
-/// that width are gone, and no ray is shorter than it was. More would round off the corners of a region, less keeps the steps of
-/// a line from cell to cell, which shows all the way to the middle.
+/// Half-width in cells of the window in which each ray gets the maximum length of its neighbors; afterwards the lengths are smoothed.
+/// Notches up to twice this width vanish, and no ray becomes shorter. A larger window would round the corners of a region; a smaller one
+/// keeps the steps from cell to cell, which would show up to the center.
 const SMOOTHING: f64 = 2.0;
 
-/// Teeth hide at most so many cells of a ray, or this share of it, whichever is more. Real contours have teeth of one or two
-/// cells; twice as much would close bays that somebody wanted, half of it refuses noses with a freckle.
-const TEETH: f64 = 3.0;
+/// The part of a ray that a tooth may hide has at most this length in cells, or `TEETH_SHARE` of the ray's length, whichever is larger.
+/// Real contours have teeth of one or two cells. With twice the limit, intended bays would be closed; with half of it, noses with a freckle
+/// would be refused.
+const MAX_TOOTH: f64 = 3.0;
 const TEETH_SHARE: f64 = 0.1;
 
-/// Below this (square cells) a side of the line points to the middle or away from it.
+/// Tolerance for lengths and areas, in cells and square cells. A side of the line counts as pointing to the center if twice the area
+/// between them is smaller; a ray that is shorter has no length.
 const FLAT: f64 = 1e-12;
 
-/// The length of a closed line's rays from the point at the origin. (Column, row) in cells, rows growing down.
+/// The lengths of the rays from the origin to a closed line. Positions are (column, row) in cells, with rows growing down.
 pub(crate) struct Rays {
-    /// The angle before the first ray by half a step, counter-clockwise as one sees the picture.
+    /// The angle half a step before the first ray, counter-clockwise in the picture.
     start: f64,
-    /// How far each ray reaches, smoothed; evenly around from `start`. Nothing of the line lies beyond.
+    /// The smoothed length of each ray, at uniform angles from `start`. No part of the line is beyond the end of a ray.
     lengths: Vec<f64>,
-    /// The length of the line through the rays' ends up to each of them, and all of it.
+    /// The arc length at each ray of the line through the ends of all rays, and the total length.
     along: Vec<f64>,
 }
 
-/// Why a line does not have one length for each direction.
+/// Reasons why a closed line is not star-shaped. Rays from the center of a star-shaped line cross it exactly once.
 #[derive(Debug, PartialEq)]
 pub(crate) enum NotAStar {
-    /// It does not go around the origin once.
+    /// The line does not go around the origin exactly once.
     NotInside,
-    /// A part of it is hidden behind another.
+    /// Part of the line is hidden from the center by another part.
     Bay {
-        /// (Column, row) at which the ray that the line hides most of ends.
+        /// The (column, row) at the end of the ray with the longest hidden part.
         at: [f64; 2],
-        /// How much of that ray lies outside, in cells.
+        /// The length in cells of the part of that ray that is outside.
         depth: f64,
     },
 }
 
 impl Rays {
-    /// The rays to a closed line, which goes around counter-clockwise as one sees the picture.
+    /// Makes the rays to a closed line, which is counter-clockwise in the picture.
     ///
     /// # Errors
-    /// If the line does not go around the origin once, or a ray leaves it by more than teeth do before it ends.
+    /// Returns an error if the line does not go around the origin once, or a ray is outside for longer than teeth allow.
     pub(crate) fn new(line: &[[f64; 2]]) -> Result<Self, NotAStar> {
-        let sides = || line.iter().zip(line.iter().cycle().skip(1));
-        let length: f64 = sides().map(|(a, b)| libm::hypot(b[0] - a[0], b[1] - a[1])).sum();
+        let sides = line.iter().zip(line.iter().cycle().skip(1));
+        let length: f64 = sides.clone().map(|(a, b)| libm::hypot(b[0] - a[0], b[1] - a[1])).sum();
         let count = (DENSITY * length).ceil().max(8.0) as usize;
         let start = line.first().map_or(0.0, |[x, y]| libm::atan2(-y, *x));
         let step = TAU / count as f64;
         let (mut outermost, mut inside) = (vec![0.0f64; count], vec![0.0; count]);
-        // Rays lie at half steps, so that no rounding at the line's first vertex, which is also its last, loses one.
+        // Rays are at half steps: rounding at the first vertex of the line, which is also the last one, then loses none of them.
         let mut from = 0.0;
-        for (a, b) in sides() {
+        for (a, b) in sides {
             let (turned, dot) = (turn(*a, *b), a[0] * b[0] + a[1] * b[1]);
             let to = from + libm::atan2(turned, dot) / step;
             let (low, high) = (f64::min(from, to), f64::max(from, to));
@@ -69,7 +71,7 @@ impl Rays {
                 let direction = direction(start + (index as f64 + 0.5) * step);
                 let reach = turned / turn(direction, [b[0] - a[0], b[1] - a[1]]);
                 outermost[index] = outermost[index].max(reach);
-                // What goes on counter-clockwise is left there, what turns back is entered.
+                // A ray leaves the inside where it crosses a counter-clockwise side, and enters it where it crosses a clockwise one.
                 inside[index] += if to < from { -reach } else { reach };
             }
             from = to;
@@ -78,20 +80,23 @@ impl Rays {
         if !around || outermost.iter().any(|&reach| reach.is_nan() || reach <= FLAT) {
             return Err(NotAStar::NotInside);
         }
-        fn hidden(ray: &usize, outermost: &[f64], inside: &[f64]) -> f64 {
+        fn hidden_length(ray: &usize, outermost: &[f64], inside: &[f64]) -> f64 {
             outermost[*ray] - inside[*ray]
         }
         let deepest = (0..count)
             .max_by(|a, b| {
-                hidden(a, &outermost, &inside).total_cmp(&hidden(b, &outermost, &inside))
+                hidden_length(a, &outermost, &inside)
+                    .total_cmp(&hidden_length(b, &outermost, &inside))
             })
             .unwrap_or(0);
-        if TEETH.max(TEETH_SHARE * outermost[deepest]) < hidden(&deepest, &outermost, &inside) {
+        if MAX_TOOTH.max(TEETH_SHARE * outermost[deepest])
+            < hidden_length(&deepest, &outermost, &inside)
+        {
             let at = direction(start + (deepest as f64 + 0.5) * step);
             let at = at.map(|axis| axis * outermost[deepest]);
-            return Err(NotAStar::Bay { at, depth: hidden(&deepest, &outermost, &inside) });
+            return Err(NotAStar::Bay { at, depth: hidden_length(&deepest, &outermost, &inside) });
         }
-        let lengths = smoothed(&outermost, ((SMOOTHING * DENSITY) as usize).min((count - 1) / 2));
+        let lengths = smooth(&outermost, ((SMOOTHING * DENSITY) as usize).min((count - 1) / 2));
         let mut along = vec![0.0];
         for ray in 0..count {
             let (reach, next) = (lengths[ray], lengths[(ray + 1) % count]);
@@ -100,12 +105,12 @@ impl Rays {
         Ok(Self { start, lengths, along })
     }
 
-    /// The length of the line through the rays' ends.
+    /// Returns the length of the line through the rays' ends.
     pub(crate) fn length(&self) -> f64 {
         self.along[self.lengths.len()]
     }
 
-    /// The ends of so many spokes, evenly spaced along the line through the rays' ends: (column, row).
+    /// Returns the ends of spokes as (column, row), evenly spaced along the line through the rays' ends.
     pub(crate) fn spokes(&self, count: usize) -> Vec<[f64; 2]> {
         let rays = self.lengths.len();
         (0..count)
@@ -121,25 +126,30 @@ impl Rays {
     }
 }
 
-/// Twice the area between two spokes, positive if the second one follows counter-clockwise, seen with rows growing down.
+/// Returns twice the area between two spokes; positive if the second one follows counter-clockwise, seen with rows growing down.
 pub(crate) fn turn([ax, ay]: [f64; 2], [bx, by]: [f64; 2]) -> f64 {
     ay * bx - ax * by
 }
 
-/// (Column, row) of a step in the direction of an angle.
+/// Returns the (column, row) of a unit step in the direction of an angle.
 fn direction(angle: f64) -> [f64; 2] {
     [libm::cos(angle), -libm::sin(angle)]
 }
 
-/// The mean, over so many to both sides around a circle, of the largest number over as many to both sides of each: nowhere below
-/// the number itself.
-fn smoothed(numbers: &[f64], reach: usize) -> Vec<f64> {
+/// Applies a moving maximum and then a moving average to circular data, both with the half-width `reach`. No value becomes smaller.
+fn smooth(numbers: &[f64], reach: usize) -> Vec<f64> {
     let count = numbers.len();
-    let window = |k: usize| (k + count - reach..=k + count + reach).map(|k| k % count);
-    let largest: Vec<f64> =
-        (0..count).map(|k: usize| window(k).map(|k| numbers[k]).fold(0.0, f64::max)).collect();
+    /// Returns the indices of the rays that are at most `reach` from index `k`, in a ring of `count` rays.
+    fn window(k: usize, count: usize, reach: usize) -> impl Iterator<Item = usize> {
+        (k + count - reach..=k + count + reach).map(move |k| k % count)
+    }
+    let largest: Vec<f64> = (0..count)
+        .map(|k: usize| window(k, count, reach).map(|k| numbers[k]).fold(0.0, f64::max))
+        .collect();
     (0..count)
-        .map(|k: usize| window(k).map(|k| largest[k]).sum::<f64>() / (2 * reach + 1) as f64)
+        .map(|k: usize| {
+            window(k, count, reach).map(|k| largest[k]).sum::<f64>() / (2 * reach + 1) as f64
+        })
         .collect()
 }
 
@@ -147,7 +157,7 @@ fn smoothed(numbers: &[f64], reach: usize) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    /// A line of so many sides whose corners lie where `reach` says for an angle.
+    /// Returns a closed polygon with the corner at each angle at the distance given by `reach`.
     fn star(sides: usize, reach: impl Fn(f64) -> f64) -> Vec<[f64; 2]> {
         let angles = (0..sides).map(|k| TAU * k as f64 / sides as f64);
         angles.map(|angle| direction(angle).map(|axis| axis * reach(angle))).collect()
@@ -182,7 +192,7 @@ mod tests {
 
     #[test]
     fn a_tooth_is_passed_over_and_a_bay_is_named() {
-        // A square with a slit behind an overhang of `width` from the right side's lower part.
+        // Returns a square with a slit behind an overhang of `width` from the lower part of the right side.
         fn square(width: f64) -> Vec<[f64; 2]> {
             let right = [[20.0, -20.0], [-20.0, -20.0], [-20.0, 20.0], [20.0, 20.0]];
             let slit = [[20.0, 6.0], [20.0 - width, 6.0], [20.0 - width, 3.0], [19.0, 3.0]];

@@ -1,48 +1,48 @@
 //! A hill with a round tip.
 
-/// The outline of a hill over a disk, from its tip to its rim: `f(r)` with `f(0) = 1` and `f(1) = 0`.
+/// The profile of a hill over a disk, from its tip to its border: a height `f(r)` with `f(0) = 1` and `f(1) = 0`.
 ///
-/// With the height in multiples of the disk's radius, and t the angle of the slope, the sine `g(r) = sin t` rises from the tip, is
-/// greatest on the wall, and falls to 0 at the rim: the curvatures of such a hill are `g'` along the outline and `g / r` around it, so
-/// that they are continuous where `g'` is, and the tip is never more curved than the rise of `g`. The outline follows by
-/// integrating `tan t`. A low hill is a dome; a high one has a wall that is nearly upright.
+/// The profile is defined by `g(r) = sin t`, where t is the angle of the slope and the height is measured in multiples of the disk's
+/// radius. `g` rises from the tip, is largest on the wall, and falls to 0 at the border. The principal curvatures of such a hill are `g'`
+/// along the profile and `g / r` around it: they are continuous where `g'` is, and the curvature of the tip is at most the initial slope of
+/// `g`. The profile is the integral of `tan t`. A low hill is a dome; a high one has a nearly vertical wall.
 pub(crate) struct Round {
-    /// Heights at equal steps of r.
+    /// The heights of the profile at equal steps of r.
     heights: Vec<f64>,
 }
 
-/// Where the wall begins and ends.
+/// The radii at which the wall begins and ends.
 const WALL: [f64; 2] = [0.75, 0.92];
 
-/// Steps of r at which the outline is known.
+/// Number of steps of r.
 const STEPS: usize = 1000;
 
-/// Heights above this are as steep as this.
+/// Height, relative to the radius, up to which hills become steeper; all higher hills use the profile of this height.
 const STEEPEST: f64 = 1000.0;
 
-/// Halvings of the interval that the steepest slope lies in: as many as a number has digits.
+/// Number of bisection steps that find the steepest slope; more would not change a 64-bit number.
 const HALVINGS: usize = 60;
 
 impl Round {
-    /// The outline of a hill that is so many radii high.
+    /// Creates the profile of a hill of the given height, in radii.
     pub(crate) fn new(height: f64) -> Self {
         let height = height.abs().min(STEEPEST);
-        // `1 - g^2` on the wall, as what is left of 1: next to 1 the sine itself has too few digits.
+        // The bisection is over `1 - g^2` on the wall: close to 1 the sine itself has too few digits.
         let (mut low, mut high): (f64, f64) = (0.0, 1.0);
         for _ in 0..HALVINGS {
             let middle = f64::midpoint(low, high);
             let tallest = outline(middle)[0];
             if tallest < height { high = middle } else { low = middle }
         }
-        // A flat hill has the outline of a low one.
+        // A flat hill (height 0) uses the profile of a very low hill.
         let mut heights = outline(high.min(1.0 - 1e-6));
         let tip = heights[0];
         heights.iter_mut().for_each(|height| *height /= tip);
         Self { heights }
     }
 
-    /// `f(r)` for r from 0 to 1.
-    pub(crate) fn at(&self, r: f64) -> f64 {
+    /// Returns `f(r)` for r from 0 to 1.
+    pub(crate) fn height(&self, r: f64) -> f64 {
         let place = r.clamp(0.0, 1.0) * STEPS as f64;
         let before = (place as usize).min(STEPS - 1);
         let share = place - before as f64;
@@ -50,7 +50,7 @@ impl Round {
     }
 }
 
-/// The heights of the hill whose wall has a slope with the squared cosine `rest`.
+/// Returns the heights of the hill whose wall has a slope with the squared cosine `rest`.
 fn outline(rest: f64) -> Vec<f64> {
     let greatest = (1.0 - rest).sqrt();
     fn slope(step: usize, greatest: f64, rest: f64) -> f64 {
@@ -65,7 +65,8 @@ fn outline(rest: f64) -> Vec<f64> {
     heights
 }
 
-/// The share of the wall's sine at `r`: with a continuous derivative, which at the tip is 7 / 6 over where the wall begins.
+/// Returns the sine of the slope at `r` as a fraction of the sine on the wall. Its derivative is continuous; at the tip it is 7 / 6 divided
+/// by the radius where the wall begins.
 fn rise(r: f64) -> f64 {
     let [begin, end] = WALL;
     if r < begin {
@@ -87,31 +88,34 @@ mod tests {
     fn a_hill_falls_from_its_tip_to_its_rim() {
         for height in [0.0, 0.1, 1.0, 6.0, 100.0, 1e9, -1.0] {
             let round = Round::new(height);
-            assert_eq!([round.at(0.0), round.at(1.0), round.at(2.0)], [1.0, 0.0, 0.0]);
-            let falls = |step: i32| {
-                round.at(f64::from(step) / 100.0) > round.at(f64::from(step + 1) / 100.0)
-            };
-            assert!((0..100).all(falls), "{height}");
+            assert_eq!([round.height(0.0), round.height(1.0), round.height(2.0)], [1.0, 0.0, 0.0]);
+            let heights: Vec<f64> =
+                (0..=100).map(|step: i32| round.height(f64::from(step) / 100.0)).collect();
+            assert!(heights.is_sorted_by(|a, b| a > b), "{height}");
         }
     }
 
-    /// The radius of the disk being 1, the tip of a hill of any height is no more curved than a ball of radius 0.6.
+    /// On a disk of radius 1, the tip of a hill of any height is at most as curved as a sphere of radius 0.6.
     #[test]
     fn the_higher_a_hill_the_steeper_its_wall_and_its_tip_stays_round() {
         let mut steepest = 0.0;
         for height in [0.5, 1.0, 2.0, 4.0, 8.0, 16.0] {
             let round = Round::new(height);
-            let z = |r: f64| height * round.at(r);
+            fn z(r: f64, height: f64, round: &Round) -> f64 {
+                height * round.height(r)
+            }
             let curvature = |r: f64| {
                 let (first, second) = (
-                    (z(r + 0.01) - z(r - 0.01)) / 0.02,
-                    (z(r + 0.01) - 2.0 * z(r) + z(r - 0.01)) / 1e-4,
+                    (z(r + 0.01, height, &round) - z(r - 0.01, height, &round)) / 0.02,
+                    (z(r + 0.01, height, &round) - 2.0 * z(r, height, &round)
+                        + z(r - 0.01, height, &round))
+                        / 1e-4,
                 );
                 -second / ((1.0 + first * first) * (1.0 + first * first).sqrt())
             };
             let most = (2..70).map(|step| curvature(f64::from(step) / 100.0)).fold(0.0, f64::max);
             assert!(most < 1.0 / 0.6, "{height}: {most}");
-            let wall = z(0.83) - z(0.84);
+            let wall = z(0.83, height, &round) - z(0.84, height, &round);
             assert!(wall > steepest);
             steepest = wall;
         }

@@ -1,24 +1,26 @@
-//! A net of the rows of a region, each divided evenly by its length in space.
+//! A net of the rows of a region, each divided evenly by arc length.
 //!
-//! The lines run along the rows or along the columns of the range grid, whichever have fewer gaps; the net's rows lie along the
-//! range's rows either way. A line goes from its first to its last cell of the region; what lies between belongs to the net. The
-//! outermost points of the net are fixed.
+//! The lines run along the rows or along the columns of the range grid, whichever have fewer gaps; the net's rows follow the range's rows
+//! in both cases. A line extends from its first to its last cell of the region; the cells between belong to the net. The outermost points
+//! of the net are fixed.
 
 use maquette_value as value;
 use maquette_value::{RangeImage, Region};
 use nalgebra::Point3;
 
-use super::charted::{charted, on_border};
+use super::parameterized::{on_border, parameterize};
 use crate::net_error::NetError;
 
-/// Fewest lines, and points of a line, that are chosen: enough for a cubic. Fewer would be an error for many orders, more would
+/// Minimum automatic number of lines, and of points per line: enough for a cubic. With fewer, many orders would be an error; more would
 /// invent points.
-const LEAST: usize = 4;
+const MIN_LINES: usize = 4;
 
-/// Nearer than this to a point, as a share of its line's length, a sample is the point itself, to the bit: some rounding steps.
+/// If a sample is closer to a point than this fraction of the line's length, the sample is the exact point; the fraction covers some
+/// rounding errors.
 const SAME: f64 = 1e-12;
 
-/// The net, with `rows` and `columns` where they are not 0. A region of fewer than [`LEAST`] lines is divided into as many.
+/// Makes the net; `rows` and `columns` are automatic where they are 0. A region of fewer than [`MIN_LINES`] lines is divided into that
+/// many.
 pub(crate) fn net(
     region: &Region,
     range: &RangeImage,
@@ -48,24 +50,24 @@ pub(crate) fn net(
     }
     let size = [rows, columns];
     let (cells, coordinates) = chart.into_iter().unzip();
-    charted(range, size, points, on_border(size), cells, coordinates)
+    parameterize(range, size, points, on_border(size), cells, coordinates)
 }
 
-/// The lines of a region in one direction.
+/// The lines of cells of a region in one direction.
 struct Lines {
     lines: Vec<Line>,
-    /// Cells between the ends of lines that are not in the region.
+    /// Number of cells between the ends of lines that are not in the region.
     gaps: usize,
-    /// Whether the lines run along the grid's columns.
+    /// True if the lines run along the grid's columns.
     transposed: bool,
 }
 
 struct Line {
-    /// The cells of the region on it: their index in the grid and in `points`.
+    /// The cells of the region on the line: their index in the grid and in `points`.
     cells: Vec<(u32, usize)>,
-    /// The points from its first to its last cell, none missing.
+    /// The points of the line from its first to its last cell, without gaps.
     points: Vec<Point3<f64>>,
-    /// For each point its share of the line's length, from 0 to 1.
+    /// For each point, the arc length before it as a fraction of the line's length, from 0 to 1.
     shares: Vec<f64>,
 }
 
@@ -74,7 +76,7 @@ struct LineNet {
     points: Vec<Point3<f64>>,
     /// Number of lines.
     across: usize,
-    /// Points of each line.
+    /// Number of points of each line.
     along: usize,
     /// The cells of the region with their net coordinates (across, along).
     chart: Vec<(u32, [f64; 2])>,
@@ -106,27 +108,27 @@ impl Lines {
             for &[_, k, index] in cells {
                 points[k - first] = Some(region.points()[index]);
             }
-            let points = bridged(&points);
+            let points = bridge_gaps(&points);
             let own = cells.iter().map(|&[_, k, index]| (region.cells()[index], k - first));
             Line { cells: own.collect(), shares: shares(&points), points }
         });
         Self { lines: lines.collect(), gaps, transposed }
     }
 
-    /// The net, with lines of `along` points and `across` lines where they are not 0.
+    /// Makes the net of `across` lines of `along` points; both are automatic where they are 0.
     fn net(self, along: usize, across: usize) -> LineNet {
-        let along = if along == 0 { self.median_length().max(LEAST) } else { along };
+        let along = if along == 0 { self.median_length().max(MIN_LINES) } else { along };
         let lines: Vec<_> =
-            self.lines.iter().map(|line| resampled(&line.points, &line.shares, along)).collect();
-        let wanted = if across == 0 { lines.len().max(LEAST) } else { across };
-        // Lines whose number fits stay as they are: even steps across would move them.
-        let even = (wanted == lines.len()).then(|| vec![counted(wanted); along]);
+            self.lines.iter().map(|line| resample(&line.points, &line.shares, along)).collect();
+        let wanted = if across == 0 { lines.len().max(MIN_LINES) } else { across };
+        // If the number of lines stays the same, the lines stay where they are: uniform steps across would move them.
+        let even = (wanted == lines.len()).then(|| vec![uniform_fractions(wanted); along]);
         let columns: Vec<_> = (0..along)
             .map(|k: usize| lines.iter().map(|line| line[k]).collect::<Vec<_>>())
             .collect();
         let across = even.unwrap_or_else(|| columns.iter().map(|points| shares(points)).collect());
         let columns: Vec<_> = (columns.iter().zip(&across))
-            .map(|(points, shares)| resampled(points, shares, wanted))
+            .map(|(points, shares)| resample(points, shares, wanted))
             .collect();
         let points = (0..wanted).flat_map(|line| columns.iter().map(move |column| column[line]));
 
@@ -143,7 +145,7 @@ impl Lines {
         LineNet { points: points.collect(), across: wanted, along, chart }
     }
 
-    /// Of the numbers of points of the lines; of an even number of lines the upper of the middle two.
+    /// Returns the median number of points of a line; the upper median if the number of lines is even.
     fn median_length(&self) -> usize {
         let mut lengths: Vec<usize> = self.lines.iter().map(|line| line.points.len()).collect();
         let middle = lengths.len() / 2;
@@ -151,8 +153,8 @@ impl Lines {
     }
 }
 
-/// Interpolates what is missing linearly between its neighbors on the line, whose ends are there.
-fn bridged(points: &[Option<Point3<f64>>]) -> Vec<Point3<f64>> {
+/// Interpolates missing points linearly between their neighbors on the line; the first and the last point exist.
+fn bridge_gaps(points: &[Option<Point3<f64>>]) -> Vec<Point3<f64>> {
     let mut bridged: Vec<Point3<f64>> = Vec::with_capacity(points.len());
     for (k, point) in points.iter().enumerate() {
         let Some(point) = *point else { continue };
@@ -167,7 +169,7 @@ fn bridged(points: &[Option<Point3<f64>>]) -> Vec<Point3<f64>> {
     bridged
 }
 
-/// For each point its share of the length of the line up to it, from 0 to 1; a line without length is divided evenly.
+/// Returns, for each point, the arc length before it as a fraction, from 0 to 1; a line without length is divided evenly.
 pub(crate) fn shares(points: &[Point3<f64>]) -> Vec<f64> {
     let mut length = 0.0;
     let mut lengths = vec![0.0];
@@ -176,26 +178,26 @@ pub(crate) fn shares(points: &[Point3<f64>]) -> Vec<f64> {
         lengths.push(length);
     }
     if length == 0.0 {
-        return counted(points.len());
+        return uniform_fractions(points.len());
     }
     lengths.iter().map(|along| along / length).collect()
 }
 
-/// Evenly spaced shares from 0 to 1; of one point the middle.
-fn counted(count: usize) -> Vec<f64> {
+/// Returns uniform fractions from 0 to 1; 0.5 for one point.
+fn uniform_fractions(count: usize) -> Vec<f64> {
     match count {
         1 => vec![0.5],
         _ => (0..count).map(|k| k as f64 / (count - 1) as f64).collect(),
     }
 }
 
-/// `count` (at least 2) evenly spaced points of the line through `points` at `shares`, its ends exact.
-pub(crate) fn resampled(points: &[Point3<f64>], shares: &[f64], count: usize) -> Vec<Point3<f64>> {
+/// Returns `count` (at least 2) evenly spaced points of the line through `points` at the fractions `shares`. The ends are exact.
+pub(crate) fn resample(points: &[Point3<f64>], shares: &[f64], count: usize) -> Vec<Point3<f64>> {
     let last = points.len() - 1;
     if last == 0 {
         return vec![points[0]; count];
     }
-    counted(count)
+    uniform_fractions(count)
         .into_iter()
         .map(|share: f64| {
             let after = shares.partition_point(|&at| at <= share).clamp(1, last);
@@ -221,10 +223,10 @@ mod tests {
     use crate::control_net::{NetMethod, control_net};
 
     fn net(region: &Region, range: &RangeImage, rows: usize, columns: usize) -> value::ControlNet {
-        control_net(region, range, NetMethod::Rows, rows, columns, &Progress::none()).unwrap()
+        control_net(region, range, NetMethod::Rows, rows, columns, &Progress::silent()).unwrap()
     }
 
-    // The method Rows.
+    // Tests the method `Rows`.
     #[test]
     fn a_planar_rectangle_is_its_own_net() {
         let range = range(20, 16, |x, y| 700.0 + 0.3 * x - 0.2 * y);
@@ -237,7 +239,7 @@ mod tests {
             for (index, point) in net.points().iter().enumerate() {
                 let (row, column) = (index / width, index % width);
                 let border = row % (height - 1) == 0 || column % (width - 1) == 0;
-                assert_eq!(net.fixed()[index] == 1, border);
+                assert_eq!(net.fixed_points()[index] == 1, border);
                 assert_eq!(*point, rectangle.points()[index], "bitwise");
                 let [a, b] = coordinates[index];
                 assert!((a - row as f64).abs() <= 1e-10 && (b - column as f64).abs() <= 1e-10);
@@ -261,31 +263,31 @@ mod tests {
 
     #[test]
     fn lines_run_where_there_are_fewer_gaps() {
-        // Two legs below a bar: rows have a gap, columns have none.
+        // The region has two legs below a bar: rows have a gap, columns have none.
         let range = range(11, 9, |_, _| 1.0);
         let legs = region(&range, |x, y| x < 9 && y < 7 && (y < 2 || !(3..6).contains(&x)));
         let net = net(&legs, &range, 0, 0);
         assert_eq!((net.rows(), net.columns()), (7, 9));
         let chart = net.chart().unwrap();
         assert_eq!(&*chart.cells, legs.cells());
-        fn at(
+        fn chart_position(
             cell: usize,
             legs: &Region,
             chart_coordinates: &maquette_value::Column<[f64; 2]>,
         ) -> [f64; 2] {
             chart_coordinates[legs.find(cell).unwrap()]
         }
-        assert_eq!(at(0, &legs, &chart.coordinates), [0.0, 0.0]);
-        // The bar between the legs is two cells high, and its lower one is the end of its line.
-        assert_eq!(at(11 + 4, &legs, &chart.coordinates), [6.0, 4.0]);
-        assert_eq!(at(6 * 11 + 8, &legs, &chart.coordinates), [6.0, 8.0]);
+        assert_eq!(chart_position(0, &legs, &chart.coordinates), [0.0, 0.0]);
+        // The bar between the legs is two cells high, and its lower cell is the end of its line.
+        assert_eq!(chart_position(11 + 4, &legs, &chart.coordinates), [6.0, 4.0]);
+        assert_eq!(chart_position(6 * 11 + 8, &legs, &chart.coordinates), [6.0, 8.0]);
     }
 
     #[test]
     fn missing_points_of_a_line_are_interpolated() {
         let line = [Some(0.0), None, None, Some(3.0), Some(5.0)];
         let points = line.map(|x| x.map(|x| Point3::new(x, 0.0, 0.0)));
-        let x: Vec<f64> = bridged(&points).iter().map(|point| point.x).collect();
+        let x: Vec<f64> = bridge_gaps(&points).iter().map(|point| point.x).collect();
         assert_eq!(x, [0.0, 1.0, 2.0, 3.0, 5.0]);
     }
 
@@ -293,9 +295,9 @@ mod tests {
     fn thin_regions_and_rows_of_one_cell_still_make_a_net() {
         let range = range(12, 9, |x, y| x * y);
         let strip = region(&range, |x, y| (1..11).contains(&x) && y == 4);
-        assert_eq!(net(&strip, &range, 0, 0).rows(), LEAST);
+        assert_eq!(net(&strip, &range, 0, 0).rows(), MIN_LINES);
         let two = net(&region(&range, |x, y| y < 2 && x < 6), &range, 0, 0);
-        assert_eq!((two.rows(), two.columns()), (LEAST, 6));
+        assert_eq!((two.rows(), two.columns()), (MIN_LINES, 6));
         let triangle = region(&range, |x, y| x <= y);
         let tip = net(&triangle, &range, 0, 0);
         assert!(tip.points()[..tip.columns()].iter().all(|point| *point == range.points()[0]));
@@ -306,6 +308,6 @@ mod tests {
     fn points_too_far_away_to_measure_are_an_error() {
         let range = range(6, 6, |x, _| if x > 3.0 { 1e300 } else { -1e300 });
         let all = region(&range, |_, _| true);
-        assert!(control_net(&all, &range, NetMethod::Rows, 0, 7, &Progress::none()).is_err());
+        assert!(control_net(&all, &range, NetMethod::Rows, 0, 7, &Progress::silent()).is_err());
     }
 }

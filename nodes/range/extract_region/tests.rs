@@ -7,14 +7,14 @@ use super::*;
 
 const HOLE: Point3<f64> = Point3::new(f64::NAN, f64::NAN, f64::NAN);
 
-/// Labels of the parts of a drawing.
+/// Returns the labels of the parts of a drawing.
 fn spots(rows: &[&str]) -> Labels {
-    label(&Mask::drawn(rows), Connectivity::Eight)
+    label(&Mask::from_rows(rows), Connectivity::Eight)
 }
 
-/// Cells with a point on a tilted plane where the drawing has `#`.
+/// Returns a range image with points on a tilted plane where the drawing has `#`.
 fn scan(rows: &[&str]) -> RangeImage {
-    let mask = Mask::drawn(rows);
+    let mask = Mask::from_rows(rows);
     let points = mask
         .pixels()
         .iter()
@@ -36,8 +36,8 @@ fn draw(region: &Region) -> String {
     Mask::new(region.width(), region.height(), region.grid()).unwrap().draw()
 }
 
-fn taken(fill: bool, close_radius: usize) -> Taken {
-    Taken { fill, enclosed: false, close_radius }
+fn options(fill: bool, close_radius: usize) -> RegionOptions {
+    RegionOptions { fill, enclosed: false, close_radius }
 }
 
 fn check(labels: &[&str], range: &[&str], fill: bool, expected: Expect) {
@@ -45,34 +45,34 @@ fn check(labels: &[&str], range: &[&str], fill: bool, expected: Expect) {
         &spots(labels),
         &scan(range),
         Pick::Largest,
-        taken(fill, 0),
-        &Progress::none(),
+        options(fill, 0),
+        &Progress::silent(),
     )
     .unwrap();
     expected.assert_eq(&draw(&region));
 }
 
-/// The cells that a chain of cells shuts off from the rim, itself included.
+/// Draws the cells that a chain of cells separates from the border, including the chain.
 fn fill_contour(width: usize, height: usize, chain: &[u32]) -> String {
     let mut rest = vec![1; width * height];
     chain.iter().for_each(|&cell| rest[cell as usize] = 0);
     let parts = label(&Mask::new(width, height, rest).unwrap(), Connectivity::Four);
-    let shut = parts
+    let separated = parts
         .pixels()
         .iter()
         .map(|&part| u8::from(part == 0 || !parts.statistics()[part as usize - 1].touches_border));
-    Mask::new(width, height, shut.collect()).unwrap().draw()
+    Mask::new(width, height, separated.collect()).unwrap().draw()
 }
 
 fn disk(size: usize, radius_sq: usize, hole_sq: usize) -> Mask {
-    fn inside(index: usize, size: usize, hole_sq: usize, radius_sq: usize) -> bool {
+    fn is_inside(index: usize, size: usize, hole_sq: usize, radius_sq: usize) -> bool {
         let distance_sq = [index % size, index / size]
             .map(|at| (2 * at).abs_diff(size - 1).pow(2))
             .iter()
             .sum::<usize>();
         (4 * hole_sq..4 * radius_sq).contains(&distance_sq)
     }
-    let pixels = (0..size * size).map(|index| u8::from(inside(index, size, hole_sq, radius_sq)));
+    let pixels = (0..size * size).map(|index| u8::from(is_inside(index, size, hole_sq, radius_sq)));
     Mask::new(size, size, pixels.collect()).unwrap()
 }
 
@@ -85,8 +85,8 @@ fn the_filled_contour_of_a_disk_is_the_disk() {
             &labels,
             &full(26, 26),
             Pick::Largest,
-            taken(true, 1),
-            &Progress::none(),
+            options(true, 1),
+            &Progress::silent(),
         )
         .unwrap();
         assert_eq!(draw(&region), disk.draw());
@@ -99,9 +99,14 @@ fn the_filled_contour_of_a_disk_is_the_disk() {
 fn an_annulus_keeps_its_hole() {
     let annulus = disk(26, 120, 30);
     let labels = label(&annulus, Connectivity::Eight);
-    let region =
-        extract_region(&labels, &full(26, 26), Pick::Largest, taken(true, 1), &Progress::none())
-            .unwrap();
+    let region = extract_region(
+        &labels,
+        &full(26, 26),
+        Pick::Largest,
+        options(true, 1),
+        &Progress::silent(),
+    )
+    .unwrap();
     assert_eq!(draw(&region), annulus.draw());
     let holes: Vec<bool> = region.contours().iter().map(|contour| contour.hole).collect();
     assert_eq!(holes, [false, true]);
@@ -115,24 +120,24 @@ fn a_rectangle_aligned_to_two_pixels_is_transferred_exactly() {
     for ([left, top], [right, bottom]) in
         [([0, 0], [20, 12]), ([0, 3], [1, 4]), ([5, 2], [19, 11]), ([7, 7], [8, 12])]
     {
-        let inside = |column: usize, row: usize| {
+        let is_inside = |column: usize, row: usize| {
             (left..right).contains(&column) && (top..bottom).contains(&row)
         };
         let pixels = (0..4 * width * height)
-            .map(|index| u32::from(inside(index % (2 * width) / 2, index / (2 * width) / 2)));
+            .map(|index| u32::from(is_inside(index % (2 * width) / 2, index / (2 * width) / 2)));
         let labels = Labels::new(2 * width, 2 * height, pixels.collect()).unwrap();
         let region =
-            extract_region(&labels, &range, Pick::Label(1), taken(true, 1), &Progress::none())
+            extract_region(&labels, &range, Pick::Label(1), options(true, 1), &Progress::silent())
                 .unwrap();
         let expected: Vec<u32> = (0..(width * height) as u32)
-            .filter(|&cell| inside(cell as usize % width, cell as usize / width))
+            .filter(|&cell| is_inside(cell as usize % width, cell as usize / width))
             .collect();
         assert_eq!(region.cells(), expected);
     }
 }
 
 #[test]
-fn a_surrounded_hole_of_the_scan_is_filled_from_around() {
+fn a_surrounded_hole_of_the_scan_is_filled() {
     let range = ["######", "##..##", "##.###", "######"];
     check(&["######"; 4], &range, true, expect![["######\n######\n######\n######\n"]]);
     check(&["######"; 4], &range, false, expect![["######\n##..##\n##.###\n######\n"]]);
@@ -140,15 +145,15 @@ fn a_surrounded_hole_of_the_scan_is_filled_from_around() {
         &spots(&["######"; 4]),
         &scan(&range),
         Pick::Largest,
-        taken(true, 0),
-        &Progress::none(),
+        options(true, 0),
+        &Progress::silent(),
     )
     .unwrap();
     let truth = full(6, 4);
     for (index, &cell) in region.cells().iter().enumerate() {
         let distance = (region.points()[index] - truth.points()[cell as usize]).norm();
         assert!(distance < 1e-8, "{cell} {distance}");
-        assert_eq!(region.filled()[index], u8::from([8, 9, 14].contains(&cell)));
+        assert_eq!(region.filled_cells()[index], u8::from([8, 9, 14].contains(&cell)));
     }
 }
 
@@ -162,44 +167,55 @@ fn a_shadow_that_reaches_beyond_the_region_is_filled_inside_and_background_is_le
 }
 
 #[test]
-fn what_a_part_surrounds_belongs_to_it() {
+fn areas_that_a_part_surrounds_belong_to_it() {
     let labels = ["#####.", "#...#.", "#.#.#.", "#...##", "###.##"];
     fn region(enclosed: bool, labels: &[&str; 5]) -> String {
-        let taken = Taken { fill: true, enclosed, close_radius: 0 };
-        let labels = label(&Mask::drawn(labels), Connectivity::Four);
+        let region_options = RegionOptions { fill: true, enclosed, close_radius: 0 };
+        let labels = label(&Mask::from_rows(labels), Connectivity::Four);
         draw(
-            &extract_region(&labels, &full(6, 5), Pick::Largest, taken, &Progress::none()).unwrap(),
+            &extract_region(
+                &labels,
+                &full(6, 5),
+                Pick::Largest,
+                region_options,
+                &Progress::silent(),
+            )
+            .unwrap(),
         )
     }
     assert_eq!(region(false, &labels), "#####.\n#...#.\n#...#.\n#...##\n###.##\n");
-    // The way in from below is open: nothing is surrounded.
+    // The part is open at the bottom, so it surrounds nothing.
     assert_eq!(region(true, &labels), region(false, &labels));
     let closed = ["#####.", "#...#.", "#.#.#.", "#...##", "######"];
-    let labels = label(&Mask::drawn(&closed), Connectivity::Four);
-    let taken = Taken { fill: true, enclosed: true, close_radius: 0 };
-    let whole = extract_region(&labels, &full(6, 5), Pick::Largest, taken, &Progress::none());
+    let labels = label(&Mask::from_rows(&closed), Connectivity::Four);
+    let region_options = RegionOptions { fill: true, enclosed: true, close_radius: 0 };
+    let whole =
+        extract_region(&labels, &full(6, 5), Pick::Largest, region_options, &Progress::silent());
     assert_eq!(draw(&whole.unwrap()), "#####.\n#####.\n#####.\n######\n######\n");
 }
 
 #[test]
-fn what_is_seen_through_a_handle_is_no_part_of_it() {
-    let labels = label(&Mask::drawn(&["#####", "#...#", "#...#", "#####"]), Connectivity::Four);
-    fn behind(depth: f64, labels: &Labels) -> String {
+fn the_gap_of_a_handle_does_not_belong_to_it() {
+    let labels = label(&Mask::from_rows(&["#####", "#...#", "#...#", "#####"]), Connectivity::Four);
+    fn region_with_gap(depth: f64, labels: &Labels) -> String {
         let flat = full(5, 4);
         let points = flat.points().iter().enumerate().map(|(cell, point)| {
             let is_gap = (1..4).contains(&(cell % 5)) && (1..3).contains(&(cell / 5));
             Point3::new(point.x, point.y, point.z + if is_gap { depth } else { 0.0 })
         });
         let range = RangeImage::new(5, 4, points.collect()).unwrap();
-        let taken = Taken { fill: true, enclosed: true, close_radius: 0 };
-        draw(&extract_region(labels, &range, Pick::Largest, taken, &Progress::none()).unwrap())
+        let region_options = RegionOptions { fill: true, enclosed: true, close_radius: 0 };
+        draw(
+            &extract_region(labels, &range, Pick::Largest, region_options, &Progress::silent())
+                .unwrap(),
+        )
     }
-    assert_eq!(behind(2.0, &labels), "#####\n#####\n#####\n#####\n");
-    assert_eq!(behind(90.0, &labels), "#####\n#...#\n#...#\n#####\n");
+    assert_eq!(region_with_gap(2.0, &labels), "#####\n#####\n#####\n#####\n");
+    assert_eq!(region_with_gap(90.0, &labels), "#####\n#...#\n#...#\n#####\n");
 }
 
 #[test]
-fn of_a_region_that_falls_apart_the_largest_piece_is_taken() {
+fn the_largest_piece_of_an_unconnected_region_is_taken() {
     check(&["#####", "#####"], &["#.###", "#.###"], true, expect![["..###\n..###\n"]]);
 }
 
@@ -210,11 +226,11 @@ fn cells_filled_before_stay_flagged() {
         &spots(&["##", "##"]),
         &range,
         Pick::Largest,
-        taken(true, 0),
-        &Progress::none(),
+        options(true, 0),
+        &Progress::silent(),
     )
     .unwrap();
-    assert_eq!(region.filled(), [0, 1, 0, 0]);
+    assert_eq!(region.filled_cells(), [0, 1, 0, 0]);
 }
 
 #[test]
@@ -226,8 +242,8 @@ fn a_gap_is_closed() {
                 labels,
                 &full(6, 5),
                 Pick::Largest,
-                taken(true, radius),
-                &Progress::none(),
+                options(true, radius),
+                &Progress::silent(),
             )
             .unwrap(),
         )
@@ -237,10 +253,10 @@ fn a_gap_is_closed() {
 }
 
 #[test]
-fn parts_are_picked_by_size_number_and_place() {
+fn parts_are_picked_by_size_label_and_position() {
     let labels = spots(&["##.#.", "##...", "...##"]);
     let first = |pick| {
-        extract_region(&labels, &full(5, 3), pick, taken(true, 0), &Progress::none())
+        extract_region(&labels, &full(5, 3), pick, options(true, 0), &Progress::silent())
             .map(|region| region.cells()[0])
     };
     assert_eq!(first(Pick::Largest), Ok(0));
@@ -252,10 +268,10 @@ fn parts_are_picked_by_size_number_and_place() {
 }
 
 #[test]
-fn what_cannot_be_picked_is_explained() {
+fn invalid_picks_give_errors() {
     let labels = spots(&["##.#.", "##...", "...##"]);
     fn message(labels: &Labels, pick: Pick) -> String {
-        extract_region(labels, &full(5, 3), pick, taken(true, 0), &Progress::none())
+        extract_region(labels, &full(5, 3), pick, options(true, 0), &Progress::silent())
             .unwrap_err()
             .to_string()
     }
@@ -263,11 +279,11 @@ fn what_cannot_be_picked_is_explained() {
         .assert_eq(&message(&labels, Pick::Rank(4)));
     expect!["there is no label 0: the labels have 3 parts, numbered from 1"]
         .assert_eq(&message(&labels, Pick::Label(0)));
-    expect!["pixel (2, 1) is background; the nearest part is label 1 at [1, 1]"]
+    expect!["pixel (2, 1) is background: the closest part is label 1 at [1, 1]"]
         .assert_eq(&message(&labels, Pick::At(2, 1)));
-    expect!["pixel (5, 1) is outside of the picture, which has [5, 3] pixels"]
+    expect!["pixel (5, 1) is outside the picture, which has [5, 3] pixels"]
         .assert_eq(&message(&labels, Pick::At(5, 1)));
-    expect!["the labels are empty: look at the threshold or the mask that they were made of"]
+    expect!["the labels are empty: check the threshold or the mask from which they were made"]
         .assert_eq(&message(&spots(&["....."; 3]), Pick::Largest));
     expect![
         "the labels have [2, 1] pixels, but the range image is registered to a picture of [5, 3]"
@@ -276,29 +292,29 @@ fn what_cannot_be_picked_is_explained() {
 }
 
 #[test]
-fn a_part_without_cells_or_points_is_explained() {
+fn a_part_without_cells_or_points_is_an_error() {
     fn message(range: &RangeImage, rows: &[&str]) -> String {
-        extract_region(&spots(rows), range, Pick::Largest, taken(true, 1), &Progress::none())
+        extract_region(&spots(rows), range, Pick::Largest, options(true, 1), &Progress::silent())
             .unwrap_err()
             .to_string()
     }
     let map = Registration::corners([2, 1], [4, 2]);
-    expect!["label 1 has 1 pixels, but they cover no cell of the range grid by half"]
+    expect!["label 1 has 1 pixels, but they do not cover half of any cell of the range grid"]
         .assert_eq(&message(&full(2, 1).with_registration(map), &["#...", "...."]));
-    expect!["label 1 covers 2 cells of the range grid, but none that can be used has a point"]
+    expect!["label 1 covers 2 cells of the range grid, but no usable one has a point"]
         .assert_eq(&message(&scan(&["..#"]), &["##."]));
 }
 
 #[test]
-fn a_region_of_the_whole_range_image_is_told_from_one_that_reaches_its_border() {
-    fn everything(rows: &[&str]) -> bool {
+fn a_region_of_the_whole_range_image_differs_from_one_at_its_border() {
+    fn covers_everything(rows: &[&str]) -> bool {
         let range = full(rows[0].len(), rows.len());
-        let progress = Progress::none();
+        let progress = Progress::silent();
         is_everything(
-            &extract_region(&spots(rows), &range, Pick::Largest, taken(true, 0), &progress)
+            &extract_region(&spots(rows), &range, Pick::Largest, options(true, 0), &progress)
                 .unwrap(),
         )
     }
-    assert!(everything(&["####"; 4]));
-    assert!(!everything(&["....", "####", "####"]));
+    assert!(covers_everything(&["####"; 4]));
+    assert!(!covers_everything(&["....", "####", "####"]));
 }

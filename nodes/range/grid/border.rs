@@ -1,36 +1,37 @@
-//! Borders of a grid's mesh without the steps of the grid.
+//! Smooths the borders of a grid's mesh, to remove the steps of the grid.
 //!
-//! A short border has no long waves and would shrink to a point, so vertices move less where a face would lose its area. A component of one
-//! or two triangles would become a point itself and is left out: nobody sees it, and it makes a solid unprintable.
+//! A short border has no long waves and would shrink to a point; therefore vertices move less where a face would lose its area. A component
+//! of one or two triangles would shrink as a whole, and is left out: it is not visible, and makes a solid unprintable.
 
 use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector2, Vector3};
 
 use super::grid_triangles::double_area;
 
-/// The vertices along the borders of a mesh of a grid.
+/// The vertices along the borders of a grid's mesh.
 pub(crate) struct Border {
-    /// Each with the one before it and the one behind it, by index among themselves.
-    beside: Vec<[u32; 2]>,
-    /// Their indices in the mesh.
+    /// For each border vertex, the previous and the next vertex along the border, by index among the border vertices.
+    neighbors: Vec<[u32; 2]>,
+    /// The indices of the border vertices in the mesh.
     vertices: Vec<u32>,
 }
 
-/// Shares of the way to the middle of both neighbors, in turn: Taubin, "A signal processing approach to fair surface design" (1995).
-/// Waves shorter than some eight cells are removed, longer ones stay.
-const SHARES: [f64; 2] = [0.5, -0.53];
+/// The step factors, used alternately, by which a vertex moves towards the midpoint of its two neighbors: Taubin, "A signal processing
+/// approach to fair surface design" (1995). Waves shorter than about eight cells are removed, longer ones stay.
+const FACTORS: [f64; 2] = [0.5, -0.53];
 
-/// Faces that a thread looks at in one go.
+/// The number of faces per parallel task.
 const BLOCK: usize = 8192;
 
-/// The least share of its area that a face keeps where its border is smoothed.
-const LEAST_AREA: f64 = 1e-3;
+/// The minimum fraction of its area that a face keeps when its border is smoothed.
+const MIN_AREA_RATIO: f64 = 1e-3;
 
-/// After so many halvings nothing moves that could be seen.
-const MOST_HALVINGS: usize = 32;
+/// The maximum number of halvings of a vertex's motion. Motions that remain after so many halvings are too small to be visible.
+const MAX_HALVINGS: usize = 32;
 
 impl Border {
-    /// The borders of `faces`, each vertex of which is passed by one border at most. `may_be` says which vertices can lie there.
+    /// Finds the borders of `faces`; at most one border passes through each vertex. `may_be` returns true for vertices that can be on a
+    /// border.
     pub(crate) fn new(faces: &[[u32; 3]], may_be: impl Fn(u32) -> bool) -> Self {
         let mut edges: Vec<[u32; 2]> =
             (faces.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]))
@@ -46,19 +47,19 @@ impl Border {
         fn index(vertex: u32, vertices: &[u32]) -> Option<usize> {
             vertices.binary_search(&vertex).ok()
         }
-        let mut beside = vec![[u32::MAX; 2]; vertices.len()];
+        let mut neighbors = vec![[u32::MAX; 2]; vertices.len()];
         for (from, &[_, to]) in alone.iter().enumerate() {
-            let to = index(to, &vertices).expect("a border goes on where it arrives");
-            beside[from][1] = to as u32;
-            beside[to][0] = from as u32;
+            let to = index(to, &vertices).expect("a border continues at each vertex");
+            neighbors[from][1] = to as u32;
+            neighbors[to][0] = from as u32;
         }
-        Self { beside, vertices }
+        Self { neighbors, vertices }
     }
 
-    /// Smooths the borders `rounds` times: the vertices' positions, and with them their `places`, column and row in a grid of
-    /// `size` = (width, height). No place moves by more than one cell, none on the border of the grid at all, and none so far that one of
-    /// the `faces` loses its area: around a hole of one cell, all would move to its middle. The faces that would shrink to a point
-    /// themselves, one or two with a border around them, are returned, in order; if there are some, nothing has moved.
+    /// Smooths the borders `rounds` times. This moves the positions of the vertices, and with them their `places`: column and row in a grid
+    /// of `size` = (width, height). No vertex moves by more than one cell, no vertex on the border of the grid moves at all, and none moves
+    /// so far that one of the `faces` loses its area, as could happen around a hole of one cell. Returns the faces that would shrink to a
+    /// point (one or two faces with a border around them), in order; if there are any, nothing is moved.
     pub(crate) fn smooth(
         &self,
         rounds: u32,
@@ -82,15 +83,15 @@ impl Border {
             (0..2).any(|k| place[k] == 0.0 || place[k] + 1.0 == size[k] as f64)
         }
         let mut now = old.clone();
-        for share in (0..rounds).flat_map(|_| SHARES) {
+        for factor in (0..rounds).flat_map(|_| FACTORS) {
             let next: Vec<_> = self
-                .beside
+                .neighbors
                 .iter()
                 .zip(&now)
-                .map(|(&[before, behind], here): (&[u32; 2], &(_, _))| {
+                .map(|(&[previous, following], here): (&[u32; 2], &(_, _))| {
                     let (a, b): &(Vector3<f64>, Vector2<f64>) = here;
-                    let ((c, d), (e, f)) = (now[before as usize], now[behind as usize]);
-                    (a + ((c + e) / 2.0 - a) * share, b + ((d + f) / 2.0 - b) * share)
+                    let ((c, d), (e, f)) = (now[previous as usize], now[following as usize]);
+                    (a + ((c + e) / 2.0 - a) * factor, b + ((d + f) / 2.0 - b) * factor)
                 })
                 .collect();
             now = next;
@@ -100,8 +101,8 @@ impl Border {
         }
         let mut moves = now;
         for (now, old) in moves.iter_mut().zip(&old) {
-            let most = (now.1 - old.1).norm().max(1.0);
-            *now = ((now.0 - old.0) / most, (now.1 - old.1) / most);
+            let length = (now.1 - old.1).norm().max(1.0);
+            *now = ((now.0 - old.0) / length, (now.1 - old.1) / length);
         }
         let specks = self.keep_areas(faces, positions, &mut moves);
         if !specks.is_empty() {
@@ -114,65 +115,71 @@ impl Border {
         Vec::new()
     }
 
-    /// Halves the moves of vertices of faces that would lose their area, until none does; or gives those that are specks, if there are.
+    /// Halves the motions of the vertices of faces that would lose their area, until no face does. If there are specks (faces that would
+    /// shrink to a point), returns them instead.
     fn keep_areas(
         &self,
         faces: &[[u32; 3]],
         positions: &[Point3<f64>],
         moves: &mut [(Vector3<f64>, Vector2<f64>)],
     ) -> Vec<usize> {
-        let mut places = vec![u32::MAX; positions.len()];
-        (0..).zip(&self.vertices).for_each(|(k, &vertex)| places[vertex as usize] = k);
+        let mut border_indices = vec![u32::MAX; positions.len()];
+        (0..).zip(&self.vertices).for_each(|(k, &vertex)| border_indices[vertex as usize] = k);
         let all = (0..faces.len()).into_par_iter().with_min_len(BLOCK);
-        let near: Vec<usize> = all
-            .filter(|&face| faces[face].iter().any(|&it| places[it as usize] != u32::MAX))
+        let nearby_faces: Vec<usize> = all
+            .filter(|&face| faces[face].iter().any(|&it| border_indices[it as usize] != u32::MAX))
             .collect();
-        for round in 0..MOST_HALVINGS {
-            let found: Vec<_> = near
+        for round in 0..MAX_HALVINGS {
+            let found: Vec<_> = nearby_faces
                 .iter()
                 .copied()
                 .filter(|&face| {
                     let old = double_area(faces[face].map(|it| positions[it as usize])).norm();
                     double_area(faces[face].map(|vertex: u32| {
-                        let moved = moves.get(places[vertex as usize] as usize);
+                        let moved = moves.get(border_indices[vertex as usize] as usize);
                         positions[vertex as usize] + moved.map_or(Vector3::zeros(), |moved| moved.0)
                     }))
                     .norm()
-                        < LEAST_AREA * old
+                        < MIN_AREA_RATIO * old
                 })
                 .collect();
             if round == 0 {
-                let is_speck =
-                    |&face: &usize| self.is_speck(faces[face].map(|it| places[it as usize]));
-                let specks: Vec<_> = found.iter().copied().filter(is_speck).collect();
+                let specks: Vec<_> = found
+                    .iter()
+                    .copied()
+                    .filter(|&face| {
+                        self.is_speck(faces[face].map(|it| border_indices[it as usize]))
+                    })
+                    .collect();
                 if !specks.is_empty() {
                     return specks;
                 }
             }
             let corners = found.into_iter().flat_map(|face| faces[face]);
-            let mut corners: Vec<_> = corners.map(|it| places[it as usize]).collect();
-            corners.retain(|&place| place != u32::MAX);
+            let mut corners: Vec<_> = corners.map(|it| border_indices[it as usize]).collect();
+            corners.retain(|&index| index != u32::MAX);
             corners.sort_unstable();
             corners.dedup();
             if corners.is_empty() {
                 break;
             }
-            for place in corners {
-                let moved = &mut moves[place as usize];
+            for index in corners {
+                let moved = &mut moves[index as usize];
                 *moved = (moved.0 / 2.0, moved.1 / 2.0);
             }
         }
         Vec::new()
     }
 
-    /// Whether the corners of a face, by their places, are all of a border but one at most: that around a triangle or two.
+    /// Returns true if all corners of a face are on one border of three or four vertices; the border then surrounds only one or two
+    /// triangles. Corners are indices among the border vertices.
     fn is_speck(&self, corners: [u32; 3]) -> bool {
-        let border = std::iter::successors(Some(corners[0]), |place| {
-            Some(self.beside.get(*place as usize)?[1])
+        let border = std::iter::successors(Some(corners[0]), |index| {
+            Some(self.neighbors.get(*index as usize)?[1])
         })
         .take(5);
-        let border = Vec::from_iter(border);
-        let end = border[1..].iter().position(|place| *place == border[0]);
+        let border: Vec<_> = border.collect();
+        let end = border[1..].iter().position(|index| *index == border[0]);
         end.is_some() && corners.iter().all(|corner| border.contains(corner))
     }
 }

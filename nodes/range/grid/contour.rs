@@ -1,37 +1,37 @@
 //! The borders of a connected part of a grid.
 //!
-//! Border following: Suzuki and Abe, "Topological structural analysis of digitized binary images by border following",
-//! Computer Vision, Graphics, and Image Processing 30 (1985), algorithm 1, whose step numbers are kept.
+//! Border following: Suzuki and Abe, "Topological structural analysis of digitized binary images by border following", Computer Vision,
+//! Graphics, and Image Processing 30 (1985), algorithm 1. Comments refer to the step numbers of that paper.
 
 use maquette_value::Contour;
 
-/// The eight neighbors as (column, row) steps, counter-clockwise as one sees the grid (rows run downward), from the right.
+/// The eight neighbors as (column, row) steps, counter-clockwise in the picture (rows run down), beginning on the right.
 const AROUND: [(isize, isize); 8] =
     [(1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1)];
 const RIGHT: usize = 0;
 const LEFT: usize = 4;
 
-/// The borders of the cells with entry 1 in a `width` x `height` grid: the outer one first, then those of holes (parts of the
-/// rest that are connected by sides and do not reach the border of the grid), in the order in which they are met row by row from
-/// the top. Seen with y up, the outer border runs counter-clockwise and the others clockwise. A cell may come twice in a
-/// border where the part is one cell wide.
+/// Returns the borders of the cells with entry 1 in a `width` x `height` grid. The outer border comes first. The borders of holes follow in
+/// the order in which they are found row by row from the top; a hole is a group of cells with entry 0 that is connected by sides and does
+/// not reach the border of the grid. Seen with y up, the outer border is counter-clockwise and the others are clockwise. A cell can occur
+/// twice in a border where the part is one cell wide.
 ///
-/// The cells must be connected; otherwise each component has an outer border, not only the first.
+/// The cells must be connected; otherwise each component has an outer border, and not only the first border is an outer one.
 ///
 /// # Panics
-/// If `inside` does not have `width * height` entries.
+/// Panics if `inside` does not have `width * height` entries.
 pub fn contours(width: usize, height: usize, inside: &[u8]) -> Vec<Contour> {
     assert_eq!(inside.len(), width * height, "one entry per cell");
     let mut borders = Borders::new(width, height, inside);
     let mut contours = Vec::new();
     for row in 0..height {
         for column in 0..width {
-            let cell = borders.framed(column, row);
+            let cell = borders.frame_index(column, row);
             if borders.marks[cell] == 0 {
                 continue;
             }
             let (left, right) = (borders.marks[cell - 1], borders.marks[cell + 1]);
-            // Step 1.
+            // Step 1 of the paper: find the next border.
             if borders.marks[cell] == 1 && left == 0 {
                 contours.push(Contour { hole: false, cells: borders.follow(cell, LEFT) });
             } else if borders.marks[cell] >= 1 && right == 0 {
@@ -43,16 +43,17 @@ pub fn contours(width: usize, height: usize, inside: &[u8]) -> Vec<Contour> {
     contours
 }
 
-/// The grid within a frame of background.
+/// The grid with a frame of background.
 struct Borders {
     width: usize,
-    /// 0 outside; inside 1, later [`SEEN`], and [`SEEN_RIGHT`] where a border passed with background to the right.
+    /// 0 outside. Inside: first 1, later [`VISITED`], or [`VISITED_RIGHT`] for a cell at which a border passed with background to the
+    /// right.
     marks: Vec<i8>,
     steps: [isize; 8],
 }
 
-const SEEN: i8 = 2;
-const SEEN_RIGHT: i8 = -2;
+const VISITED: i8 = 2;
+const VISITED_RIGHT: i8 = -2;
 
 impl Borders {
     fn new(width: usize, height: usize, inside: &[u8]) -> Self {
@@ -67,11 +68,11 @@ impl Borders {
         Self { width, marks, steps: AROUND.map(|(x, y)| y * wide as isize + x) }
     }
 
-    fn framed(&self, column: usize, row: usize) -> usize {
+    fn frame_index(&self, column: usize, row: usize) -> usize {
         (row + 1) * (self.width + 2) + column + 1
     }
 
-    fn unframed(&self, cell: usize) -> u32 {
+    fn cell_index(&self, cell: usize) -> u32 {
         let wide = self.width + 2;
         ((cell / wide - 1) * self.width + cell % wide - 1) as u32
     }
@@ -80,35 +81,36 @@ impl Borders {
         cell.wrapping_add_signed(self.steps[direction])
     }
 
-    /// The border through `start` that has background in the direction `background`: step 3.
+    /// Follows the border that passes through `start` and has background in the direction `background`: step 3.
     fn follow(&mut self, start: usize, background: usize) -> Vec<u32> {
-        // Step 3.1: the cell before the start, clockwise from the background.
+        // Step 3.1: find the cell before the start, clockwise from the background.
         let clockwise = (1..8).map(|turn| (background + 8 - turn) % 8);
         let Some(mut from) =
             { clockwise }.find(|direction| self.marks[self.next(start, *direction)] != 0)
         else {
-            self.marks[start] = SEEN_RIGHT;
-            return vec![self.unframed(start)];
+            self.marks[start] = VISITED_RIGHT;
+            return vec![self.cell_index(start)];
         };
         let last = self.next(start, from);
         let mut cells = Vec::new();
         let mut cell = start;
         loop {
-            cells.push(self.unframed(cell));
-            // Step 3.3: the next cell, counter-clockwise from the one before; at the latest that one itself.
+            cells.push(self.cell_index(cell));
+            // Step 3.3: find the next cell, counter-clockwise from the previous one. If there is no other cell, it is the previous one
+            // itself.
             let mut to = (from + 1) % 8;
             let mut right_is_outside = false;
             while self.marks[self.next(cell, to)] == 0 {
                 right_is_outside |= to == RIGHT;
                 to = (to + 1) % 8;
             }
-            // Step 3.4.
+            // Step 3.4: mark the cell.
             if right_is_outside {
-                self.marks[cell] = SEEN_RIGHT;
+                self.marks[cell] = VISITED_RIGHT;
             } else if self.marks[cell] == 1 {
-                self.marks[cell] = SEEN;
+                self.marks[cell] = VISITED;
             }
-            // Step 3.5.
+            // Step 3.5: move on, or stop at the start.
             let next = self.next(cell, to);
             if next == start && cell == last {
                 return cells;
@@ -128,19 +130,22 @@ mod tests {
     use super::*;
 
     fn cells_of(rows: &[&str]) -> Vec<(bool, Vec<u32>)> {
-        let mask = Mask::drawn(rows);
+        let mask = Mask::from_rows(rows);
         let contours = contours(mask.width(), mask.height(), mask.pixels());
         contours.into_iter().map(|contour| (contour.hole, contour.cells)).collect()
     }
 
-    /// Twice the area inside a chain of cells, seen with y up; negative if it runs clockwise.
+    /// Returns twice the area inside a chain of cells, seen with y up; negative if clockwise.
     fn area(cells: &[u32], width: usize) -> i64 {
-        fn at(cell: u32, width: usize) -> (i64, i64) {
+        fn position(cell: u32, width: usize) -> (i64, i64) {
             (i64::from(cell) % width as i64, -(i64::from(cell) / width as i64))
         }
         let pairs = cells.iter().zip(cells.iter().cycle().skip(1));
         pairs
-            .map(|(&a, &b)| at(a, width).0 * at(b, width).1 - at(a, width).1 * at(b, width).0)
+            .map(|(&a, &b)| {
+                position(a, width).0 * position(b, width).1
+                    - position(a, width).1 * position(b, width).0
+            })
             .sum()
     }
 
@@ -169,7 +174,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_part_lies_between_its_outer_border_and_those_of_its_holes(
+        fn a_part_is_between_its_outer_border_and_those_of_its_holes(
             (width, pixels) in (1usize..20, 1usize..20).prop_flat_map(|(width, height)| {
                 (Just(width), prop::collection::vec(prop::bool::weighted(0.65), width * height))
             }),
@@ -182,9 +187,10 @@ mod tests {
             let inside: Vec<u8> = parts.pixels().iter().map(|&part| u8::from(part == largest)).collect();
             let contours = contours(width, height, &inside);
 
-            // The rest within a frame, by its parts: the first one holds the frame, the others are the holes.
+            // The expected holes are the components of the background, within a frame: the first component contains the frame, the others
+            // are the holes.
             let (wide, high) = (width + 2, height + 2);
-            let framed = |pixels: &[u8]| {
+            let label_background = |pixels: &[u8]| {
                 let rest = (0..wide * high).map(|index| {
                     let (column, row) = (index % wide, index / wide);
                     let on_frame = [0, wide - 1].contains(&column) || [0, high - 1].contains(&row);
@@ -192,28 +198,29 @@ mod tests {
                 });
                 label(&Mask::new(wide, high, rest.collect()).unwrap(), Connectivity::Four)
             };
-            let rest = framed(&inside);
+            let rest = label_background(&inside);
             prop_assert_eq!(contours.len(), rest.statistics().len());
 
             for (index, contour) in contours.iter().enumerate() {
                 prop_assert_eq!(contour.hole, index > 0);
-                let turned = area(&contour.cells, width);
-                prop_assert_eq!(turned < 0, contour.hole);
+                let signed_area = area(&contour.cells, width);
+                prop_assert_eq!(signed_area < 0, contour.hole);
                 let next = contour.cells.iter().cycle().skip(1);
                 for (&a, &b) in contour.cells.iter().zip(next) {
-                    let distance = |by: fn(usize, usize) -> usize| by(a as usize, width).abs_diff(by(b as usize, width));
-                    prop_assert!(distance(|a, width| a % width) <= 1 && distance(|a, width| a / width) <= 1);
+                    let [a_cell, b_cell] = [a as usize, b as usize];
+                    prop_assert!((a_cell % width).abs_diff(b_cell % width) <= 1);
+                    prop_assert!((a_cell / width).abs_diff(b_cell / width) <= 1);
                     prop_assert_eq!(inside[a as usize], 1);
                 }
             }
 
-            // What the outer border shuts off from the frame is the part with its holes.
+            // The outer border separates the part and its holes from the frame.
             let mut chain = vec![0; inside.len()];
             contours[0].cells.iter().for_each(|&cell| chain[cell as usize] = 1);
-            let shut = framed(&chain);
+            let components = label_background(&chain);
             for cell in 0..inside.len() {
                 let index = (cell / width + 1) * wide + cell % width + 1;
-                prop_assert_eq!(shut.pixels()[index] != 1, rest.pixels()[index] != 1);
+                prop_assert_eq!(components.pixels()[index] != 1, rest.pixels()[index] != 1);
             }
         }
     }

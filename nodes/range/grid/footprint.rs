@@ -1,45 +1,45 @@
-//! Which cells of a range grid a labelled part of the picture covers.
+//! Finds the cells of a range grid that a labelled part of the picture covers.
 //!
-//! A cell sees a rectangle of the picture: half a cell to each side of its center, by the registration. A pixel counts by the
-//! share of that rectangle that it fills.
+//! The footprint of a cell is the rectangle of the picture that extends half a cell to each side of the cell's center, by the registration.
+//! A pixel counts by the fraction of the footprint that it fills.
 
 use maquette_value::parallel::*;
 use maquette_value::{Labels, Mask, RangeImage};
 
-/// What a cell sees along one axis of the picture.
+/// The footprint of a cell along one axis of the picture.
 struct Footprint {
-    /// The first pixel.
+    /// The first pixel that the footprint overlaps.
     first: usize,
-    /// How much of each pixel, from 0 to 1.
+    /// For each overlapped pixel, the fraction of the footprint that it fills, from 0 to 1.
     weights: Vec<f64>,
 }
 
-/// How far below one half a share may be by rounding.
+/// One half, less a tolerance for rounding.
 const HALF: f64 = 0.5 - 1e-9;
 
-/// The cells of which at least half of what they see of the picture has the label `number`. A cell that looks past the picture is
-/// outside. The labels must be those of the range image's picture.
+/// Returns the cells at least half of whose footprint is covered by the label `number`. A cell outside the picture is outside. The labels
+/// must be those of the range image's picture.
 pub(crate) fn covered_cells(labels: &Labels, number: u32, range: &RangeImage) -> Mask {
     let (width, height, map) = (range.width(), range.height(), range.registration());
     let [columns, rows] = [(0, width), (1, height)].map(|(axis, cells)| {
         let (scale, offset) = (map.scale[axis], map.offset[axis]);
-        Vec::from_iter(
-            (0..cells).map(|cell| Footprint::new(cell, scale, offset, map.picture[axis])),
-        )
+        let footprints =
+            (0..cells).map(|cell| Footprint::new(cell, scale, offset, map.picture[axis]));
+        footprints.collect::<Vec<_>>()
     });
     let part = Component::new(labels, number);
     let mut cells = vec![0; width * height];
     let strips = cells.par_chunks_mut(width.max(1)).zip(&rows).with_min_len(16);
     strips.filter(|(_, row)| row.meets(part.low[1], part.high[1])).for_each(|(cells, row)| {
         for (cell, column) in cells.iter_mut().zip(&columns) {
-            let near = column.meets(part.low[0], part.high[0]);
-            *cell = u8::from(near && share(&part, column, row) >= HALF);
+            let overlaps = column.meets(part.low[0], part.high[0]);
+            *cell = u8::from(overlaps && covered_fraction(&part, column, row) >= HALF);
         }
     });
     Mask::new(width, height, cells).expect("one entry per cell")
 }
 
-/// The pixels of a labelled part, within the box around them.
+/// The pixels of a labelled part within its bounding box.
 struct Component {
     pixels: Mask,
     low: [usize; 2],
@@ -58,25 +58,25 @@ impl Component {
     }
 }
 
-/// The share of what a cell sees that belongs to the part.
-fn share(part: &Component, column: &Footprint, row: &Footprint) -> f64 {
-    let (mut inside, mut seen) = (0.0, 0.0);
+/// Returns the fraction of a cell's footprint that belongs to the part.
+fn covered_fraction(part: &Component, column: &Footprint, row: &Footprint) -> f64 {
+    let (mut inside, mut total) = (0.0, 0.0);
     for (y, vertical) in (row.first..).zip(&row.weights) {
         for (x, horizontal) in (column.first..).zip(&column.weights) {
             let weight = vertical * horizontal;
-            seen += weight;
+            total += weight;
             inside += if part.contains([x, y]) { weight } else { 0.0 };
         }
     }
-    inside / seen
+    inside / total
 }
 
 impl Footprint {
-    /// What the cell sees along an axis with this many pixels.
+    /// Returns the footprint of a cell along an axis with `pixels` pixels.
     fn new(cell: usize, scale: f64, offset: f64, pixels: usize) -> Self {
-        // Pixel k reaches from k to k + 1 here.
+        // In these coordinates pixel k extends from k to k + 1.
         let [low, high] = [-0.5, 0.5].map(|side| scale * (cell as f64 + side) + offset + 0.5);
-        // Not `max` and `min`: these would make a bound of a NaN, and the cell see everything.
+        // `clamp` keeps a NaN; `max` and `min` would replace it by a bound, and the cell would cover everything.
         let [low, high] = [low, high].map(|end| end.clamp(0.0, pixels as f64));
         let (first, last) =
             if low < high { (low.floor() as usize, high.ceil() as usize) } else { (0, 0) };
@@ -88,7 +88,7 @@ impl Footprint {
         }
     }
 
-    /// Whether it sees a pixel from `low` to `high`.
+    /// Returns true if the footprint overlaps the pixels from `low` to `high`.
     fn meets(&self, low: usize, high: usize) -> bool {
         self.first <= high && low < self.first + self.weights.len()
     }
@@ -101,8 +101,8 @@ mod tests {
 
     use super::*;
 
-    fn covered(rows: &[&str], grid: [usize; 2], scale: f64, offset: f64) -> String {
-        let mask = Mask::drawn(rows);
+    fn draw_covered(rows: &[&str], grid: [usize; 2], scale: f64, offset: f64) -> String {
+        let mask = Mask::from_rows(rows);
         let picture = [mask.width(), mask.height()];
         let pixels = mask.pixels().iter().map(|&pixel| u32::from(pixel)).collect();
         let labels = Labels::new(picture[0], picture[1], pixels).unwrap();
@@ -114,14 +114,14 @@ mod tests {
 
     #[test]
     fn two_of_four_pixels_are_enough_and_one_is_not() {
-        assert_eq!(covered(&["##.#.#", "..#..."], [3, 1], 2.0, 0.5), "##.\n");
+        assert_eq!(draw_covered(&["##.#.#", "..#..."], [3, 1], 2.0, 0.5), "##.\n");
     }
 
     #[test]
     fn between_pixels_the_middle_counts_half_and_its_neighbors_a_quarter() {
-        // The second cell sees pixels 1 to 3, in columns and rows, with the weights 1/4, 1/2, 1/4.
+        // The second cell covers pixels 1 to 3, in columns and rows, with the weights 1/4, 1/2, 1/4.
         fn middle(rows: &[&str]) -> bool {
-            &covered(rows, [2, 2], 2.0, 0.0)[4..5] == "#"
+            &draw_covered(rows, [2, 2], 2.0, 0.0)[4..5] == "#"
         }
         assert!(middle(&[".....", "..#..", "..#..", "..#..", "....."]));
         assert!(!middle(&[".....", "..#..", "..#..", ".....", "....."]));
@@ -133,15 +133,15 @@ mod tests {
     }
 
     #[test]
-    fn a_grid_finer_than_the_picture_sees_parts_of_pixels() {
-        assert_eq!(covered(&["#.", ".."], [4, 4], 0.5, -0.25), "##..\n##..\n....\n....\n");
-        assert_eq!(covered(&["#."], [3, 1], 2.0 / 3.0, -1.0 / 6.0), "##.\n");
+    fn a_grid_finer_than_the_picture_covers_parts_of_pixels() {
+        assert_eq!(draw_covered(&["#.", ".."], [4, 4], 0.5, -0.25), "##..\n##..\n....\n....\n");
+        assert_eq!(draw_covered(&["#."], [3, 1], 2.0 / 3.0, -1.0 / 6.0), "##.\n");
     }
 
     #[test]
-    fn a_cell_that_looks_past_the_picture_is_outside() {
-        assert_eq!(covered(&["##"], [4, 3], 1.0, -1.0), "....\n.##.\n....\n");
-        assert_eq!(covered(&["##"], [2, 1], f64::NAN, 0.0), "..\n");
-        assert_eq!(covered(&["##"], [2, 1], 0.0, 0.0), "..\n");
+    fn a_cell_outside_the_picture_is_outside() {
+        assert_eq!(draw_covered(&["##"], [4, 3], 1.0, -1.0), "....\n.##.\n....\n");
+        assert_eq!(draw_covered(&["##"], [2, 1], f64::NAN, 0.0), "..\n");
+        assert_eq!(draw_covered(&["##"], [2, 1], 0.0, 0.0), "..\n");
     }
 }

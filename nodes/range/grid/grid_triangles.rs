@@ -1,4 +1,4 @@
-//! The triangles between neighboring cells of a range grid, and where they look.
+//! The triangles between neighboring cells of a range grid, and their orientation.
 //!
 //! Four cells that share a corner make a *quad*; `a` is its upper left cell:
 //!
@@ -12,7 +12,7 @@ use maquette_value::RangeImage;
 use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
-/// One of the four triangles that a quad may have; two that share the diagonal fill it.
+/// One of the four possible triangles of a quad; two that share a diagonal fill it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Half {
     /// Below the diagonal from a to c.
@@ -21,21 +21,21 @@ pub enum Half {
     Acb,
     /// Above the diagonal from b to d.
     Adb,
-    /// Below the diagonal from b to d.
+    /// Below the diagonal from b to d, with the corners b, d and c.
     Bdc,
 }
 
 /// A triangle between cells of a grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GridTriangle {
-    /// The upper left cell of its quad.
+    /// The quad, given by the index of its upper left cell.
     pub quad: u32,
-    /// Which part of the quad it fills.
+    /// The part of the quad that the triangle fills.
     pub half: Half,
 }
 
 impl Half {
-    /// Its bit in [`RangeImage::joined`].
+    /// Returns the bit of the triangle in [`RangeImage::forced_triangles`].
     pub fn bit(self) -> u8 {
         match self {
             Self::Adc => 1 << 0,
@@ -47,7 +47,7 @@ impl Half {
 }
 
 impl GridTriangle {
-    /// Its three cells, counter-clockwise seen from the sensor, by index in a grid of this width.
+    /// Returns the three cells of the triangle, counter-clockwise as seen from the sensor, by index in a grid of the given width.
     pub fn cells(self, width: usize) -> [usize; 3] {
         let a = self.quad as usize;
         let (b, c, d) = (a + 1, a + width + 1, a + width);
@@ -59,11 +59,11 @@ impl GridTriangle {
         }
     }
 
-    /// Which of the eight wedges around each of its cells it fills, in the order of [`cells`](Self::cells). Wedge 0 lies between
-    /// the neighbors to the right and to the lower right; the others follow clockwise as one sees the grid.
+    /// Returns the wedges that the triangle fills at each of its cells, in the order of [`cells`](Self::cells). Around a cell there are
+    /// eight wedges. Wedge 0 is between the neighbors to the right and to the lower right; the others follow clockwise as seen on the grid.
     ///
-    /// Two triangles at one cell share an edge if and only if wedges of theirs lie side by side: the two wedges of a cell in one
-    /// quad belong to one triangle or to two that share the diagonal, and between wedges of two quads lies the quads' edge.
+    /// Two triangles at one cell share an edge if and only if they have adjacent wedges at the cell: the two wedges of a cell in one quad
+    /// belong to one triangle, or to two that share the diagonal; wedges of two quads are separated by the edge between the quads.
     pub fn wedges(self) -> [u8; 3] {
         const A: [u8; 2] = [1 << 0, 1 << 1];
         const B: [u8; 2] = [1 << 2, 1 << 3];
@@ -78,17 +78,17 @@ impl GridTriangle {
     }
 }
 
-/// By how much the diagonal from b to d must be shorter (squared, relative) to be taken: rounding must not divide a plane's
-/// quads at random. It is far below what a scan resolves.
+/// The maximum ratio of the squared diagonals b-d and a-c for which b-d counts as shorter. Without a margin, rounding would divide the
+/// quads of a plane at random. The margin is far below the resolution of a scan.
 const SHORTER: f64 = 1.0 - 1e-12;
 
-/// The triangles of a `width` x `height` grid that `keep` takes, row by row from the top. A quad of four cells with points is
-/// divided along its shorter diagonal, of two equal ones that from a to c, unless `joined`, which is asked for its upper left cell, says
-/// that it was divided before; a quad of three has one triangle. `keep` is given the points in the order of [`GridTriangle::cells`]; a
-/// cell without a point is NaN in x.
+/// Returns the triangles of a `width` x `height` grid that `keep` accepts, row by row from the top. A quad of four cells with points is
+/// divided along its shorter diagonal, or from a to c if both are equally long; but if `joined`, called with the quad's upper left cell,
+/// returns an earlier division, that division is kept. A quad of three points has one triangle. `keep` receives the points in the order of
+/// [`GridTriangle::cells`]; a cell without a point is NaN in x.
 ///
 /// # Panics
-/// If there are more or fewer points than cells.
+/// Panics if there are more or fewer points than cells.
 pub fn grid_triangles(
     width: usize,
     height: usize,
@@ -111,7 +111,8 @@ pub fn grid_triangles(
         .collect()
 }
 
-/// The triangles of the quad whose upper left cell is `quad`, not in the last column or row; `joined` is as it was divided before.
+/// Returns the triangles of the quad whose upper left cell is `quad`, which is not in the last column or row. `joined` is the quad's
+/// earlier division, or 0.
 pub(crate) fn quad_triangles(
     width: usize,
     points: &[Point3<f64>],
@@ -122,13 +123,14 @@ pub(crate) fn quad_triangles(
     halves.into_iter().flatten().map(move |half| GridTriangle { quad: quad as u32, half })
 }
 
-/// How the cells a, b, c, d of a quad are joined.
+/// Returns the triangles that join the cells a, b, c, d of a quad.
 fn halves([a, b, c, d]: [Point3<f64>; 4], joined: u8) -> [Option<Half>; 2] {
     let from_b = Half::Adb.bit() | Half::Bdc.bit();
-    let is_shorter = || (d - b).norm_squared() < (c - a).norm_squared() * SHORTER;
     match [a, b, c, d].map(|point| !point.x.is_nan()) {
         [true, true, true, true] => {
-            if joined & from_b != 0 || joined == 0 && is_shorter() {
+            if joined & from_b != 0
+                || joined == 0 && (d - b).norm_squared() < (c - a).norm_squared() * SHORTER
+            {
                 [Some(Half::Adb), Some(Half::Bdc)]
             } else {
                 [Some(Half::Adc), Some(Half::Acb)]
@@ -142,23 +144,25 @@ fn halves([a, b, c, d]: [Point3<f64>; 4], joined: u8) -> [Option<Half>; 2] {
     }
 }
 
-/// Twice the area of a triangle as a vector; towards the sensor for a triangle of [`grid_triangles`] that it can see.
+/// Returns twice the area of a triangle as a vector. For a triangle of [`grid_triangles`] that the sensor sees, the vector points towards
+/// the sensor.
 pub(crate) fn double_area([first, second, third]: [Point3<f64>; 3]) -> Vector3<f64> {
     (second - first).cross(&(third - first))
 }
 
-/// The rays along which a sensor sees.
+/// The lines of sight of a sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rays {
-    /// From the origin.
+    /// Rays from the origin.
     FromOrigin,
-    /// Along z: points at or behind the origin of a grid without a camera say that the sensor is not there.
+    /// Rays along z. Used for a grid without a camera that has points at or behind the origin, which then cannot be the position of the
+    /// sensor.
     AlongZ,
 }
 
 impl Rays {
-    /// Those of the sensor that took `range`.
-    pub fn of(range: &RangeImage) -> Self {
+    /// Returns the rays of the sensor that took `range`.
+    pub fn new(range: &RangeImage) -> Self {
         if range.camera().is_none() && range.points().iter().any(|point| point.z <= 0.0) {
             Self::AlongZ
         } else {
@@ -166,8 +170,8 @@ impl Rays {
         }
     }
 
-    /// A vector along the ray that meets `point`, away from the sensor.
-    pub fn at(self, point: Point3<f64>) -> Vector3<f64> {
+    /// Returns a vector along the ray through `point`, away from the sensor.
+    pub fn direction(self, point: Point3<f64>) -> Vector3<f64> {
         match self {
             Self::FromOrigin => point.coords,
             Self::AlongZ => Vector3::z(),
@@ -179,7 +183,7 @@ impl Rays {
 mod tests {
     use super::*;
 
-    /// Cells at whole x and y, with the depths given.
+    /// Returns cells at integer x and y, with the given depths.
     fn grid(depths: [[f64; 2]; 2]) -> Vec<Point3<f64>> {
         depths
             .into_iter()
@@ -200,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn triangles_of_a_frontal_plane_look_towards_the_sensor() {
+    fn triangles_of_a_frontal_plane_face_the_sensor() {
         let hole = f64::NAN;
         for depths in [
             [[9.0, 9.0], [9.0, 9.0]],
@@ -245,9 +249,9 @@ mod tests {
     }
 
     #[test]
-    fn points_behind_the_origin_say_that_the_sensor_is_elsewhere() {
+    fn points_behind_the_origin_give_parallel_rays() {
         fn rays(z: f64) -> Rays {
-            Rays::of(&RangeImage::new(1, 1, vec![Point3::new(0.0, 0.0, z)]).unwrap())
+            Rays::new(&RangeImage::new(1, 1, vec![Point3::new(0.0, 0.0, z)]).unwrap())
         }
         assert_eq!(rays(5.0), Rays::FromOrigin);
         assert_eq!(rays(-5.0), Rays::AlongZ);

@@ -1,19 +1,20 @@
-//! Cells without a point that the scan surrounds: where a laser's light or its reflection was blocked, and dark or shiny spots.
+//! Shadows: cells without a point that the scan surrounds. They appear where a laser's light or its reflection was blocked, and at dark or
+//! shiny spots.
 
 use maquette_base::linear::cholesky::{Cholesky, Dissection, Links, Symmetric};
 use maquette_image::{Connectivity, label};
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use maquette_value::Mask;
 use maquette_value::parallel::*;
 use nalgebra::Point3;
 
 use crate::grid::grid_triangles::quad_triangles;
 
-/// Cells of the largest shadow that is filled unless something else is asked for: what is larger is taken for a gap in the object.
-pub const LARGEST_SHADOW: usize = 1000;
+/// The default maximum number of cells of a shadow that is filled. Larger ones count as gaps in the object.
+pub const MAX_SHADOW_CELLS: usize = 1000;
 
-/// The shadows of a grid: the components of cells without a point, connected by sides, each with its cells in raster order. Components that
-/// reach the border of the grid are background, not shadows.
+/// Returns the shadows of a grid: the components of cells without a point, connected by sides, each with its cells in raster order.
+/// Components that reach the border of the grid are background.
 pub(crate) fn shadows(width: usize, height: usize, points: &[Point3<f64>]) -> Vec<Vec<u32>> {
     let empty = points.iter().map(|point| u8::from(point.x.is_nan())).collect();
     let parts = label(&Mask::new(width, height, empty).expect("a cell each"), Connectivity::Four);
@@ -28,8 +29,8 @@ pub(crate) fn shadows(width: usize, height: usize, points: &[Point3<f64>]) -> Ve
     shadows
 }
 
-/// The cells around each of `cells`, none of which is on the border of the grid, and the cells themselves.
-pub fn around(width: usize, cells: &[u32]) -> impl Iterator<Item = usize> {
+/// Returns the 3 x 3 neighborhoods of `cells`, none of which is on the border of the grid.
+pub fn neighborhood(width: usize, cells: &[u32]) -> impl Iterator<Item = usize> {
     cells.iter().flat_map(move |&cell| {
         let cell = cell as usize;
         [cell - width, cell, cell + width].into_iter().flat_map(|it| [it - 1, it, it + 1])
@@ -50,28 +51,27 @@ pub(crate) fn join_around(width: usize, cells: &[u32], points: &[Point3<f64>], j
     }
 }
 
-/// Gives points to the shadows of a grid that `wanted` takes, unless an edge would be longer than `longest`: between an object and what
-/// lies behind it is no surface. The cells that have points now, in raster order.
+/// Fills the shadows of a grid that `wanted` accepts. A shadow stays open if filling it needs an edge longer than `longest`: an object and
+/// its background are not one surface. Returns the filled cells in raster order.
 ///
-/// # Errors
-/// If the evaluation is told to stop.
+/// Returns an error if the evaluation is cancelled.
 pub fn fill_shadows(
     width: usize,
     points: &mut [Point3<f64>],
     longest: f64,
     wanted: impl Fn(&[u32]) -> bool,
     progress: &Progress<'_>,
-) -> Result<Vec<u32>, Cancelled> {
+) -> Result<Vec<u32>, CancelledError> {
     let mut wanted: Vec<Vec<u32>> = shadows(width, points.len() / width.max(1), points)
         .into_iter()
         .filter(|it| wanted(it))
         .collect();
-    fn sorted(shadows: &[Vec<u32>]) -> Vec<u32> {
+    fn sorted_cells(shadows: &[Vec<u32>]) -> Vec<u32> {
         let mut cells = shadows.concat();
         cells.sort_unstable();
         cells
     }
-    fill(width, &sorted(&wanted), points, progress)?;
+    fill(width, &sorted_cells(&wanted), points, progress)?;
     let fits: Vec<_> = wanted
         .iter()
         .map(|cells| {
@@ -79,7 +79,7 @@ pub fn fill_shadows(
                 let at = cell as usize;
                 [at - width, at - 1, at + 1, at + width].map(|other| (cell, other))
             });
-            // A part that nothing holds has no edges.
+            // A shadow without surrounding points still has NaN as points: the comparison is false, and the shadow stays open.
             edges
                 .map(|(cell, other): (u32, usize)| (points[cell as usize] - points[other]).norm())
                 .all(|edge| edge <= longest)
@@ -90,24 +90,23 @@ pub fn fill_shadows(
     }
     let mut fits = fits.into_iter();
     wanted.retain(|_| fits.next() == Some(true));
-    Ok(sorted(&wanted))
+    Ok(sorted_cells(&wanted))
 }
 
-/// How much more than bending stretching counts, at a wavelength of one cell: a wide shadow hangs like a skin between the edges that it
-/// lies between, a small pit goes on as its surroundings bend. The two count the same over some seven cells.
+/// The weight of stretching relative to bending, at a wavelength of one cell. With it, a wide shadow becomes a membrane between its edges,
+/// and a small pit continues the curvature around it; over about seven cells, both count equally.
 const TENSION: f64 = 0.02;
 
-/// Gives points to `cells`, which have none: a thin plate under tension through the points around them (Schweikert, "An interpolation
-/// curve using a spline in tension", 1966, for surfaces), coordinate by coordinate.
+/// Fills `cells`, which have no points, with a thin plate under tension through the points around them (Schweikert, "An interpolation curve
+/// using a spline in tension", 1966, extended to surfaces), coordinate by coordinate.
 ///
-/// # Errors
-/// If the evaluation is told to stop.
+/// Returns an error if the evaluation is cancelled.
 fn fill(
     width: usize,
     cells: &[u32],
     points: &mut [Point3<f64>],
     progress: &Progress<'_>,
-) -> Result<(), Cancelled> {
+) -> Result<(), CancelledError> {
     if cells.is_empty() {
         return Ok(());
     }
@@ -119,23 +118,23 @@ fn fill(
             progress.check()?;
             solve(cells, terms, points, progress)
         })
-        .collect::<Result<Vec<_>, Cancelled>>()?;
+        .collect::<Result<Vec<_>, CancelledError>>()?;
     for (cell, point) in solved.into_iter().flatten() {
         points[cell as usize] = point;
     }
     Ok(())
 }
 
-/// A square of a weighted sum of cells' points that should be small.
+/// A term to be minimized: the square of a weighted sum of cells' points.
 struct Term {
     weight: f64,
     parts: Vec<(u32, f64)>,
 }
 
-/// A weight, and steps of columns and rows from a cell with their factors.
+/// A finite difference: its weight, and the steps in columns and rows from a cell, each with a coefficient.
 type Difference = (f64, &'static [([i64; 2], f64)]);
 
-/// The differences of the second order, which bending is made of, and those of the first.
+/// The second differences, which measure bending, and the first differences, which measure stretching.
 const DIFFERENCES: [Difference; 5] = [
     (1.0, &[([0, 0], 1.0), ([1, 0], -2.0), ([2, 0], 1.0)]),
     (1.0, &[([0, 0], 1.0), ([0, 1], -2.0), ([0, 2], 1.0)]),
@@ -144,33 +143,34 @@ const DIFFERENCES: [Difference; 5] = [
     (TENSION, &[([0, 0], -1.0), ([0, 1], 1.0)]),
 ];
 
-/// Bending and stretching wherever `cells` have a share; other cells without a point have none.
+/// Returns the terms of bending and stretching that involve `cells`; terms with other cells without a point are left out.
 fn terms(width: usize, cells: &[u32], points: &[Point3<f64>]) -> Vec<Term> {
     let height = points.len() / width;
     fn is_free(cell: u32, cells: &[u32]) -> bool {
         cells.binary_search(&cell).is_ok()
     }
-    fn known(cell: u32, points: &[Point3<f64>], cells: &[u32]) -> bool {
+    fn has_point(cell: u32, points: &[Point3<f64>], cells: &[u32]) -> bool {
         !points[cell as usize].x.is_nan() || is_free(cell, cells)
     }
     let mut terms = Vec::new();
     for &cell in cells {
         let at = [i64::from(cell) % width as i64, i64::from(cell) / width as i64];
         for (weight, steps) in DIFFERENCES {
-            // Once for each place of the free cell in the difference, unless an earlier part is free: then that one has made it.
-            for own in 0..steps.len() {
+            // A term is created for each position that the free cell can have in the difference. If an earlier cell of the difference is
+            // free, that cell has already created the term.
+            for own_step in 0..steps.len() {
                 let parts: Option<Vec<(u32, f64)>> = steps
                     .iter()
                     .map(|&(step, factor)| {
-                        let [column, row] = [0, 1].map(|k| at[k] + step[k] - steps[own].0[k]);
+                        let [column, row] = [0, 1].map(|k| at[k] + step[k] - steps[own_step].0[k]);
                         let inside = (0..width as i64).contains(&column)
                             && (0..height as i64).contains(&row);
                         let cell = (row * width as i64 + column) as u32;
-                        (inside && known(cell, points, cells)).then_some((cell, factor))
+                        (inside && has_point(cell, points, cells)).then_some((cell, factor))
                     })
                     .collect();
                 let Some(parts) = parts else { continue };
-                if !parts[..own].iter().any(|&(cell, _)| is_free(cell, cells)) {
+                if !parts[..own_step].iter().any(|&(cell, _)| is_free(cell, cells)) {
                     terms.push(Term { weight, parts });
                 }
             }
@@ -179,18 +179,18 @@ fn terms(width: usize, cells: &[u32], points: &[Point3<f64>]) -> Vec<Term> {
     terms
 }
 
-/// Cells that no term connects, apart from each other, with the terms of each group.
+/// Splits the cells into groups that no term connects, and returns each group with its terms.
 fn groups(cells: &[u32], terms: &[Term]) -> Vec<(Vec<u32>, Vec<Term>)> {
     fn index(cell: u32, cells: &[u32]) -> Option<usize> {
         cells.binary_search(&cell).ok()
     }
     let mut leaders: Vec<usize> = (0..cells.len()).collect();
-    fn leader(leaders: &mut [usize], mut of: usize) -> usize {
-        while leaders[of] != of {
-            leaders[of] = leaders[leaders[of]];
-            of = leaders[of];
+    fn leader(leaders: &mut [usize], mut index: usize) -> usize {
+        while leaders[index] != index {
+            leaders[index] = leaders[leaders[index]];
+            index = leaders[index];
         }
-        of
+        index
     }
     fn free(term: &Term, cells: &[u32]) -> Vec<usize> {
         term.parts.iter().filter_map(|&(cell, _)| index(cell, cells)).collect::<Vec<_>>()
@@ -198,39 +198,39 @@ fn groups(cells: &[u32], terms: &[Term]) -> Vec<(Vec<u32>, Vec<Term>)> {
     for term in terms {
         let free = free(term, cells);
         for pair in free.windows(2) {
-            let [a, b] = [pair[0], pair[1]].map(|of| leader(&mut leaders, of));
+            let [a, b] = [pair[0], pair[1]].map(|index| leader(&mut leaders, index));
             leaders[a.max(b)] = a.min(b);
         }
     }
     let mut groups: Vec<(Vec<u32>, Vec<Term>)> = Vec::new();
-    let mut places = vec![usize::MAX; cells.len()];
+    let mut group_indices = vec![usize::MAX; cells.len()];
     for (at, &cell) in cells.iter().enumerate() {
         let leader = leader(&mut leaders, at);
         if leader == at {
-            places[at] = groups.len();
+            group_indices[at] = groups.len();
             groups.push((Vec::new(), Vec::new()));
         }
-        groups[places[leader]].0.push(cell);
+        groups[group_indices[leader]].0.push(cell);
     }
     for term in terms {
         let first = free(term, cells)[0];
-        let group = places[leader(&mut leaders, first)];
+        let group = group_indices[leader(&mut leaders, first)];
         groups[group].1.push(Term { weight: term.weight, parts: term.parts.clone() });
     }
     groups
 }
 
-/// The points of `cells` at which the terms are least; none for cells that nothing holds.
+/// Returns the points of `cells` that minimize the terms; cells without surrounding points get none.
 fn solve(
     cells: &[u32],
     terms: &[Term],
     points: &[Point3<f64>],
     progress: &Progress<'_>,
-) -> Result<Vec<(u32, Point3<f64>)>, Cancelled> {
+) -> Result<Vec<(u32, Point3<f64>)>, CancelledError> {
     fn index(cell: u32, cells: &[u32]) -> Option<usize> {
         cells.binary_search(&cell).ok()
     }
-    // Relative to a point of the rim: far from the origin, digits would be lost.
+    // Coordinates are relative to a point of the shadow's border; otherwise precision would be lost far from the origin.
     let rim =
         terms.iter().flat_map(|term| &term.parts).find(|(cell, _)| index(*cell, cells).is_none());
     let Some(&(origin, _)) = rim else { return Ok(Vec::new()) };
@@ -241,12 +241,12 @@ fn solve(
         for &(cell, factor) in parts {
             let Some(row) = index(cell, cells) else { continue };
             for &(other, times) in parts {
-                let share = weight * factor * times;
+                let entry = weight * factor * times;
                 match index(other, cells) {
-                    Some(column) => *rows[row].entry(column as u32).or_default() += share,
+                    Some(column) => *rows[row].entry(column as u32).or_default() += entry,
                     None => {
                         let point = points[other as usize] - origin;
-                        (0..3).for_each(|axis| right[row][axis] -= share * point[axis]);
+                        (0..3).for_each(|axis| right[row][axis] -= entry * point[axis]);
                     }
                 }
             }
@@ -259,7 +259,8 @@ fn solve(
         matrix.starts.push(matrix.indices.len() as u32);
     }
     let links = Links { starts: &matrix.starts, neighbors: &matrix.indices };
-    let Some(factors) = Cholesky::ordered(&matrix, &Dissection::new(links, 1), progress)? else {
+    let Some(factors) = Cholesky::with_ordering(&matrix, &Dissection::new(links, 1), progress)?
+    else {
         return Ok(Vec::new());
     };
     factors.solve(&mut right);
@@ -276,7 +277,10 @@ mod tests {
 
     const NONE: Point3<f64> = Point3::new(f64::NAN, f64::NAN, f64::NAN);
 
-    fn drawn(rows: &[&str], point: impl Fn(f64, f64) -> Point3<f64>) -> Vec<Point3<f64>> {
+    fn points_from_drawing(
+        rows: &[&str],
+        point: impl Fn(f64, f64) -> Point3<f64>,
+    ) -> Vec<Point3<f64>> {
         let width = rows[0].len();
         let cells = rows.iter().flat_map(|row| row.bytes()).enumerate();
         cells
@@ -287,26 +291,26 @@ mod tests {
             .collect()
     }
 
-    fn filled(rows: &[&str], point: impl Fn(f64, f64) -> Point3<f64>) -> Vec<Point3<f64>> {
-        let mut points = drawn(rows, point);
-        fill_shadows(rows[0].len(), &mut points, 1e3, |_| true, &Progress::none()).unwrap();
+    fn fill_drawing(rows: &[&str], point: impl Fn(f64, f64) -> Point3<f64>) -> Vec<Point3<f64>> {
+        let mut points = points_from_drawing(rows, point);
+        fill_shadows(rows[0].len(), &mut points, 1e3, |_| true, &Progress::silent()).unwrap();
         points
     }
 
     #[test]
-    fn what_the_scan_surrounds_is_a_shadow_and_the_background_is_none() {
+    fn cells_that_the_scan_surrounds_are_shadows_and_the_background_is_not() {
         let rows = ["####.", "#.###", "#..#.", "#####", "##.##"];
-        let points = drawn(&rows, |x, y| Point3::new(x, y, 1.0));
+        let points = points_from_drawing(&rows, |x, y| Point3::new(x, y, 1.0));
         assert_eq!(shadows(5, 5, &points), [[6, 11, 12]]);
     }
 
     #[test]
-    fn a_plane_goes_on_as_itself() {
+    fn a_plane_is_continued() {
         let rows = ["#######", "#..#.##", "#...###", "####.##", "#######"];
         fn plane(x: f64, y: f64) -> Point3<f64> {
             Point3::new(0.5 * x + 1e6, 0.5 * y, 700.0 + 3.0 * x - y)
         }
-        for (cell, point) in filled(&rows, plane).iter().enumerate() {
+        for (cell, point) in fill_drawing(&rows, plane).iter().enumerate() {
             assert!((point - plane((cell % 7) as f64, (cell / 7) as f64)).norm() < 1e-8, "{cell}");
         }
     }
@@ -315,9 +319,9 @@ mod tests {
     fn a_pit_in_a_ball_is_as_round_as_the_ball() {
         let rows: Vec<String> = (0..21)
             .map(|y| {
-                let mark =
-                    |x: i32| if (x - 10).pow(2) + (y - 10i32).pow(2) <= 9 { '.' } else { '#' };
-                (0..21).map(mark).collect()
+                (0..21)
+                    .map(|x: i32| if (x - 10).pow(2) + (y - 10i32).pow(2) <= 9 { '.' } else { '#' })
+                    .collect()
             })
             .collect();
         let rows: Vec<&str> = rows.iter().map(String::as_str).collect();
@@ -325,41 +329,44 @@ mod tests {
             let [x, y] = [x - 10.0, y - 10.0];
             Point3::new(x, y, 520.0 - (400.0 - x * x - y * y).sqrt())
         }
-        let points = filled(&rows, ball);
-        fn off(cell: usize, points: &[Point3<f64>]) -> f64 {
+        let points = fill_drawing(&rows, ball);
+        fn depth_error(cell: usize, points: &[Point3<f64>]) -> f64 {
             points[cell].z - ball((cell % 21) as f64, (cell / 21) as f64).z
         }
-        let farthest = (0..21 * 21).map(|cell| off(cell, &points).abs()).fold(0.0, f64::max);
-        // A flat lid would be off by 0.27, a membrane by 0.23.
+        let farthest =
+            (0..21 * 21).map(|cell| depth_error(cell, &points).abs()).fold(0.0, f64::max);
+        // A flat fill would be off by 0.27 and a membrane by 0.23.
         assert!(0.0 < farthest && farthest < 0.06, "{farthest}");
     }
 
     #[test]
-    fn between_a_near_and_a_far_surface_nothing_is_nearer_or_farther() {
+    fn points_between_two_surfaces_do_not_overshoot() {
         let rows = ["##########", "##......##", "##......##", "##......##", "##########"];
-        let points = filled(&rows, |x, y| Point3::new(x, y, if x < 4.5 { 500.0 } else { 540.0 }));
+        let points =
+            fill_drawing(&rows, |x, y| Point3::new(x, y, if x < 4.5 { 500.0 } else { 540.0 }));
         assert!(points.iter().all(|point| (498.0..542.0).contains(&point.z)));
     }
 
     #[test]
-    fn a_gap_to_what_is_behind_stays_open() {
+    fn a_gap_to_the_background_stays_open() {
         let rows = ["######", "#....#", "######", "##..##", "######"];
-        let mut points = drawn(&rows, |x: f64, y: f64| {
+        let mut points = points_from_drawing(&rows, |x: f64, y: f64| {
             Point3::new(x, y, if y > 2.5 { 500.0 } else { 300.0 * x })
         });
-        let filled = fill_shadows(6, &mut points, 100.0, |_| true, &Progress::none());
+        let filled = fill_shadows(6, &mut points, 100.0, |_| true, &Progress::silent());
         assert_eq!(filled, Ok(vec![]));
-        let mut points =
-            drawn(&rows, |x, y| Point3::new(x, y, if y < 1.5 { 500.0 } else { 550.0 }));
-        let filled = fill_shadows(6, &mut points, 20.0, |_| true, &Progress::none());
+        let mut points = points_from_drawing(&rows, |x, y| {
+            Point3::new(x, y, if y < 1.5 { 500.0 } else { 550.0 })
+        });
+        let filled = fill_shadows(6, &mut points, 20.0, |_| true, &Progress::silent());
         assert_eq!(filled, Ok(vec![20, 21]));
         assert!(points[7].x.is_nan() && !points[20].x.is_nan());
     }
 
     #[test]
-    fn cells_that_nothing_holds_stay_empty() {
+    fn cells_without_surrounding_points_stay_empty() {
         let mut points = vec![NONE; 9];
-        fill(3, &[4], &mut points, &Progress::none()).unwrap();
+        fill(3, &[4], &mut points, &Progress::silent()).unwrap();
         assert!(points[4].x.is_nan());
     }
 }

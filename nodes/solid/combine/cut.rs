@@ -1,30 +1,30 @@
-//! The faces of two solids, cut where they meet, and put together.
+//! Cuts the faces of two solids along their intersection, and assembles the result.
 
 use std::collections::BTreeSet;
 
-use maquette_base::linear::carry::Carry;
+use maquette_base::linear::attribute_transfer::AttributeTransfer;
 use maquette_base::linear::stencils::Stencils;
 use maquette_base::topology::lists::Lists;
 use maquette_value::{Faces, Mesh, MeshError};
 use nalgebra::{Point3, Vector3, center};
 
-use super::meet::{Meet, Meeting, Pair};
+use super::intersections::{Meet, Meeting, Pair};
 use crate::operation::Operation;
-use crate::polygons::{flat, loops, triangulate};
+use crate::polygons::{loops, project_to_plane, triangulate};
 
-/// What stays of two solids.
+/// The parts of two solids that an operation keeps.
 ///
-/// Its vertices are those of both solids, behind them the meetings, and behind these what is halfway between two others.
+/// The vertices are first those of both solids, then the intersection points, then midpoints of edges.
 pub(super) struct Cut<'a> {
     pair: &'a Pair<'a>,
     meet: &'a Meet,
-    /// Which vertices are inside of the other solid.
+    /// For each vertex, true if it is inside of the solid to which it does not belong.
     inside: &'a [bool],
     how: Operation,
     pub(super) halfway: Vec<[u32; 2]>,
-    /// Faces that stay as they are, and whether they look to the other side now.
+    /// Faces that are not cut, and whether each is reversed.
     whole: Vec<(u32, bool)>,
-    /// What stays of triangles that are cut.
+    /// The remaining parts of cut triangles.
     pub(super) pieces: Vec<Piece>,
 }
 
@@ -36,7 +36,7 @@ pub(super) struct Piece {
 }
 
 impl<'a> Cut<'a> {
-    /// What stays of both solids.
+    /// Computes the parts of both solids that stay.
     pub(super) fn new(
         pair: &'a Pair<'a>,
         meet: &'a Meet,
@@ -64,14 +64,14 @@ impl<'a> Cut<'a> {
             for own in pair.triangles[all].chunk_by(|a, b| a.face == b.face) {
                 let triangles = next..next + own.len();
                 next = triangles.end;
-                if triangles.clone().all(|it| segments.of(it).is_empty()) {
+                if triangles.clone().all(|it| segments.list(it).is_empty()) {
                     if inside[own[0].vertices[0] as usize] == wants_inside {
                         cut.whole.push((own[0].face, is_turned));
                     }
                     continue;
                 }
                 for triangle in triangles {
-                    let lines = segments.of(triangle).iter().map(|&it| {
+                    let lines = segments.list(triangle).iter().map(|&it| {
                         let [start, end] = meet.segments[it as usize].ends;
                         if (solid == 0) == wants_inside { [start, end] } else { [end, start] }
                     });
@@ -83,16 +83,20 @@ impl<'a> Cut<'a> {
         cut
     }
 
-    /// The sides of what stays of a triangle, which lies to their left: parts of its edges, and lines in which others cross it.
+    /// Returns the directed sides of the part of a triangle that stays, which is to their left. The sides are parts of the triangle's
+    /// edges, and the lines in which other triangles cross it.
     fn sides(&self, triangle: usize, lines: impl Iterator<Item = [u32; 2]>) -> Vec<[u32; 2]> {
-        let mut sides: Vec<_> = lines.map(|ends| ends.map(|it| it + self.behind())).collect();
+        let mut sides: Vec<_> =
+            lines.map(|ends| ends.map(|it| it + self.first_new_vertex())).collect();
         let vertices = self.pair.triangles[triangle].vertices;
-        sides.extend((0..3).flat_map(|k| self.kept([vertices[k], vertices[(k + 1) % 3]])));
+        sides.extend(
+            (0..3).flat_map(|k| self.remaining_parts([vertices[k], vertices[(k + 1) % 3]])),
+        );
         sides
     }
 
-    /// The parts of an edge that stay.
-    fn kept(&self, edge: [u32; 2]) -> Vec<[u32; 2]> {
+    /// Returns the parts of an edge that stay.
+    fn remaining_parts(&self, edge: [u32; 2]) -> Vec<[u32; 2]> {
         let wants_inside = self.how.wants_inside(self.pair.solid_of(edge[0]));
         let first = usize::from(self.inside[edge[0] as usize] != wants_inside);
         let stops = self.stops(edge);
@@ -103,31 +107,33 @@ impl<'a> Cut<'a> {
         let own = self.pair.triangles[triangle].vertices;
         let [a, b, c] = own.map(|vertex| self.position(vertex));
         let normal = (b - a).cross(&(c - a));
-        let found = triangulate(&loops(sides), |vertex: u32| flat(self.position(vertex), normal));
+        let found = triangulate(&loops(sides), |vertex: u32| {
+            project_to_plane(self.position(vertex), normal)
+        });
         self.pieces.extend(found.into_iter().map(|[a, b, c]| Piece {
             triangle: triangle as u32,
             vertices: if is_turned { [a, c, b] } else { [a, b, c] },
         }));
     }
 
-    /// The first vertex that is none of the solids'.
-    pub(super) fn behind(&self) -> u32 {
+    /// Returns the index of the first vertex that belongs to neither solid.
+    pub(super) fn first_new_vertex(&self) -> u32 {
         self.pair.mesh.positions().len() as u32
     }
 
-    /// The number of meetings.
+    /// Returns the number of intersection points.
     pub(super) fn meetings(&self) -> usize {
         self.meet.meetings.len()
     }
 
-    /// What is nearer than this is one place, in mm.
+    /// Returns the distance in mm below which points count as one point.
     pub(super) fn tolerance(&self) -> f64 {
         self.pair.tolerance
     }
 
-    /// The edges between vertices of pieces of the faces that stay as they are, the lower vertex first.
+    /// Returns the edges of uncut faces whose ends are both vertices of pieces, the lower vertex first.
     pub(super) fn edges_of_whole_faces(&self) -> BTreeSet<[u32; 2]> {
-        let mut is_near = vec![false; self.behind() as usize];
+        let mut is_near = vec![false; self.first_new_vertex() as usize];
         for vertex in self.pieces.iter().flat_map(|piece| piece.vertices) {
             if let Some(is_near) = is_near.get_mut(vertex as usize) {
                 *is_near = true;
@@ -139,7 +145,7 @@ impl<'a> Cut<'a> {
         near.map(|(&a, &b)| [a.min(b), a.max(b)]).collect()
     }
 
-    /// Where a vertex is.
+    /// Returns the position of a vertex.
     pub(super) fn position(&self, vertex: u32) -> Point3<f64> {
         let positions = self.pair.mesh.positions();
         match self.origin(vertex) {
@@ -154,7 +160,7 @@ impl<'a> Cut<'a> {
 
     fn origin(&self, vertex: u32) -> Origin<'_> {
         let vertex = vertex as usize;
-        let Some(meeting) = vertex.checked_sub(self.behind() as usize) else {
+        let Some(meeting) = vertex.checked_sub(self.first_new_vertex() as usize) else {
             return Origin::Vertex(vertex);
         };
         match self.meet.meetings.get(meeting) {
@@ -163,7 +169,7 @@ impl<'a> Cut<'a> {
         }
     }
 
-    /// How much of each vertex of the solids is in a vertex.
+    /// Adds to `shares` the vertices of the solids from which a vertex is interpolated, with their weights, which sum up to `whole`.
     fn shares(&self, vertex: u32, whole: f64, shares: &mut Vec<(u32, f64)>) {
         match self.origin(vertex) {
             Origin::Vertex(_) => shares.push((vertex, whole)),
@@ -176,10 +182,12 @@ impl<'a> Cut<'a> {
         }
     }
 
-    /// An edge's first vertex, its meetings in their order, and its other vertex.
+    /// Returns the points along an edge: its first vertex, its intersection points in order, and its other vertex.
     fn stops(&self, [from, to]: [u32; 2]) -> Vec<u32> {
         let mut stops = vec![from];
-        stops.extend(self.meet.along([from, to]).iter().map(|it| it + self.behind()));
+        stops.extend(
+            self.meet.meetings_of_edge([from, to]).iter().map(|it| it + self.first_new_vertex()),
+        );
         if to < from {
             stops[1..].reverse();
         }
@@ -187,13 +195,14 @@ impl<'a> Cut<'a> {
         stops
     }
 
-    /// The mesh of what stays.
+    /// Builds the mesh of all parts that stay.
     pub(super) fn mesh(&self) -> Result<Mesh, MeshError> {
         let of = self.pair.mesh;
-        let count = self.behind() as usize + self.meet.meetings.len() + self.halfway.len();
+        let count =
+            self.first_new_vertex() as usize + self.meet.meetings.len() + self.halfway.len();
         let mut sides = Vec::with_capacity(self.whole.len() + self.pieces.len());
         let mut faces = Vec::with_capacity(sides.capacity());
-        // The vertex of each corner, and the corner or the triangle that it is on.
+        // For each corner: its vertex, and the corner or else the triangle of a solid from which it gets its attributes.
         let mut corners: Vec<(u32, Result<u32, u32>)> = Vec::new();
         for &(face, is_turned) in &self.whole {
             let vertices = of.faces().face(face as usize);
@@ -215,7 +224,7 @@ impl<'a> Cut<'a> {
             sides.push(3);
             faces.push(own.face);
         }
-        // Vertices in their order, without those that no face needs.
+        // The used vertices are renumbered in their old order.
         let mut places = vec![u32::MAX; count];
         corners.iter().for_each(|corner| places[corner.0 as usize] = 0);
         let kept: Vec<_> = (0..count as u32).filter(|&it| places[it as usize] == 0).collect();
@@ -241,7 +250,9 @@ impl<'a> Cut<'a> {
                 Err(triangle) => {
                     let own = &self.pair.triangles[triangle as usize];
                     let places = own.vertices.map(|it| self.position(it));
-                    row.extend(own.corners.into_iter().zip(within(places, self.position(vertex))));
+                    row.extend(
+                        own.corners.into_iter().zip(barycentric(places, self.position(vertex))),
+                    );
                 }
             });
             for (name, attribute) in of.corner().iter().filter(|it| is_kept(it.0)) {
@@ -254,24 +265,24 @@ impl<'a> Cut<'a> {
         Ok(mesh)
     }
 
-    /// The creases of both solids, as far as they are left.
+    /// Returns the creases of both solids that still exist.
     fn creases(&self, places: &[u32]) -> Vec<([u32; 2], f64)> {
         let parts = self.pair.mesh.creases().flat_map(|(edge, sharpness)| {
-            self.kept(edge).into_iter().map(move |ends| (ends, sharpness))
+            self.remaining_parts(edge).into_iter().map(move |ends| (ends, sharpness))
         });
         let placed = parts.map(|(ends, it)| (ends.map(|vertex| places[vertex as usize]), it));
         placed.filter(|(ends, _)| !ends.contains(&u32::MAX)).collect()
     }
 }
 
-/// What a vertex is.
+/// The origin of a vertex: a solid, an intersection, or the middle of two other vertices.
 enum Origin<'a> {
     Vertex(usize),
     Meeting(&'a Meeting),
     Halfway([u32; 2]),
 }
 
-/// A row for each item.
+/// Returns one row for each item, which `of` fills with pairs of a vertex and its weight.
 fn rows<T>(items: impl Iterator<Item = T>, of: impl Fn(T, &mut Vec<(u32, f64)>)) -> Stencils {
     let (mut starts, mut indices, mut weights) = (vec![0], Vec::new(), Vec::new());
     let mut row = Vec::new();
@@ -286,8 +297,8 @@ fn rows<T>(items: impl Iterator<Item = T>, of: impl Fn(T, &mut Vec<(u32, f64)>))
     Stencils::from_parts(starts, indices, weights)
 }
 
-/// How much of each corner of a triangle is in a place on it.
-fn within([a, b, c]: [Point3<f64>; 3], at: Point3<f64>) -> [f64; 3] {
+/// Returns the barycentric coordinates of a point in a triangle.
+fn barycentric([a, b, c]: [Point3<f64>; 3], at: Point3<f64>) -> [f64; 3] {
     let normal: Vector3<f64> = (b - a).cross(&(c - a));
     fn area(p: Point3<f64>, q: Point3<f64>, at: Point3<f64>, normal: Vector3<f64>) -> f64 {
         (p - at).cross(&(q - at)).dot(&normal).max(0.0)

@@ -1,71 +1,71 @@
-//! On which side of a triangle a place is, decided without rounding and without ties.
+//! An exact predicate without ties: on which side of a triangle a point is.
 
 use std::cmp::Ordering;
 
 use nalgebra::{Point3, Vector3};
 use num_bigint::BigInt;
 
-/// Half of the cells of the grid along its longest side: products of three differences of coordinates must fit into 128 bits, and those of
-/// two into 64.
+/// Half of the number of cells of the grid along its longest side. It is limited because products of three coordinate differences must fit
+/// into 128 bits, and products of two into 64.
 const HALF: f64 = (1 << 29) as f64;
 
-/// Length of the direction into which a place moves. What counts is the direction, but no more of it than this.
-const REACH: f64 = 512.0;
+/// Length to which the direction vector of a point's motion is scaled before it is rounded to integers. Only the direction matters.
+const DIRECTION_LENGTH: f64 = 512.0;
 
 type Row = [i64; 3];
 
-/// A place on the grid that may move by infinitely little.
+/// A point on the grid that may move by an infinitesimal amount.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Site {
-    /// Where it is, in cells.
+    /// Coordinates, in cells.
     pub(super) at: Row,
-    /// Whether it moves, and into which direction first.
+    /// The direction of the point's infinitesimal motion; `None` if the point does not move.
     moves: Option<Row>,
 }
 
 impl Site {
-    /// The place that is seen from this one along x, so far away. It moves as this one does.
+    /// Returns the point at the coordinate `x` along x, with the same infinitesimal motion.
     pub(super) fn far(self, x: i64) -> Self {
         Self { at: [x, self.at[1], self.at[2]], ..self }
     }
 }
 
-/// Places are told apart to some 2e-9 of the size of all.
+/// The grid on whose nodes points are rounded. Its spacing is about 2e-9 of the extent of all points.
 pub(super) struct Grid {
     middle: Point3<f64>,
     per_mm: f64,
 }
 
 impl Grid {
-    /// Around some bounds.
+    /// Returns the grid that covers some bounds.
     pub(super) fn new([low, high]: [Point3<f64>; 2]) -> Self {
         let half = (high - low).amax() / 2.0;
-        // A power of two, so that short numbers are on the grid.
+        // The spacing is a power of two: short binary fractions are then exactly on the grid.
         let per_mm = if half > 0.0 { libm::exp2(libm::log2(HALF / half).floor()) } else { 1.0 };
         let middle = nalgebra::center(&low, &high).map(|x| (x * per_mm).round() / per_mm);
         Self { middle, per_mm }
     }
 
-    /// A place that stays.
-    pub(super) fn fixed(&self, at: &Point3<f64>) -> Site {
+    /// Returns a point that does not move.
+    pub(super) fn resting_site(&self, at: &Point3<f64>) -> Site {
         let cells = (at - self.middle) * self.per_mm;
         Site { at: [0, 1, 2].map(|axis| cells[axis].round() as i64), moves: None }
     }
 
-    /// A place that moves into a direction.
+    /// Returns a point that moves in a direction.
     pub(super) fn moving(&self, at: &Point3<f64>, along: Vector3<f64>) -> Site {
-        let unit = along.try_normalize(0.0).unwrap_or_default() * REACH;
+        let unit = along.try_normalize(0.0).unwrap_or_default() * DIRECTION_LENGTH;
         let moves = Some([0, 1, 2].map(|axis| unit[axis].round() as i64));
-        Site { moves, ..self.fixed(at) }
+        Site { moves, ..self.resting_site(at) }
     }
 
-    /// A few cells, in mm.
+    /// Returns the length of a few cells of the grid, in mm; points closer to each other count as equal.
     pub(super) fn tolerance(&self) -> f64 {
         4.0 / self.per_mm
     }
 }
 
-/// The first term of a polynomial that is not zero: its place among all terms, and its factor.
+/// The first nonzero term of a polynomial: its index among all terms, and its coefficient.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Leading {
     order: u8,
@@ -73,17 +73,17 @@ pub(super) struct Leading {
 }
 
 impl Leading {
-    /// Above the triangle, or not.
+    /// Returns true if the point is above the triangle.
     pub(super) fn is_above(self) -> bool {
         0 < self.factor
     }
 
-    /// Whether there is no height: over a triangle that is a line.
+    /// Returns true if the height is undefined, because the triangle is degenerate.
     pub(super) fn is_zero(self) -> bool {
         self.factor == 0
     }
 
-    /// Where between two places of these heights the height is zero, as a share of the way from the first.
+    /// Returns the fraction of the way from the first to the second point at which the height is zero.
     pub(super) fn share(self, other: Self) -> f64 {
         match self.order.cmp(&other.order) {
             Ordering::Less => 1.0,
@@ -93,12 +93,12 @@ impl Leading {
     }
 }
 
-/// How high the last of four places is above the triangle of the others, which is seen counter-clockwise from above: six times the volume
-/// between them.
+/// Returns the height of the last of four points above the triangle of the other three, which is counter-clockwise seen from above. The
+/// height is six times the signed volume.
 ///
-/// Where that is zero, the places that move decide. One that moves is `at + e * direction + (d, d^2, d^3)`, with e infinitely small, and d
-/// infinitely smaller than each power of e. The volume is a polynomial in e and d, of which the first term that is not zero counts
-/// (Edelsbrunner and Mucke, "Simulation of simplicity", 1990). All are zero only if the triangle is a line, or two of its edges are parallel.
+/// If the volume is zero, the moving points decide. A moving point is `at + e * direction + (d, d^2, d^3)`, where e is infinitesimal and d
+/// is infinitely smaller than each power of e. The volume is a polynomial in e and d, whose first nonzero term counts (Edelsbrunner and
+/// Mucke, "Simulation of simplicity", 1990). All terms are zero only if the triangle is degenerate, or two of its edges are parallel.
 pub(super) fn height(sites: [&Site; 4]) -> Leading {
     let volume = determinant(rows(sites, |site| site.at));
     if volume != 0 {
@@ -110,9 +110,10 @@ pub(super) fn height(sites: [&Site; 4]) -> Leading {
     Leading { order, factor }
 }
 
-/// Which of two triangles an edge goes through first, from its first place on.
+/// Compares the positions at which an edge crosses two triangles, counted from its first point on.
 ///
-/// Where heights `l` and `h` of its ends have different signs, it is at `l / (l - h)` of the way. Two of these are compared as polynomials.
+/// If the heights `l` and `h` of the edge's ends over a triangle have different signs, the crossing is at the fraction `l / (l - h)`. The
+/// fractions for both triangles are compared as polynomials.
 pub(super) fn first_of(edge: [&Site; 2], triangles: [[&Site; 3]; 2]) -> Ordering {
     let heights = triangles.map(|[a, b, c]| edge.map(|end| terms([a, b, c, end])));
     let lows = triangles.map(|[a, b, c]| height([a, b, c, edge[0]]).is_above());
@@ -127,11 +128,11 @@ pub(super) fn first_of(edge: [&Site; 2], triangles: [[&Site; 3]; 2]) -> Ordering
     }
     let first = sums.iter().find(|sum| **sum != BigInt::ZERO);
     let order = first.map_or(Ordering::Equal, |sum| sum.cmp(&BigInt::ZERO));
-    // Multiplied by both denominators, of which one may be below zero.
+    // Both sides of the comparison were multiplied by both denominators, whose product may be negative.
     if lows[0] == lows[1] { order } else { order.reverse() }
 }
 
-/// The factors of a height: by the power of `d` from 0 to 3, and then by the power of `e`.
+/// Returns the coefficients of a height: by the power of `d` from 0 to 3, then by the power of `e`.
 fn terms(sites: [&Site; 4]) -> [[i128; 4]; 4] {
     let base = rows(sites, |site| site.at);
     let motion = rows(sites, |site| site.moves.unwrap_or_default());
@@ -158,7 +159,7 @@ fn terms(sites: [&Site; 4]) -> [[i128; 4]; 4] {
         }
     }
     add(0, base, None, &motion, &mut terms);
-    // All that moves is shifted alike, so that of products of two shifts nothing is left.
+    // All shifted points have the same symbolic shift (d, d^2, d^3), so products of two shifts cancel.
     for axis in 0..3 {
         for row in 0..3 {
             let mut own = base;
@@ -197,9 +198,9 @@ mod tests {
     #[test]
     fn a_place_is_above_a_triangle_or_below() {
         let [a, b, c] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
-            .map(|it| grid().fixed(&Point3::from(it)));
-        let above = grid().fixed(&Point3::new(0.2, 0.2, 1.0));
-        let below = grid().fixed(&Point3::new(0.2, 0.2, -0.5));
+            .map(|it| grid().resting_site(&Point3::from(it)));
+        let above = grid().resting_site(&Point3::new(0.2, 0.2, 1.0));
+        let below = grid().resting_site(&Point3::new(0.2, 0.2, -0.5));
         let heights = [above, below].map(|site| height([&a, &b, &c, &site]));
         assert!(heights[0].is_above() && !heights[1].is_above());
         assert!((heights[0].share(heights[1]) - 2.0 / 3.0).abs() < 1e-9);
@@ -209,13 +210,13 @@ mod tests {
     #[test]
     fn of_places_in_one_plane_the_motion_decides() {
         let [a, b, c] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
-            .map(|it| grid().fixed(&Point3::from(it)));
+            .map(|it| grid().resting_site(&Point3::from(it)));
         let at = Point3::new(0.3, 0.3, 0.0);
         for (along, is_above) in
             [([0.0, 0.0, 1.0], true), ([1.0, 0.0, -0.1], false), ([1.0, 0.0, 0.0], true)]
         {
             let site = grid().moving(&at, Vector3::from(along));
-            // Without a motion upwards it is the shift along z that is left.
+            // If the motion is not upward, only the symbolic shift along z is left to decide.
             assert_eq!(height([&a, &b, &c, &site]).is_above(), is_above, "{along:?}");
             assert_eq!(height([&b, &a, &c, &site]).is_above(), !is_above, "{along:?}");
             assert_eq!(height([&a, &b, &site, &c]).is_above(), !is_above, "{along:?}");
@@ -225,7 +226,7 @@ mod tests {
     #[test]
     fn the_largest_differences_fit() {
         fn corner(x: f64, y: f64, z: f64) -> Site {
-            grid().fixed(&Point3::new(x, y, z))
+            grid().resting_site(&Point3::new(x, y, z))
         }
         let sites =
             [corner(-1., -1., -1.), corner(1., 1., -1.), corner(1., -1., 1.), corner(-1., 1., 1.)];

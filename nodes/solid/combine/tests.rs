@@ -1,11 +1,11 @@
-//! What solids make of each other.
+//! Tests of Boolean operations.
 
 use maquette_value::{Attribute, CaptureFrame, Faces};
 use nalgebra::{Point3, Rotation3, Vector3};
 
 use super::*;
 
-/// A box of quads with its lowest corner in a place.
+/// Returns a box of quads with its lowest corner at the given position.
 fn cuboid(low: [f64; 3], size: [f64; 3]) -> Mesh {
     let faces =
         [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
@@ -25,9 +25,16 @@ fn cube(low: [f64; 3]) -> Mesh {
     cuboid(low, [10.0; 3])
 }
 
-/// A ball of triangles: an octahedron of which each face is cut into `steps` squared.
+/// Returns a sphere of triangles: an octahedron whose faces are each divided into the square of `steps` triangles.
 fn ball(middle: [f64; 3], radius: f64, steps: u32) -> Mesh {
-    let octant = |signs: u32, i: u32, j: u32| {
+    fn octant(
+        signs: u32,
+        i: u32,
+        j: u32,
+        steps: u32,
+        middle: [f64; 3],
+        radius: f64,
+    ) -> Point3<f64> {
         fn sign(axis: u32, signs: u32) -> f64 {
             if signs >> axis & 1 == 1 { -1.0 } else { 1.0 }
         }
@@ -38,7 +45,7 @@ fn ball(middle: [f64; 3], radius: f64, steps: u32) -> Mesh {
             f64::from(k) * sign(2, signs),
         );
         Point3::from(Vector3::from(middle) + at.normalize() * radius)
-    };
+    }
     let (mut places, mut corners) = (Vec::<Point3<f64>>::new(), Vec::new());
     fn number(at: Point3<f64>, places: &mut Vec<Point3<f64>>, radius: f64) -> u32 {
         let known = places.iter().position(|it| (it - at).norm() < 1e-9 * radius);
@@ -54,8 +61,9 @@ fn ball(middle: [f64; 3], radius: f64, steps: u32) -> Mesh {
                 let upper = [(i + 1, j), (i + 1, j + 1), (i, j + 1)];
                 let both = [Some(lower), (i + j + 1 < steps).then_some(upper)];
                 for triangle in both.into_iter().flatten() {
-                    let mut own =
-                        triangle.map(|(i, j)| number(octant(signs, i, j), &mut places, radius));
+                    let mut own = triangle.map(|(i, j)| {
+                        number(octant(signs, i, j, steps, middle, radius), &mut places, radius)
+                    });
                     if signs.count_ones() % 2 == 1 {
                         own.reverse();
                     }
@@ -67,7 +75,7 @@ fn ball(middle: [f64; 3], radius: f64, steps: u32) -> Mesh {
     Mesh::new(places, Faces::triangles(corners)).unwrap()
 }
 
-fn turned(mesh: &Mesh, by: [f64; 3]) -> Mesh {
+fn rotate(mesh: &Mesh, by: [f64; 3]) -> Mesh {
     let rotation = Rotation3::from_scaled_axis(Vector3::from(by));
     let places = mesh.positions().iter().map(|place| rotation * place);
     mesh.with_positions(places.collect()).unwrap()
@@ -77,10 +85,10 @@ fn size(mesh: &Mesh) -> f64 {
     mesh.bounds().map_or(0.0, |(low, _)| volume(mesh, low))
 }
 
-/// The volume of what an operation makes, which must be a solid.
+/// Returns the volume of the result of an operation, and the result, which must be a solid.
 #[track_caller]
-fn made(first: &Mesh, second: &Mesh, how: Operation) -> (f64, Mesh) {
-    let made = boolean(first, &[second], how, &Progress::none());
+fn volume_and_mesh(first: &Mesh, second: &Mesh, how: Operation) -> (f64, Mesh) {
+    let made = boolean(first, &[second], how, &Progress::silent());
     let made = made.unwrap_or_else(|why| {
         panic!(
             "{how:?}: {why}: {:?} {:?} {:?}",
@@ -102,7 +110,7 @@ fn made(first: &Mesh, second: &Mesh, how: Operation) -> (f64, Mesh) {
     (size(&made), made)
 }
 
-/// All three operations both ways round, of which the common volume is known.
+/// Checks all three operations in both orders; `common` is the volume of the intersection.
 #[track_caller]
 fn check(first: &Mesh, second: &Mesh, common: f64) {
     use Operation::{Difference, Intersection, Union};
@@ -114,7 +122,7 @@ fn check(first: &Mesh, second: &Mesh, common: f64) {
             (Difference, own - common),
             (Intersection, common),
         ] {
-            let found = made(a, b, how).0;
+            let found = volume_and_mesh(a, b, how).0;
             assert!(
                 (found - wanted).abs() <= most,
                 "{how:?}: {found}, not {wanted}: {:?} {:?} {:?} {:?}",
@@ -136,7 +144,7 @@ fn boxes_that_overlap() {
 }
 
 #[test]
-fn boxes_whose_walls_lie_in_one_plane() {
+fn boxes_with_coplanar_walls() {
     for (low, common) in [
         ([10., 0., 0.], 0.),
         ([10., 10., 0.], 0.),
@@ -152,21 +160,21 @@ fn boxes_whose_walls_lie_in_one_plane() {
     check(&cube([0.; 3]), &cuboid([2., 2., 5.], [3., 3., 5.]), 45.);
     check(&cube([0.; 3]), &cuboid([2., 2., 10.], [3., 3., 5.]), 0.);
     check(&cube([0.; 3]), &cuboid([0., 0., 5.], [10., 10., 5.]), 500.);
-    // An edge on a diagonal of a wall, and one that goes through edges.
-    let diamond = turned(&cube([-5.; 3]), [0., 0., std::f64::consts::FRAC_PI_4]);
+    // A diamond has one edge on the diagonal of a wall, and another edge that crosses edges.
+    let diamond = rotate(&cube([-5.; 3]), [0., 0., std::f64::consts::FRAC_PI_4]);
     check(&cube([-5.; 3]), &diamond, 10. * 200. * (2f64.sqrt() - 1.0) * 1.0);
 }
 
 #[test]
-fn what_is_flush_leaves_no_film_and_becomes_one() {
-    let joined = made(&cube([0.; 3]), &cube([10., 0., 0.]), Operation::Union).1;
+fn flush_boxes_leave_no_film_and_are_united() {
+    let joined = volume_and_mesh(&cube([0.; 3]), &cube([10., 0., 0.]), Operation::Union).1;
     assert_eq!(joined.bounds(), Some((Point3::origin(), Point3::new(20., 10., 10.))));
     let least =
         joined.faces().iter().map(|face| joined.area_vector(face).norm()).fold(99., f64::min);
     assert!(least > 1.0, "{least}");
     assert_eq!((joined.positions().len(), joined.faces().len()), (12, 14));
     let slot = cuboid([2., 2., 5.], [3., 3., 5.]);
-    let open = made(&cube([0.; 3]), &slot, Operation::Difference).1;
+    let open = volume_and_mesh(&cube([0.; 3]), &slot, Operation::Difference).1;
     assert_eq!(
         (open.positions().len(), open.edges().faces.len()),
         (16, 16 + open.faces().len() - 2)
@@ -183,7 +191,7 @@ fn balls_of_many_sizes_and_places() {
     {
         for radius in [10.0, 4.0, 9.99] {
             let second = ball(middle, radius, 9 + k as u32);
-            let common = made(&first, &second, Operation::Intersection).0;
+            let common = volume_and_mesh(&first, &second, Operation::Intersection).0;
             assert!(common >= -1e-9 && common <= size(&second).min(size(&first)) * 1.0000001);
             check(&first, &second, common);
         }
@@ -192,13 +200,13 @@ fn balls_of_many_sizes_and_places() {
 
 #[test]
 fn random_solids_that_share_corners_of_a_coarse_grid() {
-    // Everything lies on whole numbers, so that nearly all pairs have edges and walls in common.
+    // All coordinates are integers; therefore nearly all pairs of boxes share edges and walls.
     let mut state = 7u32;
     fn next(below: u32, state: &mut u32) -> f64 {
         *state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         f64::from((*state >> 16) % below)
     }
-    // How large the skin is of what unit cells an operation leaves.
+    // Returns the surface area of the unit cells that an operation leaves.
     fn skin(boxes: [([f64; 3], [f64; 3]); 2], how: Operation) -> f64 {
         fn is_in(at: [f64; 3], boxes: &[([f64; 3], [f64; 3]); 2], how: &Operation) -> bool {
             let [a, b] = boxes
@@ -231,7 +239,7 @@ fn random_solids_that_share_corners_of_a_coarse_grid() {
         });
         check(&a, &b, common.iter().product());
         for how in [Operation::Union, Operation::Difference, Operation::Intersection] {
-            let made = made(&a, &b, how).1;
+            let made = volume_and_mesh(&a, &b, how).1;
             let found: f64 = made.faces().iter().map(|face| made.area_vector(face).norm()).sum();
             let wanted = skin([(low, size_a), (other, size_b)], how);
             assert!(
@@ -239,10 +247,10 @@ fn random_solids_that_share_corners_of_a_coarse_grid() {
                 "{how:?}: {found}, not {wanted}: {low:?} {size_a:?} {other:?} {size_b:?}"
             );
         }
-        // What came out of one goes into the next.
+        // The result of one operation is the input of the next.
         let (c, ..) = solid(&mut state);
-        let union = made(&a, &b, Operation::Union).1;
-        let with = made(&union, &c, Operation::Intersection).0;
+        let union = volume_and_mesh(&a, &b, Operation::Union).1;
+        let with = volume_and_mesh(&union, &c, Operation::Intersection).0;
         check(&union, &c, with);
     }
 }
@@ -250,10 +258,10 @@ fn random_solids_that_share_corners_of_a_coarse_grid() {
 #[test]
 fn what_comes_out_does_not_run_through_itself() {
     let first = ball([0.; 3], 10.0, 10);
-    let second = turned(&cube([-7., -7., -7.]), [0.3, 0.2, 0.1]);
+    let second = rotate(&cube([-7., -7., -7.]), [0.3, 0.2, 0.1]);
     for how in [Operation::Union, Operation::Difference, Operation::Intersection] {
-        let made = made(&first, &second, how).1;
-        assert_eq!(made.crossings(|| Progress::none().check()).unwrap(), Vec::<[u32; 2]>::new());
+        let made = volume_and_mesh(&first, &second, how).1;
+        assert_eq!(made.crossings(|| Progress::silent().check()).unwrap(), Vec::<[u32; 2]>::new());
     }
 }
 
@@ -272,72 +280,76 @@ fn faces_away_from_the_cut_stay_and_attributes_are_mixed() {
                 .collect(),
         )
     }
-    fn with(mesh: Mesh, part: u32) -> Mesh {
+    fn with_attributes(mesh: Mesh, part: u32) -> Mesh {
         let (heights, corners) = (heights(&mesh), corners(&mesh));
         let parts = Attribute::Index(vec![part; mesh.faces().len()].into());
         let mesh = mesh.with_vertex("height", heights).unwrap().with_corner("at", corners).unwrap();
         mesh.with_face("part", parts).unwrap().with_creases([([0, 1], 3.0)]).unwrap()
     }
-    let first = with(cube([0.; 3]), 1);
-    let second = with(cuboid([4., -1., 5.], [3., 3., 9.]), 2);
-    let union = made(&first, &second, Operation::Union).1;
+    let first = with_attributes(cube([0.; 3]), 1);
+    let second = with_attributes(cuboid([4., -1., 5.], [3., 3., 9.]), 2);
+    let union = volume_and_mesh(&first, &second, Operation::Union).1;
     assert_eq!(union.vertex().get("height"), Some(&heights(&union)));
     let (Some(Attribute::Pair(found)), Attribute::Pair(wanted)) =
         (union.corner().get("at"), corners(&union))
     else {
         panic!()
     };
-    let off = |(a, b): (&[f64; 2], &[f64; 2])| (a[0] - b[0]).abs().max((a[1] - b[1]).abs());
-    assert!(found.iter().zip(wanted.iter()).map(off).fold(0., f64::max) < 1e-9);
+    let differences =
+        found.iter().zip(wanted.iter()).map(|(a, b)| (a[0] - b[0]).abs().max((a[1] - b[1]).abs()));
+    assert!(differences.fold(0., f64::max) < 1e-9);
     let quads = union.faces().iter().filter(|face| face.len() == 4).count();
     assert_eq!(quads, 4 + 2);
     assert_eq!(Vec::from_iter(union.creases()), [([0, 1], 3.0), ([8, 9], 3.0)]);
 }
 
 #[test]
-fn what_one_solid_alone_has_lies_on_both() {
+fn attributes_of_one_solid_are_transferred_to_both() {
     let solid = cube([0.; 3]);
     let colors = Attribute::Color((0..8).map(|k| [10 * k, 0, 0]).collect());
     let parts = Attribute::Index((0..6).collect());
     let solid = solid.with_vertex("color", colors).unwrap().with_face("part", parts).unwrap();
     let drill = cuboid([4., 4., -1.], [2., 2., 12.]);
     for (first, second) in [(&solid, &drill), (&drill, &solid)] {
-        let made = made(first, second, Operation::Union).1;
+        let made = volume_and_mesh(first, second, Operation::Union).1;
         assert!(made.vertex().colors("color").is_some());
         assert!(made.face().get("part").is_some());
     }
 }
 
 #[test]
-fn what_is_no_solid_is_told() {
-    fn told(first: &Mesh, others: &[&Mesh]) -> String {
-        boolean(first, others, Operation::Union, &Progress::none()).unwrap_err().to_string()
+fn meshes_that_are_not_solids_are_errors() {
+    fn error(first: &Mesh, others: &[&Mesh]) -> String {
+        boolean(first, others, Operation::Union, &Progress::silent()).unwrap_err().to_string()
     }
     let solid = cube([0.; 3]);
     let open = Faces::uniform(4, solid.faces().corners()[..20].to_vec()).unwrap();
     let open = Mesh::new(solid.positions().clone(), open).unwrap();
     assert_eq!(
-        told(&solid, &[&open]),
-        "`with` is not closed: 4 of its edges have not two faces; `Solid` closes it"
+        error(&solid, &[&open]),
+        "`with` is not closed: 4 of its edges do not have two faces; use `Solid` to close it"
     );
     let mirrored = solid.positions().iter().map(|it| Point3::new(-it.x, it.y, it.z)).collect();
     let mirrored = solid.with_positions(mirrored).unwrap();
-    assert_eq!(told(&mirrored, &[&solid]), "`mesh` is inside out: `Orient` turns it");
+    assert_eq!(
+        error(&mirrored, &[&solid]),
+        "`mesh` is inside out; use `Orient` to turn it outward"
+    );
     let twice = merge(&[&cube([2.; 3]), &cube([3.; 3])], Poses::Ignore).unwrap();
-    assert!(told(&solid, &[&solid, &twice]).starts_with("mesh 2 of `with` runs through itself"));
+    assert!(error(&solid, &[&solid, &twice]).starts_with("mesh 2 of `with` intersects itself"));
     let empty = Mesh::new(Vec::new(), Faces::triangles(Vec::new())).unwrap();
-    assert_eq!(made(&solid, &empty, Operation::Union).0, 1000.0);
-    assert_eq!(made(&solid, &empty, Operation::Intersection).0, 0.0);
+    assert_eq!(volume_and_mesh(&solid, &empty, Operation::Union).0, 1000.0);
+    assert_eq!(volume_and_mesh(&solid, &empty, Operation::Intersection).0, 0.0);
 }
 
 #[test]
 fn the_same_for_any_number_of_threads() {
     let [first, second] = [ball([0.; 3], 10.0, 30), ball([3., 1., 2.], 9.0, 30)];
-    fn of(threads: usize, first: &Mesh, second: &Mesh) -> Mesh {
+    fn difference(threads: usize, first: &Mesh, second: &Mesh) -> Mesh {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| made(first, second, Operation::Difference).1)
+        pool.install(|| volume_and_mesh(first, second, Operation::Difference).1)
     }
-    assert_eq!(of(1, &first, &second), of(8, &first, &second));
+    assert_eq!(difference(1, &first, &second), difference(8, &first, &second));
 }
 
 #[test]
@@ -345,14 +357,14 @@ fn a_captured_solid_stays_upright_beside_one_of_no_capture() {
     let frame =
         CaptureFrame { camera: None, picture: [2, 2], depth: 20.0, world_from_camera: None };
     let (first, second) = (cube([0.0; 3]), cube([5.0; 3]));
-    fn captured(mesh: &Mesh, frame: &CaptureFrame) -> Mesh {
+    fn with_frame(mesh: &Mesh, frame: &CaptureFrame) -> Mesh {
         mesh.clone().with_frame(Some(*frame))
     }
     fn frame_of(mesh: &Mesh, other: &Mesh) -> Option<CaptureFrame> {
-        let made = boolean(mesh, &[other], Operation::Difference, &Progress::none()).unwrap();
+        let made = boolean(mesh, &[other], Operation::Difference, &Progress::silent()).unwrap();
         made.frame().copied()
     }
-    assert_eq!(frame_of(&captured(&first, &frame), &second), Some(frame));
-    assert_eq!(frame_of(&captured(&first, &frame), &captured(&second, &frame)), Some(frame));
-    assert_eq!(frame_of(&first, &captured(&second, &frame)), None);
+    assert_eq!(frame_of(&with_frame(&first, &frame), &second), Some(frame));
+    assert_eq!(frame_of(&with_frame(&first, &frame), &with_frame(&second, &frame)), Some(frame));
+    assert_eq!(frame_of(&first, &with_frame(&second, &frame)), None);
 }

@@ -1,64 +1,67 @@
-//! How deep inside a solid the nodes of a grid are.
+//! Depths of the nodes of a grid inside a solid.
 
 use maquette_base::solid_angle::half_solid_angle;
-use maquette_node::{Cancelled, Limit, Progress, TooMuch};
+use maquette_node::{CancelledError, Limit, LimitError, Progress};
 use maquette_value::parallel::*;
 use maquette_value::{Mesh, TriangleTree};
 use nalgebra::{Point3, Vector3};
 
 use crate::contour::Contour;
 
-/// Some seconds, and half a gigabyte.
+/// Maximum number of grid nodes; measuring so many takes a few seconds and half a gigabyte.
 const NODES: Limit = Limit {
-    most: 60_000_000,
-    of: "nodes of a grid",
+    max: 60_000_000,
+    items: "nodes of a grid",
     help: "choose a larger `spacing`, or a thicker wall",
 };
 
-/// Nodes along an edge of a block, which is looked at as a whole first.
+/// Number of nodes along an edge of a block. A block is first tested as a whole.
 const BLOCK: usize = 8;
 
-/// So many places are measured between two looks at whether to stop: some milliseconds.
+/// Number of points that are measured between two checks for cancellation, in some milliseconds.
 const CHUNK: usize = 4096;
 
-/// A grid around a solid.
+/// A grid around a solid, with the depth of each node below the solid's surface.
 pub(super) struct Depth {
     low: Point3<f64>,
     spacing: f64,
-    /// Nodes along x, y and z.
+    /// The number of nodes along x, y and z.
     counts: [usize; 3],
-    /// How far each node is inside, in mm; negative outside, and near the skin. Of a node that is deeper than is asked for, some such depth.
+    /// The depth of each node in mm; negative outside, and next to the surface. Depths beyond the requested maximum are only lower bounds.
     depths: Vec<f64>,
 }
 
-/// How many nodes there are along x, y and z: one more on each side.
+/// Returns the number of grid nodes along x, y and z, with one extra node at each end.
 ///
 /// # Errors
-/// If they are too many.
-pub(super) fn counts([low, high]: [Point3<f64>; 2], spacing: f64) -> Result<[usize; 3], TooMuch> {
+/// Returns an error if the grid has too many nodes.
+pub(super) fn counts(
+    [low, high]: [Point3<f64>; 2],
+    spacing: f64,
+) -> Result<[usize; 3], LimitError> {
     let sizes = [0, 1, 2].map(|axis| ((high - low)[axis] / spacing).ceil() + 4.0);
     NODES.check("the inside of the solid", sizes.iter().product())?;
     Ok(sizes.map(|size| size as usize))
 }
 
 impl Depth {
-    /// Measures up to `deepest`, which is at least twice the spacing, around a mesh whose lowest coordinates these are.
+    /// Measures depths up to `deepest`, which is at least twice the spacing, for a mesh whose minimum coordinates are `low`.
     ///
     /// # Errors
-    /// If the evaluation is told to stop.
+    /// Returns an error if the evaluation is cancelled.
     pub(super) fn new(
         (mesh, tree): (&Mesh, &TriangleTree),
         low: Point3<f64>,
         (counts, spacing): ([usize; 3], f64),
         deepest: f64,
         progress: &Progress<'_>,
-    ) -> Result<Self, Cancelled> {
-        // Off the places of the mesh, which are often round numbers.
+    ) -> Result<Self, CancelledError> {
+        // The grid is shifted: its nodes then do not coincide with vertices, whose coordinates are often round numbers.
         let low = low - Vector3::repeat(1.37 * spacing);
         let mut grid = Self { low, spacing, counts, depths: Vec::new() };
         let distances = grid.distances(tree, deepest + spacing, progress)?;
         progress.tick(0.8)?;
-        let is_inside = grid.inside(mesh, &distances, deepest, progress)?;
+        let is_inside = grid.find_inside(mesh, &distances, deepest, progress)?;
         grid.depths = distances
             .iter()
             .zip(&is_inside)
@@ -70,23 +73,25 @@ impl Depth {
         Ok(grid)
     }
 
-    /// The surface of what is deeper than this.
+    /// Returns the surface at the given depth.
     ///
     /// # Errors
-    /// If the evaluation is told to stop.
+    /// Returns an error if the evaluation is cancelled.
     pub(super) fn contour(
         &self,
         depth: f64,
         progress: &Progress<'_>,
-    ) -> Result<Contour, Cancelled> {
+    ) -> Result<Contour, CancelledError> {
         let mut contour = Contour::new(0.02);
         let [width, height, layers] = self.counts.map(|count| count - 1);
         for z in 0..layers {
             progress.check()?;
             for y in 0..height {
                 for x in 0..width {
-                    let node = |k: usize| self.node([x + (k & 1), y + (k >> 1 & 1), z + (k >> 2)]);
-                    let depths = std::array::from_fn(|k| self.depths[node(k)] - depth);
+                    let depths = std::array::from_fn(|k| {
+                        self.depths[self.node([x + (k & 1), y + (k >> 1 & 1), z + (k >> 2)])]
+                            - depth
+                    });
                     contour.add([x, y, z], depths, |at| self.place(at));
                 }
             }
@@ -102,29 +107,38 @@ impl Depth {
         self.low + Vector3::from(at.map(|k| k as f64)) * self.spacing
     }
 
-    /// How far each node is from the skin; of one that is farther than `farthest`, some such distance.
+    /// Returns the distance of each node from the surface; beyond `farthest`, it is only a lower bound.
     fn distances(
         &self,
         tree: &TriangleTree,
         farthest: f64,
         progress: &Progress<'_>,
-    ) -> Result<Vec<f64>, Cancelled> {
+    ) -> Result<Vec<f64>, CancelledError> {
         let blocks = self.counts.map(|count| count.div_ceil(BLOCK));
-        let block =
-            |k: usize| [k % blocks[0], k / blocks[0] % blocks[1], k / blocks[0] / blocks[1]];
+        /// Returns the coordinates of the block with the index `k`.
+        fn block(k: usize, blocks: [usize; 3]) -> [usize; 3] {
+            [k % blocks[0], k / blocks[0] % blocks[1], k / blocks[0] / blocks[1]]
+        }
         let half = (BLOCK - 1) as f64 / 2.0 * self.spacing;
         let count = blocks.iter().product();
-        let to_skin = |points: &[Point3<f64>]| {
+        /// Returns the distance of each point from the surface.
+        fn distances_to(
+            tree: &TriangleTree,
+            points: &[Point3<f64>],
+        ) -> impl Iterator<Item = f64> + use<> {
             let found = tree.nearest_to_all(points).into_iter();
             found.map(|place| place.map_or(f64::INFINITY, |place| place.distance_sq.sqrt()))
-        };
+        }
         let mut of_blocks = Vec::with_capacity(count);
         for first in (0..count).step_by(CHUNK) {
             progress.tick(0.2 * first as f64 / count as f64)?;
-            let blocks = first..count.min(first + CHUNK);
-            of_blocks.extend(to_skin(
-                &blocks
-                    .map(|k: usize| self.place(block(k).map(|k| BLOCK * k)) + Vector3::repeat(half))
+            let chunk = first..count.min(first + CHUNK);
+            of_blocks.extend(distances_to(
+                tree,
+                &chunk
+                    .map(|k: usize| {
+                        self.place(block(k, blocks).map(|k| BLOCK * k)) + Vector3::repeat(half)
+                    })
                     .collect::<Vec<_>>(),
             ));
         }
@@ -132,7 +146,7 @@ impl Depth {
         let (mut nodes, mut places) = (Vec::new(), Vec::new());
         for (number, &distance) in of_blocks.iter().enumerate() {
             let least = distance - 3f64.sqrt() * half;
-            let first = block(number).map(|k| BLOCK * k);
+            let first = block(number, blocks).map(|k| BLOCK * k);
             let last = [0, 1, 2].map(|axis| (first[axis] + BLOCK).min(self.counts[axis]));
             for z in first[2]..last[2] {
                 for y in first[1]..last[1] {
@@ -148,7 +162,10 @@ impl Depth {
                 }
             }
             if CHUNK <= nodes.len() || number + 1 == count {
-                nodes.drain(..).zip(to_skin(&places)).for_each(|(node, it)| distances[node] = it);
+                nodes
+                    .drain(..)
+                    .zip(distances_to(tree, &places))
+                    .for_each(|(node, it)| distances[node] = it);
                 places.clear();
                 progress.tick(0.2 + 0.6 * (number + 1) as f64 / count as f64)?;
             }
@@ -156,19 +173,19 @@ impl Depth {
         Ok(distances)
     }
 
-    /// Which nodes are inside, of those that are farther from the skin than the spacing.
+    /// Returns, for each node that is farther from the surface than the spacing, whether it is inside.
     ///
-    /// Between two neighbors that are so far from it there is no skin.
+    /// The surface cannot pass between two neighboring nodes of this kind, so connected nodes are on one side of it.
     ///
     /// # Errors
-    /// If the evaluation is told to stop.
-    fn inside(
+    /// Returns an error if the evaluation is cancelled.
+    fn find_inside(
         &self,
         mesh: &Mesh,
         distances: &[f64],
         deepest: f64,
         progress: &Progress<'_>,
-    ) -> Result<Vec<bool>, Cancelled> {
+    ) -> Result<Vec<bool>, CancelledError> {
         let [width, height, depth] = self.counts;
         let mut is_seen = vec![false; distances.len()];
         let mut is_inside = vec![false; distances.len()];
@@ -217,7 +234,7 @@ impl Depth {
     }
 }
 
-/// How often a mesh winds around a place: the sum of the solid angles in which it is seen, in whole spheres.
+/// Returns the winding number of a mesh around a point: the sum of the solid angles of its faces, divided by 4 pi.
 fn winding(mesh: &Mesh, at: Point3<f64>) -> f64 {
     let halves: Vec<f64> = (0..mesh.faces().len())
         .into_par_iter()

@@ -1,11 +1,11 @@
-//! What is hollow.
+//! Tests of hollow solids.
 
 use maquette_value::Attribute;
 use nalgebra::Point3;
 
 use super::*;
 
-/// A box of quads.
+/// Returns a box of quads with the given size.
 fn cuboid(size: [f64; 3]) -> Mesh {
     let faces =
         [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
@@ -32,9 +32,12 @@ fn is_solid(mesh: &Mesh) -> bool {
 fn a_box_gets_a_cavity_behind_walls_that_are_as_thick_as_asked() {
     let solid = cuboid([20.0, 16.0, 12.0]);
     for (thickness, spacing) in [(2.0, 0.0), (2.0, 0.5), (3.0, 1.5)] {
-        let hollow = hollow(&solid, (thickness, spacing), &[], &Progress::none()).unwrap();
+        let hollow = hollow(&solid, (thickness, spacing), &[], &Progress::silent()).unwrap();
         assert!(is_solid(&hollow));
-        assert_eq!(hollow.crossings(|| Progress::none().check()).unwrap(), Vec::<[u32; 2]>::new());
+        assert_eq!(
+            hollow.crossings(|| Progress::silent().check()).unwrap(),
+            Vec::<[u32; 2]>::new()
+        );
         let inner = [20.0, 16.0, 12.0].iter().map(|size| size - 2.0 * thickness).product::<f64>();
         let found = 20.0 * 16.0 * 12.0 - volume(&hollow);
         assert!((found - inner).abs() < 0.05 * inner, "{found} {inner}");
@@ -49,14 +52,17 @@ fn a_box_gets_a_cavity_behind_walls_that_are_as_thick_as_asked() {
 #[test]
 fn walls_around_inner_edges_are_nowhere_thinner_than_asked() {
     let [block, notch] = [[20.0, 16.0, 12.0], [10.0, 8.0, 30.0]].map(cuboid);
-    let solid = boolean(&block, &[&notch], Operation::Difference, &Progress::none()).unwrap();
+    let solid = boolean(&block, &[&notch], Operation::Difference, &Progress::silent()).unwrap();
     let tree = TriangleTree::new(&solid);
     for (thickness, spacing) in [(2.0, 0.0), (1.5, 0.5)] {
-        let hollow = hollow(&solid, (thickness, spacing), &[], &Progress::none()).unwrap();
+        let hollow = hollow(&solid, (thickness, spacing), &[], &Progress::silent()).unwrap();
         assert!(is_solid(&hollow));
-        assert_eq!(hollow.crossings(|| Progress::none().check()).unwrap(), Vec::<[u32; 2]>::new());
+        assert_eq!(
+            hollow.crossings(|| Progress::silent().check()).unwrap(),
+            Vec::<[u32; 2]>::new()
+        );
         let cavity = hollow.faces().iter().skip(solid.faces().len());
-        // Ten places on each triangle of the cavity.
+        // The wall is measured at ten points on each triangle of the cavity.
         let places = cavity.flat_map(|face| {
             let [a, b, c] = [0, 1, 2].map(|k| hollow.positions()[face[k] as usize]);
             let steps = (0..4).flat_map(|i| (0..4 - i).map(move |j| [i, j]));
@@ -71,19 +77,19 @@ fn walls_around_inner_edges_are_nowhere_thinner_than_asked() {
 
 #[test]
 fn no_cavity_is_much_smaller_than_the_wall_is_thick() {
-    // Behind walls of 2 mm there is room for a cube of 0.9 mm, or of 1.2 mm.
+    // Inside walls of 2 mm, there is room for a cavity with edges of 0.9 mm, or of 1.2 mm.
     let whole = cuboid([4.9; 3]);
-    assert_eq!(hollow(&whole, (2.0, 0.25), &[], &Progress::none()).unwrap(), whole);
-    let cube = hollow(&cuboid([5.2; 3]), (2.0, 0.25), &[], &Progress::none()).unwrap();
+    assert_eq!(hollow(&whole, (2.0, 0.25), &[], &Progress::silent()).unwrap(), whole);
+    let cube = hollow(&cuboid([5.2; 3]), (2.0, 0.25), &[], &Progress::silent()).unwrap();
     assert!(is_solid(&cube) && cube.faces().len() > 6);
 }
 
 #[test]
 fn what_is_too_thin_stays_whole_and_what_is_hollow_gets_thinner_walls_from_both_sides() {
     let plate = cuboid([20.0, 16.0, 3.9]);
-    assert_eq!(hollow(&plate, (2.0, 0.0), &[], &Progress::none()).unwrap(), plate);
-    let once = hollow(&cuboid([24.0; 3]), (8.0, 2.0), &[], &Progress::none()).unwrap();
-    let twice = hollow(&once, (1.0, 0.5), &[], &Progress::none()).unwrap();
+    assert_eq!(hollow(&plate, (2.0, 0.0), &[], &Progress::silent()).unwrap(), plate);
+    let once = hollow(&cuboid([24.0; 3]), (8.0, 2.0), &[], &Progress::silent()).unwrap();
+    let twice = hollow(&once, (1.0, 0.5), &[], &Progress::silent()).unwrap();
     assert!(is_solid(&twice) && volume(&twice) < volume(&once));
     let middle = Point3::new(12.0, 12.0, 12.0);
     let nearest = TriangleTree::new(&twice).nearest_to_all(&[middle])[0].unwrap();
@@ -91,12 +97,12 @@ fn what_is_too_thin_stays_whole_and_what_is_hollow_gets_thinner_walls_from_both_
 }
 
 #[test]
-fn the_cavity_has_what_lies_on_the_skin() {
+fn the_cavity_has_the_attributes_of_the_surface() {
     let solid = cuboid([20.0, 16.0, 12.0]);
     let colors = Attribute::Color((0..8).map(|k| [k, 0, 0]).collect());
     let parts = Attribute::Index((0..6).collect());
     let solid = solid.with_vertex("color", colors).unwrap().with_face("part", parts).unwrap();
-    let hollow = hollow(&solid, (2.0, 0.0), &[], &Progress::none()).unwrap();
+    let hollow = hollow(&solid, (2.0, 0.0), &[], &Progress::silent()).unwrap();
     let colors = hollow.vertex().colors("color").unwrap();
     assert!((0..8).all(|k| colors[8..].contains(&[k, 0, 0])));
     let Some(Attribute::Index(parts)) = hollow.face().get("part") else { panic!("no parts") };
@@ -108,40 +114,43 @@ fn it_is_the_same_for_any_number_of_threads() {
     let solid = cuboid([20.0, 16.0, 12.0]);
     fn hollow_with(threads: usize, solid: &Mesh) -> Mesh {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| hollow(solid, (2.0, 0.0), &[], &Progress::none()).unwrap())
+        pool.install(|| hollow(solid, (2.0, 0.0), &[], &Progress::silent()).unwrap())
     }
     assert_eq!(hollow_with(1, &solid), hollow_with(3, &solid));
 }
 
 #[test]
-fn what_cannot_be_hollow_is_told_why() {
+fn unsuitable_meshes_are_errors() {
     let solid = cuboid([20.0, 16.0, 12.0]);
-    fn told(mesh: &Mesh, thickness: f64, spacing: f64) -> String {
-        hollow(mesh, (thickness, spacing), &[], &Progress::none()).unwrap_err().to_string()
+    fn error(mesh: &Mesh, thickness: f64, spacing: f64) -> String {
+        hollow(mesh, (thickness, spacing), &[], &Progress::silent()).unwrap_err().to_string()
     }
-    assert_eq!(told(&solid, f64::NAN, 0.0), "`thickness` is NaN, but must be a number above 0");
+    assert_eq!(error(&solid, f64::NAN, 0.0), "`thickness` is NaN, but must be a number above 0");
     assert_eq!(
-        told(&solid, 2.0, 1.5),
+        error(&solid, 2.0, 1.5),
         "`spacing` is 1.5, but must be at least 0, and at most 1, half of `thickness`"
     );
-    assert!(told(&solid, 0.01, 0.0).starts_with("the inside of the solid would need about "));
+    assert!(error(&solid, 0.01, 0.0).starts_with("the inside of the solid would need about "));
     let open = Faces::uniform(4, solid.faces().corners()[..20].to_vec()).unwrap();
     let open = Mesh::new(solid.positions().clone(), open).unwrap();
     assert_eq!(
-        told(&open, 2.0, 0.0),
-        "the mesh is not closed: 4 of its edges have not two faces; `Solid` closes it"
+        error(&open, 2.0, 0.0),
+        "the mesh is not closed: 4 of its edges do not have two faces; use `Solid` to close it"
     );
     let mirrored = solid.positions().iter().map(|p| Point3::new(-p.x, p.y, p.z)).collect();
     let mirrored = solid.with_positions(mirrored).unwrap();
-    assert_eq!(told(&mirrored, 2.0, 0.0), "the mesh is inside out: `Orient` turns it");
+    assert_eq!(
+        error(&mirrored, 2.0, 0.0),
+        "the mesh is inside out; use `Orient` to turn it outward"
+    );
     let empty = Mesh::new(Vec::new(), Faces::triangles(Vec::new())).unwrap();
-    assert_eq!(hollow(&empty, (2.0, 0.0), &[], &Progress::none()).unwrap(), empty);
+    assert_eq!(hollow(&empty, (2.0, 0.0), &[], &Progress::silent()).unwrap(), empty);
 }
 
 #[test]
 fn outlets_lead_through_the_wall() {
     let solid = cuboid([20.0, 16.0, 12.0]);
-    let with = |outlets: &[Outlet]| hollow(&solid, (2.0, 0.0), outlets, &Progress::none());
+    let with = |outlets: &[Outlet]| hollow(&solid, (2.0, 0.0), outlets, &Progress::silent());
     let closed = with(&[]).unwrap();
     let below = Outlet { at: [10.0, 8.0, -30.0], diameter: 3.0 };
     let above = Outlet { at: [6.0, 8.0, 13.0], diameter: 2.0 };
@@ -150,20 +159,20 @@ fn outlets_lead_through_the_wall() {
         assert!(is_solid(&open));
         let edges = open.edges().faces.len();
         assert_eq!(open.positions().len() + open.faces().len(), edges + euler);
-        // A prism of 32 sides, as high as the wall is thick.
-        let area =
-            |it: &Outlet| it.diameter * it.diameter * 4.0 * libm::sin(std::f64::consts::TAU / 32.0);
-        let drilled: f64 = outlets.iter().map(|it| 2.0 * area(it)).sum();
+        // The outlet is a prism with 32 sides, as high as the wall is thick.
+        let sine = libm::sin(std::f64::consts::TAU / 32.0);
+        let drilled: f64 =
+            outlets.iter().map(|it| 2.0 * (it.diameter * it.diameter * 4.0 * sine)).sum();
         let found = volume(&closed) - volume(&open);
         assert!((found - drilled).abs() < 1e-3 * drilled.max(1e-6), "{found} {drilled}");
     }
     assert_eq!(with(&[below, above, below]), with(&[below, above]));
-    let told = |outlet: Outlet| with(&[below, outlet]).unwrap_err().to_string();
-    let wide = told(Outlet { diameter: 100.0, ..above });
+    let error = |outlet: Outlet| with(&[below, outlet]).unwrap_err().to_string();
+    let wide = error(Outlet { diameter: 100.0, ..above });
     assert!(wide.starts_with("nothing is left of the solid: the outlets are too wide"), "{wide}");
     assert_eq!(
-        told(Outlet { diameter: 0.0, ..above }),
+        error(Outlet { diameter: 0.0, ..above }),
         "outlet 2 has the diameter 0 at (6, 8, 13), but must have finite numbers, and a diameter above 0"
     );
-    assert!(told(Outlet { at: [f64::NAN, 0.0, 0.0], ..above }).starts_with("outlet 2 has"));
+    assert!(error(Outlet { at: [f64::NAN, 0.0, 0.0], ..above }).starts_with("outlet 2 has"));
 }

@@ -1,36 +1,38 @@
-//! Walls that are nowhere thinner than asked.
+//! Ensures that the walls around a cavity are nowhere thinner than requested.
 
 use maquette_base::topology::union_find::UnionFind;
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use maquette_value::TriangleTree;
 use nalgebra::{Point3, Vector3, center};
 
 use crate::contour::Contour;
 
-/// After so many rounds walls are as thick as they become on their grid.
+/// Maximum number of rounds; further rounds do not improve walls that are made on a grid.
 const ROUNDS: usize = 8;
 
-/// Walls may be thinner than asked by this share.
+/// Deficit of a wall's thickness that is allowed, as a fraction of the thickness.
 const CLOSE: f64 = 1e-3;
 
-/// How far a vertex goes at most towards the end of its edge of the grid, where others may go, too: faces keep a size.
+/// Maximum fraction of its grid edge along which a vertex may move, if other vertices may move to the same end of the edge; with a limit
+/// below 1, faces keep an area.
 const FARTHEST: f64 = 0.9;
 
-/// So many places are measured between two looks at whether to stop: some milliseconds.
+/// Number of points that are measured between two checks for cancellation, in some milliseconds.
 const CHUNK: usize = 4096;
 
-/// Moves vertices of a cavity deeper where the wall in front of the faces around is thinner than `thickness`, along their edges of the grid, so that faces
-/// nowhere cross: distances are known at the nodes of the grid only, and where the skin has an inner edge, the cavity around it is made of flat faces.
+/// Moves vertices of a cavity deeper where the wall between their faces and the surface is thinner than `thickness`. A vertex moves along
+/// its grid edge only, so faces never intersect. Thin walls occur because distances are known at grid nodes only, and because the cavity
+/// has flat faces where the surface has a concave edge.
 pub(super) fn keep_walls(
     contour: &mut Contour,
     tree: &TriangleTree,
     thickness: f64,
     progress: &Progress<'_>,
-) -> Result<(), Cancelled> {
-    // Faces whose walls were measured, and are right until a corner moves.
+) -> Result<(), CancelledError> {
+    // The faces whose walls must be measured. A measurement stays valid until a corner of the face moves.
     let mut open = Vec::from_iter(0..contour.triangles.len());
     let starts = contour.points.clone();
-    // How far each has gone of the way to the end of its edge.
+    // For each vertex, the distance that it has moved along its grid edge, as a fraction of the edge.
     let mut gone = vec![0.0; starts.len()];
     for _ in 0..ROUNDS {
         let mut lacks = vec![0.0; contour.points.len()];
@@ -65,7 +67,7 @@ pub(super) fn keep_walls(
     Ok(())
 }
 
-/// Places on a triangle at which the wall is measured.
+/// Number of points on a triangle at which the wall is measured.
 const PROBES: usize = 7;
 
 fn probes([a, b, c]: [Point3<f64>; 3]) -> [Point3<f64>; PROBES] {
@@ -73,20 +75,20 @@ fn probes([a, b, c]: [Point3<f64>; 3]) -> [Point3<f64>; PROBES] {
     [a, b, c, center(&a, &b), center(&b, &c), center(&c, &a), middle]
 }
 
-/// Leaves out the skins of a contour that enclose less than `least` mm3.
+/// Removes those connected surfaces of a contour that enclose less than `least` mm^3.
 pub(super) fn leave_out_bubbles(contour: &mut Contour, least: f64) {
     let mut skins = UnionFind::new(contour.points.len());
     for &[a, b, c] in &contour.triangles {
-        skins.join(a, b);
-        skins.join(a, c);
+        skins.union(a, b);
+        skins.union(a, c);
     }
     let mut volumes = vec![0.0; contour.points.len()];
     for &corners in &contour.triangles {
-        let skin = skins.first(corners[0]) as usize;
+        let skin = skins.find(corners[0]) as usize;
         let near = contour.points[skin];
         let [a, b, c]: [Vector3<f64>; 3] =
             corners.map(|vertex| contour.points[vertex as usize] - near);
         volumes[skin] += a.dot(&b.cross(&c)) / 6.0;
     }
-    contour.triangles.retain(|corners| least <= volumes[skins.first(corners[0]) as usize].abs());
+    contour.triangles.retain(|corners| least <= volumes[skins.find(corners[0]) as usize].abs());
 }

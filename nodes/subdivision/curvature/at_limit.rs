@@ -1,12 +1,13 @@
 //! The curvature of a subdivision surface at the limits of its control points.
 //!
-//! At a regular vertex the surface is a uniform B-spline or box spline of the control points around, whose second derivatives are
-//! differences of them. Elsewhere the limit has no curvature, or none that means anything: it vanishes or grows without bound. There
-//! the surface close by is taken: a quadratic surface through the limit points of the mesh refined three times.
+//! At a regular vertex the surface is a uniform B-spline or box spline whose control points are the neighboring ones, and its second
+//! derivatives are differences of these. At all other vertices the curvature of the limit does not exist, vanishes, or is unbounded. There
+//! the curvature is taken from the nearby surface: from a quadratic surface that is fitted to the limit points of the mesh refined three
+//! times.
 
 use maquette_node::Progress;
 use maquette_value::parallel::*;
-use maquette_value::{Mesh, NearestPlace, TriangleTree};
+use maquette_value::{Mesh, NearestPoint, TriangleTree};
 use nalgebra::{Point3, Vector3};
 
 use super::super::{Boundary, Corners, Creases, Plan, Scheme, Subdivision};
@@ -21,7 +22,7 @@ use crate::refine::manifold::manifold;
 use crate::refine::topology::Topology;
 use crate::refine::without_border::select_faces;
 
-/// Steps after which the surface around an extraordinary vertex is looked at.
+/// The number of refinement steps around an extraordinary (not regular) vertex.
 const LEVELS: u32 = 3;
 
 pub(super) fn at_limit(
@@ -34,14 +35,15 @@ pub(super) fn at_limit(
         return Err(CurvatureError::NoBorder);
     }
     let (creases, corners) = (Creases::OpenSubdiv, Corners::Linear);
-    let how = Subdivision { scheme, levels: 0, limit: false, boundary, creases, corners };
-    let limit = Limit::new(&Topology::of(mesh, how))?.apply(mesh)?;
+    let options = Subdivision { scheme, levels: 0, limit: false, boundary, creases, corners };
+    let limit = Limit::new(&Topology::from_mesh(mesh, options))?.apply(mesh)?;
     progress.check()?;
     let (connectivity, starts) = Connectivity::new(mesh.faces(), mesh.positions().len())?;
     let mut creased = vec![false; starts.len()];
     let sharp = mesh.creases().filter(|(_, sharpness)| *sharpness > 0.0);
     sharp.flat_map(|(ends, _)| ends).for_each(|end| creased[end as usize] = true);
-    let stars = Stars { connectivity: &connectivity, control: mesh.positions(), scheme };
+    let stars =
+        RegularNeighborhoods { connectivity: &connectivity, control: mesh.positions(), scheme };
     let regular: Vec<Option<Option<Bending>>> = (0..starts.len())
         .into_par_iter()
         .with_min_len(1024)
@@ -56,33 +58,36 @@ pub(super) fn at_limit(
     let extraordinary: Vec<_> = regular.iter().map(Option::is_none).collect();
     let mut bending: Vec<_> = regular.into_iter().map(Option::flatten).collect();
     let others: Vec<_> = (0..starts.len() as u32).filter(|&v| extraordinary[v as usize]).collect();
-    for (&vertex, found) in others.iter().zip(close_by(mesh, &limit, how, &others, progress)?) {
+    for (&vertex, found) in others.iter().zip(close_by(mesh, &limit, options, &others, progress)?) {
         bending[vertex as usize] = found;
     }
     Ok(BentMesh { mesh: limit, bending, extraordinary })
 }
 
-/// First derivatives by two parameters, and second ones: by the first, by both, by the second.
+/// The first derivatives with respect to the parameters u and v, and the second derivatives with respect to uu, uv and vv.
 type Derivatives = ([Vector3<f64>; 2], [Vector3<f64>; 3]);
 
-/// What lies around the vertices of a control mesh.
-struct Stars<'a> {
+/// A control mesh with access to the neighborhoods of its vertices.
+struct RegularNeighborhoods<'a> {
     connectivity: &'a Connectivity,
     control: &'a [Point3<f64>],
     scheme: Scheme,
 }
 
-impl Stars<'_> {
-    /// The derivatives of the surface at a vertex; none if it is not regular there.
+impl RegularNeighborhoods<'_> {
+    fn control_point(&self, vertex: u32) -> Vector3<f64> {
+        self.control[vertex as usize].coords
+    }
+
+    /// Returns the derivatives of the surface at a vertex; `None` if the surface is not a regular patch there.
     fn derivatives(&self, vertex: usize, ring: &Ring) -> Option<Derivatives> {
-        let control = |vertex: u32| self.control[vertex as usize].coords;
         let own = self.control[vertex].coords;
-        // The mask of the value in the direction that is not derived: cubic or quadratic.
+        // The weights along the direction in which the spline is not differentiated, for a cubic or a quadratic spline.
         let [middle, side] = match self.scheme {
             Scheme::Loop => {
                 let around: [u32; 6] =
                     ring.neighbors[..].try_into().ok().filter(|_| ring.closed)?;
-                return Some(box_spline(own, around.map(control)));
+                return Some(box_spline(own, around.map(|vertex| self.control_point(vertex))));
             }
             Scheme::CatmullClark => [4.0 / 6.0, 1.0 / 6.0],
             Scheme::DooSabin => [6.0 / 8.0, 1.0 / 8.0],
@@ -100,11 +105,13 @@ impl Stars<'_> {
             })
             .collect();
         let across: [u32; 4] = across?.try_into().ok()?;
-        Some(tensor(own, beside.map(control), across.map(control), [middle, side]))
+        let [beside, across] =
+            [beside, across].map(|vertices| vertices.map(|vertex| self.control_point(vertex)));
+        Some(tensor(own, beside, across, [middle, side]))
     }
 }
 
-/// The quartic box spline on the unit hexagonal lattice, whose neighbor `j` lies at `j` times 60 degrees.
+/// Computes the derivatives of the quartic box spline on the unit triangular lattice. Neighbor `j` is at the angle `j * 60` degrees.
 fn box_spline(own: Vector3<f64>, around: [Vector3<f64>; 6]) -> Derivatives {
     let [a, b, c, d, e, f] = around;
     let root = 3f64.sqrt();
@@ -117,32 +124,44 @@ fn box_spline(own: Vector3<f64>, around: [Vector3<f64>; 6]) -> Derivatives {
     ([u / 3.0, v / 3.0], [uu, uv, vv])
 }
 
-/// A tensor product of uniform B-splines on the unit grid: neighbors counter-clockwise from the one along u, and the corners between
-/// them and the next.
+/// Computes the derivatives of a tensor product of uniform B-splines on the unit grid. The neighbors are counter-clockwise, beginning along
+/// u; corner `j` is between neighbors `j` and `j + 1`.
 fn tensor(
     own: Vector3<f64>,
     [east, north, west, south]: [Vector3<f64>; 4],
     [north_east, north_west, south_west, south_east]: [Vector3<f64>; 4],
-    [middle, side]: [f64; 2],
+    mask: [f64; 2],
 ) -> Derivatives {
-    let smooth = |[before, here, after]: [Vector3<f64>; 3]| here * middle + (before + after) * side;
     let columns =
         [[south_west, west, north_west], [south, own, north], [south_east, east, north_east]];
     let rows =
         [[south_west, south, south_east], [west, own, east], [north_west, north, north_east]];
-    let first = |lines: [[Vector3<f64>; 3]; 3]| (smooth(lines[2]) - smooth(lines[0])) / 2.0;
-    let second = |lines: [[Vector3<f64>; 3]; 3]| {
-        smooth(lines[2]) - smooth(lines[1]) * 2.0 + smooth(lines[0])
-    };
+    let [columns, rows] = [columns, rows].map(|lines| lines.map(|line| apply_mask(line, mask)));
     let uv = (north_east - south_east - north_west + south_west) / 4.0;
-    ([first(columns), first(rows)], [second(columns), uv, second(rows)])
+    (
+        [columns, rows].map(first_difference),
+        [second_difference(columns), uv, second_difference(rows)],
+    )
 }
 
-/// The curvature near the limits of some vertices.
+/// Returns the weighted sum of three collinear grid points: the middle one has the weight `middle`, the other two have the weight `side`.
+fn apply_mask([before, here, after]: [Vector3<f64>; 3], [middle, side]: [f64; 2]) -> Vector3<f64> {
+    here * middle + (before + after) * side
+}
+
+fn first_difference([before, _, after]: [Vector3<f64>; 3]) -> Vector3<f64> {
+    (after - before) / 2.0
+}
+
+fn second_difference([before, here, after]: [Vector3<f64>; 3]) -> Vector3<f64> {
+    after - here * 2.0 + before
+}
+
+/// Computes the curvature of the surface near the limit points of some vertices.
 fn close_by(
     mesh: &Mesh,
     limit: &Mesh,
-    how: Subdivision,
+    options: Subdivision,
     vertices: &[u32],
     progress: &Progress<'_>,
 ) -> Result<Vec<Option<Bending>>, CurvatureError> {
@@ -150,51 +169,55 @@ fn close_by(
         return Ok(Vec::new());
     }
     progress.check()?;
-    let (part, own) = around(mesh, vertices)?;
-    let how = Subdivision { levels: LEVELS, limit: true, ..how };
-    let plan = Plan::new(&part, how)?;
+    let (part, own) = extract_neighborhood(mesh, vertices)?;
+    let options = Subdivision { levels: LEVELS, limit: true, ..options };
+    let plan = Plan::new(&part, options)?;
     progress.check()?;
     let fine = plan.apply(&part)?;
     progress.check()?;
     let neighbors = Neighbors::new(&fine.edges(), fine.positions().len());
-    let places: Vec<_> =
+    let positions: Vec<_> =
         vertices.iter().map(|&vertex| limit.positions()[vertex as usize]).collect();
-    // The other schemes keep the numbers of vertices when they refine.
-    let own = if how.scheme.is_dual() { nearest_vertices(&fine, &places) } else { own };
+    // In primal schemes vertices keep their indices, so no search is needed.
+    let own = if options.scheme.is_dual() { nearest_vertices(&fine, &positions) } else { own };
     let normals = fine.vertex_normals();
-    Ok(places
+    Ok(positions
         .par_iter()
         .zip(&own)
         .with_min_len(64)
-        .map(|(&place, own): (&Point3<f64>, &Option<u32>)| {
+        .map(|(&position, own): (&Point3<f64>, &Option<u32>)| {
             let own = (*own)?;
-            let around = neighbors.near(own, 6).into_iter().chain([own]);
+            let around = neighbors.neighborhood(own, 6).into_iter().chain([own]);
             let around: Vec<_> = around.map(|other| fine.positions()[other as usize]).collect();
-            Bending::of_points(place, normals[own as usize], &around)
+            Bending::of_points(position, normals[own as usize], &around)
         })
         .collect())
 }
 
-/// The vertex of a mesh that is nearest to each place, of those of the nearest face.
-fn nearest_vertices(mesh: &Mesh, places: &[Point3<f64>]) -> Vec<Option<u32>> {
-    places
+/// Finds for each position the nearest vertex, among the corners of the nearest face.
+fn nearest_vertices(mesh: &Mesh, positions: &[Point3<f64>]) -> Vec<Option<u32>> {
+    positions
         .iter()
-        .zip(TriangleTree::new(mesh).nearest_to_all(places))
-        .map(|(place, hit): (&Point3<f64>, Option<NearestPlace>)| {
+        .zip(TriangleTree::new(mesh).nearest_to_all(positions))
+        .map(|(position, hit): (&Point3<f64>, Option<NearestPoint>)| {
             let face = mesh.faces().face(hit?.face as usize);
-            fn away(vertex: u32, place: &Point3<f64>, mesh: &Mesh) -> f64 {
-                (mesh.positions()[vertex as usize] - place).norm_squared()
+            fn distance_from_vertex(vertex: u32, position: &Point3<f64>, mesh: &Mesh) -> f64 {
+                (mesh.positions()[vertex as usize] - position).norm_squared()
             }
-            face.iter()
-                .copied()
-                .min_by(|&a, &b| away(a, place, mesh).total_cmp(&away(b, place, mesh)))
+            face.iter().copied().min_by(|&a, &b| {
+                distance_from_vertex(a, position, mesh)
+                    .total_cmp(&distance_from_vertex(b, position, mesh))
+            })
         })
         .collect()
 }
 
-/// The faces within two edges of some vertices, on which the surface between them and their neighbors depends, and the numbers
-/// that these vertices have there; none for a vertex of no face.
-fn around(mesh: &Mesh, vertices: &[u32]) -> Result<(Mesh, Vec<Option<u32>>), CurvatureError> {
+/// Extracts the faces within two edges of some vertices. The surface between each of the vertices and its neighbors depends on these faces.
+/// Also returns the index of each of the vertices in the extracted mesh; `None` for a vertex without faces.
+fn extract_neighborhood(
+    mesh: &Mesh,
+    vertices: &[u32],
+) -> Result<(Mesh, Vec<Option<u32>>), CurvatureError> {
     let mut marked = vec![false; mesh.positions().len()];
     vertices.iter().for_each(|&vertex| marked[vertex as usize] = true);
     let mut chosen = vec![false; mesh.faces().len()];
@@ -214,7 +237,8 @@ fn around(mesh: &Mesh, vertices: &[u32]) -> Result<(Mesh, Vec<Option<u32>>), Cur
     (0..).zip(kept).for_each(|(number, kept)| *kept = Some(number));
     let own = vertices.iter().map(|&vertex| numbers[vertex as usize]).collect();
     let bare = Mesh::new(mesh.positions().to_vec(), mesh.faces().clone())?;
-    // Parts may touch at a vertex; the first keeps its number, and it is of no use to any.
+    // Two parts may touch at a vertex, which is then split. The first copy keeps the index. The curvature at the split vertex is not used.
+    // vertex.
     let part = manifold(&select_faces(&bare.with_creases(mesh.creases())?, &faces)?)?;
     Ok((part, own))
 }

@@ -1,35 +1,35 @@
-//! The curvature of a surface at a point, from its derivatives or from points around.
+//! The curvature of a surface at a point, from its derivatives or from neighboring points.
 
 use maquette_value::Rgb;
 use nalgebra::{Matrix2, Point3, Vector3, Vector5};
 
-/// How a surface bends at a point.
+/// The curvature of a surface at a point.
 ///
-/// The normal points outward, and what bends away from it is positive: a sphere of radius r has `k1 = k2 = 1 / r`.
+/// The normal points outward, and curvature away from the normal is positive: a sphere of radius r has `k1 = k2 = 1 / r`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bending {
     /// The product of the principal curvatures, in 1/mm^2.
     pub gaussian: f64,
-    /// Their mean, in 1/mm.
+    /// The mean of the principal curvatures, in 1/mm.
     pub mean: f64,
     /// The larger and the smaller principal curvature, in 1/mm.
     pub principal: [f64; 2],
-    /// Unit tangents in which the surface bends so; any at right angles where both are equal.
+    /// The principal directions as unit tangents; an arbitrary orthogonal pair if both curvatures are equal.
     pub directions: [Vector3<f64>; 2],
 }
 
 impl Bending {
-    /// The same directions with the curvatures that angles tell.
-    pub(super) fn replaced(self, angles: super::AngleBending) -> Self {
+    /// Returns this curvature with its directions, but with principal curvatures computed from angles.
+    pub(super) fn replace_curvatures(self, angles: super::AngleBending) -> Self {
         let (gaussian, mean) = (angles.gaussian, angles.mean);
         let spread = (mean * mean - gaussian).max(0.0).sqrt();
         Self { gaussian, mean, principal: [mean + spread, mean - spread], ..self }
     }
 
-    /// From the derivatives of a parametrization of any kind; none if the tangents do not span a plane.
+    /// Computes the curvature from the derivatives of any parametrization. Returns `None` if the tangents do not span a plane.
     ///
-    /// The second fundamental form in an orthonormal frame of tangents, whose eigenvalues are the principal curvatures: do Carmo,
-    /// *Differential Geometry of Curves and Surfaces* (1976), section 3.3; with the sign of an outward normal.
+    /// The principal curvatures are the eigenvalues of the second fundamental form in an orthonormal frame of tangents: do Carmo,
+    /// *Differential Geometry of Curves and Surfaces* (1976), section 3.3. The sign is that for an outward normal.
     pub(super) fn of_derivatives(
         [u, v]: [Vector3<f64>; 2],
         [uu, uv, vv]: [Vector3<f64>; 3],
@@ -45,7 +45,7 @@ impl Bending {
         Self::of_form(form, [first, second])
     }
 
-    /// From the second fundamental form in a frame of orthonormal tangents.
+    /// Computes the curvature from the second fundamental form in a frame of orthonormal tangents.
     fn of_form(form: Matrix2<f64>, [first, second]: [Vector3<f64>; 2]) -> Option<Self> {
         if !form.iter().all(|x| x.is_finite()) {
             return None;
@@ -54,7 +54,7 @@ impl Bending {
         let mean = (form.m11 + form.m22) / 2.0;
         let half = (form.m11 - form.m22) / 2.0;
         let spread = (half * half + across * across).sqrt();
-        // The longer one of two vectors along the first direction.
+        // There are two formulas for the eigenvector of the first direction; the longer result is more accurate.
         let [x, y] = if half >= 0.0 { [half + spread, across] } else { [across, spread - half] };
         let along = first * x + second * y;
         let along = along.try_normalize(0.0).unwrap_or(first);
@@ -66,8 +66,9 @@ impl Bending {
         })
     }
 
-    /// From points around one, by the quadratic height field over the plane at right angles to `normal` that is nearest to them by
-    /// squares; it need not pass through the middle one's tangent plane. None for fewer than 5 points or those on one line.
+    /// Computes the curvature from neighboring points: fits a quadratic height field over the plane perpendicular to `normal` by least
+    /// squares. The tangent plane of the height field at `middle` may be tilted. Returns `None` for fewer than 5 points or points on a
+    /// line.
     ///
     /// Petitjean, "A survey of methods for recovering quadrics in triangle meshes" (2002), section 3.
     pub(super) fn of_points(
@@ -83,23 +84,21 @@ impl Bending {
         if around.len() < 5 || size <= 0.0 {
             return None;
         }
-        // In units of the neighborhood, so that all columns are of one size.
-        let local = |point: &Point3<f64>| {
-            let to = (point - middle) / size;
-            [to.dot(&first), to.dot(&second), to.dot(&normal)]
-        };
         let sums = around
             .iter()
             .map(|point| {
-                let [x, y, z] = local(point);
+                // Coordinates are divided by the size of the neighborhood, which gives all columns a similar magnitude.
+                let to = (point - middle) / size;
+                let [x, y, z] = [to.dot(&first), to.dot(&second), to.dot(&normal)];
                 let terms = Vector5::new(x * x, x * y, y * y, x, y);
                 (terms * terms.transpose(), terms * z)
             })
             .reduce(|a, b| (a.0 + b.0, a.1 + b.1));
         let (normal_rows, heights) = sums?;
         let cholesky = normal_rows.cholesky()?;
-        // The eigenvalues' product is at most the least one times the fourth power of the greatest, and that at most their sum: mostly it
-        // tells already that the least is large enough.
+        // The determinant, which is the product of the five eigenvalues, is at most the smallest eigenvalue times the fourth power of the
+        // greatest one, which is at most the sum of the eigenvalues. In most cases this bound already shows that the smallest eigenvalue is
+        // large enough.
         let sum = normal_rows.trace();
         let is_determined = cholesky.determinant() > 1e-9 * (sum * sum * sum * sum * sum) || {
             let sizes = normal_rows.symmetric_eigenvalues();
@@ -113,9 +112,10 @@ impl Bending {
     }
 }
 
-/// The color of a number from -1 (blue) over 0 (light gray) to 1 (red): equal steps of the number look equal.
+/// Maps a number from -1 (blue) through 0 (light gray) to 1 (red) to a color. The color map is perceptually uniform.
 ///
-/// The ends and the middle of Moreland, "Diverging color maps for scientific visualization" (2009), straight in between.
+/// The colors for -1, 0 and 1 are those of Moreland, "Diverging color maps for scientific visualization" (2009); between them colors are
+/// interpolated linearly.
 pub(super) fn ramp(number: f64) -> Rgb {
     const MIDDLE: [f64; 3] = [221.0, 221.0, 221.0];
     let end = if number < 0.0 { [59.0, 76.0, 192.0] } else { [180.0, 4.0, 38.0] };
@@ -128,7 +128,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_torus_bends_as_its_formula_says() {
+    fn a_torus_has_the_curvature_of_its_formula() {
         let (big, small) = (2.0, 0.7);
         for k in 0..40 {
             let (u, v) = (0.7 * f64::from(k), 0.3 * f64::from(k));
@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn points_of_a_paraboloid_have_its_curvature_whatever_the_normal_that_is_assumed() {
+    fn points_of_a_paraboloid_have_its_curvature_for_any_assumed_normal() {
         fn height(x: f64, y: f64) -> f64 {
             -0.5 * x * x - 1.5 * y * y
         }
@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn the_ramp_goes_from_blue_over_gray_to_red() {
+    fn the_ramp_is_blue_gray_and_red() {
         assert_eq!([ramp(-2.0), ramp(0.0), ramp(1.0)], [[59, 76, 192], [221; 3], [180, 4, 38]]);
         assert_eq!(ramp(f64::NAN), [221; 3]);
     }

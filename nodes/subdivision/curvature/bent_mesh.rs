@@ -5,22 +5,22 @@ use maquette_value::{Attribute, Mesh, MeshError};
 use super::bending::{self, Bending};
 use super::curvature_ramp::CurvatureRamp;
 
-/// A mesh whose bending is known.
+/// A mesh with the curvature at its vertices.
 #[derive(Clone, Debug)]
 pub struct BentMesh {
-    /// The mesh; for [`CurvatureMethod::Limit`](crate::CurvatureMethod::Limit) with its vertices on the surface.
+    /// The mesh. For [`CurvatureMethod::Limit`](crate::CurvatureMethod::Limit) its vertices have been moved to the limit surface.
     pub mesh: Mesh,
-    /// How it bends at each vertex; none where nothing can be told.
+    /// The curvature at each vertex; `None` where it cannot be determined.
     pub bending: Vec<Option<Bending>>,
-    /// Where a limit surface has no curvature of its own.
+    /// Marks the vertices where the limit surface has no curvature.
     pub extraordinary: Vec<bool>,
 }
 
 impl BentMesh {
-    /// The mesh with its bending as vertex attributes, and colors of one of them.
+    /// Adds the curvature as vertex attributes, and vertex colors that show one of its values.
     ///
     /// # Errors
-    /// Never: the attributes are as many as the vertices.
+    /// None occur: the attributes have one value per vertex.
     pub fn into_mesh(self, ramp: CurvatureRamp, strongest: f64) -> Result<Mesh, MeshError> {
         type Number = fn(&Bending) -> f64;
         fn number(of: Number, self_bending: &[Option<Bending>]) -> Vec<f64> {
@@ -53,7 +53,7 @@ impl BentMesh {
         for (name, of, shown) in columns {
             let numbers = number(of, &self.bending);
             if shown == ramp {
-                let strongest = if strongest > 0.0 { strongest } else { exceeded(&numbers) };
+                let strongest = if strongest > 0.0 { strongest } else { percentile_95(&numbers) };
                 let colors =
                     numbers.iter().map(|&number| bending::ramp(number / strongest)).collect();
                 mesh = mesh.with_texture(None).with_vertex("color", Attribute::Color(colors))?;
@@ -64,8 +64,8 @@ impl BentMesh {
     }
 }
 
-/// The size that 5 % of some numbers exceed; not 0.
-fn exceeded(numbers: &[f64]) -> f64 {
+/// Returns the absolute value that 5 % of the numbers exceed; a positive number even if all are 0.
+fn percentile_95(numbers: &[f64]) -> f64 {
     let mut sizes: Vec<_> = numbers.iter().map(|number| number.abs()).collect();
     sizes.sort_by(f64::total_cmp);
     sizes.get(sizes.len() * 95 / 100).copied().unwrap_or(0.0).max(f64::MIN_POSITIVE)

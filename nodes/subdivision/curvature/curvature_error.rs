@@ -1,25 +1,25 @@
-//! Why a mesh has no curvature.
+//! Errors of the computation of curvature.
 
-use maquette_node::Cancelled;
+use maquette_node::CancelledError;
 use maquette_value::MeshError;
 
 use crate::SubdivideError;
 
-/// Why there is no curvature.
+/// An error of the computation of curvature.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CurvatureError {
-    /// A mesh that the scheme cannot refine.
+    /// The scheme cannot refine the mesh.
     #[error(transparent)]
     Subdivide(#[from] SubdivideError),
-    /// Faces at the border that the surface does not have.
+    /// The mesh has border faces, which the surface lacks with `boundary: None`.
     #[error(
         "with `boundary: None` the surface ends before the border, so that vertices there have no curvature"
     )]
     NoBorder,
-    /// Places out of all bounds.
+    /// A position became infinite.
     #[error(transparent)]
     Mesh(#[from] MeshError),
-    /// The evaluation was told to stop.
+    /// The evaluation was cancelled.
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }

@@ -1,20 +1,20 @@
-//! Which number of the curvature is painted.
+//! The curvature that vertex colors show.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What vertex colors show.
+/// The curvature that vertex colors show.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum CurvatureRamp {
     /// The mean of the principal curvatures.
     #[default]
     Mean,
-    /// Their product.
+    /// The product of the principal curvatures.
     Gaussian,
-    /// The larger one.
+    /// The larger principal curvature.
     K1,
-    /// The smaller one.
+    /// The smaller principal curvature.
     K2,
-    /// Nothing: colors and picture stay as they are.
+    /// None: colors and texture do not change.
     None,
 }

@@ -1,48 +1,48 @@
 use maquette_node::Progress;
 use nalgebra::{Point3, Vector3};
 
-use super::super::shapes::{cube, noisy, sphere, torus};
+use super::super::shapes::{add_noise, cube, sphere, torus};
 use super::super::{InterpolateOptions, interpolate};
 use super::*;
 
 #[test]
-fn the_missing_angles_of_a_closed_mesh_are_its_euler_characteristic() {
+fn the_angle_defects_of_a_closed_mesh_add_up_to_its_euler_characteristic() {
     for (mesh, characteristic) in
-        [(noisy(&sphere(3), 0.02), 2.0), (noisy(&torus(30, 15, true), 0.02), 0.0)]
+        [(add_noise(&sphere(3), 0.02), 2.0), (add_noise(&torus(30, 15, true), 0.02), 0.0)]
     {
         let sum: f64 = angle_bending(&mesh).iter().map(|bend| bend.gaussian * bend.area).sum();
         assert!((sum - std::f64::consts::TAU * characteristic).abs() <= 1e-10, "{sum}");
     }
 }
 
-/// The Gaussian and the mean curvature of the torus at a point.
-fn of_torus(point: &Point3<f64>) -> [f64; 2] {
+/// The exact Gaussian and mean curvature of the torus at a point.
+fn exact_curvatures(point: &Point3<f64>) -> [f64; 2] {
     let radius = (point.x * point.x + point.y * point.y).sqrt();
     let cosine = (radius - 2.0) / 0.7;
     let around = cosine / (2.0 + 0.7 * cosine);
     [around / 0.7, (around + 1.0 / 0.7) / 2.0]
 }
 
-/// The largest errors of both.
+/// The largest errors of the Gaussian and of the mean curvature, in this order.
 fn errors(data: &Mesh, bent: &BentMesh) -> [f64; 2] {
     let pairs = data.positions().iter().zip(&bent.bending);
     pairs.fold([0.0, 0.0], |[k, h], (point, bending)| {
-        let (bending, [gaussian, mean]) = (bending.unwrap(), of_torus(point));
+        let (bending, [gaussian, mean]) = (bending.unwrap(), exact_curvatures(point));
         [f64::max(k, (bending.gaussian - gaussian).abs()), f64::max(h, (bending.mean - mean).abs())]
     })
 }
 
-fn interpolated(data: &Mesh, scheme: Scheme) -> BentMesh {
+fn interpolate_bent_mesh(data: &Mesh, scheme: Scheme) -> BentMesh {
     let mut options = InterpolateOptions::default();
     options.how.tolerance = 1e-12;
-    let control = interpolate(data, scheme, &options, &[], &Progress::none()).unwrap().shape;
-    curvature(&control, CurvatureMethod::Limit, scheme, Boundary::default(), &Progress::none())
+    let control = interpolate(data, scheme, &options, &[], &Progress::silent()).unwrap().shape;
+    curvature(&control, CurvatureMethod::Limit, scheme, Boundary::default(), &Progress::silent())
         .unwrap()
 }
 
-// The table of reference errors on a torus.
+// The measured errors on a torus are compared with reference errors.
 #[test]
-fn curvature_on_a_torus_is_as_near_as_its_reference() {
+fn errors_on_a_torus_are_at_most_the_reference_errors() {
     const UNKNOWN: [f64; 2] = [f64::NAN; 2];
     let reference = [
         (24, [0.02897, 0.03337], [0.02790, 0.00567], [0.03280, 0.01816], [0.04931, 0.02725]),
@@ -58,13 +58,13 @@ fn curvature_on_a_torus_is_as_near_as_its_reference() {
             CurvatureMethod::Mesh,
             Scheme::Loop,
             Boundary::default(),
-            &Progress::none(),
+            &Progress::silent(),
         );
         let found = [
-            errors(&triangles, &interpolated(&triangles, Scheme::Loop)),
+            errors(&triangles, &interpolate_bent_mesh(&triangles, Scheme::Loop)),
             errors(&triangles, &angles.unwrap()),
-            errors(&quads, &interpolated(&quads, Scheme::CatmullClark)),
-            errors(&quads, &interpolated(&quads, Scheme::DooSabin)),
+            errors(&quads, &interpolate_bent_mesh(&quads, Scheme::CatmullClark)),
+            errors(&quads, &interpolate_bent_mesh(&quads, Scheme::DooSabin)),
         ];
         let expected = [by_loop, by_angles, by_catmull_clark, by_doo_sabin];
         let pairs = found.iter().flatten().zip(expected.iter().flatten());
@@ -81,7 +81,7 @@ fn curvature_on_a_torus_is_as_near_as_its_reference() {
 
 #[test]
 fn a_plane_is_flat_and_a_cylinder_bends_around_its_axis() {
-    // A tube of triangles with edges along its axis: control points that the scheme sums to a straight line there.
+    // A tube of triangles with edges along its axis, a direction in which the surface is straight.
     let (n, m) = (24u32, 9u32);
     fn name(i: u32, j: u32, n: u32) -> u32 {
         i % n + j * n
@@ -108,14 +108,14 @@ fn a_plane_is_flat_and_a_cylinder_bends_around_its_axis() {
         CurvatureMethod::Limit,
         Scheme::Loop,
         Boundary::default(),
-        &Progress::none(),
+        &Progress::silent(),
     )
     .unwrap();
     let middle = (n * 4) as usize;
     let bending = bent.bending[middle].unwrap();
-    let place = bent.mesh.positions()[middle];
-    // The control points lie on a circle, the limit on one a little smaller.
-    let radius = (place.x * place.x + place.y * place.y).sqrt();
+    let position = bent.mesh.positions()[middle];
+    // The control points are on a circle, the limit points on a slightly smaller one.
+    let radius = (position.x * position.x + position.y * position.y).sqrt();
     assert!((bending.principal[0] * radius - 1.0).abs() < 0.01, "{bending:?} {radius}");
     assert!(bending.principal[1].abs() < 1e-10);
     assert!((bending.directions[1].z.abs() - 1.0).abs() < 1e-10, "along the axis");
@@ -128,14 +128,14 @@ fn a_plane_is_flat_and_a_cylinder_bends_around_its_axis() {
         CurvatureMethod::Fit,
         Scheme::Loop,
         Boundary::default(),
-        &Progress::none(),
+        &Progress::silent(),
     );
     let known = flat.unwrap().bending.into_iter().flatten();
     assert!(known.map(|bend| bend.mean.abs()).fold(0.0, f64::max) < 1e-9);
 
     for method in [CurvatureMethod::Limit, CurvatureMethod::Mesh, CurvatureMethod::Fit] {
         let round =
-            curvature(&sphere(3), method, Scheme::Loop, Boundary::default(), &Progress::none())
+            curvature(&sphere(3), method, Scheme::Loop, Boundary::default(), &Progress::silent())
                 .unwrap();
         for bending in round.bending {
             let [k1, k2] = bending.unwrap().principal;
@@ -146,19 +146,19 @@ fn a_plane_is_flat_and_a_cylinder_bends_around_its_axis() {
 
 #[test]
 fn curvature_scales_and_keeps_its_sign_when_mirrored() {
-    let mesh = noisy(&torus(24, 12, true), 0.03);
+    let mesh = add_noise(&torus(24, 12, true), 0.03);
     for method in [CurvatureMethod::Limit, CurvatureMethod::Mesh, CurvatureMethod::Fit] {
         let bend = |mesh: &Mesh| {
-            curvature(mesh, method, Scheme::Loop, Boundary::default(), &Progress::none())
+            curvature(mesh, method, Scheme::Loop, Boundary::default(), &Progress::silent())
                 .unwrap()
                 .bending
         };
-        let places = |map: fn(&Point3<f64>) -> Point3<f64>| mesh.positions().iter().map(map);
-        let large = mesh.with_positions(places(|p| p * 3.0).collect()).unwrap();
+        let positions = |map: fn(&Point3<f64>) -> Point3<f64>| mesh.positions().iter().map(map);
+        let large = mesh.with_positions(positions(|p| p * 3.0).collect()).unwrap();
         let turned = mesh.faces().as_triangles().unwrap().iter().map(|&[a, b, c]| [a, c, b]);
         let turned = maquette_value::Faces::triangles(turned.collect());
         let mirrored =
-            Mesh::new(places(|p| Point3::new(-p.x, p.y, p.z)).collect::<Vec<_>>(), turned);
+            Mesh::new(positions(|p| Point3::new(-p.x, p.y, p.z)).collect::<Vec<_>>(), turned);
         let own = bend(&mesh);
         for (own, large) in own.iter().zip(bend(&large)) {
             let (own, large) = (own.unwrap(), large.unwrap());
@@ -176,13 +176,13 @@ fn curvature_scales_and_keeps_its_sign_when_mirrored() {
 }
 
 #[test]
-fn polygons_bend_as_their_triangles_and_colors_show_the_sign() {
+fn polygons_have_the_curvature_of_their_triangles_and_colors_show_the_sign() {
     let bent = curvature(
         &cube(),
         CurvatureMethod::Mesh,
         Scheme::Loop,
         Boundary::default(),
-        &Progress::none(),
+        &Progress::silent(),
     )
     .unwrap();
     assert!(bent.bending.iter().all(|bending| bending.unwrap().gaussian > 0.0));
@@ -192,7 +192,7 @@ fn polygons_bend_as_their_triangles_and_colors_show_the_sign() {
         CurvatureMethod::Fit,
         Scheme::Loop,
         Boundary::default(),
-        &Progress::none(),
+        &Progress::silent(),
     )
     .unwrap();
     let mesh = bent.into_mesh(CurvatureRamp::Gaussian, 0.0).unwrap();
@@ -205,8 +205,8 @@ fn polygons_bend_as_their_triangles_and_colors_show_the_sign() {
     }
 }
 
-/// A triangle mesh with the edge between faces `2 k` and `2 k + 1` flipped, which makes four extraordinary vertices of regular ones.
-fn flipped(mesh: &Mesh, pairs: &[usize]) -> Mesh {
+/// Flips the edge between faces `2 k` and `2 k + 1` for each `k` in `pairs`, which makes four vertices extraordinary.
+fn flip_edges(mesh: &Mesh, pairs: &[usize]) -> Mesh {
     let mut faces = mesh.faces().as_triangles().unwrap().to_vec();
     for &pair in pairs {
         let [mut face, other] = [faces[2 * pair], faces[2 * pair + 1]];
@@ -221,16 +221,16 @@ fn flipped(mesh: &Mesh, pairs: &[usize]) -> Mesh {
 }
 
 #[test]
-fn extraordinary_vertices_at_any_distance_bend_as_each_alone() {
+fn extraordinary_vertices_do_not_affect_each_other() {
     let round = torus(48, 24, true);
     fn bend(pairs: &[usize], round: &Mesh) -> BentMesh {
-        let mesh = flipped(round, pairs);
+        let mesh = flip_edges(round, pairs);
         curvature(
             &mesh,
             CurvatureMethod::Limit,
             Scheme::Loop,
             Boundary::default(),
-            &Progress::none(),
+            &Progress::silent(),
         )
         .unwrap()
     }

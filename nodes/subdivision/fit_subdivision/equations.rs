@@ -1,44 +1,51 @@
-//! The equations of control points whose surface is near to points.
+//! The least-squares equations of the control points.
 
 use maquette_base::linear::cholesky::Cholesky;
 use maquette_base::linear::columns::{self, Column};
 use maquette_base::linear::stencils::Stencils;
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use nalgebra::Point3;
 
 use super::feet::Feet;
-use crate::limit::composed::Composed;
+use crate::limit::composed::ComposedLimit;
 
-/// The equations `A P = X` of the feet of points and `weight^(1/2) L P = 0` below them, which least squares meet as nearly as possible.
+/// The overdetermined equations of the control points `P`. The first rows `A P = X` move the foot points `A P` to the given points `X`; the
+/// other rows `weight^(1/2) L P = 0` with the Laplacian `L` make the surface smooth.
 pub(super) struct System {
     rows: Stencils,
     transposed: Stencils,
     right: Vec<Column>,
 }
 
-/// The residual that is left of the one at the start where the equations are solved step by step: far below what the next nearest
-/// places change.
+/// The iterative solution ends at this residual, relative to the initial one. The remaining error is far below the change that the next
+/// search for nearest points causes.
 const PRECISION: f64 = 1e-6;
 
-/// Most steps.
-const MOST_STEPS: usize = 500;
+/// The maximum number of steps of the iterative solution.
+const MAX_STEPS: usize = 500;
 
 impl System {
-    pub(super) fn new(surface: &Composed, feet: &Feet, stiffness: &Stencils, weight: f64) -> Self {
-        let rows = feet.rows.times(&surface.rows).above(stiffness, weight.sqrt());
+    pub(super) fn new(
+        surface: &ComposedLimit,
+        feet: &Feet,
+        stiffness: &Stencils,
+        weight: f64,
+    ) -> Self {
+        let rows = feet.rows.times(&surface.rows).stack(stiffness, weight.sqrt());
         let mut right = feet.points.clone();
         right.resize(rows.len(), [0.0; 3]);
-        Self { transposed: rows.transposed(stiffness.len()), rows, right }
+        Self { transposed: rows.transpose(stiffness.len()), rows, right }
     }
 
-    /// The control points: by factors, or where these do not determine them all, with the least change from those that are known.
+    /// Solves for the control points: directly, or, if the equations do not determine all control points, by an iteration that finds the
+    /// solution with the smallest change from `start`.
     pub(super) fn solve(
         &self,
         start: &[Point3<f64>],
         progress: &Progress<'_>,
-    ) -> Result<Vec<Point3<f64>>, Cancelled> {
+    ) -> Result<Vec<Point3<f64>>, CancelledError> {
         progress.check()?;
-        let Some(factors) = Cholesky::new(&self.rows.squared_with(&self.transposed)) else {
+        let Some(factors) = Cholesky::new(&self.rows.normal_matrix_with(&self.transposed)) else {
             return self.conjugate_gradients(start, progress);
         };
         let mut control = self.transposed.apply(&self.right);
@@ -50,7 +57,7 @@ impl System {
         &self,
         start: &[Point3<f64>],
         progress: &Progress<'_>,
-    ) -> Result<Vec<Point3<f64>>, Cancelled> {
+    ) -> Result<Vec<Point3<f64>>, CancelledError> {
         let mut control: Vec<Column> = start.iter().map(|point| point.coords.into()).collect();
         let ones = vec![1.0; control.len()];
         let mut residual = self.transposed.apply(&self.right);
@@ -58,7 +65,7 @@ impl System {
         let mut direction = residual.clone();
         let mut energy = columns::dot(&residual, &residual, &ones);
         let enough = energy.map(|energy| energy * PRECISION * PRECISION);
-        for _ in 0..MOST_STEPS {
+        for _ in 0..MAX_STEPS {
             let moves = [0, 1, 2].map(|k| energy[k] > enough[k]);
             if !moves.contains(&true) {
                 break;
@@ -80,7 +87,7 @@ impl System {
         Ok(control.into_iter().map(Point3::from).collect())
     }
 
-    /// The matrix of the normal equations times a column.
+    /// Multiplies the matrix of the normal equations by a vector.
     fn apply(&self, x: &[Column]) -> Vec<Column> {
         self.transposed.apply(&self.rows.apply(x))
     }

@@ -1,72 +1,76 @@
-//! Points and their nearest places on a fine mesh.
+//! Foot points: the nearest points on a refined mesh to given points.
 
 use maquette_base::linear::columns::Column;
-use maquette_base::linear::missed::Missed;
+use maquette_base::linear::residuals::Residuals;
 use maquette_base::linear::stencils::Stencils;
-use maquette_value::{Mesh, NearestPlace, TriangleTree};
+use maquette_value::{Mesh, NearestPoint, TriangleTree};
 use nalgebra::Point3;
 
 use super::scan::Foot;
 
-/// Steps of subdivision after which the surface is measured; its limit is met at the vertices of that mesh.
+/// The number of refinement steps of the mesh to which distances are measured. The vertices of this mesh are on the limit surface.
 pub(super) const LEVELS: u32 = 2;
 
-/// The place of a surface that is nearest to a point.
+/// The nearest point of a surface.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Nearest {
     pub(super) distance_sq: f64,
-    /// The face of the control mesh.
+    /// The face of the control mesh that contains the nearest point.
     pub(super) face: u32,
 }
 
 impl Nearest {
-    /// A place after so many steps of subdivision: each cuts a face in four.
-    pub(super) fn new(place: &NearestPlace, levels: u32) -> Self {
-        Self { distance_sq: place.distance_sq, face: place.face >> (2 * levels) }
+    /// Converts a point on the mesh after `levels` refinement steps. Each step divides a face into four.
+    pub(super) fn new(position: &NearestPoint, levels: u32) -> Self {
+        Self { distance_sq: position.distance_sq, face: position.face >> (2 * levels) }
     }
 }
 
-/// The points that count, and their nearest places on a fine mesh.
+/// The given points near the mesh, and their foot points (nearest points) on the refined mesh.
 pub(super) struct Feet {
     pub(super) points: Vec<Column>,
-    /// Each place as the mean of three vertices.
+    /// Each foot point as a weighted mean of three vertices of the refined mesh.
     pub(super) rows: Stencils,
-    pub(super) missed: Missed,
-    /// For each point given.
+    pub(super) missed: Residuals,
+    /// For each given point the nearest point of the surface; `None` if it is too far away.
     pub(super) nearest: Vec<Option<Nearest>>,
 }
 
 impl Feet {
     pub(super) fn new(fine: &Mesh, points: &[Point3<f64>], reach: f64) -> Self {
-        let mut places = TriangleTree::new(fine).nearest_to_all(points);
-        places
-            .iter_mut()
-            .for_each(|place| *place = place.filter(|place| place.distance_sq <= reach * reach));
-        let nearest =
-            places.iter().map(|place| Some(Nearest::new(place.as_ref()?, LEVELS))).collect();
-        let near = points.iter().zip(places);
-        let near = near.filter_map(|(point, place)| Some((Column::from(point.coords), place?)));
-        let (points, places): (Vec<Column>, Vec<_>) = near.unzip();
+        let mut positions = TriangleTree::new(fine).nearest_to_all(points);
+        positions.iter_mut().for_each(|position| {
+            *position = position.filter(|position| position.distance_sq <= reach * reach);
+        });
+        let nearest = positions
+            .iter()
+            .map(|position| Some(Nearest::new(position.as_ref()?, LEVELS)))
+            .collect();
+        let near = points.iter().zip(positions);
+        let near =
+            near.filter_map(|(point, position)| Some((Column::from(point.coords), position?)));
+        let (points, positions): (Vec<Column>, Vec<_>) = near.unzip();
         let corners = fine.faces().corners();
-        let (rows, _) = Stencils::build(places.len(), |_: &mut (), k, rows| {
-            for (corner, share) in places[k].corners.into_iter().zip(places[k].shares) {
+        let (rows, _) = Stencils::build(positions.len(), |_: &mut (), k, rows| {
+            for (corner, share) in positions[k].corners.into_iter().zip(positions[k].barycentric) {
                 rows.push(corners[corner as usize], share);
             }
             rows.end();
         });
-        let missed = places.iter().map(|place| place.distance_sq);
-        let missed = missed.fold(Missed::none(), Missed::and_by);
+        let missed = positions.iter().map(|position| position.distance_sq);
+        let missed = missed.fold(Residuals::empty(), Residuals::with_distance_sq);
         Self { points, rows, missed, nearest }
     }
 
-    /// Adds vertices of the fine mesh, which are to be at their feet.
-    pub(super) fn hold(&mut self, feet: &[Foot]) {
-        let weighted = feet.iter().map(|foot| Column::from(foot.place.coords * foot.weight.sqrt()));
+    /// Adds equations that move vertices of the refined mesh to their nearest points on the scan.
+    pub(super) fn add_vertices(&mut self, feet: &[Foot]) {
+        let weighted =
+            feet.iter().map(|foot| Column::from(foot.position.coords * foot.weight.sqrt()));
         self.points.extend(weighted);
         let (rows, _) = Stencils::build(feet.len(), |_: &mut (), k, rows| {
             rows.push(feet[k].vertex, feet[k].weight.sqrt());
             rows.end();
         });
-        self.rows = self.rows.above(&rows, 1.0);
+        self.rows = self.rows.stack(&rows, 1.0);
     }
 }

@@ -1,4 +1,4 @@
-//! A control mesh with given faces whose surface is near to points.
+//! Fitting of the control points of a mesh with given faces.
 
 use maquette_node::Progress;
 use maquette_value::{Mesh, MeshError, Trace, TraceStep};
@@ -9,31 +9,33 @@ use super::feet::{Feet, LEVELS, Nearest};
 use super::fit_subdivision_error::FitSubdivisionError;
 use super::folds::folds;
 use super::scan::Scan;
-use crate::limit::composed::{Composed, laplacian};
+use crate::limit::composed::{ComposedLimit, laplacian};
 
 /// A fitted control mesh.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FittedSubdivision {
     /// The control mesh.
     pub mesh: Mesh,
-    /// The points' distances from the surface before each iteration and at the end, in mm.
+    /// The distances of the points from the surface before each iteration and at the end, in mm.
     pub trace: Trace,
-    /// How many points were left out at the end.
+    /// The number of points that are ignored in the last iteration because they are too far from the surface.
     pub left_out: usize,
 }
 
-/// The iteration ends when it takes less than this share of the mean distance away.
-pub(super) const LEAST_GAIN: f64 = 1e-3;
+/// The iteration ends if it reduces the mean distance by less than this fraction.
+pub(super) const MIN_GAIN: f64 = 1e-3;
 
-/// The control mesh of Loop's scheme, with the faces of `mesh`, whose surface is nearest to the points by squares.
+/// Computes the control mesh of a Loop surface that minimizes the squared distances from the points. The control mesh has the faces of
+/// `mesh`.
 ///
-/// Hoppe, DeRose, Duchamp, Halstead, Jin, McDonald, Schweitzer and Stuetzle, "Piecewise smooth surface reconstruction" (1994), section
-/// 4, for a fixed topology: nearest places on the surface, then least squares for the control points with these places held, in turn.
-/// The surface is measured as the mesh of its limit points after two steps. `smoothing` times the number of points per control point
-/// weighs how far control points are from the mean of their neighbors, on creases of their two neighbors there.
+/// Hoppe, DeRose, Duchamp, Halstead, Jin, McDonald, Schweitzer and Stuetzle, "Piecewise smooth surface reconstruction" (1994), section 4,
+/// for a fixed topology. Two steps alternate: finding the nearest point of the surface to each given point, and solving for the control
+/// points by least squares with the positions of the nearest points on the surface fixed. Distances are measured to the mesh of limit
+/// points after two refinement steps. The distance of each control point from the mean of its neighbors (on creases: of its two neighbors
+/// on the crease) has as its weight `smoothing` times the number of points per control point.
 ///
 /// # Errors
-/// If a face is no triangle, the mesh is not manifold, no point is near it, or the evaluation is told to stop.
+/// If a face is not a triangle, the mesh is not manifold, no point is near the mesh, or the evaluation is cancelled.
 pub fn fit_subdivision(
     mesh: &Mesh,
     points: &[Point3<f64>],
@@ -42,14 +44,14 @@ pub fn fit_subdivision(
     progress: &Progress<'_>,
 ) -> Result<FittedSubdivision, FitSubdivisionError> {
     let mut fit = Fit { points, scan: None, smoothing, iterations, steps: Vec::new() };
-    let (mesh, nearest) = fit.settled(mesh, progress)?;
+    let (mesh, nearest) = fit.fit_control_points(mesh, progress)?;
     Ok(fit.end(mesh, &nearest))
 }
 
-/// The iteration.
+/// The options and the state of the iteration.
 pub(super) struct Fit<'a> {
     pub(super) points: &'a [Point3<f64>],
-    /// What lies between the points, if that counts: the surface is to be near it everywhere, and must not begin to fold.
+    /// The scanned surface, if given. In this case the fitted surface must be near the scan everywhere, and must not fold.
     pub(super) scan: Option<&'a Scan<'a>>,
     pub(super) smoothing: f64,
     pub(super) iterations: u32,
@@ -57,13 +59,13 @@ pub(super) struct Fit<'a> {
 }
 
 impl Fit<'_> {
-    /// The mesh with its control points where its surface is nearest to the points, and for each point its nearest place, if it is near.
-    pub(super) fn settled(
+    /// Fits the control points. Also returns for each point that is near the surface the nearest point of the surface.
+    pub(super) fn fit_control_points(
         &mut self,
         mesh: &Mesh,
         progress: &Progress<'_>,
     ) -> Result<(Mesh, Vec<Option<Nearest>>), FitSubdivisionError> {
-        let surface = Composed::new(mesh, LEVELS)?;
+        let surface = ComposedLimit::new(mesh, LEVELS)?;
         let stiffness = laplacian(mesh);
         let reach = 2.0 * mean_edge(mesh);
         let mut mesh = mesh.clone();
@@ -79,7 +81,7 @@ impl Fit<'_> {
                 return Err(FitSubdivisionError::Apart { count: self.points.len() });
             }
             let [max, rms] = feet.missed.distances();
-            let has_settled = before - rms < LEAST_GAIN * before;
+            let has_settled = before - rms < MIN_GAIN * before;
             before = rms;
             self.steps.push(TraceStep { iteration: self.steps.len() as u64, max, rms });
             if has_settled || iteration == self.iterations {
@@ -87,13 +89,13 @@ impl Fit<'_> {
             }
             let share = feet.points.len() as f64 / mesh.positions().len() as f64;
             if let Some(scan) = self.scan {
-                feet.hold(&scan.feet(&fine));
+                feet.add_vertices(&scan.feet(&fine));
             }
             let system = System::new(&surface, &feet, &stiffness, self.smoothing * share);
             let found = system.solve(mesh.positions(), progress)?;
             mesh = match self.scan {
                 None => mesh.with_positions(found)?,
-                Some(_) => unfolded(&surface, &mesh, found)?,
+                Some(_) => move_without_folding(&surface, &mesh, found)?,
             };
         }
         unreachable!("the last iteration returns")
@@ -106,38 +108,38 @@ impl Fit<'_> {
     }
 }
 
-/// The mesh with its control points in new places, but for those around new folds, which stay.
-fn unfolded(
-    surface: &Composed,
+/// Moves the control points to `positions`, except for control points around folds that the move would cause.
+fn move_without_folding(
+    surface: &ComposedLimit,
     mesh: &Mesh,
-    mut places: Vec<Point3<f64>>,
+    mut positions: Vec<Point3<f64>>,
 ) -> Result<Mesh, MeshError> {
     let before = folds(&surface.surface(mesh.positions())?, LEVELS);
     loop {
-        let mut after = folds(&surface.surface(&places)?, LEVELS);
+        let mut after = folds(&surface.surface(&positions)?, LEVELS);
         after.retain(|face| before.binary_search(face).is_err());
-        let mut is_near = vec![false; places.len()];
+        let mut is_near = vec![false; positions.len()];
         let corners = after.iter().flat_map(|&face| mesh.faces().face(face as usize));
         corners.for_each(|&vertex| is_near[vertex as usize] = true);
         let mut has_changed = false;
         for face in mesh.faces().iter().filter(|face| face.iter().any(|&v| is_near[v as usize])) {
             for &vertex in face {
                 let old = mesh.positions()[vertex as usize];
-                let place = std::mem::replace(&mut places[vertex as usize], old);
-                has_changed |= place != old;
+                let position = std::mem::replace(&mut positions[vertex as usize], old);
+                has_changed |= position != old;
             }
         }
         if !has_changed {
-            return mesh.with_positions(places);
+            return mesh.with_positions(positions);
         }
     }
 }
 
 fn mean_edge(mesh: &Mesh) -> f64 {
     let edges = mesh.edges().vertices;
-    fn place(vertex: u32, mesh: &Mesh) -> Point3<f64> {
+    fn position(vertex: u32, mesh: &Mesh) -> Point3<f64> {
         mesh.positions()[vertex as usize]
     }
-    let lengths = edges.iter().map(|&[a, b]| (place(a, mesh) - place(b, mesh)).norm());
+    let lengths = edges.iter().map(|&[a, b]| (position(a, mesh) - position(b, mesh)).norm());
     lengths.sum::<f64>() / edges.len().max(1) as f64
 }

@@ -1,32 +1,32 @@
-//! Why no control mesh can be fitted.
+//! Errors of fitting a subdivision surface.
 
-use maquette_node::Cancelled;
+use maquette_node::CancelledError;
 use maquette_value::MeshError;
 
 use crate::SubdivideError;
 
-/// Why no surface was fitted.
+/// An error of fitting a subdivision surface.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FitSubdivisionError {
-    /// No points near the mesh.
-    #[error("none of the {count} points is near the mesh: are both in the same place and unit?")]
+    /// There are no points near the mesh.
+    #[error("none of the {count} points is near the mesh; check the positions and units of both")]
     Apart {
-        /// Number of points.
+        /// The number of points.
         count: usize,
     },
-    /// Points without a surface, where faces are to change.
+    /// `points` has no faces, but `moves: ByEnergy` needs them.
     #[error(
-        "`moves: ByEnergy` looks at what lies between the points, too: give a mesh with faces as `points`, which `Reconstruct` makes of \
-         points and `Triangulate` of range data"
+        "`moves: ByEnergy` also measures distances between the points: expected a mesh with faces as `points`; use `Reconstruct` for \
+         points and `Triangulate` for range images"
     )]
     NoSurface,
-    /// A mesh that Loop's scheme cannot refine.
+    /// Loop's scheme cannot refine the mesh.
     #[error(transparent)]
     Subdivide(#[from] SubdivideError),
-    /// Places out of all bounds.
+    /// A position became infinite.
     #[error(transparent)]
     Mesh(#[from] MeshError),
-    /// The evaluation was told to stop.
+    /// The evaluation was cancelled.
     #[error(transparent)]
-    Cancelled(#[from] Cancelled),
+    Cancelled(#[from] CancelledError),
 }

@@ -1,11 +1,11 @@
-//! Where a refined surface folds.
+//! Detection of folds.
 
 use maquette_value::Mesh;
 
-/// The least cosine between the normals of two neighboring faces of a refined surface that does not fold.
-const LEAST_COSINE: f64 = -0.2;
+/// A refined surface has a fold where the cosine between the normals of two neighboring faces is less than this.
+const MIN_COSINE: f64 = -0.2;
 
-/// The control faces at which a surface after so many steps of subdivision folds, sorted.
+/// Finds the control faces at which a surface folds, sorted. `fine` is the surface after `levels` refinement steps.
 pub(super) fn folds(fine: &Mesh, levels: u32) -> Vec<u32> {
     let edges = fine.edges();
     let mut sides = vec![None; edges.vertices.len()];
@@ -16,7 +16,7 @@ pub(super) fn folds(fine: &Mesh, levels: u32) -> Vec<u32> {
         let normal = fine.area_vector(corners).try_normalize(0.0).unwrap_or_default();
         for edge in of_corner {
             if let Some((other, there)) = sides[*edge as usize].replace((normal, face))
-                && normal.dot(&other) < LEAST_COSINE
+                && normal.dot(&other) < MIN_COSINE
             {
                 folds.extend([face, there].map(|face| face >> (2 * levels)));
             }

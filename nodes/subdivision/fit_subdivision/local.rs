@@ -1,94 +1,92 @@
-//! The part of a control mesh around a move, fitted for itself.
+//! Local fitting of the part of a control mesh around a move (an edge operation).
 
 use maquette_value::{Faces, Mesh, TriangleTree};
 use nalgebra::{DMatrix, Point3};
 
 use super::feet::Nearest;
 use super::folds::folds;
-use super::net::{Change, Net, set, with_sharp};
+use super::net::{Change, Net, sort_and_dedup, with_sharp};
 use super::scan::Scan;
 use super::surroundings::Surroundings;
-use crate::limit::composed::{Composed, laplacian};
+use crate::limit::composed::{ComposedLimit, laplacian};
 use crate::refine::manifold::manifold;
 
-/// Steps of subdivision after which the surface is measured where a move is judged, before and after it alike.
+/// The number of refinement steps of the surface whose distances are measured before and after a move.
 const LEVELS: u32 = 1;
 
-/// The part of a control mesh that a move changes, and what lies around.
+/// The part of a control mesh that a move (an edge operation) changes, together with its neighborhood.
 pub(super) struct Local {
     mesh: Mesh,
-    /// The vertices in the net.
+    /// For each vertex of the part its index in the control net.
     vertices: Vec<u32>,
-    surface: Composed,
-    /// Number of faces that are measured: the first ones.
+    surface: ComposedLimit,
+    /// The number of faces in which distances are measured. These are the first faces.
     measured: usize,
     /// The vertices that may move.
     free: Vec<usize>,
 }
 
-/// What such a part is worth.
+/// The measured distances of a part of a control mesh.
 pub(super) struct Measure {
-    /// The sum of the squared distances between surface and scan, both ways.
+    /// The sum of the squared distances from the surface to the scan and from the scan to the surface.
     pub(super) cost: f64,
     pub(super) folds: usize,
-    /// What is nearest to each point.
+    /// For each point of the scan the nearest point of the surface.
     pub(super) nearest: Vec<Nearest>,
 }
 
 impl Local {
-    /// The part of a net after a change; none if it is no surface.
+    /// Creates the part of a net after a change. Returns `None` if the part is not manifold.
     pub(super) fn new(net: &Net, change: &Change, around: &Surroundings) -> Option<Self> {
-        fn stay(faces: &[u32], change_removed: &[u32], net_faces: &[[u32; 3]]) -> Vec<[u32; 3]> {
-            let stay = faces.iter().filter(|face| !change_removed.contains(face));
-            stay.map(|&face| net_faces[face as usize]).collect()
-        }
-        let measured =
-            [&stay(&around.measured, &change.removed, &net.faces)[..], &change.added].concat();
-        let faces =
-            measured.iter().copied().chain(stay(&around.margin, &change.removed, &net.faces));
+        let [measured, margin] = [&around.measured, &around.margin].map(|faces| {
+            let kept = faces.iter().filter(|face| !change.removed.contains(face));
+            kept.map(|&face| net.faces[face as usize]).collect::<Vec<_>>()
+        });
+        let measured = [&measured[..], &change.added].concat();
+        let faces = measured.iter().copied().chain(margin);
         let (mesh, vertices) = net
-            .part(faces, |vertex: u32| match change.place {
-                Some((moved, place)) if moved == vertex => place,
-                _ => net.places[vertex as usize],
+            .part(faces, |vertex: u32| match change.position {
+                Some((moved, position)) if moved == vertex => position,
+                _ => net.positions[vertex as usize],
             })
             .ok()?;
         let mesh = with_sharp(&mesh, &vertices, |ends| net.sharpness(ends, change)).ok()?;
-        // A part may meet itself in a vertex of its margin.
+        // The part may touch itself at a vertex of its margin. Such a vertex is duplicated.
         let mesh = manifold(&mesh).ok()?;
-        let moved = change.place.map(|(vertex, _)| vertex);
-        let free = set(around.free.iter().copied().chain(moved).collect());
+        let moved = change.position.map(|(vertex, _)| vertex);
+        let free = sort_and_dedup(around.free.iter().copied().chain(moved).collect());
         let free = free.iter().filter_map(|free| vertices.binary_search(free).ok()).collect();
-        let surface = Composed::new(&mesh, LEVELS).ok()?;
+        let surface = ComposedLimit::new(&mesh, LEVELS).ok()?;
         Some(Self { mesh, vertices, surface, measured: measured.len(), free })
     }
 
-    /// What it is worth as it is.
+    /// Measures the distances between the part and `points`, and between the part and the scan.
     pub(super) fn measure(&self, points: &[Point3<f64>], scan: &Scan<'_>) -> Option<Measure> {
         let fine = self.fine()?;
         let nearest = TriangleTree::new(&fine).nearest_to_all(points).into_iter();
-        let nearest = nearest.map(|place| Some(Nearest::new(&place?, LEVELS)));
+        let nearest = nearest.map(|position| Some(Nearest::new(&position?, LEVELS)));
         let nearest: Vec<Nearest> = nearest.collect::<Option<_>>()?;
         let cost = nearest.iter().map(|nearest| nearest.distance_sq).sum::<f64>();
         Some(Measure { cost: cost + scan.cost(&fine), folds: folds(&fine, LEVELS).len(), nearest })
     }
 
-    /// Moves the free vertices where they bring points and scan nearest; returns what it is worth then.
+    /// Moves the free vertices to minimize the distances between surface and scan. Returns the distances after the move.
     pub(super) fn fit(
         &mut self,
         points: &[Point3<f64>],
         scan: &Scan<'_>,
         weight: f64,
     ) -> Option<Measure> {
-        self.mesh = self.mesh.with_positions(self.solved(points, scan, weight)?).ok()?;
+        self.mesh = self.mesh.with_positions(self.solve_positions(points, scan, weight)?).ok()?;
         self.measure(points, scan)
     }
 
-    /// The free vertices' numbers in the net, and their places.
-    pub(super) fn places(&self) -> Vec<(u32, Point3<f64>)> {
+    /// Returns the free vertices, as indices in the net, with their positions.
+    pub(super) fn positions(&self) -> Vec<(u32, Point3<f64>)> {
         self.free.iter().map(|&k| (self.vertices[k], self.mesh.positions()[k])).collect()
     }
 
-    /// The refined surface of the faces that are measured.
+    /// The refined surface of the measured faces.
     fn fine(&self) -> Option<Mesh> {
         let fine = self.surface.surface(self.mesh.positions()).ok()?;
         let count = self.measured << (2 * LEVELS);
@@ -96,8 +94,8 @@ impl Local {
         Mesh::new(fine.positions().clone(), Faces::triangles(faces)).ok()
     }
 
-    /// All places, the free ones by least squares.
-    fn solved(
+    /// Computes all positions of the part. Those of free vertices are computed by least squares; the others do not change.
+    fn solve_positions(
         &self,
         points: &[Point3<f64>],
         scan: &Scan<'_>,
@@ -106,34 +104,35 @@ impl Local {
         let fine = self.fine()?;
         let mut equations = Equations::new(self);
         let mut entries = Vec::new();
-        for (point, place) in points.iter().zip(TriangleTree::new(&fine).nearest_to_all(points)) {
-            let place = place?;
+        for (point, position) in points.iter().zip(TriangleTree::new(&fine).nearest_to_all(points))
+        {
+            let position = position?;
             entries.clear();
-            for (corner, share) in place.corners.into_iter().zip(place.shares) {
+            for (corner, share) in position.corners.into_iter().zip(position.barycentric) {
                 let row = self.surface.rows.row(fine.faces().corners()[corner as usize] as usize);
                 entries.extend(row.0.iter().zip(row.1).map(|(&index, part)| (index, part * share)));
             }
             equations.add(&entries, *point, 1.0);
         }
-        let mut add = |(indices, weights): (&[u32], &[f64]), point, weight| {
+        for foot in scan.feet(&fine) {
+            let (indices, weights) = self.surface.rows.row(foot.vertex as usize);
             entries.clear();
             entries.extend(indices.iter().copied().zip(weights.iter().copied()));
-            equations.add(&entries, point, weight);
-        };
-        for foot in scan.feet(&fine) {
-            add(self.surface.rows.row(foot.vertex as usize), foot.place, foot.weight);
+            equations.add(&entries, foot.position, foot.weight);
         }
         for (_, indices, weights) in laplacian(&self.mesh).rows_from(0) {
-            add((indices, weights), Point3::origin(), weight);
+            entries.clear();
+            entries.extend(indices.iter().copied().zip(weights.iter().copied()));
+            equations.add(&entries, Point3::origin(), weight);
         }
-        equations.solved()
+        equations.solve_equations()
     }
 }
 
-/// Equations whose unknowns are the free vertices of a part.
+/// The least-squares equations of the free vertices of a part.
 struct Equations<'a> {
     local: &'a Local,
-    /// The place of each vertex among the free ones.
+    /// For each vertex of the part its index among the free vertices; `None` if it is not free.
     unknown: Vec<Option<usize>>,
     matrix: DMatrix<f64>,
     right: DMatrix<f64>,
@@ -148,7 +147,7 @@ impl<'a> Equations<'a> {
         Self { local, unknown, matrix, right }
     }
 
-    /// One more: the sum of weighted vertices is `point`.
+    /// Adds the equation that the weighted sum `entries` of vertices equals `point`.
     fn add(&mut self, entries: &[(u32, f64)], point: Point3<f64>, weight: f64) {
         let mut shares = vec![0.0; self.local.free.len()];
         let mut rest = point.coords;
@@ -166,18 +165,18 @@ impl<'a> Equations<'a> {
         }
     }
 
-    /// All vertices, the free ones where the equations are met as nearly as possible. What nothing determines stays where it is.
-    fn solved(mut self) -> Option<Vec<Point3<f64>>> {
-        let mut places = self.local.mesh.positions().to_vec();
+    /// Solves for the free vertices and returns all positions. Vertices that the equations do not determine do not move.
+    fn solve_equations(mut self) -> Option<Vec<Point3<f64>>> {
+        let mut positions = self.local.mesh.positions().to_vec();
         let least = 1e-9 * (1.0 + self.matrix.trace());
         for (k, &vertex) in self.local.free.iter().enumerate() {
             self.matrix[(k, k)] += least;
-            (0..3).for_each(|axis| self.right[(k, axis)] += least * places[vertex][axis]);
+            (0..3).for_each(|axis| self.right[(k, axis)] += least * positions[vertex][axis]);
         }
         let found = self.matrix.cholesky()?.solve(&self.right);
         for (k, &vertex) in self.local.free.iter().enumerate() {
-            places[vertex] = Point3::new(found[(k, 0)], found[(k, 1)], found[(k, 2)]);
+            positions[vertex] = Point3::new(found[(k, 0)], found[(k, 1)], found[(k, 2)]);
         }
-        Some(places)
+        Some(positions)
     }
 }

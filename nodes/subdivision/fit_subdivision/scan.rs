@@ -1,4 +1,4 @@
-//! What was scanned, as a surface: what lies between its points.
+//! The scanned surface, and distances to the faces between its points.
 
 use maquette_value::{Mesh, TriangleTree};
 use nalgebra::{Point3, Vector3};
@@ -7,21 +7,21 @@ use nalgebra::{Point3, Vector3};
 pub(super) struct Scan<'a> {
     mesh: &'a Mesh,
     tree: TriangleTree,
-    /// The area for each of its points.
+    /// The area of the scan divided by the number of its points.
     area: f64,
 }
 
-/// The place of a scan that is nearest to a vertex of another surface.
+/// The nearest point of a scan to a vertex of another surface.
 pub(super) struct Foot {
     pub(super) vertex: u32,
-    /// How many points of the scan there would be on the vertex's share of its faces.
+    /// The weight of the vertex: its area divided by the scan's area per point.
     pub(super) weight: f64,
-    pub(super) place: Point3<f64>,
+    pub(super) position: Point3<f64>,
     pub(super) distance_sq: f64,
 }
 
 impl<'a> Scan<'a> {
-    /// None if the mesh has no surface.
+    /// Creates the scan. Returns `None` if the mesh has no area.
     pub(super) fn new(mesh: &'a Mesh) -> Option<Self> {
         let area: f64 = mesh.faces().iter().map(|face| mesh.area_vector(face).norm() / 2.0).sum();
         let area = area / mesh.positions().len() as f64;
@@ -32,7 +32,7 @@ impl<'a> Scan<'a> {
         self.mesh.positions()
     }
 
-    /// The feet of the vertices of a surface's faces.
+    /// Finds for each vertex of a surface the nearest point of the scan.
     pub(super) fn feet(&self, fine: &Mesh) -> Vec<Foot> {
         let mut weights = vec![0.0; fine.positions().len()];
         for face in fine.faces().iter() {
@@ -46,18 +46,20 @@ impl<'a> Scan<'a> {
         let found = self.tree.nearest_to_all(&points);
         let feet = vertices.into_iter().zip(weights).zip(found).filter_map(|(of, found)| {
             let ((vertex, weight), found) = (of, found?);
-            let parts =
-                found.corners.into_iter().zip(found.shares).map(|(corner, share): (u32, f64)| {
+            let parts = found.corners.into_iter().zip(found.barycentric).map(
+                |(corner, share): (u32, f64)| {
                     self.points()[self.mesh.faces().corners()[corner as usize] as usize].coords
                         * share
-                });
-            let place = Point3::from(parts.sum::<Vector3<f64>>());
-            Some(Foot { vertex, weight, place, distance_sq: found.distance_sq })
+                },
+            );
+            let position = Point3::from(parts.sum::<Vector3<f64>>());
+            Some(Foot { vertex, weight, position, distance_sq: found.distance_sq })
         });
         feet.collect()
     }
 
-    /// How far a surface is from it: the sum of the squares, for as many places as there would be points.
+    /// Returns the distance of a surface from the scan: the sum of the vertices' squared distances, each multiplied by the weight of its
+    /// vertex.
     pub(super) fn cost(&self, fine: &Mesh) -> f64 {
         self.feet(fine).iter().map(|foot| foot.weight * foot.distance_sq).sum()
     }

@@ -1,11 +1,11 @@
-//! What lies around moves of edges.
+//! The neighborhood of an edge operation.
 
-/// What a move needs to look at: it changes faces in the middle of `measured`, whose surface it moves.
+/// The neighborhood that an edge operation reads and changes. The faces that the operation replaces are in the middle of `measured`.
 pub(super) struct Surroundings {
-    /// The control points that it may move.
+    /// The control points that may move.
     pub(super) free: Vec<u32>,
-    /// The faces whose surface hangs on these.
+    /// The faces whose limit surface depends on the free control points.
     pub(super) measured: Vec<u32>,
-    /// Those around, on which that surface hangs, too.
+    /// The faces around `measured`. The limit surface over `measured` depends on them, too.
     pub(super) margin: Vec<u32>,
 }

@@ -7,21 +7,22 @@ use super::super::simplify::simplify;
 use super::concave_corners::cut_concave_corners;
 use super::net::{Move, Net, SHARP};
 use super::*;
-use crate::limit::composed::Composed;
+use crate::limit::composed::ComposedLimit;
 use crate::refine::connectivity::Connectivity;
 use crate::refine::half_edges::NONE;
 use crate::sharp_edges::crease;
 
-fn fitted(mesh: &Mesh, points: &[Point3<f64>]) -> FittedSubdivision {
-    fit_subdivision(mesh, points, 1e-3, 12, &Progress::none()).unwrap()
+fn fit_mesh(mesh: &Mesh, points: &[Point3<f64>]) -> FittedSubdivision {
+    fit_subdivision(mesh, points, 1e-3, 12, &Progress::silent()).unwrap()
 }
 
 #[test]
-fn a_simplified_sphere_becomes_a_round_one_again() {
+fn a_simplified_sphere_becomes_round_again() {
     let dense = sphere(4);
-    let coarse = simplify(&dense, 256, &Progress::none()).unwrap();
-    let found = fitted(&coarse, dense.positions());
-    let surface = Composed::new(&found.mesh, 3).unwrap().surface(found.mesh.positions()).unwrap();
+    let coarse = simplify(&dense, 256, &Progress::silent()).unwrap();
+    let found = fit_mesh(&coarse, dense.positions());
+    let surface =
+        ComposedLimit::new(&found.mesh, 3).unwrap().surface(found.mesh.positions()).unwrap();
     let off = surface.positions().iter().map(|point| (point.coords.norm() - 1.0).abs());
     let off = off.fold(0.0, f64::max);
     assert!(off < 5e-3, "{off}");
@@ -36,31 +37,31 @@ fn points_of_a_subdivision_surface_give_its_control_mesh_back() {
     let pulled =
         control.positions().iter().map(|p| Point3::new(p.x * 1.3, p.y, p.z + p.x * p.x * 0.2));
     let control = control.with_positions(pulled.collect()).unwrap();
-    let surface = Composed::new(&control, 2).unwrap();
+    let surface = ComposedLimit::new(&control, 2).unwrap();
     let points = surface.surface(control.positions()).unwrap().positions().to_vec();
     let nudged = control.positions().iter().enumerate().map(|(k, p)| {
         let k = k as f64;
         p + Vector3::new(libm::sin(k), libm::sin(2.0 * k), libm::sin(3.0 * k)) * 0.01
     });
     let start = control.with_positions(nudged.collect()).unwrap();
-    let found = fit_subdivision(&start, &points, 0.0, 100, &Progress::none()).unwrap();
+    let found = fit_subdivision(&start, &points, 0.0, 100, &Progress::silent()).unwrap();
     let last = found.trace.steps().last().unwrap();
     assert!(last.rms < 2e-4, "{last:?}");
 }
 
 #[test]
-fn points_far_away_are_left_out_and_none_near_is_an_error() {
+fn distant_points_are_ignored_and_no_near_points_are_an_error() {
     let coarse = sphere(1);
     let mut points = sphere(3).positions().to_vec();
     points.push(Point3::new(30.0, 0.0, 0.0));
-    assert_eq!(fitted(&coarse, &points).left_out, 1);
-    let far = fit_subdivision(&coarse, &points[points.len() - 1..], 1e-3, 6, &Progress::none());
+    assert_eq!(fit_mesh(&coarse, &points).left_out, 1);
+    let far = fit_subdivision(&coarse, &points[points.len() - 1..], 1e-3, 6, &Progress::silent());
     assert_eq!(far, Err(FitSubdivisionError::Apart { count: 1 }));
 }
 
-/// A cube of edge 2 whose faces are `n` by `n` squares of two triangles.
+/// Creates a cube of edge 2. Each of its faces is divided into `n` by `n` squares of two triangles.
 fn divided_cube(n: usize) -> Mesh {
-    fn at(k: usize, n: usize) -> f64 {
+    fn coordinate(k: usize, n: usize) -> f64 {
         2.0 * k as f64 / n as f64 - 1.0
     }
     let mut points: Vec<Point3<f64>> = Vec::new();
@@ -69,7 +70,7 @@ fn divided_cube(n: usize) -> Mesh {
         let mut vertex = |i: usize, j: usize| {
             let mut point = Point3::origin();
             (point[axis], point[(axis + 1) % 3], point[(axis + 2) % 3]) =
-                (side, at(i, n), at(j, n));
+                (side, coordinate(i, n), coordinate(j, n));
             let known = points.iter().position(|other| (other - point).norm() < 1e-9);
             known.unwrap_or_else(|| {
                 points.push(point);
@@ -89,16 +90,16 @@ fn divided_cube(n: usize) -> Mesh {
     Mesh::new(points, Faces::triangles(faces)).unwrap()
 }
 
-fn moved(start: &Mesh, scan: &Mesh, passes: u32) -> FittedSubdivision {
+fn fit_from(start: &Mesh, scan: &Mesh, passes: u32) -> FittedSubdivision {
     let prices = Prices { passes, ..Prices::default() };
-    fit_by_moves(start, scan, 1e-3, 6, prices, &Progress::none()).unwrap()
+    fit_by_moves(start, scan, 1e-3, 6, prices, &Progress::silent()).unwrap()
 }
 
-/// How far the surface of a control mesh goes from a scan.
+/// Returns the maximum distance of a control mesh's limit surface from a scan.
 fn farthest(control: &Mesh, scan: &Mesh) -> f64 {
-    let fine = Composed::new(control, 4).unwrap().surface(control.positions()).unwrap();
-    let places = TriangleTree::new(scan).nearest_to_all(fine.positions()).into_iter().flatten();
-    libm::sqrt(places.map(|place| place.distance_sq).fold(0.0, f64::max))
+    let fine = ComposedLimit::new(control, 4).unwrap().surface(control.positions()).unwrap();
+    let positions = TriangleTree::new(scan).nearest_to_all(fine.positions()).into_iter().flatten();
+    libm::sqrt(positions.map(|position| position.distance_sq).fold(0.0, f64::max))
 }
 
 fn rms(fitted: &FittedSubdivision) -> f64 {
@@ -109,15 +110,15 @@ fn rms(fitted: &FittedSubdivision) -> f64 {
 fn energy_finds_the_edges_of_a_cube() {
     let scan = divided_cube(12);
     let start = divided_cube(3);
-    let smooth = fitted(&start, scan.positions());
-    let found = moved(&start, &scan, 4);
+    let smooth = fit_mesh(&start, scan.positions());
+    let found = fit_from(&start, &scan, 4);
     assert!(rms(&found) < rms(&smooth) / 20.0, "{} {}", rms(&found), rms(&smooth));
     let beyond = farthest(&found.mesh, &scan);
     assert!(beyond < 0.02, "{beyond}");
-    // Sharp edges run along an edge of the cube, where two coordinates are 1.
+    // A sharp edge is on an edge of the cube if two coordinates of its ends are 1 in absolute value.
     fn on_edge(vertex: u32, found_mesh: &Mesh) -> bool {
-        let place = found_mesh.positions()[vertex as usize];
-        place.iter().filter(|x| 0.9 < x.abs()).count() >= 2
+        let position = found_mesh.positions()[vertex as usize];
+        position.iter().filter(|x| 0.9 < x.abs()).count() >= 2
     }
     let along = found
         .mesh
@@ -129,31 +130,32 @@ fn energy_finds_the_edges_of_a_cube() {
 }
 
 #[test]
-fn energy_makes_creases_smooth_that_a_sphere_does_not_have() {
+fn creases_of_a_sphere_are_removed() {
     let dense = sphere(4);
-    let coarse = simplify(&dense, 256, &Progress::none()).unwrap();
+    let coarse = simplify(&dense, 256, &Progress::silent()).unwrap();
     let creased = crease(&coarse, 15.0, 10.0);
-    let found = moved(&creased, &dense, 2);
+    let found = fit_from(&creased, &dense, 2);
     let [before, after] = [&creased, &found.mesh].map(|mesh| mesh.creases().len());
     assert!(20 < before && 2 * after < before, "{before} {after}");
-    assert!(rms(&found) < rms(&fitted(&creased, dense.positions())));
+    assert!(rms(&found) < rms(&fit_mesh(&creased, dense.positions())));
 }
 
-/// The corner of a pit: two walls below the x and y axes, and around them three quarters of a flat face, cut by one smooth edge.
+/// Creates the corner of a pit: two walls below the x and y axes, and around them three quarters of a flat face, which one smooth edge
+/// divides.
 fn corner_of_a_pit() -> Mesh {
     let [out, deep] = [8.0, 4.0];
-    let places =
+    let positions =
         [[0.0, 0.0, 0.0], [deep, 0.0, 0.0], [0.0, 0.0, -deep], [0.0, deep, 0.0], [-out, -out, 0.0]];
     let faces = [[0, 3, 4], [0, 4, 1], [0, 1, 2], [0, 2, 3]];
-    let mesh = Mesh::new(places.map(Point3::from).to_vec(), Faces::triangles(faces.to_vec()));
+    let mesh = Mesh::new(positions.map(Point3::from).to_vec(), Faces::triangles(faces.to_vec()));
     mesh.unwrap().with_creases([1, 2, 3].map(|end| ([0, end], SHARP))).unwrap()
 }
 
 #[test]
-fn a_flat_face_around_the_corner_of_a_pit_does_not_reach_into_it() {
+fn a_flat_face_around_the_corner_of_a_pit_does_not_extend_into_the_pit() {
     let start = corner_of_a_pit();
     fn reach(mesh: &Mesh) -> f64 {
-        let fine = Composed::new(mesh, 5).unwrap().surface(mesh.positions()).unwrap();
+        let fine = ComposedLimit::new(mesh, 5).unwrap().surface(mesh.positions()).unwrap();
         let flat = fine.positions().iter().filter(|p| p.z.abs() < 1e-9);
         flat.map(|p| p.x.min(p.y)).fold(0.0, f64::max)
     }
@@ -165,30 +167,30 @@ fn a_flat_face_around_the_corner_of_a_pit_does_not_reach_into_it() {
 }
 
 #[test]
-fn corners_that_do_not_fold_are_not_cut() {
+fn corners_without_folds_are_not_divided() {
     let cube = crease(&divided_cube(2), 50.0, SHARP);
     assert_eq!(cut_concave_corners(&cube).unwrap(), (cube, false));
 }
 
 #[test]
-fn a_scan_without_faces_is_no_surface_for_moves() {
+fn moves_need_a_scan_with_faces() {
     let points = Mesh::new(sphere(2).positions().clone(), Faces::triangles(Vec::new())).unwrap();
-    let found = fit_by_moves(&sphere(0), &points, 1e-3, 6, Prices::default(), &Progress::none());
+    let found = fit_by_moves(&sphere(0), &points, 1e-3, 6, Prices::default(), &Progress::silent());
     assert_eq!(found, Err(FitSubdivisionError::NoSurface));
 }
 
 #[test]
-fn moves_are_the_same_for_any_number_of_threads() {
+fn moves_do_not_depend_on_the_number_of_threads() {
     let scan = divided_cube(8);
     let start = divided_cube(4);
     fn with_threads(threads: usize, start: &Mesh, scan: &Mesh) -> FittedSubdivision {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| moved(start, scan, 1))
+        pool.install(|| fit_from(start, scan, 1))
     }
     assert_eq!(with_threads(1, &start, &scan), with_threads(3, &start, &scan));
 }
 
-/// The Euler characteristic, and whether there is a border.
+/// Returns the Euler characteristic, and true if the mesh has a border.
 fn kind(mesh: &Mesh) -> (i32, bool) {
     let surface = Connectivity::new(mesh.faces(), mesh.positions().len()).expect("a surface").0;
     let border = surface.halves.iter().any(|halves| halves[1] == NONE);
@@ -197,11 +199,11 @@ fn kind(mesh: &Mesh) -> (i32, bool) {
 }
 
 #[test]
-fn any_moves_leave_a_surface_of_the_same_kind() {
+fn moves_preserve_the_topology() {
     let open = divided_cube(3);
     let faces = open.faces().as_triangles().unwrap()[18..].to_vec();
     let net = Net::new(&open);
-    let (open, _) = net.part(faces.into_iter(), |v| net.places[v as usize]).unwrap();
+    let (open, _) = net.part(faces.into_iter(), |v| net.positions[v as usize]).unwrap();
     for start in [torus(6, 5, true), sphere(1), divided_cube(2), open] {
         let start = crease(&start, 50.0, 10.0);
         let mut net = Net::new(&start);
@@ -213,7 +215,7 @@ fn any_moves_leave_a_surface_of_the_same_kind() {
             let made = Move::ALL[(random >> 20) as usize % 4];
             let is_large = edges.len() > 400 && made == Move::Split;
             if let Some(change) = net.change(made, edge).filter(|_| !is_large) {
-                let new = net.places.len() as u32;
+                let new = net.positions.len() as u32;
                 net.apply(&change, new);
                 assert_eq!(kind(&net.mesh().unwrap().0), kind(&start), "{made:?} at {edge:?}");
             }

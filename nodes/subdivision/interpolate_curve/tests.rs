@@ -26,7 +26,7 @@ fn star() -> Curve {
     ring(|k| [if k % 2 == 0 { 1.3 } else { 0.7 }; 2])
 }
 
-/// An open curve in space.
+/// Creates an open curve in space.
 fn helix(count: u32) -> Curve {
     Curve::polyline(
         (0..count)
@@ -44,14 +44,18 @@ fn plain(foot: Foot) -> Interpolation {
     Interpolation { foot, solver: Solver::Plain, ..Interpolation::default() }
 }
 
-fn interpolated(curve: &Curve, basis: CurveBasis, how: &Interpolation) -> Interpolated<Curve> {
-    interpolate_curve(curve, basis, how, &Progress::none()).unwrap()
+fn interpolate_points(
+    curve: &Curve,
+    basis: CurveBasis,
+    options: &Interpolation,
+) -> InterpolationResult<Curve> {
+    interpolate_curve(curve, basis, options, &Progress::silent()).unwrap()
 }
 
-/// How many iterations bring the largest distance under 1e-3, 1e-4, 1e-5 and 1e-6 of the diagonal.
-fn counts(curve: &Curve, basis: CurveBasis, how: &Interpolation) -> [u64; 4] {
+/// Returns the numbers of iterations after which the largest distance is below 1e-3, 1e-4, 1e-5 and 1e-6 of the diagonal.
+fn counts(curve: &Curve, basis: CurveBasis, options: &Interpolation) -> [u64; 4] {
     let size = crate::solve::extent::diagonal(curve.points());
-    let trace = interpolated(curve, basis, how).trace;
+    let trace = interpolate_points(curve, basis, options).trace;
     [1e-3, 1e-4, 1e-5, 1e-6].map(|tolerance| {
         let under = trace.steps().iter().find(|step| step.max < tolerance * size);
         under.expect("the iteration settles").iteration
@@ -59,10 +63,11 @@ fn counts(curve: &Curve, basis: CurveBasis, how: &Interpolation) -> [u64; 4] {
 }
 
 #[test]
-fn the_geometric_iteration_needs_as_many_iterations_as_its_reference() {
+fn the_geometric_iteration_needs_the_reference_numbers_of_iterations() {
     fn check(curve: Curve, basis: CurveBasis, foot: Foot, expected: [u64; 4]) {
         for direction in [Direction::Residual, Direction::Normal] {
-            // The direction is told at the foot, and a vertex's own limit point need not be one.
+            // The step direction is the normal at the foot point. With `Foot::Vertex` the line to the foot point need not be perpendicular
+            // to the curve, so this combination is not compared.
             if foot == Foot::Closest || direction == Direction::Residual {
                 let how = Interpolation { direction, ..plain(foot) };
                 assert_eq!(counts(&curve, basis, &how), expected, "{basis:?} {foot:?}");
@@ -86,7 +91,7 @@ fn every_solver_finds_the_curve_through_the_points() {
             let family = ControlCurve::new(basis, curve.points(), curve.is_closed()).unwrap();
             for solver in [Solver::Pcg, Solver::Plain, Solver::Direct] {
                 let how = Interpolation { solver, tolerance: 1e-12, ..plain(Foot::Vertex) };
-                let found = interpolated(&curve, basis, &how);
+                let found = interpolate_points(&curve, basis, &how);
                 assert!(found.settled, "{basis:?} {solver:?} {:?}", found.trace);
                 let through = family.curve(found.shape.points()).unwrap();
                 for (&t, point) in family.parameters().iter().zip(curve.points().iter()) {
@@ -104,7 +109,7 @@ fn b_splines_of_every_degree_pass_through_the_points() {
             for solver in [Solver::Pcg, Solver::Direct] {
                 let how = Interpolation { solver, tolerance: 1e-10, ..plain(Foot::Vertex) };
                 let how = Interpolation { iterations: 2000, ..how };
-                let found = interpolated(&curve, CurveBasis::BSpline(degree), &how);
+                let found = interpolate_points(&curve, CurveBasis::BSpline(degree), &how);
                 assert!(found.settled, "{degree} {solver:?}");
                 assert_eq!(found.shape.is_closed(), curve.is_closed());
                 for &point in curve.points().iter() {
@@ -123,7 +128,7 @@ fn the_limit_of_the_subdivision_passes_through_the_points() {
     for (basis, scheme) in schemes {
         for curve in [star(), helix(19)] {
             let how = Interpolation { tolerance: 1e-9, ..Interpolation::default() };
-            let control = interpolated(&curve, basis, &how).shape;
+            let control = interpolate_points(&curve, basis, &how).shape;
             let refined = subdivide_curve(&control, scheme, 9).unwrap();
             for &point in curve.points().iter() {
                 assert!(refined.closest(point).distance <= 2e-5, "{scheme:?}");
@@ -136,7 +141,7 @@ fn the_limit_of_the_subdivision_passes_through_the_points() {
 fn both_norms_stop_where_they_say() {
     for norm in [Norm::Max, Norm::Mean] {
         let how = Interpolation { norm, tolerance: 1e-4, ..plain(Foot::Vertex) };
-        let trace = interpolated(&star(), CurveBasis::Cubic, &how).trace;
+        let trace = interpolate_points(&star(), CurveBasis::Cubic, &how).trace;
         let allowed = 1e-4 * crate::solve::extent::diagonal(star().points());
         let distances: Vec<_> = trace
             .steps()
@@ -152,19 +157,24 @@ fn both_norms_stop_where_they_say() {
 }
 
 #[test]
-fn what_cannot_be_interpolated_is_refused() {
-    fn refused(curve: &Curve, basis: CurveBasis, how: &Interpolation) -> InterpolateCurveError {
-        interpolate_curve(curve, basis, how, &Progress::none()).unwrap_err()
+fn invalid_input_is_an_error() {
+    fn interpolate_error(
+        curve: &Curve,
+        basis: CurveBasis,
+        options: &Interpolation,
+    ) -> InterpolateCurveError {
+        interpolate_curve(curve, basis, options, &Progress::silent()).unwrap_err()
     }
     let closest = Interpolation { foot: Foot::Closest, ..Interpolation::default() };
-    let not_linear = InterpolateCurveError::NotLinear(NotLinear { solver: Solver::Pcg });
-    assert_eq!(refused(&star(), CurveBasis::Cubic, &closest), not_linear);
-    let spline = interpolated(&star(), CurveBasis::BSpline(3), &Interpolation::default()).shape;
+    let not_linear = InterpolateCurveError::NotLinear(NonlinearError { solver: Solver::Pcg });
+    assert_eq!(interpolate_error(&star(), CurveBasis::Cubic, &closest), not_linear);
+    let spline =
+        interpolate_points(&star(), CurveBasis::BSpline(3), &Interpolation::default()).shape;
     assert_eq!(
-        refused(&spline, CurveBasis::Cubic, &Interpolation::default()),
+        interpolate_error(&spline, CurveBasis::Cubic, &Interpolation::default()),
         InterpolateCurveError::Spline
     );
-    let few = refused(&helix(3), CurveBasis::BSpline(3), &Interpolation::default());
+    let few = interpolate_error(&helix(3), CurveBasis::BSpline(3), &Interpolation::default());
     assert!(matches!(few, InterpolateCurveError::Knots(_)), "{few}");
 }
 
@@ -201,7 +211,7 @@ fn alternating_points_are_met_by_every_foot_and_direction() {
             ] {
                 let name = format!("{closed} {count} {amplitude} {basis:?} {foot:?} {direction:?}");
                 let how = Interpolation { direction, ..plain(foot) };
-                let found = interpolate_curve(&curve, basis, &how, &Progress::none());
+                let found = interpolate_curve(&curve, basis, &how, &Progress::silent());
                 let found = found.unwrap_or_else(|error| panic!("{name}: {error}"));
                 assert!(found.settled, "{name}");
                 let family = ControlCurve::new(basis, curve.points(), closed).unwrap();

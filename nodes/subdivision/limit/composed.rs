@@ -1,13 +1,13 @@
-//! The limit points of a refined mesh as sparse sums of its control points.
+//! The limit points of a refined mesh as sparse weighted sums of control points.
 
 use maquette_base::linear::stencils::Stencils;
 use maquette_value::{Faces, Mesh, MeshError};
 use nalgebra::Point3;
 
-use super::limit_rows::LimitPlaces;
+use super::limit_rows::LimitPositions;
 use crate::masks::loop_masks::LoopMasks;
 use crate::masks::sharpness::Sharpness;
-use crate::masks::stars::{Scratch, Stars};
+use crate::masks::vertex_rings::{RingMasks, Scratch};
 use crate::refine::connectivity::Connectivity;
 use crate::refine::level::{check_triangles, creases};
 use crate::refine::step::Step;
@@ -15,17 +15,19 @@ use crate::refine::topology::Topology;
 use crate::rules::Rules;
 use crate::{Boundary, Creases, Scheme, SubdivideError};
 
-/// Some steps of Loop's scheme, and then the limit, for any control points of one mesh.
-pub(crate) struct Composed {
-    /// The limit points in terms of the control points: some 15 entries a row.
+/// The limit points of a mesh refined by Loop's scheme, as a matrix that can be applied to any control points.
+pub(crate) struct ComposedLimit {
+    /// The limit points as weighted sums of the control points: about 15 entries per row.
     pub(crate) rows: Stencils,
     /// The refined faces.
     faces: Faces,
 }
 
-impl Composed {
+impl ComposedLimit {
+    /// Computes the matrix for the mesh that results from refining `mesh` `levels` times.
+    ///
     /// # Errors
-    /// If a face is no triangle or the mesh is not manifold.
+    /// If a face is not a triangle or the mesh is not manifold.
     pub(crate) fn new(mesh: &Mesh, levels: u32) -> Result<Self, SubdivideError> {
         let rules = Rules {
             scheme: Scheme::Loop,
@@ -39,7 +41,7 @@ impl Composed {
             creases: mesh.creases().collect(),
         };
         let mut rows: Option<Stencils> = None;
-        fn after(rows: Option<Stencils>, next: Stencils) -> Stencils {
+        fn compose(rows: Option<Stencils>, next: Stencils) -> Stencils {
             match rows {
                 Some(rows) => next.times(&rows),
                 None => next,
@@ -49,29 +51,29 @@ impl Composed {
         for _ in 0..levels {
             let refined = refinement(&topology)?;
             let next = match &step {
-                None => Step::first(&topology)?,
+                None => Step::from_topology(&topology)?,
                 Some(step) => step.next()?,
             };
             topology.vertices = refined.len();
             topology.faces = next.finer().clone();
             topology.creases = next.finer_creases();
-            rows = Some(after(rows.take(), refined));
+            rows = Some(compose(rows.take(), refined));
             step = Some(next);
         }
-        let rows = after(rows, LimitPlaces::new(&topology)?.positions);
+        let rows = compose(rows, LimitPositions::new(&topology)?.positions);
         Ok(Self { rows, faces: topology.faces })
     }
 
-    /// The refined mesh of these control points, on the limit surface.
+    /// Returns the refined mesh for these control points, with its vertices moved to the limit surface.
     ///
     /// # Errors
-    /// If a place is infinite.
+    /// If a position is infinite.
     pub(crate) fn surface(&self, control: &[Point3<f64>]) -> Result<Mesh, MeshError> {
         Mesh::new(self.rows.apply(control), self.faces.clone())
     }
 }
 
-/// The new vertices of one step of Loop's scheme in terms of the old ones.
+/// Returns the matrix of one step of Loop's scheme.
 fn refinement(topology: &Topology) -> Result<Stencils, SubdivideError> {
     check_triangles(&topology.faces)?;
     let (mesh, starts) = Connectivity::new(&topology.faces, topology.vertices)?;
@@ -79,7 +81,7 @@ fn refinement(topology: &Topology) -> Result<Stencils, SubdivideError> {
     let rules = topology.rules;
     let sharpness = Sharpness::new(&mesh, rules, &creases);
     let stars =
-        Stars { mesh: &mesh, sharpness: &sharpness, rules: rules.of_edges(), masks: LoopMasks };
+        RingMasks { mesh: &mesh, sharpness: &sharpness, rules: rules.of_edges(), masks: LoopMasks };
     let count = starts.len() + mesh.halves.len();
     let (rows, _) = Stencils::build(count, |scratch: &mut Scratch, row, rows| {
         match row.checked_sub(starts.len()) {
@@ -91,8 +93,8 @@ fn refinement(topology: &Topology) -> Result<Stencils, SubdivideError> {
     Ok(rows)
 }
 
-/// How far each control point is from the mean of its neighbors. On creases and borders its two neighbors
-/// there count; where creases end or meet nothing does.
+/// Returns the Laplacian matrix, which gives the difference of each control point from the mean of its neighbors. For vertices on creases
+/// and borders only the two neighbors on the crease or border count. The rows of vertices where creases end or meet are empty.
 pub(crate) fn laplacian(mesh: &Mesh) -> Stencils {
     let count = mesh.positions().len();
     let edges = mesh.edges();
@@ -100,10 +102,7 @@ pub(crate) fn laplacian(mesh: &Mesh) -> Stencils {
     let borders = edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1);
     let creases = mesh.creases().filter(|(_, sharpness)| *sharpness > 0.0);
     let held = borders.map(|(&ends, _)| ends).chain(creases.map(|(ends, _)| ends));
-    for (lists, ends) in [
-        (&mut all, edges.vertices.iter().copied().collect::<Vec<_>>()),
-        (&mut sharp, held.collect()),
-    ] {
+    for (lists, ends) in [(&mut all, edges.vertices.to_vec()), (&mut sharp, held.collect())] {
         for [a, b] in ends {
             lists[a as usize].push(b);
             lists[b as usize].push(a);

@@ -1,14 +1,14 @@
-//! Where the vertices of a mesh go by the scheme of Doo and Sabin, as rows; notation as in `refine/doo_sabin.rs`.
+//! The limit masks of the Doo-Sabin scheme; notation as in `refine/doo_sabin.rs`.
 
 use maquette_base::linear::stencils::{Rows, Stencils, push_merged};
 use maquette_value::Column;
 
 use crate::Boundary;
-use crate::masks::turns::turn;
+use crate::masks::roots_of_unity::root_of_unity;
 use crate::refine::connectivity::Connectivity;
 use crate::refine::half_edges::{HalfEdges, Ring};
 
-/// The limit of each vertex of a mesh.
+/// Computes the limit points and tangents at the vertices of a mesh by the Doo-Sabin scheme.
 #[derive(Debug)]
 pub(crate) struct DualLimit {
     pub(crate) mesh: Connectivity,
@@ -16,7 +16,7 @@ pub(crate) struct DualLimit {
     boundary: Boundary,
 }
 
-/// Space for one vertex.
+/// Scratch space for one vertex.
 #[derive(Default)]
 pub(crate) struct Scratch {
     ring: Ring,
@@ -28,13 +28,14 @@ impl DualLimit {
         Self { mesh, starts, boundary }
     }
 
-    /// All vertices.
-    pub(crate) fn all(&self) -> Vec<u32> {
+    /// Returns the indices of all vertices.
+    pub(crate) fn vertices(&self) -> Vec<u32> {
         (0..self.starts.len() as u32).collect()
     }
 
-    /// The limit point that goes with each of some vertices: the centroid of the face around it after one step; on the border the place
-    /// of a quadratic B-spline; where the border shrinks, the middle of the edge or the face that lies next to the vertex.
+    /// Returns the limit points assigned to some vertices. The limit point of an inner vertex is the centroid of the face that one step
+    /// makes around the vertex. On the border it is a point of a quadratic B-spline; if the border shrinks, it is the middle of the edge or
+    /// face next to the vertex.
     pub(crate) fn positions(&self, vertices: &[u32]) -> Stencils {
         let (stencils, _) = Stencils::build(vertices.len(), |scratch: &mut Scratch, item, rows| {
             let vertex = vertices[item] as usize;
@@ -48,7 +49,7 @@ impl DualLimit {
                 let share = 1.0 / ring.halves.len() as f64;
                 ring.halves.iter().for_each(|&half| self.push_inner(half, share, row));
             } else if let Some(corners) = self.lone_face(ring) {
-                // Its new vertices have the same middle as its corners.
+                // The new vertices in a face have the same centroid as the corners of the face.
                 let share = 1.0 / corners.len() as f64;
                 row.extend(corners.iter().map(|&corner| (corner, share)));
             } else if self.boundary == Boundary::None {
@@ -57,7 +58,7 @@ impl DualLimit {
                 middle.into_iter().for_each(|half| self.push_inner(half, share, row));
             } else {
                 row.push((vertex as u32, 0.75));
-                row.extend([0, last].map(|place| (ring.neighbors[place], 0.125)));
+                row.extend([0, last].map(|index| (ring.neighbors[index], 0.125)));
             }
             push_merged(rows, row);
             rows.end();
@@ -65,7 +66,7 @@ impl DualLimit {
         stencils
     }
 
-    /// Two tangents for each of some vertices, if it has a face.
+    /// Returns two tangents for each of some vertices that have a face.
     pub(crate) fn tangents(&self, vertices: &[u32]) -> (Stencils, Column<u32>) {
         Stencils::build(vertices.len(), |scratch: &mut Scratch, item, rows| {
             let vertex = vertices[item] as usize;
@@ -75,12 +76,12 @@ impl DualLimit {
                 return;
             }
             if let Some(corners) = self.lone_face(ring) {
-                // Waves once around a face are halved by a step: their sum with `alpha` is half of them.
+                // A step halves the first Fourier mode of a face's corners: the convolution of this mode with `alpha` is half of it.
                 for part in 0..2 {
                     let n = corners.len();
-                    (0..n)
-                        .zip(corners)
-                        .for_each(|(j, &corner)| rows.push(corner, turn(j, n)[part] / 2.0));
+                    (0..n).zip(corners).for_each(|(j, &corner)| {
+                        rows.push(corner, root_of_unity(j, n)[part] / 2.0);
+                    });
                     rows.end();
                 }
                 return;
@@ -99,15 +100,16 @@ impl DualLimit {
         })
     }
 
-    /// The tangents at the middle of the face with these new vertices.
+    /// Writes the tangents at the middle of the face whose corners are the new vertices at `halves`.
     fn push_polygon(&self, halves: &[u32], row: &mut Vec<(u32, f64)>, rows: &mut Rows) {
         for part in 0..2 {
             row.clear();
             for (j, &half) in halves.iter().enumerate() {
                 let weight = match halves.len() {
-                    // Two edges at the vertex: one tangent joins the new vertices, the other one points across.
+                    // With two edges at the vertex one tangent connects the two new vertices, and the other tangent runs across this
+                    // connection.
                     2 if part == 1 => 0.0,
-                    n => turn(j, n)[part],
+                    n => root_of_unity(j, n)[part],
                 };
                 self.push_inner(half, weight, row);
             }
@@ -116,14 +118,14 @@ impl DualLimit {
         }
     }
 
-    /// The tangent across the border: the face around the vertex after one step has an edge on the border, whose middle is
-    /// the limit; it points to the middle of the new vertices next to this edge.
+    /// Writes the tangent across the border. After one step the face around the vertex has an edge on the border, and the middle of this
+    /// edge is the limit point. The tangent points from the limit point to the middle of the new vertices next to this edge.
     fn push_across(&self, vertex: u32, ring: &Ring, row: &mut Vec<(u32, f64)>) {
         row.clear();
         let m = ring.halves.len() + 2;
         let ends = [ring.neighbors[0], ring.neighbors[ring.neighbors.len() - 1]];
         for k in 0..m {
-            // Corner 0 is on the first edge, corner m - 1 on the last one.
+            // Corner 0 is on the first edge of the ring, corner m - 1 on the last one.
             let weight = (alpha(k, m) + alpha((k + 1) % m, m)) / 2.0;
             if k == 0 || k == m - 1 {
                 row.push((vertex, 0.75 * (weight - 0.5)));
@@ -134,21 +136,21 @@ impl DualLimit {
         }
     }
 
-    /// Where the border shrinks, the corners of the only face at a vertex of it: the limit point that goes with the vertex is the face's
-    /// middle.
+    /// Used if the border shrinks: returns the corners of the face of a border vertex that has only one face. The limit point of the vertex
+    /// is the middle of this face.
     fn lone_face(&self, ring: &Ring) -> Option<&[u32]> {
         let is_lone = !ring.closed && self.boundary == Boundary::None && ring.halves.len() == 1;
         is_lone.then(|| self.mesh.faces.face(self.mesh.face_of(ring.halves[0]) as usize))
     }
 
-    /// Where the border shrinks, the new vertices across the middle edge at a vertex of it, which has several faces: next to the limit
-    /// point that goes with the vertex.
+    /// Used if the border shrinks: returns the new vertices around the middle edge of a border vertex with several faces. Their mean is
+    /// the limit point of the vertex.
     fn middle(&self, ring: &Ring) -> Vec<u32> {
         let [owner, twin] = self.mesh.halves[ring.edges[ring.halves.len() / 2] as usize];
         vec![owner, self.mesh.next(twin), twin, self.mesh.next(owner)]
     }
 
-    /// Adds a share of the new vertex at a corner.
+    /// Adds `share` times the weights of the new vertex at a corner.
     fn push_inner(&self, half: u32, share: f64, row: &mut Vec<(u32, f64)>) {
         let face = self.mesh.face_of(half) as usize;
         let (corners, k) =
@@ -159,9 +161,9 @@ impl DualLimit {
     }
 }
 
-/// The weight of the corner `j` places after a vertex of a face of `m` corners.
+/// Returns the weight of the `j`-th next corner in the new vertex at a corner of a face with `m` corners.
 pub(crate) fn alpha(j: usize, m: usize) -> f64 {
-    let [cosine, _] = turn(j, m);
+    let [cosine, _] = root_of_unity(j, m);
     let own = if j == 0 { 0.25 } else { 0.0 };
     own + (3.0 + 2.0 * cosine) / (4.0 * m as f64)
 }

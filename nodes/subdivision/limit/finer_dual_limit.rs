@@ -1,5 +1,5 @@
-//! The limit of a mesh that the scheme of Doo and Sabin has refined: inside it is the middle of the face that the next step would put
-//! around a vertex, and rows are made for the vertices on the border alone.
+//! The limit of a mesh refined by the Doo-Sabin scheme. The limit point of an inner vertex is the middle of the face that another step
+//! would make around the vertex; only vertices on the border need matrix rows.
 
 use maquette_base::linear::stencils::Stencils;
 use maquette_value::memory::huge_vec;
@@ -10,20 +10,21 @@ use nalgebra::{Point3, Vector3};
 use super::dual_limit::DualLimit;
 use super::limit_rows::complete_normals;
 use crate::SubdivideError;
-use crate::masks::turns::turn;
-use crate::refine::doo_sabin::{Dual, Inside};
+use crate::masks::roots_of_unity::root_of_unity;
+use crate::refine::doo_sabin::{Dual, FaceVertices};
 use crate::refine::dual_halves::{FinerHalves, Rings};
 use crate::refine::half_edges::{HalfEdges, Ring};
 
-/// Vertices that one task looks at.
+/// The number of vertices per parallel task.
 const BLOCK: usize = 4096;
 
-/// Where the vertices of a refined mesh go, and which way the surface faces there.
+/// The limit positions and normals of a refined mesh.
 #[derive(Debug)]
 pub(crate) struct FinerDualLimit {
     limit: DualLimit,
     rings: Rings,
-    /// The vertices whose faces do not close to a ring, their limits, and their tangents with the first row of each.
+    /// The vertices whose faces do not form a closed ring. The other lists have their limit positions, their tangents, and the index of
+    /// each vertex's first tangent row.
     border: Vec<u32>,
     positions: Stencils,
     tangents: Stencils,
@@ -31,7 +32,7 @@ pub(crate) struct FinerDualLimit {
 }
 
 impl FinerDualLimit {
-    /// That of the vertices which a step makes.
+    /// Computes the limit of the vertices that the step `dual` made.
     ///
     /// # Errors
     /// If the refined mesh is not manifold.
@@ -52,44 +53,44 @@ impl FinerDualLimit {
         Ok(Self { limit, rings, border, positions, tangents, sides })
     }
 
-    /// The same mesh with its vertices on the limit surface, and the attribute `normal`.
+    /// Moves the vertices of `mesh` to the limit surface, and adds the attribute `normal`.
     ///
     /// # Errors
-    /// If a place becomes infinite.
+    /// If a position becomes infinite.
     pub(crate) fn apply(&self, mesh: &Mesh) -> Result<Mesh, MeshError> {
         let control = &mesh.positions()[..];
-        let inside = Inside::new(&self.limit.mesh, control);
+        let inside = FaceVertices::new(&self.limit.mesh, control);
         let mut positions: Vec<Point3<f64>> = huge_vec(control.len());
         let mut normals: Vec<[f64; 3]> = huge_vec(control.len());
         let both = positions.par_iter_mut().zip(&mut normals).enumerate().with_min_len(BLOCK);
-        both.for_each_init(Vec::new, |fan, (vertex, (place, normal))| {
+        both.for_each_init(Vec::new, |fan, (vertex, (position, normal))| {
             fan.clear();
             self.rings.fan(&self.limit.mesh, vertex, self.limit.starts[vertex], fan);
             let n = fan.len();
             let [mut sum, mut first, mut second] = [Vector3::zeros(); 3];
             for (j, &half) in fan.iter().enumerate() {
-                let (point, [cosine, sine]) = (inside.at(half), turn(j, n));
+                let (point, [cosine, sine]) = (inside.vertex_at(half), root_of_unity(j, n));
                 sum += point;
                 first += point * cosine;
                 second += point * sine;
             }
-            *place = (sum / n as f64).into();
-            // The sines of half turns vanish but for rounding.
+            *position = (sum / n as f64).into();
+            // With two corners the sines are zero up to rounding, so the tangents do not span a plane.
             let is_plane = n > 2;
             let across = first.cross(&second).try_normalize(0.0).filter(|_| is_plane);
             *normal = across.unwrap_or_default().into();
         });
-        for (&vertex, place) in self.border.iter().zip(self.positions.apply(control)) {
-            positions[vertex as usize] = place;
+        for (&vertex, position) in self.border.iter().zip(self.positions.apply(control)) {
+            positions[vertex as usize] = position;
         }
         let limit = mesh.with_positions(positions)?;
         let odd = self.border.iter().map(|&vertex| [vertex, self.limit.starts[vertex as usize]]);
-        let (odd, tangents) = (Vec::from_iter(odd), (&self.tangents, &self.sides[..]));
+        let (odd, tangents) = (odd.collect::<Vec<_>>(), (&self.tangents, &self.sides[..]));
         complete_normals(&mut normals, &limit, control, &self.limit.mesh, &odd, tangents);
-        limit.without("normal").with_vertex("normal", Attribute::Vector(normals.into()))
+        limit.without_attribute("normal").with_vertex("normal", Attribute::Vector(normals.into()))
     }
 
-    /// How many bytes it holds.
+    /// The memory use in bytes.
     pub(crate) fn size(&self) -> usize {
         let rows = self.positions.size() + self.tangents.size() + self.sides.size();
         let lists = self.limit.starts.len() + self.border.len();

@@ -1,4 +1,4 @@
-//! Where the vertices of a mesh go if it is subdivided forever, and which way the surface faces there.
+//! Limit masks: matrices for the limit positions and tangents of the vertices of a mesh.
 
 use std::ops::Range;
 
@@ -14,7 +14,7 @@ use crate::masks::catmull_clark::CatmullClarkMasks;
 use crate::masks::closed_rows::closed_rows;
 use crate::masks::loop_masks::LoopMasks;
 use crate::masks::sharpness::Sharpness;
-use crate::masks::stars::{Masks, Scratch, Stars};
+use crate::masks::vertex_rings::{Masks, RingMasks, Scratch};
 use crate::refine::connectivity::Connectivity;
 use crate::refine::half_edges::HalfEdges;
 use crate::refine::level::{check_triangles, creases};
@@ -22,25 +22,25 @@ use crate::refine::topology::Topology;
 use crate::rules::Rules;
 use crate::{Scheme, SubdivideError};
 
-/// Vertices that one task looks at.
+/// The number of vertices per parallel task.
 const BLOCK: usize = 4096;
 
-/// Entries of the limit's rows, places and tangents together some 5 GB: a face of `m` corners has some `m` in the row of each of its
-/// corners.
+/// The maximum number of entries in the limit masks, which need about 5 GB for positions and tangents. A face with `m` corners causes about
+/// `m` entries for each of its corners.
 const ENTRIES: Most =
-    Most { most: 1 << 27, of: "numbers", help: "divide its faces with many corners" };
+    Most { max: 1 << 27, items: "numbers", help: "divide its faces with many corners" };
 
-/// The limit of each vertex of a mesh without tangents: all that it takes to pass through points.
+/// The limit positions of the vertices of a mesh, without tangents. Interpolation needs no tangents.
 #[derive(Clone, Debug)]
-pub(crate) struct LimitPlaces {
-    /// What it was made from.
+pub(crate) struct LimitPositions {
+    /// The topology from which the masks were computed.
     pub(crate) topology: Topology,
-    /// The places, as for [`Limit`].
+    /// The matrix rows of the limit positions, as in [`Limit`].
     pub(crate) positions: Stencils,
 }
 
-/// A function of its topology, which therefore stands for it in the hash.
-impl Memo for LimitPlaces {
+/// The masks are a function of the topology, so only the topology is encoded for the hash.
+impl Memo for LimitPositions {
     const NAME: &'static str = "SubdivisionLimitPlaces";
 
     fn encode(&self, to: &mut Encoder) {
@@ -52,11 +52,11 @@ impl Memo for LimitPlaces {
     }
 }
 
-impl LimitPlaces {
-    /// The limit of the scheme that `topology` names.
+impl LimitPositions {
+    /// Computes the masks by the scheme in `topology`.
     ///
     /// # Errors
-    /// Those of [`Limit::new`].
+    /// The errors of [`Limit::new`].
     pub(crate) fn new(topology: &Topology) -> Result<Self, SubdivideError> {
         let positions = match closed_rows(topology) {
             Some(rows) => rows,
@@ -65,26 +65,26 @@ impl LimitPlaces {
         Ok(Self { topology: topology.clone(), positions })
     }
 
-    /// The same, as [`maquette_node::Context::memo`] wants it.
+    /// Performs [`Self::new`] with the signature that [`maquette_node::Context::memo`] requires.
     pub(crate) fn memo(topology: &Topology) -> Result<Self, Error> {
         Ok(Self::new(topology)?)
     }
 }
 
-/// The limit of each vertex of a mesh, as sparse rows in terms of the mesh's own vertices.
+/// The limit masks of the vertices of a mesh, as sparse matrix rows. The columns are the vertices of the mesh.
 #[derive(Clone, Debug)]
 pub(crate) struct Limit {
-    /// What it was made from.
+    /// The topology from which the masks were computed.
     pub(crate) topology: Topology,
-    /// The places.
+    /// The matrix rows of the limit positions.
     pub(crate) positions: Stencils,
-    /// Rows in pairs: two tangents, the first turning counter-clockwise to the second; a pair for each side of a crease.
+    /// The matrix rows of the tangents: a pair for each side of a crease. The second tangent is counter-clockwise from the first.
     pub(crate) tangents: Stencils,
-    /// The first row of each vertex in `tangents`, and behind the last vertex the number of rows.
+    /// The index of each vertex's first row in `tangents`, followed by the number of rows.
     pub(crate) sides: Column<u32>,
 }
 
-/// A function of its topology, which therefore stands for it in the hash.
+/// The masks are a function of the topology, so only the topology is encoded for the hash.
 impl Memo for Limit {
     const NAME: &'static str = "SubdivisionLimit";
 
@@ -99,25 +99,25 @@ impl Memo for Limit {
 }
 
 impl Limit {
-    /// The limit of the scheme that `topology` names.
+    /// Computes the masks by the scheme in `topology`.
     ///
     /// # Errors
-    /// Faces that the scheme has no rule for, or that are too large, or a mesh that is not manifold.
+    /// If the scheme cannot refine a face, a face is too large, or the mesh is not manifold.
     pub(crate) fn new(topology: &Topology) -> Result<Self, SubdivideError> {
         let limit = SchemeLimit::new(topology)?;
         let (positions, (tangents, sides)) = (limit.positions(), limit.tangents());
         Ok(Self { topology: topology.clone(), positions, tangents, sides })
     }
 
-    /// The same, as [`maquette_node::Context::memo`] wants it.
+    /// Performs [`Self::new`] with the signature that [`maquette_node::Context::memo`] requires.
     pub(crate) fn memo(topology: &Topology) -> Result<Self, Error> {
         Ok(Self::new(topology)?)
     }
 
-    /// The same mesh with its vertices on the limit surface, and the attribute `normal`.
+    /// Moves the vertices of `mesh` to the limit surface, and adds the attribute `normal`.
     ///
     /// # Errors
-    /// If a place becomes infinite.
+    /// If a position becomes infinite.
     pub(crate) fn apply(&self, mesh: &Mesh) -> Result<Mesh, MeshError> {
         let limit = mesh.with_positions(self.positions.apply(mesh.positions()))?;
         let fallback = limit.vertex_normals();
@@ -126,11 +126,11 @@ impl Limit {
             .with_min_len(BLOCK)
             .map(|vertex| self.normal(vertex, mesh.positions(), fallback[vertex]).into())
             .collect();
-        limit.without("normal").with_vertex("normal", Attribute::Vector(normals.into()))
+        limit.without_attribute("normal").with_vertex("normal", Attribute::Vector(normals.into()))
     }
 
-    /// The unit normal at a vertex: on a crease the mean of its sides. `fallback` is taken where the tangents do not span a
-    /// plane, and tells which way a side of a corner faces, whose tangents may be more than a half turn apart.
+    /// Returns the unit normal at a vertex; on a crease the mean of its sides' normals. `fallback` is returned if the tangents do not span
+    /// a plane. It also determines the sign of the normal for a side of a corner, whose tangents may be more than 180 degrees apart.
     pub(crate) fn normal(
         &self,
         vertex: usize,
@@ -142,8 +142,8 @@ impl Limit {
     }
 }
 
-/// Writes the normals of the `odd` vertices, each with a half-edge from it, by their pairs of `tangents` and the first row of each; and,
-/// of all vertices, those that are zero, because tangents do not span a plane.
+/// Writes the normals of the `odd` vertices (each given with a half-edge from it), computed from the pairs of `tangents`; `sides` has the
+/// first row of each vertex. Also replaces all normals that are zero because the tangents do not span a plane.
 pub(crate) fn complete_normals(
     normals: &mut [[f64; 3]],
     limit: &Mesh,
@@ -169,7 +169,7 @@ pub(crate) fn complete_normals(
     }
 }
 
-/// What [`Mesh::vertex_normals`] has for the vertex from which `start` runs.
+/// Computes the normal as in [`Mesh::vertex_normals`], for the vertex at which `start` starts.
 pub(crate) fn vertex_normal(
     limit: &Mesh,
     mesh: &impl HalfEdges,
@@ -183,7 +183,7 @@ pub(crate) fn vertex_normal(
     areas.sum::<Vector3<f64>>().try_normalize(0.0).unwrap_or_default()
 }
 
-/// The mean of the unit normals of the pairs of tangents in `rows`; as for [`Limit::normal`].
+/// Returns the mean of the unit normals for the pairs of tangents in `rows`. `fallback` is used as in [`Limit::normal`].
 pub(crate) fn side_normals(
     tangents: &Stencils,
     rows: Range<usize>,
@@ -199,7 +199,7 @@ pub(crate) fn side_normals(
     sides.sum::<Vector3<f64>>().try_normalize(1e-6).unwrap_or(fallback)
 }
 
-/// The limit positions and tangents at the vertices of a mesh, by the rules of its scheme.
+/// Computes limit positions and tangents at the vertices of a mesh by the rules of its scheme.
 enum SchemeLimit {
     Dual(DualLimit),
     Loop(MaskedMesh<LoopMasks>),
@@ -229,7 +229,7 @@ impl SchemeLimit {
 
     fn positions(&self) -> Stencils {
         match self {
-            Self::Dual(limit) => limit.positions(&limit.all()),
+            Self::Dual(limit) => limit.positions(&limit.vertices()),
             Self::Loop(stars) => stars.positions(),
             Self::CatmullClark(stars) => stars.positions(),
         }
@@ -237,7 +237,7 @@ impl SchemeLimit {
 
     fn tangents(&self) -> (Stencils, Column<u32>) {
         match self {
-            Self::Dual(limit) => limit.tangents(&limit.all()),
+            Self::Dual(limit) => limit.tangents(&limit.vertices()),
             Self::Loop(stars) => stars.tangents(),
             Self::CatmullClark(stars) => stars.tangents(),
         }
@@ -258,7 +258,7 @@ impl<M: Masks + Copy> MaskedMesh<M> {
         let Self { mesh, starts, creases, rules, masks } = self;
         let (rules, masks) = (*rules, *masks);
         let sharpness = &Sharpness::new(mesh, rules, creases);
-        let stars = Stars { mesh, sharpness, rules: rules.of_edges(), masks };
+        let stars = RingMasks { mesh, sharpness, rules: rules.of_edges(), masks };
         let (rows, _) = Stencils::build(starts.len(), |scratch: &mut Scratch, vertex, rows| {
             stars.limit(scratch, vertex as u32, starts[vertex], rows);
             rows.end();
@@ -266,12 +266,12 @@ impl<M: Masks + Copy> MaskedMesh<M> {
         rows
     }
 
-    /// Two rows for each side of each vertex, and the first row of each.
+    /// Returns two rows of tangents for each side of each vertex, and the index of each vertex's first row.
     fn tangents(&self) -> (Stencils, Column<u32>) {
         let Self { mesh, starts, creases, rules, masks } = self;
         let (rules, masks) = (*rules, *masks);
         let sharpness = &Sharpness::new(mesh, rules, creases);
-        let stars = Stars { mesh, sharpness, rules: rules.of_edges(), masks };
+        let stars = RingMasks { mesh, sharpness, rules: rules.of_edges(), masks };
         Stencils::build(starts.len(), |scratch: &mut Scratch, vertex, rows| {
             stars.tangents(scratch, vertex as u32, starts[vertex], rows);
         })

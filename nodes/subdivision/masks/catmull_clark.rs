@@ -1,41 +1,41 @@
-//! The masks of Catmull's and Clark's scheme on polygons.
+//! The masks of the Catmull-Clark scheme for polygons.
 //!
-//! Catmull and Clark, "Recursively generated B-spline surfaces on arbitrary topological meshes" (1978); limit points and
-//! tangents by the eigenvectors of these masks: Halstead, Kass and DeRose, "Efficient, fair interpolation using Catmull-Clark
-//! surfaces" (1993), tangents on creases as in Biermann, Levin and Zorin, "Piecewise smooth subdivision surfaces with normal
-//! control" (2000). Notation as in `stars.rs`.
+//! Catmull and Clark, "Recursively generated B-spline surfaces on arbitrary topological meshes" (1978). Limit points and tangents are
+//! derived from the eigenvectors of these masks: Halstead, Kass and DeRose, "Efficient, fair interpolation using Catmull-Clark surfaces"
+//! (1993); tangents on creases are those of Biermann, Levin and Zorin, "Piecewise smooth subdivision surfaces with normal control" (2000).
+//! For the notation see `vertex_rings.rs`.
 
 use std::f64::consts::PI;
 
-use super::stars::{Masks, Weights};
-use super::turns::turn;
+use super::roots_of_unity::root_of_unity;
+use super::vertex_rings::{Masks, Weights};
 use crate::refine::half_edges::HalfEdges;
 
-/// The rules of Catmull and Clark.
+/// The masks of the Catmull-Clark scheme.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct CatmullClarkMasks;
 
 impl Masks for CatmullClarkMasks {
-    /// `(n - 2)/n v + 1/n^2 sum e_j + 1/n^2 sum F_j`.
+    /// The new vertex is `(n - 2)/n v + 1/n^2 sum e_j + 1/n^2 sum F_j`.
     fn vertex(&self, n: usize) -> [f64; 3] {
         let n = n as f64;
         [(n - 2.0) / n, 1.0 / (n * n), 1.0 / (n * n)]
     }
 
-    /// `(n (n - 1) v + 2 sum e_j + 4 sum F_j) / (n (n + 5))`.
+    /// The limit point is `(n (n - 1) v + 2 sum e_j + 4 sum F_j) / (n (n + 5))`.
     fn limit(&self, n: usize) -> [f64; 3] {
         let n = n as f64;
         [(n - 1.0) / (n + 5.0), 2.0 / (n * (n + 5.0)), 4.0 / (n * (n + 5.0))]
     }
 
-    /// A quarter of both ends and both centroids.
+    /// The new vertex on an edge is the mean of both ends and both centroids: each has the weight 1/4.
     const EDGE: [f64; 2] = [0.25; 2];
 
     fn opposite(&self, mesh: &impl HalfEdges, half: u32) -> u32 {
         mesh.vertices() as u32 + mesh.face_of(half)
     }
 
-    /// With two neighbors, for which the eigenvalue is not that of a tangent plane, the directions of both edges.
+    /// With only two neighbors the eigenvectors do not give a tangent plane; the tangents are then the directions of both edges.
     fn tangents(&self, [first, second]: [&mut Weights; 2]) {
         let n = first.neighbors.len();
         if n < 3 {
@@ -45,12 +45,12 @@ impl Masks for CatmullClarkMasks {
             }
             return;
         }
-        let [cosine, _] = turn(1, n);
+        let [cosine, _] = root_of_unity(1, n);
         let half = libm::cos(PI / n as f64);
         let eigenvalue = 0.3125 + (cosine + half * (2.0 * (9.0 + cosine)).sqrt()) / 16.0;
         for (j, part) in (0..n).flat_map(|j| [(j, 0), (j, 1)]) {
             let weights = if part == 0 { &mut *first } else { &mut *second };
-            let (here, next) = (turn(j, n)[part], turn((j + 1) % n, n)[part]);
+            let (here, next) = (root_of_unity(j, n)[part], root_of_unity((j + 1) % n, n)[part]);
             weights.neighbors[j] = 4.0 * here;
             weights.faces[j] = (here + next) / (4.0 * eigenvalue - 1.0);
         }

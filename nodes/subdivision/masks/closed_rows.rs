@@ -1,25 +1,25 @@
-//! The limit masks of closed meshes of triangles or quads without creases, from the corners at each vertex alone.
+//! A fast path: the limit masks of closed triangle or quad meshes without creases.
 //!
-//! Most meshes are such ones. Each vertex looks at its own faces: if they close to one ring, and this is so at all vertices, the mesh is
-//! manifold; no edge is ever looked for. Whatever is different is left to the general rules, which also say what is wrong.
+//! Most meshes are closed and without creases. If the faces of each vertex form one closed ring, the mesh is manifold, so no search for
+//! edges is needed. All other meshes are left to the general rules, which also report errors.
 
 use maquette_base::linear::stencils::Stencils;
 use maquette_value::parallel::*;
 
 use super::catmull_clark::CatmullClarkMasks;
 use super::loop_masks::LoopMasks;
-use super::stars::Masks;
+use super::vertex_rings::Masks;
 use crate::Scheme;
 use crate::limit::dual_limit::alpha;
 use crate::refine::topology::Topology;
 
-/// Most corners at a vertex; the search for the next one in a ring looks at all of them.
-const MOST: usize = 64;
+/// The maximum number of corners at a vertex: the search for the next corner of a ring takes time proportional to it.
+const MAX_VALENCE: usize = 64;
 
-/// Vertices that one task looks at.
+/// The number of vertices per parallel task.
 const BLOCK: usize = 1024;
 
-/// The masks of all vertices in terms of the vertices; none where the mesh is not as simple.
+/// Computes the limit masks of all vertices; `None` if the mesh is not a closed triangle or quad mesh without creases.
 pub(crate) fn closed_rows(topology: &Topology) -> Option<Stencils> {
     let sides = topology.faces.sides().filter(|sides| (3..=4).contains(sides))?;
     let scheme = topology.rules.scheme;
@@ -33,7 +33,7 @@ pub(crate) fn closed_rows(topology: &Topology) -> Option<Stencils> {
     let per_corner = sides - 2;
     let row = |vertex: usize| vertex + per_corner * fans.starts[vertex] as usize;
     let entries = row(topology.vertices);
-    let masks: Vec<_> = (0..=fans.most).map(|n| mask(scheme, n)).collect();
+    let masks: Vec<_> = (0..=fans.max_valence).map(|n| mask(scheme, n)).collect();
     let (mut indices, mut weights) = (vec![0u32; entries], vec![0.0; entries]);
     let mut jobs = Vec::with_capacity(topology.vertices.div_ceil(BLOCK));
     let (mut rest, mut rest_of_weights) = (&mut indices[..], &mut weights[..]);
@@ -63,33 +63,35 @@ pub(crate) fn closed_rows(topology: &Topology) -> Option<Stencils> {
     is_closed.then(|| Stencils::from_parts(starts, indices, weights))
 }
 
-/// Writes the neighbors of a vertex counter-clockwise, and behind them the corners across in its quads; whether its faces are one ring.
+/// Writes the neighbors of a vertex counter-clockwise, followed by the corners of its quads that are opposite the vertex. Returns true if
+/// the faces at the vertex form one closed ring.
 fn ring<const SIDES: usize>(corners: &[u32], own: &[u32], to: &mut [u32]) -> bool {
     let n = own.len();
-    let mut ends = [[0u32; 3]; MOST];
+    let mut ends = [[0u32; 3]; MAX_VALENCE];
     for (ends, &corner) in ends.iter_mut().zip(own) {
-        let (face, place) = (corner as usize / SIDES * SIDES, corner as usize % SIDES);
-        *ends = [1, 2, SIDES - 1].map(|step| corners[face + (place + step) % SIDES]);
+        let (face, index) = (corner as usize / SIDES * SIDES, corner as usize % SIDES);
+        *ends = [1, 2, SIDES - 1].map(|step| corners[face + (index + step) % SIDES]);
     }
     let ends = &ends[..n];
     let mut at = 0;
-    for place in 0..n {
+    for index in 0..n {
         let [next, across, previous] = ends[at];
-        to[place] = next;
+        to[index] = next;
         if SIDES == 4 {
-            to[n + place] = across;
+            to[n + index] = across;
         }
         let Some(after) = ends.iter().position(|ends| ends[0] == previous) else { return false };
         at = after;
-        // Back at the first corner, but only after all others.
-        if (at == 0) != (place + 1 == n) {
+        // The ring must return to the first corner after all others, and not earlier.
+        if (at == 0) != (index + 1 == n) {
             return false;
         }
     }
     true
 }
 
-/// The weights of a vertex with `n` neighbors, of a neighbor, and of a corner across in a quad.
+/// Returns three weights of the limit mask for a vertex with `n` neighbors: that of the vertex, of each neighbor, and of each opposite
+/// corner of a quad.
 fn mask(scheme: Scheme, n: usize) -> [f64; 3] {
     let n = n.max(1);
     match scheme {
@@ -107,24 +109,24 @@ fn mask(scheme: Scheme, n: usize) -> [f64; 3] {
     }
 }
 
-/// The corners at each vertex.
+/// The face corners at each vertex.
 struct Fans {
     starts: Vec<u32>,
     corners: Vec<u32>,
-    /// Most corners at a vertex.
-    most: usize,
+    /// The maximum number of corners at a vertex.
+    max_valence: usize,
 }
 
 impl Fans {
-    /// None if a vertex has fewer than three corners, or too many.
+    /// Finds the corners at each vertex. Returns `None` if a vertex has fewer than three corners, or too many.
     fn new(corners: &[u32], vertices: usize) -> Option<Self> {
         let mut starts = vec![0u32; vertices + 1];
         corners.iter().for_each(|&vertex| starts[vertex as usize] += 1);
         let most = starts.iter().copied().max().unwrap_or(0) as usize;
-        if MOST < most || starts[..vertices].iter().any(|&count| count < 3) {
+        if MAX_VALENCE < most || starts[..vertices].iter().any(|&count| count < 3) {
             return None;
         }
-        // Each start is where the last corner before it is put, backwards; so the corners of a vertex ascend.
+        // Corners are inserted backwards, so the corners of each vertex are in ascending order.
         let mut sum = 0;
         for start in &mut starts {
             sum += *start;
@@ -136,7 +138,7 @@ impl Fans {
             *start -= 1;
             sorted[*start as usize] = corner;
         }
-        Some(Self { starts, corners: sorted, most })
+        Some(Self { starts, corners: sorted, max_valence: most })
     }
 
     fn corners(&self, vertex: usize) -> &[u32] {
@@ -197,25 +199,25 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_closed_or_smooth_or_manifold_is_left_alone() {
-        fn left(mesh: &Mesh, scheme: Scheme) -> bool {
+    fn meshes_that_are_not_closed_smooth_and_manifold_are_rejected() {
+        fn skips_vertices(mesh: &Mesh, scheme: Scheme) -> bool {
             closed_rows(&topology(mesh, scheme)).is_none()
         }
         let open = select_faces(&sphere(1), &(1..80).collect::<Vec<_>>()).unwrap();
-        assert!(left(&open, Scheme::Loop));
-        assert!(left(&sphere(1).with_creases([([0, 12], 2.0)]).unwrap(), Scheme::Loop));
-        assert!(left(&prism(5), Scheme::CatmullClark));
-        assert!(left(&sphere(1), Scheme::CatmullClark));
+        assert!(skips_vertices(&open, Scheme::Loop));
+        assert!(skips_vertices(&sphere(1).with_creases([([0, 12], 2.0)]).unwrap(), Scheme::Loop));
+        assert!(skips_vertices(&prism(5), Scheme::CatmullClark));
+        assert!(skips_vertices(&sphere(1), Scheme::CatmullClark));
         fn shape(triangles: Vec<[u32; 3]>) -> Mesh {
             Mesh::new(vec![Point3::origin(); 7], Faces::triangles(triangles)).unwrap()
         }
         let whole = tetrahedron().faces().as_triangles().unwrap().to_vec();
         let other = whole.iter().map(|face| face.map(|k| if k == 0 { 0 } else { k + 3 }));
         let joined = shape(whole.iter().copied().chain(other).collect());
-        assert!(left(&joined, Scheme::Loop), "two that share a vertex");
+        assert!(skips_vertices(&joined, Scheme::Loop), "two that share a vertex");
         let mut turned = whole.clone();
         turned[0].reverse();
         turned.extend([[4, 5, 6], [4, 6, 5]]);
-        assert!(left(&shape(turned), Scheme::Loop));
+        assert!(skips_vertices(&shape(turned), Scheme::Loop));
     }
 }

@@ -1,33 +1,33 @@
-//! The masks of Loop's scheme on triangles.
+//! The masks of Loop's scheme for triangles.
 //!
-//! Loop, "Smooth subdivision surfaces based on triangles" (1987), with his own weights beta; limit points and tangents by the
-//! eigenvectors of these masks. Notation as in `stars.rs`.
+//! Loop, "Smooth subdivision surfaces based on triangles" (1987), with the weights beta of this publication; limit points and tangents are
+//! derived from the eigenvectors of the masks. Notation as in `vertex_rings.rs`.
 
 use std::f64::consts::PI;
 
-use super::stars::{Masks, Weights};
-use super::turns::turn;
+use super::roots_of_unity::root_of_unity;
+use super::vertex_rings::{Masks, Weights};
 use crate::refine::half_edges::HalfEdges;
 
-/// Loop's rules.
+/// The masks of Loop's scheme.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct LoopMasks;
 
 impl Masks for LoopMasks {
-    /// `(1 - n beta) v + beta sum e_j`.
+    /// The new vertex is `(1 - n beta) v + beta sum e_j`.
     fn vertex(&self, n: usize) -> [f64; 3] {
         let beta = beta(n);
         [1.0 - n as f64 * beta, beta, 0.0]
     }
 
-    /// `(w v + sum e_j) / (w + n)` with `w = 3 / (8 beta)`.
+    /// The limit point is `(w v + sum e_j) / (w + n)` with `w = 3 / (8 beta)`.
     fn limit(&self, n: usize) -> [f64; 3] {
         let w = 0.375 / beta(n);
         let neighbor = 1.0 / (w + n as f64);
         [w * neighbor, neighbor, 0.0]
     }
 
-    /// `3/8 (a + b) + 1/8 (c + d)`, with `c` and `d` across from the edge.
+    /// The new vertex on an edge is `3/8 (a + b) + 1/8 (c + d)` for the ends `a` and `b` and the opposite vertices `c` and `d`.
     const EDGE: [f64; 2] = [0.375, 0.125];
 
     fn opposite(&self, mesh: &impl HalfEdges, half: u32) -> u32 {
@@ -37,11 +37,12 @@ impl Masks for LoopMasks {
     fn tangents(&self, [first, second]: [&mut Weights; 2]) {
         let n = first.neighbors.len();
         for j in 0..n {
-            [first.neighbors[j], second.neighbors[j]] = turn(j, n);
+            [first.neighbors[j], second.neighbors[j]] = root_of_unity(j, n);
         }
     }
 
-    /// Hoppe et al. (1994), table 2; the sign of the row for four and more faces is turned so that all point inward.
+    /// Hoppe et al. (1994), table 2; the sign of the row for four and more faces is changed, which makes all tangents point into the
+    /// surface.
     fn across(&self, to: &mut Weights) {
         let q = to.neighbors.len() - 1;
         let angle = PI / q as f64;
@@ -65,9 +66,9 @@ impl Masks for LoopMasks {
     }
 }
 
-/// Loop's weight of each neighbor of a vertex with `n` neighbors.
+/// The weight beta that Loop gives to each neighbor of a vertex with `n` neighbors.
 fn beta(n: usize) -> f64 {
-    let [cosine, _] = turn(1, n);
+    let [cosine, _] = root_of_unity(1, n);
     let center = 0.375 + cosine / 4.0;
     (0.625 - center * center) / n as f64
 }

@@ -1,20 +1,21 @@
-//! The rules of the primal schemes at regular vertices and on smooth edges, as formulas on points: most of a mesh needs no row of
-//! its own. They are those of `loop_masks.rs` and `catmull_clark.rs`.
+//! The rules of the primal schemes at regular vertices and on smooth edges, as direct formulas without stored matrix rows. They give the
+//! same results as the masks of `loop_masks.rs` and `catmull_clark.rs`.
 
 use nalgebra::Point3;
 
 use super::catmull_clark::CatmullClarkMasks;
 use super::loop_masks::LoopMasks;
-use super::stars::Masks;
+use super::vertex_rings::Masks;
+use crate::refine::face_order::FaceOrder;
 use crate::refine::half_edges::NONE;
 use crate::refine::split::{Corners, Split, Triangles};
-use crate::refine::turns::Turns;
 
-/// The formulas of a scheme, and its masks for everything else.
+/// The direct formulas of a scheme, and its masks for all other vertices and edges.
 pub(crate) trait RegularRules: Split {
     type Masks: Masks + Default;
 
-    /// The new vertex at a regular one at `old`, from its neighbors and the new vertices of its faces.
+    /// Computes the new vertex of the regular vertex at the position `old`, from the vertex's neighbors and the new vertices inside its
+    /// faces.
     fn regular(
         self,
         old: Point3<f64>,
@@ -22,7 +23,7 @@ pub(crate) trait RegularRules: Split {
         faces: impl Iterator<Item = Point3<f64>>,
     ) -> Point3<f64>;
 
-    /// The new vertex on a smooth edge with these half-edges; `faces` are the new vertices of the faces.
+    /// Computes the new vertex on a smooth edge with these half-edges; `faces` are the new vertices inside the faces.
     fn on_edge(
         self,
         walk: &impl Walk,
@@ -33,16 +34,17 @@ pub(crate) trait RegularRules: Split {
     ) -> Point3<f64>;
 }
 
-/// How to go from a half-edge to its neighbor and its face; where all faces are alike, without a look at the mesh.
+/// Finds the next half-edge and the face of a half-edge. If all faces have the same number of sides, both follow by arithmetic without
+/// reading the mesh.
 pub(crate) trait Walk: Sync {
     fn next(&self, half: u32) -> u32;
     fn face(&self, half: u32) -> u32;
 }
 
-/// Faces of four sides.
-pub(crate) struct Quads;
+/// A mesh of quads.
+pub(crate) struct QuadMesh;
 
-impl Walk for Quads {
+impl Walk for QuadMesh {
     #[inline]
     fn next(&self, half: u32) -> u32 {
         half & !3 | (half + 1) & 3
@@ -54,10 +56,10 @@ impl Walk for Quads {
     }
 }
 
-/// Triangles.
-pub(crate) struct ThreeSided;
+/// A mesh of triangles.
+pub(crate) struct TriangleMesh;
 
-impl Walk for ThreeSided {
+impl Walk for TriangleMesh {
     #[inline]
     fn next(&self, half: u32) -> u32 {
         if half % 3 == 2 { half - 2 } else { half + 1 }
@@ -69,7 +71,7 @@ impl Walk for ThreeSided {
     }
 }
 
-impl Walk for Turns {
+impl Walk for FaceOrder {
     fn next(&self, half: u32) -> u32 {
         self.next(half)
     }
@@ -102,16 +104,23 @@ impl RegularRules for Triangles {
         old: &[Point3<f64>],
         _: &[Point3<f64>],
     ) -> Point3<f64> {
-        fn at(half: u32, old: &[Point3<f64>], corners: &[u32]) -> nalgebra::Vector3<f64> {
+        fn tip_coordinates(
+            half: u32,
+            old: &[Point3<f64>],
+            corners: &[u32],
+        ) -> nalgebra::Vector3<f64> {
             old[corners[half as usize] as usize].coords
         }
         let next = walk.next(owner);
-        let [a, b, c] =
-            [at(owner, old, corners), at(next, old, corners), at(walk.next(next), old, corners)];
+        let [a, b, c] = [
+            tip_coordinates(owner, old, corners),
+            tip_coordinates(next, old, corners),
+            tip_coordinates(walk.next(next), old, corners),
+        ];
         if twin == NONE {
             return ((a + b) * 0.5).into();
         }
-        let d = at(walk.next(walk.next(twin)), old, corners);
+        let d = tip_coordinates(walk.next(walk.next(twin)), old, corners);
         ((a + b) * 0.375 + (c + d) * 0.125).into()
     }
 }

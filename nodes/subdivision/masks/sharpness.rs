@@ -1,43 +1,43 @@
-//! Creases: how sharp edges are, and what kind of vertex they make.
+//! Creases: the sharpness of edges, and the classes of vertices that follow from it.
 //!
-//! The rules of OpenSubdiv ("Subdivision surfaces", section "Semi-sharp creases"), after DeRose, Kass and Truong, "Subdivision
-//! surfaces in character animation" (1998): each step takes 1 off an edge's sharpness; a boundary edge is sharp forever.
+//! The rules are those of OpenSubdiv ("Subdivision surfaces", section "Semi-sharp creases"), after DeRose, Kass and Truong, "Subdivision
+//! surfaces in character animation" (1998): each step subtracts 1 from an edge's sharpness; a boundary edge is permanently sharp.
 
 use crate::refine::half_edges::{HalfEdges, Ring};
 use crate::rules::Rules;
 use crate::{Boundary, Creases};
 
-/// Edges at least this sharp stay so.
-const FOREVER: f64 = 10.0;
+/// Edges with at least this sharpness are permanently sharp.
+const PERMANENT: f64 = 10.0;
 
-/// How sharp the edges of a mesh are.
+/// The sharpness of the edges of a mesh.
 pub(crate) struct Sharpness<'a, H> {
     mesh: &'a H,
     rules: Rules<()>,
-    /// The creased edges, sorted; a boundary edge is sharp whether it is here or not.
+    /// The creases as pairs of edge and sharpness, sorted by edge. Boundary edges are sharp even if they are not listed.
     creases: &'a [(u32, f64)],
-    /// The vertices at creases that soften, sorted, with the number of such creases and the sum of their sharpness; only
-    /// filled where the rules ask for it.
+    /// The vertices at semi-sharp creases, sorted, each with the number of its semi-sharp creases and the sum of their sharpness. Filled
+    /// only for Chaikin's rule.
     softening: Vec<(u32, u32, f64)>,
 }
 
-/// What kind of point a vertex is, by the sharp edges that meet there.
+/// The class of a vertex, determined by the number of its sharp edges.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Class {
-    /// None, or one that ends.
+    /// The vertex has no sharp edge, or exactly one, at which a crease ends.
     Smooth,
-    /// Two: these places of the ring.
+    /// The vertex has two sharp edges, at these indices of its ring.
     Crease(usize, usize),
-    /// More, or held by the boundary rule; it stays where it is.
+    /// The vertex has more than two sharp edges, or the boundary rule makes it a corner. The vertex does not move.
     Corner,
 }
 
-/// How sharp the edges of a ring are, in its order.
+/// The sharpness of the edges of a ring, in its order.
 #[derive(Default)]
 pub(crate) struct Edges {
-    /// Before the step.
+    /// The sharpness of each edge before the step.
     pub(crate) before: Vec<f64>,
-    /// Those of their halves at the vertex after it.
+    /// The sharpness after the step of each edge's half at the vertex.
     pub(crate) after: Vec<f64>,
 }
 
@@ -47,7 +47,7 @@ impl<'a, H: HalfEdges> Sharpness<'a, H> {
         let mut softening: Vec<(u32, u32, f64)> = Vec::new();
         if rules.creases == Creases::Chaikin {
             let soft = creases.iter().filter(|&&(edge, sharpness)| {
-                sharpness > 0.0 && sharpness < FOREVER && !mesh.is_boundary(edge)
+                sharpness > 0.0 && sharpness < PERMANENT && !mesh.is_boundary(edge)
             });
             let ends = soft.flat_map(|&(edge, sharpness)| mesh.ends(edge).map(|v| (v, sharpness)));
             let mut ends: Vec<(u32, f64)> = ends.collect();
@@ -60,36 +60,36 @@ impl<'a, H: HalfEdges> Sharpness<'a, H> {
         Self { mesh, rules, creases, softening }
     }
 
-    /// An edge's sharpness, from 0 (smooth).
-    pub(crate) fn of(&self, edge: u32) -> f64 {
+    /// Returns the sharpness of an edge; 0 means smooth.
+    pub(crate) fn edge_sharpness(&self, edge: u32) -> f64 {
         if self.mesh.is_boundary(edge) {
             return f64::INFINITY;
         }
         match self.creases.binary_search_by_key(&edge, |(edge, _)| *edge) {
-            Ok(place) => self.creases[place].1,
+            Ok(index) => self.creases[index].1,
             Err(_) => 0.0,
         }
     }
 
-    /// How far the rule of a sharp edge holds for the new vertex on one: wholly, which is 1, if both its halves are still sharp,
-    /// else as far as the edge is. By Chaikin's rule that can be a little above 1, as in OpenSubdiv, which does not limit it.
-    pub(crate) fn share(&self, edge: u32) -> f64 {
-        let sharpness = self.of(edge);
+    /// Returns the weight of the crease rule for the new vertex on an edge: 1 if both halves of the edge are still sharp after the step,
+    /// else the sharpness of the edge. With Chaikin's rule the weight can be slightly greater than 1; OpenSubdiv does not clamp it either.
+    pub(crate) fn crease_weight(&self, edge: u32) -> f64 {
+        let sharpness = self.edge_sharpness(edge);
         match sharpness > 0.0
-            && self.mesh.ends(edge).into_iter().all(|end: u32| self.softened(end, sharpness) > 0.0)
+            && self.mesh.ends(edge).into_iter().all(|end: u32| self.soften(end, sharpness) > 0.0)
         {
             true => 1.0,
             false => sharpness,
         }
     }
 
-    /// The sharpness of the half of an edge at one of its ends, after a step.
-    fn softened(&self, vertex: u32, sharpness: f64) -> f64 {
-        if sharpness >= FOREVER {
+    /// Returns the sharpness that the half of an edge at `vertex` has after a step. `sharpness` is that of the edge.
+    fn soften(&self, vertex: u32, sharpness: f64) -> f64 {
+        if sharpness >= PERMANENT {
             return sharpness;
         }
-        let place = self.softening.binary_search_by_key(&vertex, |(vertex, _, _)| *vertex);
-        let mean = match place.map(|place| self.softening[place]) {
+        let index = self.softening.binary_search_by_key(&vertex, |(vertex, _, _)| *vertex);
+        let mean = match index.map(|index| self.softening[index]) {
             Ok((_, count, sum)) if count > 1 && sharpness > 0.0 => {
                 0.75 * sharpness + 0.25 * ((sum - sharpness) / f64::from(count - 1))
             }
@@ -99,21 +99,21 @@ impl<'a, H: HalfEdges> Sharpness<'a, H> {
     }
 
     /// Fills `edges` with the sharpness of the edges around a vertex.
-    pub(crate) fn around(&self, vertex: u32, ring: &Ring, edges: &mut Edges) {
+    pub(crate) fn collect_around(&self, vertex: u32, ring: &Ring, edges: &mut Edges) {
         edges.before.clear();
-        edges.before.extend(ring.edges.iter().map(|&edge| self.of(edge)));
+        edges.before.extend(ring.edges.iter().map(|&edge| self.edge_sharpness(edge)));
         edges.after.clear();
-        edges.after.extend(edges.before.iter().map(|&s| self.softened(vertex, s)));
+        edges.after.extend(edges.before.iter().map(|&s| self.soften(vertex, s)));
     }
 
-    /// The class of the vertex inside `ring` whose edges are that sharp.
+    /// Returns the class of the vertex at the center of `ring`; `sharpness` has one value per edge of the ring.
     pub(crate) fn class(&self, ring: &Ring, sharpness: &[f64]) -> Class {
         let held =
             self.rules.boundary == Boundary::EdgeAndCorner && !ring.closed && ring.n_faces() <= 1;
         if held || ring.edges.is_empty() {
             return Class::Corner;
         }
-        let mut sharp = (0..sharpness.len()).filter(|&place| sharpness[place] > 0.0);
+        let mut sharp = (0..sharpness.len()).filter(|&index| sharpness[index] > 0.0);
         match (sharp.next(), sharp.next(), sharp.next()) {
             (Some(first), Some(second), None) => Class::Crease(first, second),
             (_, _, Some(_)) => Class::Corner,
@@ -121,11 +121,11 @@ impl<'a, H: HalfEdges> Sharpness<'a, H> {
         }
     }
 
-    /// The creases after one step, in which edge `e` has become the edges `children(e)`, from its owner's start to its end.
-    pub(crate) fn refined(&self, children: impl Fn(u32) -> [u32; 2]) -> Vec<(u32, f64)> {
+    /// Returns the creases after one step. `children(e)` returns the two halves of edge `e`, first the one at its owner's start.
+    pub(crate) fn refine(&self, children: impl Fn(u32) -> [u32; 2]) -> Vec<(u32, f64)> {
         let halves = self.creases.iter().flat_map(|&(edge, sharpness)| {
             let halves = children(edge).into_iter().zip(self.mesh.ends(edge));
-            halves.map(move |(half, end)| (half, self.softened(end, sharpness)))
+            halves.map(move |(half, end)| (half, self.soften(end, sharpness)))
         });
         let mut refined: Vec<_> = halves.filter(|&(_, sharpness)| sharpness > 0.0).collect();
         refined.sort_unstable_by_key(|(edge, _)| *edge);
@@ -134,8 +134,9 @@ impl<'a, H: HalfEdges> Sharpness<'a, H> {
 }
 
 impl Edges {
-    /// The share of the old class in a vertex whose class changes: the mean sharpness of the edges which the step makes smooth.
-    pub(crate) fn share(&self) -> f64 {
+    /// Returns the weight of the old class in the blend for a vertex whose class changes: the mean sharpness of the edges that become
+    /// smooth in this step.
+    pub(crate) fn old_class_weight(&self) -> f64 {
         let ending = self.before.iter().zip(&self.after).filter(|(s, t)| **s > 0.0 && **t == 0.0);
         let (sum, count) = ending.fold((0.0, 0.0), |(sum, count), (s, _)| (sum + s, count + 1.0));
         if count > 0.0 { f64::min(sum / count, 1.0) } else { 1.0 }

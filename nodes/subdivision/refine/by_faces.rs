@@ -1,14 +1,14 @@
-//! Work on the corners of faces, shared out among threads.
+//! Parallel iteration over the corners of faces.
 
 use std::ops::Range;
 
 use maquette_value::Faces;
 use maquette_value::parallel::*;
 
-/// Elements that one task looks at: enough to outweigh the cost of giving it to a thread, some 10 us.
+/// The number of items per parallel task: enough to outweigh the cost of starting a task, about 10 us.
 pub(crate) const BLOCK: usize = 4096;
 
-/// Calls `f` with some of these faces at a time and the items of their corners, on all threads.
+/// Calls `f` in parallel with blocks of faces, each with the slice of items for the corners of these faces.
 pub(crate) fn by_faces<T: Send>(
     faces: &Faces,
     which: Range<usize>,
@@ -20,5 +20,5 @@ pub(crate) fn by_faces<T: Send>(
         let count = faces.first_corner(here.end) - faces.first_corner(first);
         (here, items.split_off_mut(..count).expect("an item for each corner"))
     });
-    Vec::from_iter(blocks).into_par_iter().for_each(|(here, items)| f(here, items));
+    blocks.collect::<Vec<_>>().into_par_iter().for_each(|(here, items)| f(here, items));
 }

@@ -1,35 +1,35 @@
-//! How the faces of a manifold mesh hang together, as lists. Edges are numbered by their owners, which is the order of
+//! The connectivity of a manifold mesh, stored as lists. Edges are numbered by their owners, the first of their half-edges, as in
 //! [`maquette_value::Mesh::edges`].
 
 use maquette_value::parallel::*;
 use maquette_value::{Edges, Faces};
 
+use super::face_order::FaceOrder;
 use super::half_edges::{HalfEdges, NONE};
-use super::turns::Turns;
 use crate::SubdivideError;
 
-/// The half-edges of a mesh whose edges have at most two faces, and whose vertices have their faces in one fan.
+/// The half-edges of a manifold mesh: each edge has at most two faces, and each vertex one fan of faces.
 #[derive(Debug)]
 pub(crate) struct Connectivity {
     pub(crate) faces: Faces,
-    /// Number of vertices.
+    /// The number of vertices.
     pub(crate) vertices: usize,
-    /// The edge of each half-edge.
+    /// The index of the edge to which each half-edge belongs.
     pub(crate) edge_of: Vec<u32>,
-    /// The owner of each edge, and its twin or [`NONE`]. Owners ascend.
+    /// For each edge its owner (the first of its half-edges) and the owner's twin, or [`NONE`]. Owners ascend.
     pub(crate) halves: Vec<[u32; 2]>,
-    pub(crate) turns: Turns,
+    pub(crate) turns: FaceOrder,
 }
 
 impl Connectivity {
-    /// The half-edges of `faces`, which name vertices below `vertices`, and a half-edge from each vertex: at a boundary the
-    /// clockwise-most one, and [`NONE`] for a vertex of no face.
+    /// Computes the half-edges of `faces`, whose vertex indices are less than `vertices`. Also returns for each vertex a half-edge that
+    /// starts there: at a boundary the clockwise-most one, and [`NONE`] for a vertex without faces.
     ///
     /// # Errors
-    /// If the mesh is not manifold, or neighboring faces disagree about their sides.
+    /// If the mesh is not manifold, or neighboring faces have opposite orientations.
     pub(crate) fn new(faces: &Faces, vertices: usize) -> Result<(Self, Vec<u32>), SubdivideError> {
         let edges = faces.edges();
-        let mesh = Self::paired(faces, vertices, &edges);
+        let mesh = Self::pair_half_edges(faces, vertices, &edges);
         check_edges(&edges, &mesh)?;
         let mut starts = vec![NONE; vertices];
         for (half, &vertex) in (0u32..).zip(mesh.corners()) {
@@ -42,12 +42,12 @@ impl Connectivity {
         Ok((mesh, starts))
     }
 
-    /// The half-edges of faces whose edges are known to have two faces at most.
-    pub(crate) fn unchecked(faces: &Faces, vertices: usize) -> Self {
-        Self::paired(faces, vertices, &faces.edges())
+    /// Computes the half-edges without checking that the mesh is manifold. Each edge must have at most two faces.
+    pub(crate) fn new_unchecked(faces: &Faces, vertices: usize) -> Self {
+        Self::pair_half_edges(faces, vertices, &faces.edges())
     }
 
-    fn paired(faces: &Faces, vertices: usize, edges: &Edges) -> Self {
+    fn pair_half_edges(faces: &Faces, vertices: usize, edges: &Edges) -> Self {
         let mut halves = vec![[NONE; 2]; edges.vertices.len()];
         for (half, &edge) in (0u32..).zip(&edges.of_corner) {
             let [owner, twin] = &mut halves[edge as usize];
@@ -57,18 +57,18 @@ impl Connectivity {
         Self::from_parts(faces, vertices, edge_of, halves)
     }
 
-    /// The half-edges of faces that are known to be manifold, from their parts.
+    /// Creates the connectivity from its lists. The mesh must be manifold.
     pub(crate) fn from_parts(
         faces: Faces,
         vertices: usize,
         edge_of: Vec<u32>,
         halves: Vec<[u32; 2]>,
     ) -> Self {
-        let turns = Turns::of(&faces);
+        let turns = FaceOrder::new(&faces);
         Self { faces, vertices, edge_of, halves, turns }
     }
 
-    /// Compares the faces in the fan around each vertex with the faces that name it.
+    /// Checks that the faces of each vertex form one fan. `starts` has a half-edge from each vertex.
     fn check_vertices(&self, starts: &[u32]) -> Result<(), SubdivideError> {
         let mut degrees = vec![0u32; starts.len()];
         self.corners().iter().for_each(|&vertex| degrees[vertex as usize] += 1);
@@ -86,12 +86,12 @@ impl Connectivity {
         }
     }
 
-    /// How many edges the faces own whose corners are before this one.
+    /// The number of edges whose owner comes before the half-edge at `corner`.
     pub(crate) fn edges_before(&self, corner: usize) -> usize {
         self.halves.partition_point(|[owner, _]| (*owner as usize) < corner)
     }
 
-    /// How many faces end before this corner, with which one begins or which is behind all.
+    /// The number of faces before `corner`, which must be the first corner of a face or the number of all corners.
     pub(crate) fn faces_before(&self, corner: usize) -> usize {
         match corner < self.corners().len() {
             true => self.face_of(corner as u32) as usize,
@@ -99,7 +99,7 @@ impl Connectivity {
         }
     }
 
-    /// How many bytes it holds.
+    /// The memory use in bytes.
     pub(crate) fn size(&self) -> usize {
         let lists = self.edge_of.len() * 4 + self.halves.len() * 8;
         self.faces.corners().size() + lists + self.turns.size()
@@ -115,7 +115,7 @@ impl HalfEdges for Connectivity {
         &self.faces
     }
 
-    fn turns(&self) -> &Turns {
+    fn face_order(&self) -> &FaceOrder {
         &self.turns
     }
 
@@ -133,7 +133,7 @@ impl HalfEdges for Connectivity {
     }
 }
 
-/// Finds edges with more than two faces, and those that both faces run through in the same direction.
+/// Checks that no edge has more than two faces, or two faces that traverse it in the same direction.
 fn check_edges(edges: &Edges, mesh: &Connectivity) -> Result<(), SubdivideError> {
     if edges.misoriented == 0 && edges.faces.iter().all(|&faces| faces <= 2) {
         return Ok(());

@@ -1,16 +1,17 @@
-//! One step of the scheme of Doo and Sabin on polygons, and its limit.
+//! One step of the Doo-Sabin scheme for polygons.
 //!
-//! Doo and Sabin, "Behaviour of recursive division surfaces near extraordinary points" (1978): the new vertex at corner `k` of a face with the `m` corners `p_j` is `sum_j alpha_j p_{k + j}`, where
-//! `alpha_0 = 1/4 + 5/(4m)` and `alpha_j = (3 + 2 cos(2 pi j/m)) / (4m)`. So it is `p_k / 4 + 3/4 c + (cos(2 pi k/m) a + sin(2 pi
-//! k/m) b) / (2m)` with the centroid `c` and the sums `a` of `cos(2 pi j/m) p_j` and `b` of `sin(2 pi j/m) p_j`.
+//! Doo and Sabin, "Behaviour of recursive division surfaces near extraordinary points" (1978): the new vertex at corner `k` of a face with
+//! the `m` corners `p_j` is `sum_j alpha_j p_{k + j}`, where `alpha_0 = 1/4 + 5/(4m)` and `alpha_j = (3 + 2 cos(2 pi j/m)) / (4m)`. It
+//! follows that the new vertex is `p_k / 4 + 3/4 c + (cos(2 pi k/m) a + sin(2 pi k/m) b) / (2m)` with the centroid `c` and the sums `a` of
+//! `cos(2 pi j/m) p_j` and `b` of `sin(2 pi j/m) p_j`.
 //!
-//! New vertices: those at the corners in their order; then, unless the border shrinks, for each edge of the border that at 1/4
-//! and that at 3/4 of its way. New faces: one inside each old one; one across each old edge, that is two inner vertices and
-//! two on the border at an edge of the border; one around each old vertex, at the border with two vertices on it.
+//! Order of new vertices: first one for each corner of the old faces; then, unless the border shrinks, two for each border edge, at 1/4 and
+//! 3/4 of its length. Order of new faces: first one inside each old face; then one across each old edge (across a border edge it has two
+//! inner vertices and two on the border); then one around each old vertex (around a border vertex it has two vertices on the border).
 
 use std::sync::Arc;
 
-use maquette_base::linear::mix::Mix;
+use maquette_base::linear::weighted_mean::WeightedMean;
 use maquette_value::Faces;
 use maquette_value::memory::huge_vec;
 use maquette_value::parallel::*;
@@ -21,29 +22,29 @@ use super::connectivity::Connectivity;
 use super::dual_halves::{DualFaces, FinerHalves, Rings};
 use super::half_edges::{HalfEdges, NONE, Ring};
 use super::topology::Topology;
-use crate::masks::turns::{turn, turns};
+use crate::masks::roots_of_unity::{root_of_unity, roots_of_unity};
 use crate::{Boundary, SubdivideError};
 
-/// How to refine a mesh once.
+/// A step of the Doo-Sabin scheme for a fixed topology.
 #[derive(Debug)]
 pub(crate) struct Dual {
     boundary: Boundary,
     pub(crate) mesh: Arc<Connectivity>,
     starts: Vec<u32>,
-    /// The edges of the border which get new vertices, in order.
+    /// The border edges that get new vertices, ascending.
     border: Vec<u32>,
     /// The refined faces.
     pub(crate) finer: Faces,
-    /// The old edges and vertices which have become faces, in order.
+    /// The old edges with a new face across them, ascending. `vertices` has the old vertices with a new face around them.
     edges: Vec<u32>,
     vertices: Vec<u32>,
-    /// Whether two faces alone meet at a vertex inside, which then gets none.
+    /// True if an inner vertex has only two faces. Such a vertex gets no new face.
     has_pairs: bool,
 }
 
-/// The new faces around some old vertices.
+/// The new faces around a block of old vertices: the corners of all faces, the number of sides of each face, and its old vertex.
 #[derive(Default)]
-struct Around {
+struct VertexFaces {
     corners: Vec<u32>,
     sides: Vec<usize>,
     vertices: Vec<u32>,
@@ -51,36 +52,36 @@ struct Around {
 }
 
 impl Dual {
-    /// How to refine the mesh of a topology.
+    /// Computes the first step, for the mesh of a topology.
     ///
     /// # Errors
-    /// If it is not manifold.
-    pub(crate) fn first(topology: &Topology) -> Result<Self, SubdivideError> {
-        let halves = searched(&topology.faces, topology.vertices)?;
+    /// If the mesh is not manifold.
+    pub(crate) fn from_topology(topology: &Topology) -> Result<Self, SubdivideError> {
+        let halves = search_half_edges(&topology.faces, topology.vertices)?;
         Ok(Self::new(halves, topology.rules.boundary))
     }
 
-    /// How to refine the refined mesh.
+    /// Computes the next step, for the refined mesh.
     ///
     /// # Errors
-    /// If it is not manifold.
+    /// If the mesh is not manifold.
     pub(crate) fn next(&self) -> Result<Self, SubdivideError> {
         Ok(Self::new(self.finer_halves()?, self.boundary))
     }
 
-    /// The half-edges of the refined faces.
+    /// Computes the half-edges of the refined faces.
     ///
     /// # Errors
     /// If the refined mesh is not manifold.
     pub(crate) fn finer_halves(&self) -> Result<FinerHalves, SubdivideError> {
         let (vertices, faces) = (self.n_finer(), &self.finer);
         if self.has_pairs {
-            return searched(faces, vertices);
+            return search_half_edges(faces, vertices);
         }
         Ok(DualFaces { mesh: &self.mesh, faces, edges: &self.edges, vertices }.connectivity())
     }
 
-    /// What happens at the border.
+    /// The treatment of the border.
     pub(crate) fn boundary(&self) -> Boundary {
         self.boundary
     }
@@ -112,9 +113,9 @@ impl Dual {
         let has_border = self.boundary != Boundary::None;
         self.edges = edges.filter(|&edge| has_border || !mesh.is_boundary(edge)).collect();
         let blocks = self.starts.par_chunks(BLOCK).enumerate();
-        let around = blocks.map(|(block, starts)| self.around(block, starts, rings));
-        let around: Vec<Around> = around.collect();
-        fn count(list: fn(&Around) -> usize, around: &[Around]) -> usize {
+        let around = blocks.map(|(block, starts)| self.collect_vertex_faces(block, starts, rings));
+        let around: Vec<VertexFaces> = around.collect();
+        fn count(list: fn(&VertexFaces) -> usize, around: &[VertexFaces]) -> usize {
             around.iter().map(list).sum::<usize>()
         }
 
@@ -146,24 +147,24 @@ impl Dual {
         self.finer = Faces::polygons(&sides, corners).expect("as many corners as counted");
     }
 
-    /// The faces around the vertices of a block, from which `starts` run.
-    fn around(&self, block: usize, starts: &[u32], rings: &Rings) -> Around {
+    /// Computes the new faces around the vertices of one block. `starts` has a half-edge from each vertex.
+    fn collect_vertex_faces(&self, block: usize, starts: &[u32], rings: &Rings) -> VertexFaces {
         let mesh = &self.mesh;
-        let mut around = Around::default();
+        let mut around = VertexFaces::default();
         for (vertex, &start) in (block * BLOCK..).zip(starts) {
             let is_open = start != NONE && mesh.twin(start) == NONE;
             if start == NONE || is_open && self.boundary == Boundary::None {
                 continue;
             }
             let first = around.corners.len();
-            let on_border = |half: u32, end: usize| {
-                let points = is_open.then(|| self.on_border(mesh.edge_of[half as usize]));
-                points.flatten().map(|points| points[end])
-            };
-            around.corners.extend(on_border(start, 0));
+            if is_open {
+                around.corners.extend(self.border_vertex(start, 0));
+            }
             rings.fan(mesh, vertex, start, &mut around.corners);
             let last = around.corners[around.corners.len() - 1];
-            around.corners.extend(on_border(mesh.previous(last), 1));
+            if is_open {
+                around.corners.extend(self.border_vertex(mesh.previous(last), 1));
+            }
             let count = around.corners.len() - first;
             if count < 3 {
                 around.has_pairs = true;
@@ -176,44 +177,49 @@ impl Dual {
         around
     }
 
-    /// The two new vertices on an edge of the border, the one near its owner's start first.
+    /// Returns a new vertex on the edge of a half-edge, or `None` if the edge is not on the border. `end` is 0 for the new vertex near the
+    /// owner's start, 1 for the other one.
+    fn border_vertex(&self, half: u32, end: usize) -> Option<u32> {
+        self.on_border(self.mesh.edge_of[half as usize]).map(|points| points[end])
+    }
+
+    /// Returns the two new vertices on a border edge: first the one near the start of the edge's owner. Returns `None` for an inner edge.
     fn on_border(&self, edge: u32) -> Option<[u32; 2]> {
-        let place = self.border.binary_search(&edge).ok()?;
-        let first = (self.mesh.corners().len() + 2 * place) as u32;
+        let index = self.border.binary_search(&edge).ok()?;
+        let first = (self.mesh.corners().len() + 2 * index) as u32;
         Some([first, first + 1])
     }
 
-    /// Number of vertices of the refined mesh.
+    /// The number of vertices of the refined mesh.
     pub(crate) fn n_finer(&self) -> usize {
         self.mesh.corners().len() + 2 * self.border.len()
     }
 
-    /// The refined vertices' places.
+    /// Computes the positions of the refined vertices.
     pub(crate) fn positions(&self, old: &[Point3<f64>]) -> Vec<Point3<f64>> {
         let (mesh, corners) = (&*self.mesh, self.mesh.corners());
-        let at = |corner: u32| old[corner as usize].coords;
         let mut new: Vec<Point3<f64>> = huge_vec(self.n_finer());
         let (inner, on_border) = new.split_at_mut(corners.len());
         by_faces(&mesh.faces, 0..mesh.faces.len(), inner, |faces, mut to| {
             for face in faces.map(|face| mesh.faces.face(face)) {
-                let turns = turns(face.len());
-                let moments = moments(face, &turns, old);
-                for (&corner, turn) in face.iter().zip(&*turns) {
+                let roots = roots_of_unity(face.len());
+                let moments = moments(face, &roots, old);
+                for (&corner, turn) in face.iter().zip(&*roots) {
                     let to = to.split_off_first_mut().expect("a place for each corner");
-                    *to = inside(at(corner), &moments, *turn).into();
+                    *to = interior_vertex(old[corner as usize].coords, &moments, *turn).into();
                 }
             }
         });
         for (to, &edge) in on_border.as_chunks_mut::<2>().0.iter_mut().zip(&self.border) {
-            let [a, b] = mesh.ends(edge).map(at);
+            let [a, b] = mesh.ends(edge).map(|end| old[end as usize].coords);
             *to = [(a * 0.75 + b * 0.25).into(), (a * 0.25 + b * 0.75).into()];
         }
         new
     }
 
-    /// A column of vertex data: at a new vertex the mean of what is at its corner, at the middles of both edges there, and at
-    /// the middle of the face.
-    pub(crate) fn carry_vertices<T: Mix>(&self, old: &[T]) -> Vec<T> {
+    /// Refines vertex data: a new vertex gets the mean of four values: at its old corner, at the midpoints of the two edges at this corner,
+    /// and at the center of the face.
+    pub(crate) fn carry_vertices<T: WeightedMean>(&self, old: &[T]) -> Vec<T> {
         let at_corners: Vec<T> =
             self.mesh.corners().iter().map(|&corner| old[corner as usize]).collect();
         let mut new = self.within_faces(&at_corners);
@@ -224,34 +230,42 @@ impl Dual {
         new
     }
 
-    fn within_faces<T: Mix>(&self, old: &[T]) -> Vec<T> {
+    fn within_faces<T: WeightedMean>(&self, old: &[T]) -> Vec<T> {
         let mesh = &self.mesh;
         let mut new = Vec::with_capacity(self.n_finer());
         for face in 0..mesh.faces.len() {
             let old = &old[mesh.faces.first_corner(face)..mesh.faces.first_corner(face + 1)];
             let m = old.len();
-            let middle = T::mix(old.iter().map(|&corner| (1.0 / m as f64, corner)));
+            let middle = T::weighted_mean(old.iter().map(|&corner| (1.0 / m as f64, corner)));
             new.extend((0..m).map(|k| {
                 let [last, next] = [old[(k + m - 1) % m], old[(k + 1) % m]];
-                T::mix([(0.5, old[k]), (0.125, last), (0.125, next), (0.25, middle)].into_iter())
+                T::weighted_mean(
+                    [(0.5, old[k]), (0.125, last), (0.125, next), (0.25, middle)].into_iter(),
+                )
             }));
         }
         new
     }
 
-    /// A column of corner data. Within an old face as for vertices; a new face across a seam or around one of its ends
-    /// continues one side of it, that of the first half-edge, up to the seam and no farther.
-    pub(crate) fn carry_corners<T: Mix>(&self, old: &[T]) -> Vec<T> {
+    /// Interpolates corner data along a half-edge.
+    fn interpolate_along<T: WeightedMean>(&self, old: &[T], half: u32, fraction: f64) -> T {
+        mean(old[half as usize], old[self.mesh.next(half) as usize], fraction)
+    }
+
+    /// Refines corner data. Within an old face it is interpolated like vertex data. A new face across a seam, or around an end of a seam,
+    /// gets the data of only one side of the seam, the side of its first half-edge.
+    pub(crate) fn carry_corners<T: WeightedMean>(&self, old: &[T]) -> Vec<T> {
         let mesh = &*self.mesh;
         let mut new = self.within_faces(old);
         let inner = new.clone();
-        let along =
-            |half: u32, share: f64| mean(old[half as usize], old[mesh.next(half) as usize], share);
         for &edge in &self.edges {
             let [owner, twin] = mesh.halves[edge as usize];
             let next = mesh.next(owner);
             new.extend([inner[next as usize], inner[owner as usize]]);
-            let beyond = [(owner, along(owner, 0.25)), (next, along(owner, 0.75))];
+            let beyond = [
+                (owner, self.interpolate_along(old, owner, 0.25)),
+                (next, self.interpolate_along(old, owner, 0.75)),
+            ];
             let others = match twin {
                 NONE => [None; 2],
                 twin => [Some(mesh.next(twin)), Some(twin)],
@@ -269,24 +283,22 @@ impl Dual {
             mesh.ring(self.starts[vertex as usize], &mut ring);
             let first = old[ring.halves[0] as usize];
             let last = ring.halves[ring.halves.len() - 1];
-            let is_joined = |half: u32| old[half as usize] == first;
             if !ring.closed {
-                new.push(along(ring.halves[0], 0.25));
+                new.push(self.interpolate_along(old, ring.halves[0], 0.25));
             }
-            new.extend(
-                ring.halves
-                    .iter()
-                    .map(|&half| if is_joined(half) { inner[half as usize] } else { first }),
-            );
+            new.extend(ring.halves.iter().map(|&half| {
+                if old[half as usize] == first { inner[half as usize] } else { first }
+            }));
             if !ring.closed {
-                let on_border = along(mesh.previous(last), 0.75);
-                new.push(if is_joined(last) { on_border } else { first });
+                let on_border = self.interpolate_along(old, mesh.previous(last), 0.75);
+                new.push(if old[last as usize] == first { on_border } else { first });
             }
         }
         new
     }
 
-    /// The old face of each new one: itself, that of the edge's owner, the first one around the vertex.
+    /// Returns the old face from which each new face gets its attributes: for a face inside an old one the old face, for a face across an
+    /// edge the face of the edge's owner, for a face around a vertex the first face of the vertex.
     pub(crate) fn parents(&self) -> Vec<u32> {
         let mesh = &self.mesh;
         let edges = self.edges.iter().map(|&edge| mesh.face_of(mesh.halves[edge as usize][0]));
@@ -295,52 +307,52 @@ impl Dual {
         (0..mesh.faces.len() as u32).chain(edges).chain(vertices).collect()
     }
 
-    /// How many bytes it holds.
+    /// The memory use in bytes.
     pub(crate) fn size(&self) -> usize {
         let lists = self.starts.len() + self.border.len() + self.edges.len() + self.vertices.len();
         self.mesh.size() + self.finer.corners().size() + 4 * lists
     }
 }
 
-/// The half-edges of faces, by a search.
-fn searched(faces: &Faces, vertices: usize) -> Result<FinerHalves, SubdivideError> {
+/// Computes the half-edges of arbitrary faces by searching for shared edges.
+fn search_half_edges(faces: &Faces, vertices: usize) -> Result<FinerHalves, SubdivideError> {
     let (mesh, starts) = Connectivity::new(faces, vertices)?;
     Ok(FinerHalves { mesh, starts, rings: Rings::default() })
 }
 
-/// The new vertices inside the faces.
-pub(crate) struct Inside<'a> {
+/// Computes the new vertices inside the faces.
+pub(crate) struct FaceVertices<'a> {
     mesh: &'a Connectivity,
     old: &'a [Point3<f64>],
-    /// The [`moments()`] of each face.
+    /// The [`moments()`] of each face, from which its new vertices follow.
     moments: Vec<[[f64; 3]; 3]>,
 }
 
-impl<'a> Inside<'a> {
+impl<'a> FaceVertices<'a> {
     pub(crate) fn new(mesh: &'a Connectivity, old: &'a [Point3<f64>]) -> Self {
         let mut of_faces = huge_vec(mesh.faces.len());
         of_faces.par_iter_mut().with_min_len(BLOCK).enumerate().for_each(|(face, to)| {
             let face = mesh.faces.face(face);
-            *to = moments(face, &turns(face.len()), old);
+            *to = moments(face, &roots_of_unity(face.len()), old);
         });
         Self { mesh, old, moments: of_faces }
     }
 
-    /// The new vertex at a corner.
+    /// Returns the new vertex at the corner where the half-edge `half` starts.
     #[inline]
-    pub(crate) fn at(&self, half: u32) -> Vector3<f64> {
+    pub(crate) fn vertex_at(&self, half: u32) -> Vector3<f64> {
         let (faces, face) = (&self.mesh.faces, self.mesh.face_of(half) as usize);
         let (first, end) = (faces.first_corner(face), faces.first_corner(face + 1));
         let own = self.old[self.mesh.corners()[half as usize] as usize].coords;
-        inside(own, &self.moments[face], turn(half as usize - first, end - first))
+        interior_vertex(own, &self.moments[face], root_of_unity(half as usize - first, end - first))
     }
 }
 
-/// The parts of a face's corners that its new vertices have in common: 3/4 of the centroid, and shares of the sums of cosines and of
-/// sines.
-fn moments(face: &[u32], turns: &[[f64; 2]], old: &[Point3<f64>]) -> [[f64; 3]; 3] {
+/// Computes the terms that all new vertices of a face share: 3/4 of the centroid, and the scaled sums of the corners times cosines and of
+/// the corners times sines.
+fn moments(face: &[u32], roots: &[[f64; 2]], old: &[Point3<f64>]) -> [[f64; 3]; 3] {
     let mut sums = [Vector3::zeros(); 3];
-    for (&corner, [cosine, sine]) in face.iter().zip(turns) {
+    for (&corner, [cosine, sine]) in face.iter().zip(roots) {
         let point = old[corner as usize].coords;
         sums[0] += point;
         sums[1] += point * *cosine;
@@ -350,14 +362,18 @@ fn moments(face: &[u32], turns: &[[f64; 2]], old: &[Point3<f64>]) -> [[f64; 3]; 
     [sums[0] * (0.75 / m), sums[1] * (0.5 / m), sums[2] * (0.5 / m)].map(Into::into)
 }
 
-/// The new vertex at a corner whose place is `own`.
+/// Computes the new vertex for the corner at the position `own`, from the `moments` of its face.
 #[inline]
-fn inside(own: Vector3<f64>, moments: &[[f64; 3]; 3], [cosine, sine]: [f64; 2]) -> Vector3<f64> {
+fn interior_vertex(
+    own: Vector3<f64>,
+    moments: &[[f64; 3]; 3],
+    [cosine, sine]: [f64; 2],
+) -> Vector3<f64> {
     let [center, a, b] = moments.map(Vector3::from);
     own * 0.25 + center + (a * cosine + b * sine)
 }
 
-/// What is at a share of the way from `a` to `b`.
-fn mean<T: Mix>(a: T, b: T, share: f64) -> T {
-    T::mix([(1.0 - share, a), (share, b)].into_iter())
+/// Interpolates linearly: returns `a` for the fraction 0 and `b` for 1.
+fn mean<T: WeightedMean>(a: T, b: T, share: f64) -> T {
+    T::weighted_mean([(1.0 - share, a), (share, b)].into_iter())
 }

@@ -1,8 +1,9 @@
-//! How the faces hang together that a step of Doo and Sabin makes: by arithmetic from the mesh before, nothing is searched.
+//! The connectivity of the faces made by a Doo-Sabin step, computed from the previous mesh by arithmetic, without a search.
 //!
-//! New faces come in three runs: inside the old ones, with a half-edge for each old one; across the old edges, with four; around the
-//! old vertices. In the face across an edge, half-edge 0 runs along the owner's new one and half-edge 2 along the twin's, or along
-//! the border; 1 and 3 run along the faces around the ends. The first of two half-edges in this order is the owner of their edge.
+//! New faces are in three groups: inside old faces, with a half-edge for each old one; across old edges, with four half-edges; around old
+//! vertices. In the face across an edge, half-edge 0 is the twin of the new half-edge that belongs to the edge's owner. Half-edge 2 is the
+//! twin of the new half-edge that belongs to the owner's twin; across a border edge it is on the border. Half-edges 1 and 3 border on the
+//! faces around the two ends of the edge. Each new edge is owned by the first of its two half-edges in this order.
 
 use maquette_value::Faces;
 use maquette_value::memory::huge_vec;
@@ -12,30 +13,31 @@ use super::by_faces::{BLOCK, by_faces};
 use super::connectivity::Connectivity;
 use super::half_edges::{HalfEdges, NONE};
 
-/// What is known of the new faces.
+/// The new faces of a Doo-Sabin step, from which their half-edges are computed.
 pub(crate) struct DualFaces<'a> {
     pub(crate) mesh: &'a Connectivity,
     pub(crate) faces: &'a Faces,
-    /// The old edges across which there are faces, ascending.
+    /// The old edges with a face across them, ascending.
     pub(crate) edges: &'a [u32],
-    /// Number of new vertices.
+    /// The number of new vertices.
     pub(crate) vertices: usize,
 }
 
-/// How the new faces hang together.
+/// The connectivity of the new faces, with a half-edge from each new vertex.
 pub(crate) struct FinerHalves {
     pub(crate) mesh: Connectivity,
-    /// A half-edge from each vertex as [`HalfEdges::ring`] wants it.
+    /// A half-edge from each vertex, for [`HalfEdges::ring`].
     pub(crate) starts: Vec<u32>,
     pub(crate) rings: Rings,
 }
 
-/// The half-edges from each vertex, where they are four all around it; [`NONE`] for the others. Vertices behind the last are others, too.
+/// For each vertex that is surrounded by four faces, the four half-edges that start there; other vertices have [`NONE`]. The list may end
+/// before the last vertex.
 #[derive(Debug, Default)]
 pub(crate) struct Rings(Vec<[u32; 4]>);
 
 impl Rings {
-    /// Adds what [`HalfEdges::fan`] gives for a vertex from which `start` runs.
+    /// Appends the half-edges that start at `vertex`, as [`HalfEdges::fan`] returns them. `start` is one of them.
     #[inline]
     pub(crate) fn fan(&self, mesh: &Connectivity, vertex: usize, start: u32, to: &mut Vec<u32>) {
         match self.0.get(vertex) {
@@ -44,32 +46,32 @@ impl Rings {
         }
     }
 
-    /// How many bytes they take.
+    /// The memory use in bytes.
     pub(crate) fn size(&self) -> usize {
         size_of_val(&self.0[..])
     }
 }
 
 impl DualFaces<'_> {
-    /// The half-edges of the new faces.
+    /// Computes the half-edges of the new faces.
     pub(crate) fn connectivity(&self) -> FinerHalves {
         let Self { mesh, faces, edges, vertices } = *self;
         let inner = mesh.corners().len();
         let around = inner + 4 * edges.len();
         let total = faces.corners().len();
-        // The place of the face across each old edge, if there is none across some.
-        let mut place = Vec::new();
+        // The index of the face across each old edge, needed only if some edges have none.
+        let mut index = Vec::new();
         if edges.len() < mesh.halves.len() {
-            place.resize(mesh.halves.len(), NONE);
-            (0..).zip(edges).for_each(|(own, &edge)| place[edge as usize] = own);
+            index.resize(mesh.halves.len(), NONE);
+            (0..).zip(edges).for_each(|(own, &edge)| index[edge as usize] = own);
         }
-        let across = |edge: u32, k: u32| match place.get(edge as usize).copied().unwrap_or(edge) {
+        let across = |edge: u32, k: u32| match index.get(edge as usize).copied().unwrap_or(edge) {
             NONE => NONE,
             own => inner as u32 + 4 * own + k,
         };
         let mut edge_of: Vec<u32> = huge_vec(total);
         let mut halves: Vec<[u32; 2]> = huge_vec(inner + 3 * edges.len() + (total - around));
-        // Inside: each half-edge owns its edge.
+        // The faces inside old faces: each half-edge owns its edge.
         let own = edge_of[..inner].par_iter_mut().zip(&mut halves[..inner]).enumerate();
         own.with_min_len(BLOCK).for_each(|(half, (edge, halves))| {
             let old = mesh.edge_of[half];
@@ -77,11 +79,12 @@ impl DualFaces<'_> {
             *edge = half as u32;
             *halves = [half as u32, across(old, if is_owner { 0 } else { 2 })];
         });
-        // The half-edge around an old vertex that runs from each new one, if any.
+        // For each new vertex, the half-edge that starts there and belongs to a face around an old vertex, if there is one.
         let mut from = vec![NONE; vertices];
         let corners = &faces.corners()[..];
         (around as u32..).zip(&corners[around..]).for_each(|(half, &at)| from[at as usize] = half);
-        // Across: two of them are owners, three at the border; their twins are in the faces around.
+        // The faces across old edges: two of their half-edges are owners, or three at the border; the twins of these owners are in the
+        // faces around vertices.
         let (mut next, mut rest) = (inner, &mut halves[inner..]);
         let blocks = edges.chunks(BLOCK).map(|edges| {
             let border = edges.iter().filter(|&&edge| mesh.is_boundary(edge)).count();
@@ -90,7 +93,7 @@ impl DualFaces<'_> {
             (edges, next - own.len(), own)
         });
         let edges_of = edge_of[inner..around].par_chunks_mut(4 * BLOCK);
-        edges_of.zip(Vec::from_iter(blocks)).enumerate().for_each(
+        edges_of.zip(blocks.collect::<Vec<_>>()).enumerate().for_each(
             |(block, (edge_of, (edges, next, halves)))| {
                 let first = inner + 4 * BLOCK * block;
                 let mut owners = (next as u32..).zip(halves);
@@ -111,7 +114,8 @@ impl DualFaces<'_> {
                 }
             },
         );
-        // Around: those beside faces across have their owners there; the others are alone.
+        // The faces around old vertices: a half-edge next to a face across an edge has its owner in that face; the others are on the
+        // border.
         let (before, edge_of_around) = edge_of.split_at_mut(around);
         let first = mesh.faces.len() + edges.len();
         by_faces(faces, first..faces.len(), edge_of_around, |here, to| {
@@ -140,7 +144,7 @@ impl DualFaces<'_> {
             next += 1;
         }
         halves.truncate(next);
-        // A new vertex lies in the face inside, the faces across two edges, and the one around its old vertex.
+        // A new vertex belongs to the face inside an old face, the faces across two edges, and the face around its old vertex.
         let mut rings: Vec<[u32; 4]> = huge_vec(inner);
         rings.par_iter_mut().enumerate().with_min_len(BLOCK).for_each(|(vertex, ring)| {
             let half = vertex as u32;
@@ -164,7 +168,7 @@ impl DualFaces<'_> {
     }
 }
 
-/// A half-edge from each new vertex: at the border the one along it.
+/// Finds a half-edge that starts at each new vertex; at a border vertex the half-edge along the border.
 fn starts(faces: &Faces, halves: &[[u32; 2]], inner: usize, vertices: usize) -> Vec<u32> {
     let mut starts: Vec<_> = (0..inner as u32).collect();
     starts.resize(vertices, NONE);
@@ -202,7 +206,7 @@ mod tests {
                     Rules { scheme: Scheme::DooSabin, boundary, creases: Creases::OpenSubdiv };
                 let (vertices, faces) = (mesh.positions().len(), mesh.faces().clone());
                 let topology = Topology { rules, vertices, faces, creases: Vec::new() };
-                let mut dual = Dual::first(&topology).unwrap();
+                let mut dual = Dual::from_topology(&topology).unwrap();
                 for _ in 0..2 {
                     let searched = Connectivity::new(&dual.finer, dual.n_finer()).unwrap();
                     let FinerHalves { mesh: made, starts, rings } = dual.finer_halves().unwrap();
@@ -212,7 +216,7 @@ mod tests {
                     for (vertex, &start) in starts.iter().enumerate() {
                         let mut fan = Vec::new();
                         rings.fan(&made, vertex, start, &mut fan);
-                        assert_eq!(fan, Vec::from_iter(made.fan(start)), "{vertex}");
+                        assert_eq!(fan, made.fan(start).collect::<Vec<_>>(), "{vertex}");
                     }
                     let known = rings.0.iter().filter(|ring| ring[0] != NONE).count();
                     assert!(mesh.faces().len() == 1 || 3 * known > starts.len(), "{known}");

@@ -1,53 +1,58 @@
-//! How the faces of a manifold mesh hang together.
+//! The connectivity of a manifold mesh.
 //!
-//! Notation: the *half-edge* `h` runs from corner `h` of a mesh to the next corner of the same face; its *twin* runs the other
-//! way along the same edge, in the neighboring face. The *owner* of an edge is the first of its half-edges. A *ring* is what lies
-//! around a vertex, counter-clockwise.
+//! Notation: the *half-edge* `h` starts at corner `h` of a mesh and ends at the next corner of the same face. Its *twin* is the half-edge
+//! of the neighboring face that runs along the same edge in the opposite direction. The *owner* of an edge is the first of its half-edges.
+//! A *ring* is the neighborhood of a vertex, counter-clockwise.
 
 use std::iter;
 use std::ops::Range;
 
 use maquette_value::Faces;
 
-use super::turns::Turns;
+use super::face_order::FaceOrder;
 
-/// In place of a half-edge that does not exist.
+/// Marks a half-edge that does not exist.
 pub(crate) const NONE: u32 = u32::MAX;
 
-/// A mesh whose edges have at most two faces, and whose vertices have their faces in one fan.
+/// A manifold mesh: its edges have at most two faces, and its vertices one fan of faces.
 pub(crate) trait HalfEdges: Sync {
-    /// Number of vertices.
+    /// The number of vertices.
     fn vertices(&self) -> usize;
 
     fn faces(&self) -> &Faces;
 
-    fn turns(&self) -> &Turns;
+    fn face_order(&self) -> &FaceOrder;
 
-    /// The half-edge that runs the other way, or [`NONE`].
+    /// Returns the half-edge in the opposite direction along the same edge, or [`NONE`] at a boundary.
     fn twin(&self, half: u32) -> u32;
 
-    /// The edge of a half-edge. Edges have numbers that ascend with their owners.
+    /// Returns the edge to which a half-edge belongs. Edges are numbered in the order of their owners.
     fn edge_of(&self, half: u32) -> u32;
 
-    /// The owner of an edge, and its twin or [`NONE`].
+    /// Returns the owner of an edge and the owner's twin, or [`NONE`] for the twin at a boundary.
     fn halves(&self, edge: u32) -> [u32; 2];
 
-    /// The vertices at the half-edges' starts.
+    /// The vertex at the start of each half-edge.
     fn corners(&self) -> &[u32] {
         self.faces().corners()
     }
 
     fn next(&self, half: u32) -> u32 {
-        self.turns().next(half)
+        self.face_order().next(half)
     }
 
     fn previous(&self, half: u32) -> u32 {
-        self.turns().previous(half)
+        self.face_order().previous(half)
+    }
+
+    /// Returns the next half-edge counter-clockwise that starts at the same vertex, or [`NONE`] at a boundary.
+    fn next_around(&self, half: u32) -> u32 {
+        self.twin(self.previous(half))
     }
 
     /// The face of a half-edge.
     fn face_of(&self, half: u32) -> u32 {
-        self.turns().face(half)
+        self.face_order().face(half)
     }
 
     /// The half-edges of a face.
@@ -56,24 +61,25 @@ pub(crate) trait HalfEdges: Sync {
         first..self.faces().first_corner(face as usize + 1) as u32
     }
 
-    /// Whether the edge has only one face.
+    /// Returns true if the edge has only one face.
     fn is_boundary(&self, edge: u32) -> bool {
         self.halves(edge)[1] == NONE
     }
 
-    /// The ends of an edge; the first one is where its owner starts.
+    /// Returns the two vertices of an edge, in the direction of its owner.
     fn ends(&self, edge: u32) -> [u32; 2] {
         let [owner, _] = self.halves(edge);
         [owner, self.next(owner)].map(|half| self.corners()[half as usize])
     }
 
-    /// The one or two half-edges of an edge.
+    /// Returns the half-edges of an edge: two, or one at a boundary.
     fn halves_of(&self, edge: u32) -> impl Iterator<Item = u32> {
         self.halves(edge).into_iter().filter(|&half| half != NONE)
     }
 
-    /// The clockwise-most half-edge from the vertex from which `half` runs, or `half` itself at a vertex without a boundary.
-    fn first(&self, half: u32) -> u32 {
+    /// Returns the clockwise-most half-edge that starts at the same vertex as `half`. If the vertex is not on a boundary, returns `half`
+    /// itself.
+    fn clockwise_most(&self, half: u32) -> u32 {
         let mut first = half;
         loop {
             match self.twin(first) {
@@ -86,7 +92,7 @@ pub(crate) trait HalfEdges: Sync {
         }
     }
 
-    /// The half-edges from the vertex from which `start` runs, counter-clockwise, to a boundary or all around.
+    /// Returns the half-edges that start at the same vertex as `start`, counter-clockwise from `start`, up to a boundary or all around.
     fn fan(&self, start: u32) -> impl Iterator<Item = u32> {
         iter::successors((start != NONE).then_some(start), move |&half| {
             let after = self.twin(self.previous(half));
@@ -94,39 +100,40 @@ pub(crate) trait HalfEdges: Sync {
         })
     }
 
-    /// Fills `ring` with what lies around the vertex from which `start` runs, at a boundary the clockwise-most half-edge.
+    /// Fills `ring` with the neighborhood of the vertex at which `start` starts. At a boundary `start` must be the clockwise-most
+    /// half-edge.
     fn ring(&self, start: u32, ring: &mut Ring) {
         ring.halves.clear();
         ring.halves.extend(self.fan(start));
-        let corner = |&half: &u32| self.corners()[half as usize];
+        let corners = self.corners();
         ring.neighbors.clear();
-        ring.neighbors.extend(ring.halves.iter().map(|&half| corner(&self.next(half))));
+        ring.neighbors.extend(ring.halves.iter().map(|&half| corners[self.next(half) as usize]));
         ring.edges.clear();
         ring.edges.extend(ring.halves.iter().map(|&half| self.edge_of(half)));
         let end = ring.halves.last().map(|&last| self.previous(last));
         ring.closed = end.is_some_and(|end| self.twin(end) != NONE);
         if let Some(end) = end.filter(|_| !ring.closed) {
-            ring.neighbors.push(corner(&end));
+            ring.neighbors.push(corners[end as usize]);
             ring.edges.push(self.edge_of(end));
         }
     }
 }
 
-/// What lies around a vertex, counter-clockwise; at a boundary from one boundary edge to the other.
+/// The neighborhood of a vertex, counter-clockwise; for a boundary vertex it extends from one boundary edge to the other.
 #[derive(Default)]
 pub(crate) struct Ring {
-    /// The half-edges from the vertex; at a boundary the last edge has none.
+    /// The half-edges that start at the vertex. At a boundary the last edge has no such half-edge.
     pub(crate) halves: Vec<u32>,
-    /// The other ends of the vertex's edges.
+    /// The neighboring vertices: the other ends of the vertex's edges.
     pub(crate) neighbors: Vec<u32>,
-    /// The edges, in the same order.
+    /// The vertex's edges, in the order of `neighbors`.
     pub(crate) edges: Vec<u32>,
-    /// Whether a face lies between the last edge and the first one.
+    /// True if there is a face between the last edge and the first one.
     pub(crate) closed: bool,
 }
 
 impl Ring {
-    /// Number of faces around the vertex.
+    /// The number of faces around the vertex.
     pub(crate) fn n_faces(&self) -> usize {
         self.halves.len()
     }

@@ -1,16 +1,17 @@
-//! A mesh on its way through the steps of a primal scheme, and what lies around its regular vertices.
+//! The meshes between the steps of a primal scheme, and the neighborhoods of their regular vertices.
 //!
-//! Almost all vertices of a refined mesh are *regular*: all their edges are smooth, and as many as the scheme likes best. Their
-//! masks have fixed weights, and what lies around them follows from where they came from: a vertex that was born on the edge
-//! `e` has the half-edges which arithmetic finds from those of `e`, and in each later step the first halves of these. So neither
-//! weights nor indices are stored for them. The others, the *odd* ones, are the irregular vertices of the first mesh and those on
-//! borders and creases.
+//! Almost all vertices of a refined mesh are *regular*: all their edges are smooth, and they have the regular valence of the scheme. Their
+//! masks have fixed weights, and their neighborhoods follow from their origin: the half-edges of a vertex that was created on the edge `e`
+//! are computed from the half-edges of `e`; after each later step, the vertex has the first halves of its previous half-edges. So neither
+//! weights nor indices are stored for regular vertices. The other vertices are *odd*: the irregular vertices of the first mesh, and the
+//! vertices on borders and creases.
 //!
-//! Vertices are numbered by birth, so that the surroundings of the next vertex are far from those of the last one and come from memory each
-//! time. So a task of `Level::at_regular` makes all vertices that a few faces have borne in three steps, after it has read the corners and
-//! places of these faces in order: some 300 KB, which fit into a core's cache. For 1.5 million quads places take 28 ms instead of 41, and
-//! limits with normals 150 ms instead of 225 (the fastest of 15 runs each, in turn, two threads). A mask that is inlined into the loop is
-//! slower by a third, and one that returns its tangents in memory waits for them.
+//! Vertices are numbered in the order of creation, so the neighborhoods of consecutive vertices are far apart in memory. For cache
+//! efficiency a task of `Level::at_regular` first reads the corners and positions of a few faces in order (about 300 KB, which fit into a
+//! core's cache), and then computes all vertices that these faces have created in three steps. For 1.5 million quads, this reduces the time
+//! for positions from 41 to 28 ms, and for limits with normals from 225 to 150 ms (the fastest of 15 runs each, in turn, two threads). Two
+//! variants of the mask function were slower: inlined into the loop it takes a third more time, and if it returns its tangents through
+//! memory the loop has to wait for them.
 
 use std::hint::black_box;
 use std::iter;
@@ -30,34 +31,37 @@ use crate::masks::sharpness::Sharpness;
 use crate::rules::Rules;
 use crate::scheme::PrimalScheme;
 
-/// Vertices that one task looks at: enough to outweigh the cost of giving it to a thread, some 10 us.
+/// The number of vertices per parallel task: enough to outweigh the cost of starting a task, about 10 us.
 pub(crate) const BLOCK: usize = 4096;
 
-/// Steps whose children one task looks at: what is older is one of 64 vertices.
-const STEPS: usize = 3;
+/// The number of steps whose new vertices one task computes. Only one vertex in 64 is older than that.
+const STEPS_PER_TASK: usize = 3;
 
-/// A mesh among those that the steps make of one.
+/// One of the meshes in a sequence of refinement steps.
 #[derive(Debug)]
 pub(crate) struct Level {
     pub(crate) rules: Rules<PrimalScheme>,
-    /// The mesh of which this one is the refinement; none for the first one.
+    /// The mesh from which this one was refined; `None` for the first mesh.
     coarser: Option<Arc<Self>>,
     pub(crate) mesh: Connectivity,
-    /// The sharp edges, sorted; those of the border among them, as sharp as can be.
+    /// The sharp edges with their sharpness, sorted by edge, including border edges, whose sharpness is infinite.
     pub(crate) creases: Vec<(u32, f64)>,
-    /// The odd vertices, sorted, and a half-edge from each as [`HalfEdges::ring`] wants it.
+    /// The odd (irregular or sharp) vertices, sorted, each with a half-edge from it for [`HalfEdges::ring`].
     pub(crate) odd: Vec<[u32; 2]>,
-    /// Of the first mesh alone: the half-edges from each regular vertex, [`NONE`] for the odd ones.
+    /// Only for the first mesh: the half-edges that start at each regular vertex; [`NONE`] for odd vertices.
     rings: Vec<u32>,
 }
 
 impl Level {
-    /// The first mesh, by the scheme that is that of `topology`.
+    /// Creates the first mesh of a sequence. `scheme` must be the scheme in `topology`.
     ///
     /// # Errors
-    /// If a face is no triangle though the scheme wants them, or the mesh is not manifold.
-    pub(crate) fn first(topology: &Topology, scheme: PrimalScheme) -> Result<Self, SubdivideError> {
-        let rules = topology.rules.of(scheme);
+    /// If the scheme needs triangles and a face is not a triangle, or the mesh is not manifold.
+    pub(crate) fn from_topology(
+        topology: &Topology,
+        scheme: PrimalScheme,
+    ) -> Result<Self, SubdivideError> {
+        let rules = topology.rules.with_scheme(scheme);
         if rules.scheme.needs_triangles() {
             check_triangles(&topology.faces)?;
         }
@@ -70,7 +74,8 @@ impl Level {
         Ok(Self { rules, coarser: None, mesh, creases, odd, rings })
     }
 
-    /// A part of a mesh, all of whose vertices are odd; the rows of those are wrong whose faces are not all there.
+    /// Creates the mesh of an excerpt of a larger mesh. All its vertices count as odd. The masks of vertices whose faces are partly missing
+    /// are not valid.
     pub(crate) fn piece(
         rules: Rules<PrimalScheme>,
         mesh: Connectivity,
@@ -88,8 +93,8 @@ impl Level {
         Self { rules, coarser: None, mesh, creases, odd, rings }
     }
 
-    /// The mesh after `coarser`, whose faces are known.
-    pub(crate) fn after(coarser: &Arc<Self>, faces: &Faces) -> Self {
+    /// Creates the refinement of `coarser`, given its faces.
+    pub(crate) fn from_coarser(coarser: &Arc<Self>, faces: &Faces) -> Self {
         match coarser.rules.scheme {
             PrimalScheme::Loop => Self::split(coarser, faces, Triangles),
             PrimalScheme::CatmullClark => Self::split(coarser, faces, Corners),
@@ -99,18 +104,18 @@ impl Level {
     fn split(coarser: &Arc<Self>, faces: &Faces, split: impl Split) -> Self {
         let (mesh, children) = split_halves(&coarser.mesh, faces.clone(), split);
         let sharpness = Sharpness::new(&coarser.mesh, coarser.rules, &coarser.creases);
-        let creases = sharpness.refined(|edge| children[edge as usize]);
+        let creases = sharpness.refine(|edge| children[edge as usize]);
         let odd = coarser.odd_children(split);
         let (rules, coarser) = (coarser.rules, Some(coarser.clone()));
         Self { rules, coarser, mesh, creases, odd, rings: Vec::new() }
     }
 
-    /// The odd vertices of the refined mesh: the old ones, those on sharp edges, and those in faces of another number of
-    /// corners than regular vertices have neighbors.
+    /// Returns the odd vertices of the refined mesh: the old odd vertices, the new vertices on sharp edges, and the new vertices in faces
+    /// whose number of corners is not the regular valence.
     pub(crate) fn odd_children(&self, split: impl Split) -> Vec<[u32; 2]> {
         let mesh = &self.mesh;
         let old = self.odd.iter().map(|&[vertex, start]| {
-            [vertex, if start == NONE { NONE } else { split.first(start) }]
+            [vertex, if start == NONE { NONE } else { split.first_half(start) }]
         });
         let on_edges = self.creases.iter().map(|&(edge, _)| {
             let owner = mesh.halves[edge as usize][0];
@@ -125,11 +130,12 @@ impl Level {
         old.chain(on_edges).chain(in_faces).collect()
     }
 
-    /// Writes what `make` gives for each regular vertex to two lists, from its number and the half-edges from it, counter-clockwise.
+    /// Calls `make` for each regular vertex, with the vertex's index and its half-edges counter-clockwise, and writes the two results of
+    /// each call to two lists.
     pub(crate) fn at_regular<A: Send, B: Send, K: Split>(
         &self,
-        around: Around<'_>,
-        to: Both<'_, A, B>,
+        around: VertexInput<'_>,
+        to: PairedSlices<'_, A, B>,
         split: K,
         make: impl Fn(usize, &[u32]) -> (A, B) + Sync,
     ) {
@@ -139,22 +145,22 @@ impl Level {
         }
     }
 
-    /// The same in the mesh that the next step makes.
+    /// Performs [`Self::at_regular`] for the mesh after the next step.
     pub(crate) fn at_children<A: Send, B: Send, K: Split>(
         &self,
-        around: Around<'_>,
-        to: Both<'_, A, B>,
+        around: VertexInput<'_>,
+        to: PairedSlices<'_, A, B>,
         split: K,
         make: impl Fn(usize, &[u32]) -> (A, B) + Sync,
     ) {
         self.at_descendants(Some(around), 0, to, split, &make);
     }
 
-    /// [`Self::at_regular`] in the mesh so many steps later, for the vertices that are here.
+    /// Performs [`Self::at_regular`] for the vertices of this mesh, with their half-edges in the mesh that is `age` steps later.
     fn at_own<A: Send, B: Send, K: Split>(
         &self,
         age: usize,
-        to: Both<'_, A, B>,
+        to: PairedSlices<'_, A, B>,
         split: K,
         make: &(impl Fn(usize, &[u32]) -> (A, B) + Sync),
     ) {
@@ -163,26 +169,27 @@ impl Level {
         }
         let blocks = to.0.par_chunks_mut(BLOCK).zip(to.1.par_chunks_mut(BLOCK)).enumerate();
         blocks.for_each(|(block, to)| {
-            at_born(to, [BLOCK * block, 0, age], split, make, |index, ring| {
+            visit_new_vertices(to, [BLOCK * block, 0, age], split, make, |index, ring| {
                 ring.copy_from_slice(&self.rings[K::VALENCE * index..][..K::VALENCE]);
                 ring[0] != NONE
             });
         });
     }
 
-    /// [`Self::at_children`], `age` steps after that. What is around a few faces of the last mesh is in them and next to them, but vertices are
-    /// in the order of their births: so a task looks at all that a few faces have borne in some steps, and first reads in order what is
-    /// around it.
+    /// Performs [`Self::at_children`] with half-edges in the mesh that is `age` steps later. A neighborhood involves only a few faces of
+    /// the last mesh, but vertices are numbered in the order of their creation. So a task first reads the neighborhoods of a few faces in
+    /// order, and then computes all vertices that these faces have created in some steps.
     fn at_descendants<A: Send, B: Send, K: Split>(
         &self,
-        around: Option<Around<'_>>,
+        around: Option<VertexInput<'_>>,
         age: usize,
-        to: Both<'_, A, B>,
+        to: PairedSlices<'_, A, B>,
         split: K,
         make: &(impl Fn(usize, &[u32]) -> (A, B) + Sync),
     ) {
-        let levels = iter::successors(Some(self), |level| level.coarser.as_deref()).take(STEPS);
-        let levels = Vec::from_iter(levels);
+        let levels =
+            iter::successors(Some(self), |level| level.coarser.as_deref()).take(STEPS_PER_TASK);
+        let levels: Vec<_> = levels.collect();
         let faces = &levels[levels.len() - 1].mesh.faces;
         fn corner(face: usize, faces: &Faces) -> usize {
             faces.first_corner(face.min(faces.len()))
@@ -191,7 +198,7 @@ impl Level {
         let starts = (0..faces.len()).step_by(size);
         let corners = starts.map(|face| corner(face, faces)..corner(face + size, faces));
         let mut tasks: Vec<_> =
-            corners.map(|corners| (corners, Vec::with_capacity(STEPS))).collect();
+            corners.map(|corners| (corners, Vec::with_capacity(STEPS_PER_TASK))).collect();
         let (mut own, mut older) = (to, age);
         for (level, steps) in levels.iter().zip((0..levels.len()).rev()) {
             let mesh = &level.mesh;
@@ -207,7 +214,7 @@ impl Level {
                 ([of_edges, on_edges], [of_faces, in_faces]) =
                     (split_both(on_edges, edges), split_both(in_faces, faces));
                 let (on_edges, in_faces) = ((edge, of_edges), (face, of_faces));
-                task.push(Born { mesh, age: older, on_edges, in_faces });
+                task.push(NewVertices { mesh, age: older, on_edges, in_faces });
                 (edge, face) = (edge + edges, face + faces);
             }
             older += 1;
@@ -223,7 +230,7 @@ impl Level {
         levels[levels.len() - 1].at_own(older, own, split, make);
     }
 
-    /// The half-edges from a regular vertex, in the order in which [`Self::at_regular`] gives them.
+    /// Returns the half-edges from a regular vertex, in the order in which [`Self::at_regular`] passes them.
     pub(crate) fn ring_of<K: Split>(&self, vertex: usize, split: K) -> [u32; 6] {
         self.ring_of_own(vertex, 0, split)
     }
@@ -235,11 +242,11 @@ impl Level {
         let mut halves = [0; 6];
         let ring = &mut halves[..K::VALENCE];
         ring.copy_from_slice(&self.rings[K::VALENCE * vertex..][..K::VALENCE]);
-        grow_older(ring, age, split);
+        take_first_halves(ring, age, split);
         halves
     }
 
-    /// That of a vertex of the mesh that the next step makes, in the mesh `age` steps after that.
+    /// For a vertex of the mesh after the next step, returns its half-edges in the mesh that is `age` further steps later.
     pub(crate) fn ring_of_child<K: Split>(&self, vertex: usize, age: usize, split: K) -> [u32; 6] {
         let mesh = &self.mesh;
         let Some(born) = vertex.checked_sub(mesh.vertices) else {
@@ -255,11 +262,11 @@ impl Level {
             let corner = mesh.faces.first_corner(born - mesh.halves.len()) as u32;
             (0..).zip(&mut *ring).for_each(|(k, half)| *half = 4 * (corner + k) + 2);
         }
-        grow_older(ring, age, split);
+        take_first_halves(ring, age, split);
         halves
     }
 
-    /// How many bytes it holds, the coarser ones included.
+    /// The memory use in bytes, including coarser meshes.
     pub(crate) fn size(&self) -> usize {
         let coarser = self.coarser.as_ref().map_or(0, |coarser| coarser.size());
         coarser
@@ -270,40 +277,39 @@ impl Level {
     }
 }
 
-/// Items of two lists at the same places.
-pub(crate) type Both<'a, A, B> = (&'a mut [A], &'a mut [B]);
+/// Slices of two lists for the same items.
+pub(crate) type PairedSlices<'a, A, B> = (&'a mut [A], &'a mut [B]);
 
-fn split_both<A, B>((a, b): Both<'_, A, B>, place: usize) -> [Both<'_, A, B>; 2] {
-    let ((a, rest_of_a), (b, rest_of_b)) = (a.split_at_mut(place), b.split_at_mut(place));
+fn split_both<A, B>((a, b): PairedSlices<'_, A, B>, index: usize) -> [PairedSlices<'_, A, B>; 2] {
+    let ((a, rest_of_a), (b, rest_of_b)) = (a.split_at_mut(index), b.split_at_mut(index));
     [(a, b), (rest_of_a, rest_of_b)]
 }
 
-/// What is read around the vertices of a mesh.
+/// The input data of a pass over vertex neighborhoods.
 #[derive(Clone, Copy)]
-pub(crate) struct Around<'a> {
+pub(crate) struct VertexInput<'a> {
     pub(crate) corners: &'a [u32],
-    /// The places of the vertices.
-    pub(crate) places: &'a [Point3<f64>],
-    /// The new vertices in the faces, if they are needed.
+    /// The positions of the vertices.
+    pub(crate) positions: &'a [Point3<f64>],
+    /// The new vertices inside the faces; empty if the scheme has no such vertices.
     pub(crate) in_faces: &'a [Point3<f64>],
 }
 
-impl Around<'_> {
-    /// Reads what is around these corners of the mesh, and the vertices that their faces have borne.
-    fn fetch<A, B>(self, corners: Range<usize>, born: &[Born<'_, A, B>]) {
+impl VertexInput<'_> {
+    /// Loads data into the cache: the neighborhoods of the faces with these corners, and the new vertices inside these faces.
+    fn fetch<A, B>(self, corners: Range<usize>, born: &[NewVertices<'_, A, B>]) {
         fetch(self.in_faces, corners.start / 4..corners.end / 4);
         fetch(self.corners, corners);
-        for Born { mesh, on_edges, in_faces, .. } in born {
+        for NewVertices { mesh, on_edges, in_faces, .. } in born {
             let edges = mesh.vertices + on_edges.0;
             let faces = mesh.vertices + mesh.halves.len() + in_faces.0;
-            fetch(self.places, edges..edges + on_edges.1.0.len());
-            fetch(self.places, faces..faces + in_faces.1.0.len());
+            fetch(self.positions, edges..edges + on_edges.1.0.len());
+            fetch(self.positions, faces..faces + in_faces.1.0.len());
         }
     }
 }
 
-/// Reads something of each line of memory of a part of a list, as far as there is one. In order this is fast, and whoever reads it in another
-/// order then finds it near.
+/// Reads each cache line of a part of a list in ascending order, so later accesses in any order find the data in the cache.
 pub(crate) fn fetch<T: Copy>(list: &[T], part: Range<usize>) {
     let part = list.get(part).unwrap_or_default();
     part.iter().step_by(64 / size_of::<T>()).for_each(|item| {
@@ -311,20 +317,20 @@ pub(crate) fn fetch<T: Copy>(list: &[T], part: Range<usize>) {
     });
 }
 
-/// Vertices that some faces of a mesh have borne so many steps ago, on edges and in faces from one on.
-struct Born<'a, A, B> {
+/// Slices for the vertices that some faces and their edges created `age` steps ago.
+struct NewVertices<'a, A, B> {
     mesh: &'a Connectivity,
     age: usize,
-    on_edges: (usize, Both<'a, A, B>),
-    in_faces: (usize, Both<'a, A, B>),
+    on_edges: (usize, PairedSlices<'a, A, B>),
+    in_faces: (usize, PairedSlices<'a, A, B>),
 }
 
-impl<A, B> Born<'_, A, B> {
-    /// The part of [`Level::at_regular`] for them.
+impl<A, B> NewVertices<'_, A, B> {
+    /// Performs [`Level::at_regular`] for the vertices of these slices.
     fn make<K: Split>(self, split: K, make: &impl Fn(usize, &[u32]) -> (A, B)) {
         let Self { mesh, age, on_edges, in_faces } = self;
         let before = mesh.vertices;
-        at_born(on_edges.1, [on_edges.0, before, age], split, make, |index, ring| {
+        visit_new_vertices(on_edges.1, [on_edges.0, before, age], split, make, |index, ring| {
             let [owner, twin] = mesh.halves[index];
             if twin == NONE {
                 return false;
@@ -335,7 +341,7 @@ impl<A, B> Born<'_, A, B> {
             true
         });
         let before = mesh.vertices + mesh.halves.len();
-        at_born(in_faces.1, [in_faces.0, before, age], split, make, |index, ring| {
+        visit_new_vertices(in_faces.1, [in_faces.0, before, age], split, make, |index, ring| {
             let corner = mesh.faces.first_corner(index) as u32;
             (0..).zip(ring).for_each(|(k, half)| *half = 4 * (corner + k) + 2);
             mesh.faces.first_corner(index + 1) as u32 == corner + K::VALENCE as u32
@@ -343,11 +349,12 @@ impl<A, B> Born<'_, A, B> {
     }
 }
 
-/// The part of [`Level::at_regular`] for vertices that were born `age` steps ago in or on the faces or edges from `first` on, of which the
-/// first one's number is `before`; `birth` gives the half-edges from a vertex in the mesh in which it was born, or tells that it is odd.
+/// Performs [`Level::at_regular`] for vertices that faces or edges, from index `first` on, created `age` steps ago. `before` is the index
+/// of the first of these vertices. `birth` returns the half-edges that a vertex had in the mesh of its creation, or reports that the vertex
+/// is odd.
 #[inline]
-fn at_born<A, B, K: Split>(
-    to: Both<'_, A, B>,
+fn visit_new_vertices<A, B, K: Split>(
+    to: PairedSlices<'_, A, B>,
     [first, before, age]: [usize; 3],
     split: K,
     make: &impl Fn(usize, &[u32]) -> (A, B),
@@ -359,21 +366,21 @@ fn at_born<A, B, K: Split>(
         if !birth(index, ring) {
             continue;
         }
-        grow_older(ring, age, split);
+        take_first_halves(ring, age, split);
         (*to.0, *to.1) = make(before + index, ring);
     }
 }
 
-/// Goes from half-edges to their first halves after so many steps.
+/// Replaces each half-edge by its first half after `age` steps, in each of which a half-edge is divided into two.
 #[inline]
-fn grow_older(ring: &mut [u32], age: usize, split: impl Split) {
-    // The first halves are at corners 0, and so each the fourth part of the next.
+fn take_first_halves(ring: &mut [u32], age: usize, split: impl Split) {
+    // After the first step a first half is at corner 0 of a quad or triangle, so each further step multiplies its index by four.
     if let Some(later) = age.checked_sub(1) {
-        ring.iter_mut().for_each(|half| *half = split.first(*half) << (2 * later));
+        ring.iter_mut().for_each(|half| *half = split.first_half(*half) << (2 * later));
     }
 }
 
-/// The half-edges from each regular vertex, and the other vertices with their starts.
+/// Finds the half-edges from each regular vertex, and the odd vertices, each with a half-edge from it.
 fn rings<K: Split>(
     mesh: &Connectivity,
     starts: &[u32],
@@ -401,7 +408,7 @@ fn rings<K: Split>(
     (rings, odd)
 }
 
-/// The sharp edges by number: the given creases and the border.
+/// Returns the sharp edges with their sharpness, sorted by edge: the creases of the topology and the border.
 pub(crate) fn creases(topology: &Topology, mesh: &Connectivity) -> Vec<(u32, f64)> {
     let known = &topology.creases;
     fn sharpness(edge: u32, mesh: &Connectivity, known: &[([u32; 2], f64)]) -> f64 {

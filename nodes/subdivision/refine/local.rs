@@ -1,14 +1,14 @@
-//! Where a few control points move, what they reach after all steps, computed from the control points alone.
+//! Local update: if a few control points move, recomputes only the refined vertices that depend on them, from the control points.
 //!
-//! A new vertex depends on the faces around the place where it is born. So after all steps a control point reaches at most two faces of
-//! the control mesh far: one in the first step, a half in the second, and so on. What is computed is the parts of these faces, the
-//! *core*, and before the last step also those of the faces around them, the *halo*. At the rim of the halo points are wrong, because
-//! what is outside is not there: at the rim itself after the first step, a half of a face far after the second, and so on; this does
-//! not come as far as to the core.
+//! A new vertex depends on the faces around the vertex, edge or face that creates it. After all steps a control point therefore affects at
+//! most two rings of faces of the control mesh: one ring in the first step, another half in the second, and so on. The *core* consists of
+//! these faces; all steps are computed for it. All steps but the last are also computed for the *halo*, the faces around the core. At the
+//! rim of the halo the computed points are wrong, because the faces outside are missing: after the first step at the rim itself, after the
+//! second up to half a face away from it, and so on. The errors do not reach the core.
 
 use std::ops::Range;
 
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use maquette_value::parallel::*;
 use maquette_value::{Faces, Mesh, MeshError};
 use nalgebra::Point3;
@@ -16,37 +16,38 @@ use nalgebra::Point3;
 use super::half_edges::HalfEdges;
 use super::primal::Primal;
 
-/// Half-edges, faces or vertices, in rows that ascend.
+/// Indices of half-edges, faces or vertices, as ascending ranges.
 pub(crate) type Rows = Vec<Range<u32>>;
 
-/// Vertices that one task computes at most.
+/// The maximum number of vertices per parallel task.
 const BLOCK: usize = 1024;
 
-/// Some faces of the control mesh on their way through the steps.
+/// A set of faces of the control mesh, which is refined in each step.
 struct Part {
-    /// Their half-edges in the control mesh.
+    /// The half-edges that these faces have in the control mesh.
     halves: Rows,
-    /// The vertices of their parts, but for some at the rim.
+    /// The vertices of the refined faces, except for some at the rim.
     vertices: Rows,
 }
 
-/// Core and halo on their way through the steps.
-pub(crate) struct Front<'a> {
+/// The core and the halo during the refinement steps.
+pub(crate) struct LocalRefinement<'a> {
     control: &'a [Point3<f64>],
     core: Part,
     halo: Part,
-    /// The steps that were taken, with the places after each: they are there in the halo, elsewhere is anything.
+    /// The steps taken so far, each with the positions after it. Positions are valid only in the halo and the core.
     taken: Vec<(&'a Primal, Vec<Point3<f64>>)>,
 }
 
-impl Drop for Front<'_> {
+impl Drop for LocalRefinement<'_> {
     fn drop(&mut self) {
-        self.taken.drain(..).for_each(|(step, places)| step.leave(places));
+        self.taken.drain(..).for_each(|(step, positions)| step.recycle_vertices(positions));
     }
 }
 
-impl<'a> Front<'a> {
-    /// Where these vertices of the control mesh have moved; the core is wider by so many faces more.
+impl<'a> LocalRefinement<'a> {
+    /// Starts the update after the vertices `moved` of the control mesh have moved. `wider` is the number of additional rings of faces in
+    /// the core.
     pub(crate) fn new(
         faces: &Faces,
         control: &'a [Point3<f64>],
@@ -57,20 +58,20 @@ impl<'a> Front<'a> {
         Self { control, core, halo, taken: Vec::new() }
     }
 
-    /// Takes some steps.
+    /// Performs the given steps.
     ///
     /// # Errors
-    /// If the evaluation is told to stop.
+    /// If the evaluation is cancelled.
     pub(crate) fn take(
         &mut self,
         steps: &[&'a Primal],
         progress: &Progress<'_>,
-    ) -> Result<(), Cancelled> {
+    ) -> Result<(), CancelledError> {
         for step in steps {
             progress.check()?;
             let mut new = self.split(step);
             let (kept_and_split, in_faces) = new.split_at_mut(step.first_middle());
-            let (in_faces, old) = (&*in_faces, self.places());
+            let (in_faces, old) = (&*in_faces, self.positions());
             let pieces = kept_and_split.par_rows_mut(&self.halo.vertices, BLOCK);
             pieces.for_each(|(row, to)| step.write_row(row, old, in_faces, to));
             let level = self.taken.len();
@@ -81,16 +82,16 @@ impl<'a> Front<'a> {
         Ok(())
     }
 
-    /// Takes the last step, in the core alone: `refined` with the places that it comes to.
+    /// Performs the last step, in the core only. Returns `refined` with its positions updated.
     ///
     /// # Errors
-    /// If one of them is not finite.
+    /// If a position is not finite.
     pub(crate) fn end(mut self, last: &'a Primal, refined: &Mesh) -> Result<Mesh, MeshError> {
         let new = self.split(last);
         let level = self.taken.len();
         self.core.add_middles(last, level);
         let first = last.first_middle();
-        let (in_faces, old) = (&new[first..], self.places());
+        let (in_faces, old) = (&new[first..], self.positions());
         let moved = refined.with_moved_by(&self.core.vertices, |row, to| {
             match (row.start as usize).checked_sub(first) {
                 Some(face) => to.copy_from_slice(&in_faces[face..face + to.len()]),
@@ -101,20 +102,21 @@ impl<'a> Front<'a> {
         moved
     }
 
-    /// The vertices of the core, in rows.
+    /// The vertices of the core, as ranges.
     pub(crate) fn core(&self) -> &Rows {
         &self.core.vertices
     }
 
-    /// All places, of which those in the core and around it are there.
-    pub(crate) fn places(&self) -> &[Point3<f64>] {
-        self.taken.last().map_or(self.control, |(_, places)| places)
+    /// Returns all positions after the last step. Only the positions in and around the core are valid.
+    pub(crate) fn positions(&self) -> &[Point3<f64>] {
+        self.taken.last().map_or(self.control, |(_, positions)| positions)
     }
 
-    /// Adds the new vertices on edges to core and halo; a list for the places after the step, in which those inside of faces are.
+    /// Adds the new vertices on edges to the core and the halo. Returns a list for the positions after the step, in which the new vertices
+    /// inside faces are already set.
     fn split(&mut self, step: &Primal) -> Vec<Point3<f64>> {
-        let (level, old) = (self.taken.len(), self.places());
-        let mut new = step.left();
+        let (level, old) = (self.taken.len(), self.positions());
+        let mut new = step.allocate_vertices();
         let faces = self.halo.faces(step, level);
         let pieces = new[step.first_middle()..].par_rows_mut(&faces, BLOCK);
         pieces.for_each(|(faces, to)| {
@@ -127,20 +129,20 @@ impl<'a> Front<'a> {
 }
 
 impl Part {
-    /// Their half-edges after so many steps: both schemes make four of each.
+    /// Returns the half-edges after `level` steps. In both schemes a step gives each face four times as many half-edges.
     fn finer(&self, level: usize) -> impl Iterator<Item = Range<u32>> {
         self.halves.iter().map(move |row| row.start << (2 * level)..row.end << (2 * level))
     }
 
-    /// Their parts before a step, if it makes vertices inside of them.
+    /// Returns the refined faces before a step, or nothing if the step makes no vertices inside faces.
     fn faces(&self, step: &Primal, level: usize) -> Rows {
         let mesh = &step.level.mesh;
         let rows = self.finer(level).filter(|_| step.has_middles());
         rows.map(|row| mesh.face_of(row.start)..mesh.face_of(row.end - 1) + 1).collect()
     }
 
-    /// Adds the new vertices on edges: since edges are numbered by their owners, those that faces in a row own are in a row, and those
-    /// between two of the faces are among them.
+    /// Adds the new vertices on edges. Edges are numbered by their owners, so consecutive faces own consecutive edges. Each edge between
+    /// two of the faces is owned by one of them and is thus included.
     fn add_edges(&mut self, step: &Primal, level: usize) {
         let mesh = &step.level.mesh;
         fn edge(half: u32, mesh_halves: &[[u32; 2]]) -> usize {
@@ -156,7 +158,7 @@ impl Part {
         self.vertices.extend(rows);
     }
 
-    /// Adds the new vertices inside of faces.
+    /// Adds the new vertices inside faces.
     fn add_middles(&mut self, step: &Primal, level: usize) {
         let first = step.first_middle() as u32;
         let rows = self.faces(step, level).into_iter();
@@ -164,32 +166,36 @@ impl Part {
     }
 }
 
-/// Core and halo.
+/// Finds the faces of the core and of the halo.
 fn surroundings(faces: &Faces, vertices: usize, moved: &[u32], wider: usize) -> [Part; 2] {
     let mut is_near = vec![false; vertices];
     moved.iter().for_each(|&vertex| is_near[vertex as usize] = true);
-    let mut grow = || {
-        let near =
-            |face: &u32| faces.face(*face as usize).iter().any(|&vertex| is_near[vertex as usize]);
-        let near: Vec<_> = (0..faces.len() as u32).filter(near).collect();
-        let corners = near.iter().flat_map(|&face| faces.face(face as usize));
-        corners.for_each(|&vertex| is_near[vertex as usize] = true);
-        fn corner(face: u32, faces: &Faces) -> u32 {
-            faces.first_corner(face as usize) as u32
-        }
-        let halves =
-            in_rows(&near).into_iter().map(|row| corner(row.start, faces)..corner(row.end, faces));
-        let vertices = (0..vertices as u32).filter(|&vertex| is_near[vertex as usize]);
-        Part { halves: halves.collect(), vertices: in_rows(&Vec::from_iter(vertices)) }
-    };
     for _ in 0..=wider {
-        grow();
+        grow(faces, &mut is_near);
     }
-    [grow(), grow()]
+    [(); 2].map(|()| grow(faces, &mut is_near))
 }
 
-/// Ascending numbers, those in a row together.
-fn in_rows(numbers: &[u32]) -> Rows {
+/// Finds the faces that have a marked vertex, and marks all vertices of these faces.
+fn grow(faces: &Faces, is_near: &mut [bool]) -> Part {
+    let near: Vec<u32> = (0..faces.len() as u32)
+        .filter(|&face| faces.face(face as usize).iter().any(|&vertex| is_near[vertex as usize]))
+        .collect();
+    for &face in &near {
+        faces.face(face as usize).iter().for_each(|&vertex| is_near[vertex as usize] = true);
+    }
+    let halves = to_ranges(&near).into_iter().map(|row| {
+        let [start, end] =
+            [row.start, row.end].map(|face| faces.first_corner(face as usize) as u32);
+        start..end
+    });
+    let vertices: Vec<u32> =
+        (0..is_near.len() as u32).filter(|&vertex| is_near[vertex as usize]).collect();
+    Part { halves: halves.collect(), vertices: to_ranges(&vertices) }
+}
+
+/// Converts ascending numbers to ranges.
+fn to_ranges(numbers: &[u32]) -> Rows {
     let rows = numbers.chunk_by(|a, b| a + 1 == *b);
     rows.map(|row| row[0]..row[row.len() - 1] + 1).collect()
 }

@@ -1,4 +1,4 @@
-//! Makes a surface of any mesh, by cutting it where it is none; and cuts along seams.
+//! Makes any mesh manifold by duplicating vertices, and cuts meshes along seams.
 
 use maquette_base::topology::union_find::UnionFind;
 use maquette_value::{Faces, Mesh, MeshError};
@@ -6,9 +6,9 @@ use maquette_value::{Faces, Mesh, MeshError};
 use super::connectivity::Connectivity;
 use super::half_edges::{HalfEdges, NONE};
 
-/// The same mesh as a surface: each vertex once for each fan of faces around it, and so each edge with more than two faces once
-/// for each pair of faces that fans join, else once for each face. Nothing moves; the first fan keeps the vertex, the others get
-/// new ones behind the last, in the order of their corners.
+/// Makes a mesh manifold by duplicating each vertex for each fan of faces around it. An edge with more than two faces is thereby
+/// duplicated: once for each pair of faces that remain connected in a fan, and once for each other face. Positions do not change. The first
+/// fan keeps the vertex; the other fans get new vertices at the end of the list, in the order of their corners.
 ///
 /// # Errors
 /// If there are more vertices than a mesh can hold.
@@ -24,11 +24,11 @@ pub(crate) fn manifold(mesh: &Mesh) -> Result<Mesh, MeshError> {
     let mut fans = UnionFind::new(corners.len());
     for ([a, b], &count) in halves.into_iter().zip(&edges.faces) {
         if count == 2 && corners[a as usize] != corners[b as usize] {
-            fans.join(a, next[b as usize]);
-            fans.join(next[a as usize], b);
+            fans.union(a, next[b as usize]);
+            fans.union(next[a as usize], b);
         }
     }
-    let (numbers, firsts) = fans.numbered();
+    let (numbers, firsts) = fans.into_labels();
     let mut kept = vec![NONE; mesh.positions().len()];
     let mut sources: Vec<u32> = (0..kept.len() as u32).collect();
     let vertices = firsts.iter().map(|&corner| {
@@ -47,9 +47,9 @@ pub(crate) fn manifold(mesh: &Mesh) -> Result<Mesh, MeshError> {
     let known: Vec<([u32; 2], f64)> = mesh.creases().collect();
     for (half, &edge) in edges.of_corner.iter().enumerate().filter(|_| !known.is_empty()) {
         let ends = edges.vertices[edge as usize];
-        if let Ok(place) = known.binary_search_by_key(&ends, |crease| crease.0) {
+        if let Ok(index) = known.binary_search_by_key(&ends, |crease| crease.0) {
             let [a, b] = [split[half], split[next[half] as usize]];
-            creases.push(([a.min(b), a.max(b)], known[place].1));
+            creases.push(([a.min(b), a.max(b)], known[index].1));
         }
     }
     creases.sort_by_key(|crease| crease.0);
@@ -81,22 +81,24 @@ fn next_corners(faces: &Faces) -> Vec<u32> {
     next
 }
 
-/// The mesh cut along the seams of a corner attribute, which are the edges whose two faces disagree about it: the vertices at its
-/// corners, and a corner of each of these vertices.
+/// Cuts a mesh along the seams of a corner attribute, which are the edges where the values of both faces differ. Returns the index of the
+/// new vertex at each corner, and for each new vertex one of its corners.
 pub(crate) fn cut<T: PartialEq>(mesh: &Connectivity, attribute: &[T]) -> (Vec<u32>, Vec<u32>) {
     let mut fans = UnionFind::new(mesh.corners().len());
-    let same = |a: u32, b: u32| attribute[a as usize] == attribute[b as usize];
     for &[owner, twin] in &mesh.halves {
         if twin == NONE {
             continue;
         }
         let (at_start, at_end) = ([owner, mesh.next(twin)], [mesh.next(owner), twin]);
-        if same(at_start[0], at_start[1]) && same(at_end[0], at_end[1]) {
-            fans.join(at_start[0], at_start[1]);
-            fans.join(at_end[0], at_end[1]);
+        let is_seam = [at_start, at_end]
+            .iter()
+            .any(|[a, b]| attribute[*a as usize] != attribute[*b as usize]);
+        if !is_seam {
+            fans.union(at_start[0], at_start[1]);
+            fans.union(at_end[0], at_end[1]);
         }
     }
-    fans.numbered()
+    fans.into_labels()
 }
 
 #[cfg(test)]
@@ -106,7 +108,7 @@ mod tests {
 
     use super::*;
 
-    fn of(faces: Vec<[u32; 3]>) -> Mesh {
+    fn mesh_of_triangles(faces: Vec<[u32; 3]>) -> Mesh {
         let vertices = faces.iter().flatten().max().map_or(0, |&vertex| vertex + 1);
         let positions: Vec<_> =
             (0..vertices).map(|k| Point3::new(f64::from(k), 0.0, 0.0)).collect();
@@ -114,19 +116,19 @@ mod tests {
     }
 
     fn split(faces: Vec<[u32; 3]>) -> Vec<Vec<u32>> {
-        let surface = manifold(&of(faces)).unwrap();
+        let surface = manifold(&mesh_of_triangles(faces)).unwrap();
         assert!(Connectivity::new(surface.faces(), surface.positions().len()).is_ok());
         surface.faces().iter().map(<[u32]>::to_vec).collect()
     }
 
     #[test]
-    fn three_pages_of_a_book_come_apart() {
+    fn three_faces_at_an_edge_are_separated() {
         let pages = split(vec![[0, 1, 2], [1, 0, 3], [0, 1, 4]]);
         assert_eq!(pages, [[0, 1, 2], [5, 6, 3], [7, 8, 4]].map(|page| page.to_vec()));
     }
 
     #[test]
-    fn faces_that_disagree_about_their_side_come_apart() {
+    fn faces_of_opposite_orientation_are_separated() {
         assert_eq!(split(vec![[0, 1, 2], [0, 1, 3]]), [[0, 1, 2], [4, 5, 3]]);
     }
 
@@ -136,17 +138,20 @@ mod tests {
             [[a, c, b], [a, b, d], [a, d, c], [b, c, d]]
         }
         let both = [tetrahedron([0, 1, 2, 3]), tetrahedron([0, 1, 4, 5])].concat();
-        let surface = manifold(&of(both)).unwrap();
+        let surface = manifold(&mesh_of_triangles(both)).unwrap();
         assert_eq!(surface.positions().len(), 8);
         assert!(surface.edges().faces.iter().all(|&faces| faces == 2));
         assert_eq!(surface.positions()[6..], surface.positions()[..2]);
     }
 
     #[test]
-    fn what_is_a_surface_stays_as_it_is_and_the_rest_keeps_its_data() {
-        let surface = of(vec![[0, 1, 2], [2, 1, 3]]).with_creases([([1, 2], 2.0)]).unwrap();
+    fn a_manifold_mesh_does_not_change_and_other_meshes_keep_their_data() {
+        let surface =
+            mesh_of_triangles(vec![[0, 1, 2], [2, 1, 3]]).with_creases([([1, 2], 2.0)]).unwrap();
         assert_eq!(manifold(&surface).unwrap(), surface);
-        let book = of(vec![[0, 1, 2], [1, 0, 3], [0, 1, 4]]).with_creases([([0, 1], 2.0)]).unwrap();
+        let book = mesh_of_triangles(vec![[0, 1, 2], [1, 0, 3], [0, 1, 4]])
+            .with_creases([([0, 1], 2.0)])
+            .unwrap();
         let book =
             book.with_vertex("page", Attribute::Index(vec![7, 8, 9, 10, 11].into())).unwrap();
         let split = manifold(&book).unwrap();

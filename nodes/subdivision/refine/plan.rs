@@ -1,11 +1,11 @@
-//! What of a subdivision depends on topology alone, and its products.
+//! Subdivision plans: the part of a subdivision that depends only on the topology.
 
-use maquette_node::{Cancelled, Limit as Most, Progress};
+use maquette_node::{CancelledError, Limit as Most, Progress};
 use maquette_value::Value;
 use maquette_value::{Attribute, Mesh};
 
-use super::live::Live;
-use super::local::Front;
+use super::local::LocalRefinement;
+use super::moving_vertices::MovingVertices;
 use super::primal::Primal;
 use super::smooth_corners::smooth_corners;
 use super::step::{LastLimit, Step};
@@ -17,90 +17,92 @@ use crate::limit::limit_rows::Limit;
 use crate::options::Subdivision;
 use crate::subdivide_error::SubdivideError;
 
-/// Corners of a result: some 90 million triangles, which with their plan take about 6 GB.
-const CORNERS: Most = Most { most: 1 << 28, of: "corners", help: "choose fewer `levels`" };
+/// The maximum number of corners of a result: enough for about 90 million triangles, which need about 6 GB with their plan.
+const MAX_CORNERS: Most = Most { max: 1 << 28, items: "corners", help: "choose fewer `levels`" };
 
-/// What a step comes after.
-pub(crate) enum Before<'a> {
+/// The input from which a step is created: the topology for the first step, or the previous step.
+pub(crate) enum PreviousStep<'a> {
     Nothing(&'a Topology),
     Step(&'a Step),
 }
 
-/// What of a subdivision depends on the topology of a mesh alone: made once, applied to every mesh of this topology.
+/// A subdivision plan: the part of a subdivision that depends only on the topology. It can be applied to every mesh of this topology.
 pub struct Plan {
-    how: Subdivision,
+    options: Subdivision,
     topology: Topology,
     steps: Vec<Step>,
     limit: Option<EndLimit>,
 }
 
-/// The limit of the last vertices.
+/// The limit masks that are applied after the last step.
 pub(crate) enum EndLimit {
     Control(Limit),
     Refined(LastLimit),
 }
 
 impl Plan {
-    /// The plan for the faces, creases and number of vertices of `mesh`.
+    /// Creates the plan for the faces, creases and number of vertices of `mesh`.
     ///
     /// # Errors
     /// If the scheme cannot refine a face, the mesh is not manifold, or the result would be too large.
-    pub fn new(mesh: &Mesh, how: Subdivision) -> Result<Self, SubdivideError> {
-        Self::with(
+    pub fn new(mesh: &Mesh, options: Subdivision) -> Result<Self, SubdivideError> {
+        Self::new_with(
             mesh,
-            how,
-            |before: Before<'_>| match before {
-                Before::Nothing(topology) => Step::first(topology),
-                Before::Step(step) => step.next(),
+            options,
+            |before: PreviousStep<'_>| match before {
+                PreviousStep::Nothing(topology) => Step::from_topology(topology),
+                PreviousStep::Step(step) => step.next(),
             },
             |before| match before {
-                Before::Nothing(topology) => Ok(EndLimit::Control(Limit::new(topology)?)),
-                Before::Step(step) => Ok(EndLimit::Refined(LastLimit::new(step)?)),
+                PreviousStep::Nothing(topology) => Ok(EndLimit::Control(Limit::new(topology)?)),
+                PreviousStep::Step(step) => Ok(EndLimit::Refined(LastLimit::new(step)?)),
             },
         )
     }
 
-    /// [`Self::new`] with parts from `step` and `limit`.
-    pub(crate) fn with<E: From<SubdivideError>>(
+    /// Creates the plan like [`Self::new`]; `step` and `limit` create (or look up) its parts.
+    pub(crate) fn new_with<E: From<SubdivideError>>(
         mesh: &Mesh,
-        how: Subdivision,
-        mut step: impl FnMut(Before<'_>) -> Result<Step, E>,
-        limit: impl FnOnce(Before<'_>) -> Result<EndLimit, E>,
+        options: Subdivision,
+        mut step: impl FnMut(PreviousStep<'_>) -> Result<Step, E>,
+        limit: impl FnOnce(PreviousStep<'_>) -> Result<EndLimit, E>,
     ) -> Result<Self, E> {
-        check_size(mesh, how.levels)?;
-        let topology = Topology::of(mesh, how);
-        let mut steps: Vec<Step> = Vec::with_capacity(how.levels as usize);
-        for _ in 0..how.levels {
-            steps.push(step(steps.last().map_or(Before::Nothing(&topology), Before::Step))?);
+        check_size(mesh, options.levels)?;
+        let topology = Topology::from_mesh(mesh, options);
+        let mut steps: Vec<Step> = Vec::with_capacity(options.levels as usize);
+        for _ in 0..options.levels {
+            steps.push(step(
+                steps.last().map_or(PreviousStep::Nothing(&topology), PreviousStep::Step),
+            )?);
         }
-        let end = steps.last().map_or(Before::Nothing(&topology), Before::Step);
-        let limit = how.limit.then(|| limit(end)).transpose()?;
-        Ok(Self { how, topology, steps, limit })
+        let end = steps.last().map_or(PreviousStep::Nothing(&topology), PreviousStep::Step);
+        let limit = options.limit.then(|| limit(end)).transpose()?;
+        Ok(Self { options, topology, steps, limit })
     }
 
     /// Refines `mesh` as [`subdivide`](crate::subdivide()) does.
     ///
     /// # Errors
-    /// If its topology is not that of the plan, or a place becomes infinite.
+    /// If the topology of `mesh` is not that of the plan, or a position becomes infinite.
     pub fn apply(&self, mesh: &Mesh) -> Result<Mesh, SubdivideError> {
-        self.apply_within(mesh, &Progress::none())
+        self.apply_within(mesh, &Progress::silent())
     }
 
-    /// As [`apply`](Self::apply).
+    /// Refines `mesh` like [`apply`](Self::apply), with progress reports and cancellation.
     ///
     /// # Errors
-    /// If its topology is not that of the plan, a place becomes infinite, or the evaluation is told to stop.
+    /// If the topology of `mesh` is not that of the plan, a position becomes infinite, or the evaluation is cancelled.
     pub(crate) fn apply_within(
         &self,
         mesh: &Mesh,
         progress: &Progress<'_>,
     ) -> Result<Mesh, SubdivideError> {
-        let Self { how, steps, limit, .. } = self;
+        let Self { options, steps, limit, .. } = self;
         self.check(mesh)?;
         let mut refined = apply(mesh, steps, progress)?;
         progress.tick(0.9)?;
-        if how.corners == Corners::Smooth && !how.scheme.is_dual() && !steps.is_empty() {
-            refined = smooth_corners(mesh, *how, refined)?;
+        if options.corners == Corners::Smooth && !options.scheme.is_dual() && !steps.is_empty() {
+            refined = smooth_corners(mesh, *options, refined)?;
         }
         progress.check()?;
         refined = match limit {
@@ -109,29 +111,29 @@ impl Plan {
             None => refined,
         };
         progress.check()?;
-        if how.boundary == Boundary::None && !how.scheme.is_dual() {
+        if options.boundary == Boundary::None && !options.scheme.is_dual() {
             refined = without_border(mesh, &ancestors(mesh, steps), &refined)?;
         }
         Ok(refined)
     }
 
-    /// What [`apply_within`](Self::apply_within) makes of `mesh`, made of what it made, `refined`, of a mesh that differs at most in the
-    /// places of the vertices that have `moved`, in its picture and its frame. None if only the whole product can tell.
+    /// Updates `refined`, an earlier result of [`apply_within`](Self::apply_within). The new mesh must differ from the earlier one only in
+    /// the positions of the vertices `moved`, in its picture and in its frame. Returns `None` if a full refinement is necessary.
     ///
     /// # Errors
-    /// If the evaluation is told to stop.
+    /// If the evaluation is cancelled.
     pub(crate) fn follow(
         &self,
         mesh: &Mesh,
         moved: &[u32],
         refined: &Mesh,
         progress: &Progress<'_>,
-    ) -> Result<Option<Mesh>, Cancelled> {
-        let has_border = self.how.boundary != Boundary::None;
+    ) -> Result<Option<Mesh>, CancelledError> {
+        let has_border = self.options.boundary != Boundary::None;
         let steps = self.primal_steps().filter(|_| has_border).unwrap_or_default();
         let Some((last, before)) = steps.split_last() else { return Ok(None) };
-        let front = |wider| Front::new(mesh.faces(), mesh.positions(), moved, wider);
-        // A place that is not finite is told of by the whole product.
+        let front = |wider| LocalRefinement::new(mesh.faces(), mesh.positions(), moved, wider);
+        // If a position is not finite, `None` is returned, and the full refinement that follows reports the error.
         let followed = match &self.limit {
             None => {
                 let mut front = front(0);
@@ -139,10 +141,10 @@ impl Plan {
                 front.end(last, refined).ok()
             }
             Some(EndLimit::Refined(limit)) => {
-                // Normals may be those of the faces around.
+                // A normal may depend on the faces around its vertex, so the core (the recomputed faces) must be wider by one ring.
                 let mut front = front(1);
                 front.take(&steps, progress)?;
-                limit.follow(front.core(), front.places(), refined)
+                limit.follow(front.core(), front.positions(), refined)
             }
             Some(EndLimit::Control(_)) => None,
         };
@@ -151,19 +153,19 @@ impl Plan {
         }))
     }
 
-    /// Its steps, if the scheme is primal.
+    /// Returns the steps as primal steps; `None` if the scheme is dual.
     pub(crate) fn primal_steps(&self) -> Option<Vec<&Primal>> {
         self.steps.iter().map(Step::primal).collect()
     }
 
-    /// The vertices after the last step, which follow those of `mesh` one by one; before they go on to the limit, and before what
-    /// touches the border is left out.
+    /// Creates the positions of the vertices after the last step, which can be updated when vertices of `mesh` move. They are not moved to
+    /// the limit surface, and border faces are not removed.
     ///
     /// # Errors
     /// If the topology of `mesh` is not that of the plan.
-    pub fn live(&self, mesh: &Mesh) -> Result<Live<'_>, SubdivideError> {
+    pub fn moving_vertices(&self, mesh: &Mesh) -> Result<MovingVertices<'_>, SubdivideError> {
         self.check(mesh)?;
-        Ok(Live::new(&self.steps, mesh.positions()))
+        Ok(MovingVertices::new(&self.steps, mesh.positions()))
     }
 
     fn check(&self, mesh: &Mesh) -> Result<(), SubdivideError> {
@@ -181,7 +183,7 @@ impl Plan {
 /// Refines the positions and attributes of a mesh step by step.
 ///
 /// # Errors
-/// If a place becomes infinite, or the evaluation is told to stop.
+/// If a position becomes infinite, or the evaluation is cancelled.
 pub(crate) fn apply(
     mesh: &Mesh,
     steps: &[Step],
@@ -203,17 +205,13 @@ pub(crate) fn apply(
         .with_creases(last.finer_creases())?
         .with_materials(mesh.materials().clone())
         .with_frame(mesh.frame().copied());
-    let all = |attribute: &Attribute, carry: fn(&Step, &Attribute) -> Attribute| {
-        later.iter().try_fold(carry(first, attribute), |carried, step| {
-            progress.check()?;
-            Ok::<_, SubdivideError>(carry(step, &carried))
-        })
-    };
     for (name, attribute) in mesh.vertex().iter().filter(|(name, _)| *name != "normal") {
-        refined = refined.with_vertex(name, all(attribute, Step::vertex_attribute)?)?;
+        let attribute = refine_attribute(attribute, steps, Step::vertex_attribute, progress)?;
+        refined = refined.with_vertex(name, attribute)?;
     }
     for (name, attribute) in mesh.corner().iter().filter(|(name, _)| *name != "normal") {
-        refined = refined.with_corner(name, all(attribute, Step::corner_attribute)?)?;
+        let attribute = refine_attribute(attribute, steps, Step::corner_attribute, progress)?;
+        refined = refined.with_corner(name, attribute)?;
     }
     if mesh.face().iter().next().is_some() {
         let ancestors = ancestors(mesh, steps);
@@ -225,7 +223,24 @@ pub(crate) fn apply(
     Ok(refined)
 }
 
-/// The face of `mesh` from which each face comes that the last step makes.
+/// Refines an attribute in all steps, each time by `refine`.
+fn refine_attribute(
+    attribute: &Attribute,
+    steps: &[Step],
+    refine: fn(&Step, &Attribute) -> Attribute,
+    progress: &Progress<'_>,
+) -> Result<Attribute, CancelledError> {
+    let mut attribute = attribute.clone();
+    for (k, step) in steps.iter().enumerate() {
+        if k > 0 {
+            progress.check()?;
+        }
+        attribute = refine(step, &attribute);
+    }
+    Ok(attribute)
+}
+
+/// Returns for each face after the last step the face of `mesh` that contains it.
 fn ancestors(mesh: &Mesh, steps: &[Step]) -> Vec<u32> {
     let first = (0..mesh.faces().len() as u32).collect();
     steps.iter().fold(first, |ancestors: Vec<u32>, step| {
@@ -233,20 +248,20 @@ fn ancestors(mesh: &Mesh, steps: &[Step]) -> Vec<u32> {
     })
 }
 
-/// How many corners a mesh has after so many levels.
+/// The number of corners of a mesh after `levels` steps.
 fn corners_after(mesh: &Mesh, levels: u32) -> f64 {
     mesh.faces().corners().len() as f64 * libm::exp2(2.0 * f64::from(levels))
 }
 
-/// Bytes that refining a mesh takes at most, with its plan.
-pub(crate) fn bytes(mesh: &Mesh, how: Subdivision) -> f64 {
-    let Subdivision { scheme, levels, limit, boundary, corners, .. } = how;
-    // As measured; for the limit there are rows of numbers, and normals.
+/// Returns an upper bound of the memory for refining a mesh, including its plan, in bytes.
+pub(crate) fn bytes(mesh: &Mesh, options: Subdivision) -> f64 {
+    let Subdivision { scheme, levels, limit, boundary, corners, .. } = options;
+    // Measured bytes per corner. The limit needs additional matrix rows and normals.
     let (plain, of_limit) = if scheme.is_dual() { (34.0, 56.0) } else { (20.0, 17.0) };
     let extra =
         [(limit, of_limit), (boundary == Boundary::None, 15.0), (corners == Corners::Smooth, 10.0)];
     let extra: f64 = extra.iter().filter(|(is_so, _)| *is_so).map(|(_, bytes)| bytes).sum();
-    // Attributes become as many times more as corners, and are there twice while they are carried over.
+    // The size of attributes is proportional to the number of corners, and two copies exist during the transfer.
     let faces = mesh.clone().with_materials([]).size();
     let own = mesh.positions().size() + mesh.faces().corners().len() * size_of::<u32>();
     let attributes = 2.5 * faces.saturating_sub(own) as f64 * libm::exp2(2.0 * f64::from(levels));
@@ -255,5 +270,5 @@ pub(crate) fn bytes(mesh: &Mesh, how: Subdivision) -> f64 {
 
 fn check_size(mesh: &Mesh, levels: u32) -> Result<(), SubdivideError> {
     let need = corners_after(mesh, levels);
-    Ok(CORNERS.check(format_args!("a mesh of {levels} levels more"), need)?)
+    Ok(MAX_CORNERS.check(format_args!("a mesh of {levels} levels more"), need)?)
 }

@@ -1,52 +1,52 @@
-//! One step of a primal scheme, Loop's or Catmull's and Clark's: what of it depends on topology alone, and its products.
+//! One step of a primal scheme (Loop or Catmull-Clark): the part that depends only on the topology, and its application.
 
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use maquette_base::linear::mix::Mix;
 use maquette_base::linear::stencils::Stencils;
+use maquette_base::linear::weighted_mean::WeightedMean;
 use maquette_value::Faces;
 use maquette_value::memory::{huge_vec, sparse_vec};
 use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
+use super::final_mesh::FinalMesh;
 use super::half_edges::HalfEdges;
-use super::last::Last;
-use super::level::{Around, BLOCK, Level, fetch};
+use super::level::{BLOCK, Level, VertexInput, fetch};
 use super::split::{Corners, Split, Triangles, split_faces};
-use crate::masks::regular_rules::{Quads, RegularRules, ThreeSided, Walk};
+use crate::masks::regular_rules::{QuadMesh, RegularRules, TriangleMesh, Walk};
 use crate::masks::sharpness::Sharpness;
-use crate::masks::stars::{Scratch, Stars};
+use crate::masks::vertex_rings::{RingMasks, Scratch};
 use crate::scheme::PrimalScheme;
 
-/// How to refine a mesh once.
+/// A step of a primal scheme for a fixed topology.
 #[derive(Debug)]
 pub(crate) struct Primal {
-    /// The mesh.
+    /// The mesh before the step.
     pub(crate) level: Arc<Level>,
-    /// The new vertices at the odd ones and on the sharp edges.
+    /// The new vertices that need matrix rows: those of odd (irregular or sharp) vertices, and those on sharp edges.
     odd_rows: Vec<u32>,
-    /// Their stencils: columns are the old vertices, then the new ones in the faces.
+    /// The matrix rows of the vertices in `odd_rows`. The columns are the old vertices, followed by the new vertices inside faces.
     stencils: Stencils,
     /// The refined faces.
     pub(crate) finer: Faces,
-    /// A list for its vertices that was left, if there is one.
+    /// A list that can be reused for the new vertices, if there is one.
     left: Mutex<Option<Vec<Point3<f64>>>>,
 }
 
 impl Primal {
-    /// How to refine `level`.
+    /// Computes the step that refines `level`.
     pub(crate) fn new(level: Arc<Level>) -> Self {
         match level.rules.scheme {
-            PrimalScheme::Loop => Self::of(level, Triangles),
-            PrimalScheme::CatmullClark => Self::of(level, Corners),
+            PrimalScheme::Loop => Self::from_level(level, Triangles),
+            PrimalScheme::CatmullClark => Self::from_level(level, Corners),
         }
     }
 
-    fn of<K: RegularRules>(level: Arc<Level>, kind: K) -> Self {
+    fn from_level<K: RegularRules>(level: Arc<Level>, kind: K) -> Self {
         let Level { rules, mesh, creases, odd, .. } = &*level;
         let sharpness = Sharpness::new(mesh, *rules, creases);
-        let stars = Stars {
+        let stars = RingMasks {
             mesh,
             sharpness: &sharpness,
             rules: rules.of_edges(),
@@ -69,15 +69,15 @@ impl Primal {
 
     /// The refined mesh.
     pub(crate) fn next(&self) -> Level {
-        Level::after(&self.level, &self.finer)
+        Level::from_coarser(&self.level, &self.finer)
     }
 
-    /// The refined mesh, if it is the last.
-    pub(crate) fn last(&self) -> Last {
-        Last::after(self.level.clone(), self.finer.clone())
+    /// Returns the refined mesh of the last step.
+    pub(crate) fn final_mesh(&self) -> FinalMesh {
+        FinalMesh::from_coarser(self.level.clone(), self.finer.clone())
     }
 
-    /// Number of vertices of the refined mesh.
+    /// The number of vertices of the refined mesh.
     pub(crate) fn n_finer(&self) -> usize {
         match self.level.rules.scheme {
             PrimalScheme::Loop => Triangles.vertices(&self.level.mesh),
@@ -85,39 +85,39 @@ impl Primal {
         }
     }
 
-    /// The first new vertex in a face, or the number of all vertices.
+    /// The index of the first new vertex inside a face, or the number of all vertices if the scheme makes no such vertices.
     pub(crate) fn first_middle(&self) -> usize {
         self.level.mesh.vertices + self.level.mesh.halves.len()
     }
 
-    /// A list for the new vertices of which few will be written, and the others not be read: anything is there. Where nothing is written,
-    /// it takes no memory.
-    pub(crate) fn left(&self) -> Vec<Point3<f64>> {
+    /// Returns a list for the new vertices with arbitrary contents, for callers that write and read only a few entries. Memory pages that
+    /// are not written need no physical memory.
+    pub(crate) fn allocate_vertices(&self) -> Vec<Point3<f64>> {
         let left = self.left.lock().unwrap_or_else(PoisonError::into_inner).take();
         left.unwrap_or_else(|| sparse_vec(self.n_finer()))
     }
 
-    /// Leaves such a list for the next one who asks for it: what was written is likely to be written again, and its pages are there.
-    pub(crate) fn leave(&self, list: Vec<Point3<f64>>) {
+    /// Keeps a list for the next call of [`Self::allocate_vertices`]. That caller will probably write to the same memory pages.
+    pub(crate) fn recycle_vertices(&self, list: Vec<Point3<f64>>) {
         *self.left.lock().unwrap_or_else(PoisonError::into_inner) = Some(list);
     }
 
-    /// The refined creases, sorted by vertices.
+    /// Returns the creases of the refined mesh, sorted by their vertices.
     pub(crate) fn finer_creases(&self) -> Vec<([u32; 2], f64)> {
         let sharpness = Sharpness::new(&self.level.mesh, self.level.rules, &self.level.creases);
-        // Two new edges on each old one, told apart by a bit.
-        let refined = sharpness.refined(|edge| [2 * edge, 2 * edge + 1]);
+        // The old edge `e` is divided into two new edges, numbered `2 e` and `2 e + 1`.
+        let refined = sharpness.refine(|edge| [2 * edge, 2 * edge + 1]);
         let lasting = refined.into_iter().filter(|(_, sharpness)| sharpness.is_finite());
         let by_vertices = lasting.map(|(half, sharpness)| {
             let end = self.level.mesh.ends(half / 2)[half as usize % 2];
             ([end, self.level.mesh.vertices as u32 + half / 2], sharpness)
         });
-        let mut creases = Vec::from_iter(by_vertices);
+        let mut creases: Vec<_> = by_vertices.collect();
         creases.sort_unstable_by_key(|(ends, _)| *ends);
         creases
     }
 
-    /// The refined vertices' places.
+    /// Computes the positions of the refined vertices.
     pub(crate) fn positions(&self, old: &[Point3<f64>]) -> Vec<Point3<f64>> {
         match self.level.rules.scheme {
             PrimalScheme::Loop => self.refine(old, Triangles),
@@ -127,8 +127,8 @@ impl Primal {
 
     fn refine(&self, old: &[Point3<f64>], kind: impl RegularRules) -> Vec<Point3<f64>> {
         match self.level.mesh.faces.sides() {
-            Some(3) => self.refine_along(old, kind, &ThreeSided),
-            Some(4) => self.refine_along(old, kind, &Quads),
+            Some(3) => self.refine_along(old, kind, &TriangleMesh),
+            Some(4) => self.refine_along(old, kind, &QuadMesh),
             _ => self.refine_along(old, kind, &self.level.mesh.turns),
         }
     }
@@ -155,7 +155,7 @@ impl Primal {
             }
         });
         let nothing = &mut vec![(); kept.len()][..];
-        let around = Around { corners, places: old, in_faces };
+        let around = VertexInput { corners, positions: old, in_faces };
         self.level.at_regular(around, (kept, nothing), kind, |vertex, halves| {
             let neighbors = halves.iter().map(|&h| old[corners[walk.next(h) as usize] as usize]);
             let faces = halves.iter().map(|&half| in_faces[walk.face(half) as usize]);
@@ -163,27 +163,22 @@ impl Primal {
         });
         let rows = (0..self.stencils.len()).into_par_iter().with_min_len(BLOCK);
         let odd: Vec<Point3<f64>> = rows
-            .map(|row| {
-                self.stencils.point(row, |column: u32| match old.get(column as usize) {
-                    Some(point) => *point,
-                    None => in_faces[column as usize - old.len()],
-                })
-            })
+            .map(|row| self.stencils.point(row, |column| column_point(column, old, in_faces)))
             .collect();
         self.odd_rows.iter().zip(odd).for_each(|(&row, point)| new[row as usize] = point);
         new
     }
 
-    /// The new vertex where a half-edge starts, and a new half-edge from it.
+    /// Returns the new vertex of the old vertex at the start of a half-edge, and a new half-edge from the new vertex.
     pub(crate) fn at_start(&self, half: u32) -> [u32; 2] {
         let vertex = self.level.mesh.corners()[half as usize];
         match self.level.rules.scheme {
-            PrimalScheme::Loop => [vertex, Triangles.first(half)],
-            PrimalScheme::CatmullClark => [vertex, Corners.first(half)],
+            PrimalScheme::Loop => [vertex, Triangles.first_half(half)],
+            PrimalScheme::CatmullClark => [vertex, Corners.first_half(half)],
         }
     }
 
-    /// The new vertex on a half-edge, and a new half-edge from it.
+    /// Returns the new vertex on the edge of a half-edge, and a new half-edge from the new vertex.
     pub(crate) fn on_edge(&self, half: u32) -> [u32; 2] {
         let mesh = &self.level.mesh;
         let vertex = mesh.vertices as u32 + mesh.edge_of[half as usize];
@@ -193,7 +188,7 @@ impl Primal {
         }
     }
 
-    /// The new vertex in a face, if there is one, and a new half-edge from it.
+    /// Returns the new vertex inside a face and a new half-edge from it; `None` if the scheme makes no such vertices.
     pub(crate) fn middle(&self, face: u32) -> Option<[u32; 2]> {
         let mesh = &self.level.mesh;
         let vertex = (mesh.vertices + mesh.halves.len()) as u32 + face;
@@ -201,21 +196,21 @@ impl Primal {
         self.level.rules.scheme.has_middles().then_some([vertex, half])
     }
 
-    /// The place of one new vertex, with the same bits as [`Self::positions`] gives it; of the new ones those in the faces around must be
-    /// there.
-    pub(crate) fn place(
+    /// Computes the position of one new vertex, equal bit for bit to the result of [`Self::positions`]. The new vertices inside the faces
+    /// around it must be valid.
+    pub(crate) fn vertex_position(
         &self,
         vertex: u32,
         old: &[Point3<f64>],
         new: &[Point3<f64>],
     ) -> Point3<f64> {
         match self.level.rules.scheme {
-            PrimalScheme::Loop => self.place_by(vertex, old, new, Triangles),
-            PrimalScheme::CatmullClark => self.place_by(vertex, old, new, Corners),
+            PrimalScheme::Loop => self.vertex_position_by(vertex, old, new, Triangles),
+            PrimalScheme::CatmullClark => self.vertex_position_by(vertex, old, new, Corners),
         }
     }
 
-    fn place_by<K: RegularRules>(
+    fn vertex_position_by<K: RegularRules>(
         &self,
         vertex: u32,
         old: &[Point3<f64>],
@@ -224,13 +219,9 @@ impl Primal {
     ) -> Point3<f64> {
         let Level { mesh, creases, odd, .. } = &*self.level;
         let in_faces = &new[old.len() + mesh.halves.len()..];
-        let column = |column: u32| match old.get(column as usize) {
-            Some(point) => *point,
-            None => in_faces[column as usize - old.len()],
-        };
         let Some(born) = (vertex as usize).checked_sub(old.len()) else {
             if let Ok(row) = odd.binary_search_by_key(&vertex, |odd| odd[0]) {
-                return self.stencils.point(row, column);
+                return self.stencils.point(row, |column| column_point(column, old, in_faces));
             }
             let halves = self.level.ring_of(vertex as usize, kind);
             let halves = &halves[..K::VALENCE];
@@ -243,13 +234,15 @@ impl Primal {
             return centroid(&mesh.faces, born - mesh.halves.len(), old);
         };
         match creases.binary_search_by_key(&(born as u32), |crease| crease.0) {
-            Ok(crease) => self.stencils.point(odd.len() + crease, column),
+            Ok(crease) => self
+                .stencils
+                .point(odd.len() + crease, |column| column_point(column, old, in_faces)),
             Err(_) => kind.on_edge(&mesh.turns, mesh.corners(), halves, old, in_faces),
         }
     }
 
-    /// Writes the places of some new vertices in a row, all at old ones or all on edges, with the same bits as [`Self::positions`] gives
-    /// them, from the old vertices and the new ones in the faces around.
+    /// Computes the positions of consecutive new vertices, either all at old vertices or all on edges, equal bit for bit to the result of
+    /// [`Self::positions`]. The old vertices and the new vertices inside the surrounding faces must be valid.
     pub(crate) fn write_row(
         &self,
         row: Range<u32>,
@@ -258,9 +251,9 @@ impl Primal {
         to: &mut [Point3<f64>],
     ) {
         match self.level.rules.scheme {
-            PrimalScheme::Loop => self.write(row, old, in_faces, to, (Triangles, &ThreeSided)),
+            PrimalScheme::Loop => self.write(row, old, in_faces, to, (Triangles, &TriangleMesh)),
             PrimalScheme::CatmullClark => match self.level.mesh.faces.sides() {
-                Some(4) => self.write(row, old, in_faces, to, (Corners, &Quads)),
+                Some(4) => self.write(row, old, in_faces, to, (Corners, &QuadMesh)),
                 _ => self.write(row, old, in_faces, to, (Corners, &self.level.mesh.turns)),
             },
         }
@@ -276,16 +269,12 @@ impl Primal {
     ) {
         let Level { mesh, creases, odd, .. } = &*self.level;
         let (corners, kept) = (mesh.corners(), old.len() as u32);
-        let column = |column: u32| match old.get(column as usize) {
-            Some(point) => *point,
-            None => in_faces[column as usize - old.len()],
-        };
         let Some(first) = row.start.checked_sub(kept) else {
             let first = odd.partition_point(|odd| odd[0] < row.start);
             let mut odd = (first..).zip(&odd[first..]).peekable();
             for (vertex, to) in row.zip(to) {
                 if let Some((item, _)) = odd.next_if(|(_, odd)| odd[0] == vertex) {
-                    *to = self.stencils.point(item, column);
+                    *to = self.stencils.point(item, |column| column_point(column, old, in_faces));
                     continue;
                 }
                 let halves = self.level.ring_of(vertex as usize, kind);
@@ -304,21 +293,22 @@ impl Primal {
         let [from, end] =
             [edges.start, edges.end].map(|edge| creases.partition_point(|crease| crease.0 < edge));
         for (item, (edge, _)) in (from..).zip(&creases[from..end]) {
-            to[(edge - first) as usize] = self.stencils.point(odd.len() + item, column);
+            to[(edge - first) as usize] =
+                self.stencils.point(odd.len() + item, |column| column_point(column, old, in_faces));
         }
     }
 
-    /// Whether there are new vertices in faces.
+    /// Returns true if the scheme makes new vertices inside faces.
     pub(crate) fn has_middles(&self) -> bool {
         self.level.rules.scheme.has_middles()
     }
 
-    /// The middle of a face.
+    /// The centroid of a face.
     pub(crate) fn centroid(&self, face: u32, old: &[Point3<f64>]) -> Point3<f64> {
         centroid(&self.level.mesh.faces, face as usize, old)
     }
 
-    /// The centroids of the faces, as far as there is place for them.
+    /// Writes the centroids of the first faces, one for each entry of `to`.
     fn centroids(&self, old: &[Point3<f64>], to: &mut [Point3<f64>]) {
         let faces = &self.level.mesh.faces;
         to.par_chunks_mut(BLOCK).enumerate().for_each(|(block, to)| {
@@ -334,8 +324,8 @@ impl Primal {
         });
     }
 
-    /// A column of vertex data, straight along old edges and within old faces.
-    pub(crate) fn carry_vertices<T: Mix>(&self, old: &[T]) -> Vec<T> {
+    /// Refines vertex data, linearly along old edges and within old faces.
+    pub(crate) fn carry_vertices<T: WeightedMean>(&self, old: &[T]) -> Vec<T> {
         let mut new = Vec::with_capacity(self.n_finer());
         new.extend_from_slice(old);
         let halves = self.level.mesh.halves.par_iter().with_min_len(BLOCK);
@@ -343,7 +333,7 @@ impl Primal {
             let mut ends = [*owner, self.level.mesh.next(*owner)]
                 .map(|half| self.level.mesh.corners()[half as usize]);
             ends.sort_unstable();
-            T::mix(ends.into_iter().map(|end| (0.5, old[end as usize])))
+            T::weighted_mean(ends.into_iter().map(|end| (0.5, old[end as usize])))
         });
         middles.collect_into(&mut new);
         if self.level.rules.scheme.has_middles() {
@@ -351,22 +341,21 @@ impl Primal {
             let middles = faces.map(|face| {
                 let face = self.level.mesh.faces.face(face);
                 let weight = 1.0 / face.len() as f64;
-                T::mix(face.iter().map(|&corner| (weight, old[corner as usize])))
+                T::weighted_mean(face.iter().map(|&corner| (weight, old[corner as usize])))
             });
             middles.collect_into(&mut new);
         }
         new
     }
 
-    /// A column of corner data, straight within old faces.
-    pub(crate) fn carry_corners<T: Mix>(&self, old: &[T]) -> Vec<T> {
-        let mean = |a: T, b: T| T::mix([(0.5, a), (0.5, b)].into_iter());
+    /// Refines corner data, linearly within old faces.
+    pub(crate) fn carry_corners<T: WeightedMean>(&self, old: &[T]) -> Vec<T> {
         if self.level.rules.scheme.needs_triangles() {
             let triangles = old.par_chunks_exact(3).with_min_len(BLOCK);
             return triangles
                 .flat_map_iter(|old| {
                     let [a, b, c] = [old[0], old[1], old[2]];
-                    let [ab, bc, ca] = [mean(a, b), mean(b, c), mean(c, a)];
+                    let [ab, bc, ca] = [midpoint(a, b), midpoint(b, c), midpoint(c, a)];
                     [a, ab, ca, b, bc, ab, c, ca, bc, ab, bc, ca]
                 })
                 .collect();
@@ -377,16 +366,16 @@ impl Primal {
                 let first = self.level.mesh.faces.first_corner(face);
                 let old = &old[first..self.level.mesh.faces.first_corner(face + 1)];
                 let weight = 1.0 / old.len() as f64;
-                let middle = T::mix(old.iter().map(|&corner| (weight, corner)));
+                let middle = T::weighted_mean(old.iter().map(|&corner| (weight, corner)));
                 (0..old.len()).flat_map(move |k| {
                     let [last, next] = [k + old.len() - 1, k + 1].map(|k| old[k % old.len()]);
-                    [old[k], mean(old[k], next), middle, mean(last, old[k])]
+                    [old[k], midpoint(old[k], next), middle, midpoint(last, old[k])]
                 })
             })
             .collect()
     }
 
-    /// The old face of each new one.
+    /// Returns for each new face the old face that contains it.
     pub(crate) fn parents(&self) -> Vec<u32> {
         match self.level.rules.scheme {
             PrimalScheme::Loop => (0..self.finer.len() as u32).map(|face| face / 4).collect(),
@@ -396,16 +385,29 @@ impl Primal {
         }
     }
 
-    /// How many bytes it holds.
+    /// The memory use in bytes.
     pub(crate) fn size(&self) -> usize {
         self.level.size() + self.finer.corners().size() + self.stencils.size()
     }
 }
 
+/// Returns the point of a matrix column: an old vertex, or a new vertex inside a face.
+fn column_point(column: u32, old: &[Point3<f64>], in_faces: &[Point3<f64>]) -> Point3<f64> {
+    match old.get(column as usize) {
+        Some(point) => *point,
+        None => in_faces[column as usize - old.len()],
+    }
+}
+
+/// The mean of two values.
+fn midpoint<T: WeightedMean>(a: T, b: T) -> T {
+    T::weighted_mean([(0.5, a), (0.5, b)].into_iter())
+}
+
 /// The mean of the corners of a face.
-fn centroid(faces: &Faces, face: usize, places: &[Point3<f64>]) -> Point3<f64> {
+fn centroid(faces: &Faces, face: usize, positions: &[Point3<f64>]) -> Point3<f64> {
     let face = faces.face(face);
-    let at = |&corner: &u32| places[corner as usize].coords;
+    let at = |&corner: &u32| positions[corner as usize].coords;
     if let [a, b, c, d] = face
         && faces.sides() == Some(4)
     {

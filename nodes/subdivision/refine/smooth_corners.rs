@@ -1,4 +1,4 @@
-//! Corner data by the rules of a scheme: the mesh is cut where they jump, and they are refined as places are.
+//! Smooth corner data: the mesh is cut at the seams, and the data are refined by the rules of the scheme, like positions.
 
 use maquette_value::{Attribute, Faces, Mesh};
 use nalgebra::Point3;
@@ -12,44 +12,31 @@ use crate::options::Subdivision;
 use crate::rules::Rules;
 use crate::subdivide_error::SubdivideError;
 
-/// `refined`, which has been made of `mesh`, with its corner data by the rules of `how`.
+/// Recomputes the corner data of `refined`, the refinement of `mesh`, by the rules in `options`.
 ///
 /// # Errors
 /// If the mesh is not manifold.
 pub(crate) fn smooth_corners(
     mesh: &Mesh,
-    how: Subdivision,
+    options: Subdivision,
     mut refined: Mesh,
 ) -> Result<Mesh, SubdivideError> {
     let (connectivity, _) = Connectivity::new(mesh.faces(), mesh.positions().len())?;
-    let smooth = |old: &[[f64; 3]]| {
-        let (corners, firsts) = cut(&connectivity, old);
-        let mut places: Vec<Point3<f64>> =
-            firsts.iter().map(|&corner| old[corner as usize].into()).collect();
-        let mut faces = topology(mesh, corners, firsts.len(), how)?;
-        let mut step: Option<Step> = None;
-        for _ in 0..how.levels {
-            let next = step.as_ref().map_or_else(|| Step::first(&faces), Step::next)?;
-            places = next.positions(&places);
-            step = Some(next);
-        }
-        if let Some(last) = &step {
-            faces.faces = last.finer().clone();
-        }
-        let corners = faces.faces.corners().iter().map(|&corner| places[corner as usize].into());
-        Ok::<Vec<[f64; 3]>, SubdivideError>(corners.collect())
-    };
     for (name, attribute) in mesh.corner().iter().filter(|(name, _)| *name != "normal") {
         let attribute = match attribute {
             Attribute::Number(old) => {
-                let smooth = smooth(&old.iter().map(|&x| [x, 0.0, 0.0]).collect::<Vec<_>>())?;
+                let old: Vec<_> = old.iter().map(|&x| [x, 0.0, 0.0]).collect();
+                let smooth = refine_data(mesh, &connectivity, &old, options)?;
                 Attribute::Number(smooth.into_iter().map(|[x, _, _]| x).collect())
             }
             Attribute::Pair(old) => {
-                let smooth = smooth(&old.iter().map(|&[x, y]| [x, y, 0.0]).collect::<Vec<_>>())?;
+                let old: Vec<_> = old.iter().map(|&[x, y]| [x, y, 0.0]).collect();
+                let smooth = refine_data(mesh, &connectivity, &old, options)?;
                 Attribute::Pair(smooth.into_iter().map(|[x, y, _]| [x, y]).collect())
             }
-            Attribute::Vector(old) => Attribute::Vector(smooth(old)?.into()),
+            Attribute::Vector(old) => {
+                Attribute::Vector(refine_data(mesh, &connectivity, old, options)?.into())
+            }
             Attribute::Index(_) | Attribute::Flag(_) | Attribute::Color(_) => continue,
         };
         refined = refined.with_corner(name, attribute)?;
@@ -57,18 +44,42 @@ pub(crate) fn smooth_corners(
     Ok(refined)
 }
 
-/// The mesh with other vertices at its corners, whose seams are borders, and without creases.
+/// Refines corner data by the rules in `options`, as if they were vertex positions of the mesh after cutting it at seams. Returns the data
+/// at the refined corners.
+fn refine_data(
+    mesh: &Mesh,
+    connectivity: &Connectivity,
+    old: &[[f64; 3]],
+    options: Subdivision,
+) -> Result<Vec<[f64; 3]>, SubdivideError> {
+    let (corners, firsts) = cut(connectivity, old);
+    let mut positions: Vec<Point3<f64>> =
+        firsts.iter().map(|&corner| old[corner as usize].into()).collect();
+    let mut faces = topology(mesh, corners, firsts.len(), options)?;
+    let mut step: Option<Step> = None;
+    for _ in 0..options.levels {
+        let next = step.as_ref().map_or_else(|| Step::from_topology(&faces), Step::next)?;
+        positions = next.positions(&positions);
+        step = Some(next);
+    }
+    if let Some(last) = &step {
+        faces.faces = last.finer().clone();
+    }
+    Ok(faces.faces.corners().iter().map(|&corner| positions[corner as usize].into()).collect())
+}
+
+/// Returns the topology of the mesh after cutting it at seams. The seams become borders, and there are no creases.
 fn topology(
     mesh: &Mesh,
     corners: Vec<u32>,
     vertices: usize,
-    how: Subdivision,
+    options: Subdivision,
 ) -> Result<Topology, SubdivideError> {
-    let boundary = match how.boundary {
+    let boundary = match options.boundary {
         Boundary::None => Boundary::EdgeOnly,
         boundary => boundary,
     };
-    let rules = Rules { boundary, ..how.rules() };
+    let rules = Rules { boundary, ..options.rules() };
     let faces = match mesh.faces().sides() {
         Some(sides) => Faces::uniform(sides, corners),
         None => {

@@ -1,13 +1,14 @@
-//! The refined mesh of a primal scheme, made from its parent by arithmetic alone: nothing is searched, sorted or hashed.
+//! The connectivity of the refined mesh of a primal scheme, computed by arithmetic without searching, sorting or hashing.
 //!
-//! New vertices: the old ones in their order, then those on the edges in their order, then, with Catmull and Clark, those in the
-//! faces. Loop makes four triangles of each in its order, those at its corners 0, 1, 2 first, each beginning with its corner,
-//! then the one in the middle; Catmull and Clark make a quad at each corner in its order, which begins there. In both, the
-//! half-edge `h` is halved into two, `first(h)` and `second(h)`, at fixed places.
+//! Order of new vertices: first the old vertices, then those on edges in the order of the edges, then, for Catmull-Clark, those inside
+//! faces. Loop divides each triangle into four: first the triangles at the corners 0, 1 and 2, each beginning with its corner, then the
+//! middle one. Catmull-Clark makes a quad at each corner, in order, beginning with this corner. Both divide the half-edge `h` into
+//! `first_half(h)` and `second(h)`, whose indices follow from `h` by arithmetic.
 //!
-//! New edges are numbered by their owners as the old ones are. Those that a face of `m` corners owns are `m` inside of it and two
-//! for each old edge that it owns; and since old edges are numbered by their owners, too, those that the faces before a face own
-//! are as many as the first edge of that face says. So each face knows where its edges are written.
+//! New edges are numbered by their owners (the first of their half-edges), like the old edges. The division of a face of `m` corners owns a
+//! fixed number of edges inside the face, and two edges for each old edge that the face owns. Since old edges are numbered by their owners,
+//! too, the index of the first edge of a face is the number of edges owned by the faces before it. So the index of each new edge is known
+//! in advance.
 
 use maquette_value::Faces;
 use maquette_value::memory::huge_vec;
@@ -16,47 +17,48 @@ use maquette_value::parallel::*;
 use super::connectivity::Connectivity;
 use super::half_edges::{HalfEdges, NONE};
 
-/// Faces that one task splits: some 50 us of work.
+/// The number of faces per parallel task: about 50 us of work.
 const BLOCK: usize = 2048;
 
-/// Where a half-edge of the refined mesh comes from.
+/// The origin of a half-edge in the refined mesh.
 pub(crate) enum Origin {
-    /// It is the first half of this one.
+    /// The half-edge is the first half of this old half-edge.
     First(u32),
-    /// It is the second half.
+    /// The half-edge is the second half of this old half-edge.
     Second(u32),
-    /// It lies inside a face, as this one does, its twin.
+    /// The half-edge is inside an old face and has this half-edge as its twin.
     Inside(u32),
 }
 
-/// How a scheme cuts a face into parts.
+/// The division of a face by a scheme.
 pub(crate) trait Split: Copy + Sync {
-    /// Half-edges from a vertex with regular surroundings.
+    /// The number of neighbors of a regular vertex.
     const VALENCE: usize;
 
-    /// The half of `half` at its start, in the refined mesh.
-    fn first(self, half: u32) -> u32;
+    /// Returns the half of `half` that begins at its start, in the refined mesh.
+    fn first_half(self, half: u32) -> u32;
 
-    /// The half of `half` at its end, in the refined mesh.
+    /// Returns the half of `half` that ends at its end, in the refined mesh.
     fn second(self, mesh: &Connectivity, half: u32) -> u32;
 
-    /// Where a half-edge of the refined mesh comes from.
+    /// The origin of a half-edge of the refined mesh.
     fn origin(self, mesh: &Connectivity, half: u32) -> Origin;
 
-    /// The edges inside the face with these half-edges that its part at corner `k` owns: their half-edges, the owner first.
-    fn inside(self, first: u32, sides: u32, k: u32) -> ([[u32; 2]; 2], usize);
+    /// Returns the new edges inside a face that the part at corner `k` owns, and the number of these edges. Each edge is a pair of
+    /// half-edges, the owner first.
+    fn inner_edges(self, first: u32, sides: u32, k: u32) -> ([[u32; 2]; 2], usize);
 
-    /// The half-edges from the new vertex on an edge, counter-clockwise, on the side of `half`.
+    /// Writes the new half-edges that start at the new vertex on an edge, counter-clockwise, on the side of `half`.
     fn around_edge(self, mesh: &Connectivity, half: u32, to: &mut [u32]);
 
-    /// The corners of the refined faces, and how many each has.
+    /// Returns the corners of the refined faces, and the number of corners per refined face.
     fn faces(self, mesh: &Connectivity) -> (Vec<u32>, usize);
 
-    /// Number of vertices of the refined mesh.
+    /// The number of vertices of the refined mesh.
     fn vertices(self, mesh: &Connectivity) -> usize;
 }
 
-/// One triangle into four.
+/// Divides a triangle into four (Loop).
 #[derive(Clone, Copy)]
 pub(crate) struct Triangles;
 
@@ -64,7 +66,7 @@ impl Split for Triangles {
     const VALENCE: usize = 6;
 
     #[inline]
-    fn first(self, half: u32) -> u32 {
+    fn first_half(self, half: u32) -> u32 {
         3 * half + half / 3 * 3
     }
 
@@ -85,7 +87,7 @@ impl Split for Triangles {
     }
 
     #[inline]
-    fn inside(self, first: u32, _: u32, k: u32) -> ([[u32; 2]; 2], usize) {
+    fn inner_edges(self, first: u32, _: u32, k: u32) -> ([[u32; 2]; 2], usize) {
         let edge = [4 * first + 3 * k + 1, 4 * first + 9 + (k + 2) % 3];
         ([edge, edge], 1)
     }
@@ -93,7 +95,7 @@ impl Split for Triangles {
     #[inline]
     fn around_edge(self, mesh: &Connectivity, half: u32, to: &mut [u32]) {
         let middle = 12 * (half / 3) + 9 + half % 3;
-        to.copy_from_slice(&[self.second(mesh, half), middle, self.first(half) + 1]);
+        to.copy_from_slice(&[self.second(mesh, half), middle, self.first_half(half) + 1]);
     }
 
     fn faces(self, mesh: &Connectivity) -> (Vec<u32>, usize) {
@@ -118,7 +120,7 @@ impl Split for Triangles {
     }
 }
 
-/// A polygon into a quad at each corner.
+/// Divides a polygon into a quad at each corner (Catmull-Clark).
 #[derive(Clone, Copy)]
 pub(crate) struct Corners;
 
@@ -126,7 +128,7 @@ impl Split for Corners {
     const VALENCE: usize = 4;
 
     #[inline]
-    fn first(self, half: u32) -> u32 {
+    fn first_half(self, half: u32) -> u32 {
         4 * half
     }
 
@@ -146,7 +148,7 @@ impl Split for Corners {
     }
 
     #[inline]
-    fn inside(self, first: u32, sides: u32, k: u32) -> ([[u32; 2]; 2], usize) {
+    fn inner_edges(self, first: u32, sides: u32, k: u32) -> ([[u32; 2]; 2], usize) {
         fn quad(k: u32, first: u32) -> u32 {
             4 * (first + k)
         }
@@ -199,26 +201,27 @@ pub(crate) fn split_faces(mesh: &Connectivity, split: impl Split) -> Faces {
     Faces::uniform(sides, corners).expect("as many corners as their faces have")
 }
 
-/// What one task makes: the new faces of some consecutive faces.
+/// A parallel task: the division of some consecutive old faces.
 struct SplitTask<'a, 'b> {
-    /// The first face, and the one behind the last.
+    /// The first face, and the end of the range.
     faces: [usize; 2],
-    /// The first edge that they own.
+    /// The index of the first edge that the old faces own.
     first_edge: u32,
-    /// The first half-edge and the first edge of their parts.
+    /// The index of the first half-edge of the new faces. `first_new` is the index of the first edge that these faces own.
     first_half: u32,
     first_new: u32,
-    /// How many new edges have their numbers.
+    /// The number of new edges that have been numbered so far.
     numbered: u32,
-    /// The new edge of each new half-edge.
+    /// The edge index of each new half-edge.
     edge_of: &'a mut [u32],
     /// The half-edges of each new edge.
     halves: &'a mut [[u32; 2]],
-    /// The two new edges on each old one.
+    /// The two new edges on each old edge that the old faces own.
     children: &'b mut [[u32; 2]],
 }
 
-/// The half-edges of the refined `faces`, and the two new edges on each old one, the one at its owner's start first.
+/// Computes the half-edges of the refined `faces`. Also returns the two new edges on each old edge, first the one at the start of the old
+/// edge's owner.
 pub(crate) fn split_halves(
     mesh: &Connectivity,
     faces: Faces,
@@ -256,12 +259,12 @@ pub(crate) fn split_halves(
     (Connectivity::from_parts(faces, split.vertices(mesh), edge_of, halves), children)
 }
 
-/// Where a block of faces starts.
+/// The indices at which a block of old faces starts.
 #[derive(Clone, Copy)]
 struct Start {
     face: usize,
     corner: usize,
-    /// The number of edges that the faces before own.
+    /// The number of edges owned by the faces before the block.
     edge: usize,
 }
 
@@ -277,7 +280,7 @@ fn block_starts(mesh: &Connectivity) -> Vec<Start> {
 }
 
 impl SplitTask<'_, '_> {
-    /// Numbers the edges that these faces own.
+    /// Numbers the new edges that the division of the task's faces owns.
     fn number(&mut self, mesh: &Connectivity, split: impl Split) {
         let mut owned = self.first_edge;
         for face in self.faces[0]..self.faces[1] {
@@ -291,11 +294,11 @@ impl SplitTask<'_, '_> {
                 if old >= owned_before {
                     let twin = mesh.halves[old as usize][1];
                     let twin = if twin == NONE { NONE } else { split.second(mesh, twin) };
-                    let new = self.add(split.first(half), twin);
+                    let new = self.add(split.first_half(half), twin);
                     self.children[(old - self.first_edge) as usize][0] = new;
                     owned += 1;
                 }
-                let (inside, count) = split.inside(first, sides, k);
+                let (inside, count) = split.inner_edges(first, sides, k);
                 for &[owner, twin] in &inside[..count] {
                     let new = self.add(owner, twin);
                     self.edge_of[(twin - self.first_half) as usize] = new;
@@ -303,7 +306,7 @@ impl SplitTask<'_, '_> {
                 let old = mesh.edge_of[previous as usize];
                 if old >= owned_before {
                     let twin = mesh.halves[old as usize][1];
-                    let twin = if twin == NONE { NONE } else { split.first(twin) };
+                    let twin = if twin == NONE { NONE } else { split.first_half(twin) };
                     let new = self.add(split.second(mesh, previous), twin);
                     self.children[(old - self.first_edge) as usize][1] = new;
                 }
@@ -311,7 +314,7 @@ impl SplitTask<'_, '_> {
         }
     }
 
-    /// Gives the next number to the edge with these half-edges.
+    /// Assigns the next index to the edge with the half-edges `owner` and `twin`. Returns the index.
     fn add(&mut self, owner: u32, twin: u32) -> u32 {
         self.edge_of[(owner - self.first_half) as usize] = self.first_new + self.numbered;
         self.halves[self.numbered as usize] = [owner, twin];
@@ -320,7 +323,7 @@ impl SplitTask<'_, '_> {
     }
 }
 
-/// Completes the new edges of some faces by those on the old edges that other faces own.
+/// Sets the edge indices of new half-edges that are on an old edge owned by another face.
 fn adopt(
     mesh: &Connectivity,
     split: impl Split,
@@ -340,7 +343,7 @@ fn adopt(
                 continue;
             }
             let [at_start, at_end] = children[old as usize];
-            let [first, second] = [split.first(half as u32), split.second(mesh, half as u32)];
+            let [first, second] = [split.first_half(half as u32), split.second(mesh, half as u32)];
             edge_of[(first - first_half) as usize] = at_end;
             edge_of[(second - first_half) as usize] = at_start;
         }

@@ -1,12 +1,12 @@
-//! What of one step of a subdivision depends on topology alone: made once, applied to any positions and attributes.
+//! One step of a subdivision: the part that depends only on the topology, and its application to positions and attributes.
 //!
-//! Applying a step adds the terms of each new place in a fixed order, so that the result is the same for any number of threads.
+//! The terms of each new position are added in a fixed order, so the result does not depend on the number of threads.
 
 use std::ops::Range;
 use std::sync::Arc;
 
-use maquette_base::linear::carry::Carry;
-use maquette_base::linear::mix::Mix;
+use maquette_base::linear::attribute_transfer::AttributeTransfer;
+use maquette_base::linear::weighted_mean::WeightedMean;
 use maquette_node::Error;
 use maquette_value::Memo;
 use maquette_value::{Attribute, Encoder, Faces, Mesh, MeshError};
@@ -23,9 +23,9 @@ use crate::limit::finer_limit::FinerLimit;
 /// One step of a subdivision.
 #[derive(Clone, Debug)]
 pub(crate) struct Step {
-    /// What the first step was made from.
+    /// The topology of the control mesh.
     root: Arc<Topology>,
-    /// The number of steps before.
+    /// The number of previous steps.
     depth: usize,
     rules: Kind,
 }
@@ -36,7 +36,7 @@ enum Kind {
     Dual(Arc<Dual>),
 }
 
-/// A function of the first topology and the depth, which therefore stand for it in the hash.
+/// A step is a function of the topology and the depth, so only these two are encoded for the hash.
 impl Memo for Step {
     const NAME: &'static str = "SubdivisionStep";
 
@@ -54,26 +54,26 @@ impl Memo for Step {
 }
 
 impl Step {
-    /// The first step, of the scheme that `topology` names.
+    /// Computes the first step, by the scheme in `topology`.
     ///
     /// # Errors
-    /// Those of the scheme: faces that it cannot refine, or a mesh that is not manifold.
-    pub(crate) fn first(topology: &Topology) -> Result<Self, SubdivideError> {
+    /// If the scheme cannot refine a face, or the mesh is not manifold.
+    pub(crate) fn from_topology(topology: &Topology) -> Result<Self, SubdivideError> {
         let rules = match topology.rules.scheme.primal() {
-            None => Kind::Dual(Dual::first(topology)?.into()),
+            None => Kind::Dual(Dual::from_topology(topology)?.into()),
             Some(scheme) => {
-                Kind::Primal(Primal::new(Level::first(topology, scheme)?.into()).into())
+                Kind::Primal(Primal::new(Level::from_topology(topology, scheme)?.into()).into())
             }
         };
         Ok(Self { root: topology.clone().into(), depth: 0, rules })
     }
 
-    /// The same, as [`maquette_node::Context::memo`] wants it.
+    /// Performs [`Self::from_topology`] with the signature that [`maquette_node::Context::memo`] requires.
     pub(crate) fn memo_first(topology: &Topology) -> Result<Self, Error> {
-        Ok(Self::first(topology)?)
+        Ok(Self::from_topology(topology)?)
     }
 
-    /// The step after this one.
+    /// Computes the next step.
     ///
     /// # Errors
     /// If the refined mesh is not manifold.
@@ -85,12 +85,12 @@ impl Step {
         Ok(Self { root: self.root.clone(), depth: self.depth + 1, rules })
     }
 
-    /// The same, as [`maquette_node::Context::memo`] wants it.
+    /// Performs [`Self::next`] with the signature that [`maquette_node::Context::memo`] requires.
     pub(crate) fn memo_next(&self) -> Result<Self, Error> {
         Ok(self.next()?)
     }
 
-    /// Its rules, if the scheme is primal.
+    /// Returns the step as a primal step; `None` if the scheme is dual.
     pub(crate) fn primal(&self) -> Option<&Primal> {
         match &self.rules {
             Kind::Primal(step) => Some(step),
@@ -106,7 +106,7 @@ impl Step {
         }
     }
 
-    /// The refined creases, sorted by vertices.
+    /// Returns the creases of the refined mesh, sorted by their vertices.
     pub(crate) fn finer_creases(&self) -> Vec<([u32; 2], f64)> {
         match &self.rules {
             Kind::Primal(step) => step.finer_creases(),
@@ -114,7 +114,7 @@ impl Step {
         }
     }
 
-    /// The old face of each new one.
+    /// Returns for each new face the old face from which it gets its attributes.
     pub(crate) fn parents(&self) -> Vec<u32> {
         match &self.rules {
             Kind::Primal(step) => step.parents(),
@@ -122,7 +122,7 @@ impl Step {
         }
     }
 
-    /// The refined vertices' places.
+    /// Computes the positions of the refined vertices.
     pub(crate) fn positions(&self, old: &[Point3<f64>]) -> Vec<Point3<f64>> {
         match &self.rules {
             Kind::Primal(step) => step.positions(old),
@@ -130,12 +130,12 @@ impl Step {
         }
     }
 
-    /// An attribute per vertex, refined.
+    /// Refines a vertex attribute.
     pub(crate) fn vertex_attribute(&self, old: &Attribute) -> Attribute {
         OnVertices(self).attribute(old)
     }
 
-    /// An attribute per corner, refined.
+    /// Refines a corner attribute.
     pub(crate) fn corner_attribute(&self, old: &Attribute) -> Attribute {
         OnCorners(self).attribute(old)
     }
@@ -143,8 +143,8 @@ impl Step {
 
 struct OnVertices<'a>(&'a Step);
 
-impl Carry for OnVertices<'_> {
-    fn column<T: Mix>(&self, old: &[T]) -> Vec<T> {
+impl AttributeTransfer for OnVertices<'_> {
+    fn column<T: WeightedMean>(&self, old: &[T]) -> Vec<T> {
         match &self.0.rules {
             Kind::Primal(step) => step.carry_vertices(old),
             Kind::Dual(step) => step.carry_vertices(old),
@@ -154,8 +154,8 @@ impl Carry for OnVertices<'_> {
 
 struct OnCorners<'a>(&'a Step);
 
-impl Carry for OnCorners<'_> {
-    fn column<T: Mix>(&self, old: &[T]) -> Vec<T> {
+impl AttributeTransfer for OnCorners<'_> {
+    fn column<T: WeightedMean>(&self, old: &[T]) -> Vec<T> {
         match &self.0.rules {
             Kind::Primal(step) => step.carry_corners(old),
             Kind::Dual(step) => step.carry_corners(old),
@@ -163,7 +163,7 @@ impl Carry for OnCorners<'_> {
     }
 }
 
-/// Where the vertices go that a step has made.
+/// The limit masks for the vertices that the last step made.
 #[derive(Clone, Debug)]
 pub(crate) struct LastLimit {
     root: Arc<Topology>,
@@ -177,7 +177,7 @@ enum KindOfLimit {
     Dual(Arc<FinerDualLimit>),
 }
 
-/// A function of the first topology and the depth, which therefore stand for it in the hash.
+/// The limit masks are a function of the topology and the depth, so only these two are encoded for the hash.
 impl Memo for LastLimit {
     const NAME: &'static str = "SubdivisionLastLimit";
 
@@ -195,25 +195,25 @@ impl Memo for LastLimit {
 }
 
 impl LastLimit {
-    /// That of the vertices which `step` makes.
+    /// Computes the limit masks for the vertices that `step` made.
     ///
     /// # Errors
     /// If the refined mesh is not manifold.
     pub(crate) fn new(step: &Step) -> Result<Self, SubdivideError> {
         let limit = match &step.rules {
-            Kind::Primal(step) => KindOfLimit::Primal(FinerLimit::new(step.last()).into()),
+            Kind::Primal(step) => KindOfLimit::Primal(FinerLimit::new(step.final_mesh()).into()),
             Kind::Dual(dual) => KindOfLimit::Dual(FinerDualLimit::new(dual)?.into()),
         };
         Ok(Self { root: step.root.clone(), depth: step.depth, limit })
     }
 
-    /// The same, as [`maquette_node::Context::memo`] wants it.
+    /// Performs [`Self::new`] with the signature that [`maquette_node::Context::memo`] requires.
     pub(crate) fn memo(step: &Step) -> Result<Self, Error> {
         Ok(Self::new(step)?)
     }
 
-    /// What [`apply`](Self::apply) makes of a mesh, made of what it made, `limit`, where others than the vertices in these rows have gone to
-    /// the same places; none if all must be computed.
+    /// Updates `limit`, an earlier result of [`apply`](Self::apply), if only the limits of the vertices in `rows` have changed. Returns
+    /// `None` if a full computation is necessary.
     pub(crate) fn follow(
         &self,
         rows: &[Range<u32>],
@@ -226,10 +226,10 @@ impl LastLimit {
         }
     }
 
-    /// The same mesh with its vertices on the limit surface, and the attribute `normal`.
+    /// Moves the vertices of `mesh` to the limit surface, and adds the attribute `normal`.
     ///
     /// # Errors
-    /// If a place becomes infinite.
+    /// If a position becomes infinite.
     pub(crate) fn apply(&self, mesh: &Mesh) -> Result<Mesh, MeshError> {
         match &self.limit {
             KindOfLimit::Primal(limit) => limit.apply(mesh),

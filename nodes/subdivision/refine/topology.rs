@@ -1,4 +1,4 @@
-//! A mesh without places, and the rules: all that a plan depends on.
+//! The topology of a mesh and the rules of its subdivision: everything that a plan depends on.
 
 use maquette_value::Memo;
 use maquette_value::{Encoder, Faces, Mesh};
@@ -6,22 +6,22 @@ use maquette_value::{Encoder, Faces, Mesh};
 use crate::Subdivision;
 use crate::rules::Rules;
 
-/// A mesh without places, and the rules.
+/// The topology of a mesh and the rules of its subdivision.
 #[derive(Clone, Debug)]
 pub(crate) struct Topology {
     pub(crate) rules: Rules,
-    /// Number of vertices.
+    /// The number of vertices.
     pub(crate) vertices: usize,
     pub(crate) faces: Faces,
-    /// Sharp edges by vertices (a < b), sorted.
+    /// The sharp edges with their sharpness, each as its vertices (a < b), sorted.
     pub(crate) creases: Vec<([u32; 2], f64)>,
 }
 
 impl Topology {
-    /// That of a mesh.
-    pub(crate) fn of(mesh: &Mesh, how: Subdivision) -> Self {
+    /// Returns the topology of a mesh.
+    pub(crate) fn from_mesh(mesh: &Mesh, options: Subdivision) -> Self {
         Self {
-            rules: how.rules(),
+            rules: options.rules(),
             vertices: mesh.positions().len(),
             faces: mesh.faces().clone(),
             creases: mesh.creases().collect(),

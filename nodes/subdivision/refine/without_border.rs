@@ -1,8 +1,9 @@
-//! Leaves out what a border only supports.
+//! Removes border faces.
 
 use maquette_value::{Faces, Mesh, MeshError};
 
-/// `refined` without the faces whose ancestor in `mesh` touches the border, and without the vertices that then have no face.
+/// Removes the faces of `refined` whose original face in `mesh` touches the border, and then the vertices without faces. `ancestors` has
+/// the original face of each refined face.
 pub(crate) fn without_border(
     mesh: &Mesh,
     ancestors: &[u32],
@@ -20,27 +21,28 @@ pub(crate) fn without_border(
     select_faces(refined, &faces)
 }
 
-/// The faces with these indices, and the vertices that they name, both in their old order.
+/// Returns a mesh of the faces with these indices and of their vertices, both in their old order.
 pub(crate) fn select_faces(mesh: &Mesh, faces: &[u32]) -> Result<Mesh, MeshError> {
-    const GONE: u32 = u32::MAX;
+    const REMOVED: u32 = u32::MAX;
     let old = mesh.faces();
-    let places: Vec<u32> = faces
+    let kept_corners: Vec<u32> = faces
         .iter()
         .map(|&face| face as usize)
         .flat_map(|face| (old.first_corner(face) as u32..).take(old.face(face).len()))
         .collect();
-    let mut renamed = vec![GONE; mesh.positions().len()];
-    places.iter().for_each(|&place| renamed[old.corners()[place as usize] as usize] = 0);
+    let mut renamed = vec![REMOVED; mesh.positions().len()];
+    kept_corners.iter().for_each(|&corner| renamed[old.corners()[corner as usize] as usize] = 0);
     let vertices: Vec<u32> =
-        (0..renamed.len() as u32).filter(|&vertex| renamed[vertex as usize] != GONE).collect();
+        (0..renamed.len() as u32).filter(|&vertex| renamed[vertex as usize] != REMOVED).collect();
     (0..).zip(&vertices).for_each(|(new, &old)| renamed[old as usize] = new);
     let sides: Vec<usize> = faces.iter().map(|&face| old.face(face as usize).len()).collect();
-    let corners = places.iter().map(|&place| renamed[old.corners()[place as usize] as usize]);
+    let corners =
+        kept_corners.iter().map(|&corner| renamed[old.corners()[corner as usize] as usize]);
     let positions: Vec<_> = vertices.iter().map(|&v| mesh.positions()[v as usize]).collect();
     let creases = mesh
         .creases()
         .map(|(ends, sharpness)| (ends.map(|end| renamed[end as usize]), sharpness))
-        .filter(|(ends, _)| !ends.contains(&GONE));
+        .filter(|(ends, _)| !ends.contains(&REMOVED));
     let mut selected = Mesh::new(positions, Faces::polygons(&sides, corners.collect())?)?
         .with_creases(creases)?
         .with_materials(mesh.materials().clone())
@@ -49,7 +51,7 @@ pub(crate) fn select_faces(mesh: &Mesh, faces: &[u32]) -> Result<Mesh, MeshError
         selected = selected.with_vertex(name, attribute.select(&vertices))?;
     }
     for (name, attribute) in mesh.corner().iter() {
-        selected = selected.with_corner(name, attribute.select(&places))?;
+        selected = selected.with_corner(name, attribute.select(&kept_corners))?;
     }
     for (name, attribute) in mesh.face().iter() {
         selected = selected.with_face(name, attribute.select(faces))?;

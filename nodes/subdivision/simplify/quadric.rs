@@ -1,4 +1,4 @@
-//! The squared distance from a set of weighted planes, as a function of a place.
+//! Quadrics: functions of a position that return the sum of its weighted squared distances from planes.
 //!
 //! Garland and Heckbert, "Surface simplification using quadric error metrics" (1997).
 
@@ -6,7 +6,7 @@ use std::ops::{Add, AddAssign};
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-/// `E(x) = x^T A x - 2 b . x + c`, the sum of `weight (n . x - d)^2` over some planes.
+/// The function `E(x) = x^T A x - 2 b . x + c`, which is the sum of `weight (n . x - d)^2` over some planes `n . x = d`.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Quadric {
     a: Matrix3<f64>,
@@ -14,14 +14,15 @@ pub(crate) struct Quadric {
     c: f64,
 }
 
-/// Above this condition of its matrix a quadric has no lowest place that means anything: all planes nearly share a line.
-const MOST_CONDITION: f64 = 1e8;
+/// The maximum condition number of a quadric whose minimum is meaningful. If it is greater, all planes nearly contain a common line.
+const MAX_CONDITION: f64 = 1e8;
 
-/// An error below this share of its terms is their rounding: some units in the last place.
+/// An error below this fraction of the terms that it is computed from is only rounding: a few units in the last place.
 const ROUNDING: f64 = 1e-15;
 
 impl Quadric {
-    /// The plane through `point` with the unit normal `normal`.
+    /// Returns the weighted squared distance from a plane as a function of the position. The plane contains `point` and has the unit normal
+    /// `normal`.
     pub(crate) fn plane(normal: Vector3<f64>, point: Vector3<f64>, weight: f64) -> Self {
         let distance = normal.dot(&point);
         Self {
@@ -31,7 +32,7 @@ impl Quadric {
         }
     }
 
-    /// `weight` times the square of `slope . x + offset`.
+    /// Returns the function `weight * (slope . x + offset)^2` of the position `x`.
     pub(crate) fn linear(slope: Vector3<f64>, offset: f64, weight: f64) -> Self {
         Self {
             a: slope * slope.transpose() * weight,
@@ -40,19 +41,19 @@ impl Quadric {
         }
     }
 
-    /// The error at a place; 0 where it is less than what rounding leaves of the sums.
-    pub(crate) fn at(&self, x: Vector3<f64>) -> f64 {
+    /// Evaluates the error at the position `x`. Returns 0 if the result is only rounding.
+    pub(crate) fn evaluate(&self, x: Vector3<f64>) -> f64 {
         let square = x.dot(&(self.a * x)) + self.c;
         let error = square - 2.0 * self.b.dot(&x);
         if error < ROUNDING * square { 0.0 } else { error }
     }
 
-    /// The place of the least error, if the planes determine one.
-    pub(crate) fn lowest(&self) -> Option<Point3<f64>> {
+    /// Returns the position of the minimum; `None` if the planes do not determine one.
+    pub(crate) fn minimum(&self) -> Option<Point3<f64>> {
         let sizes = self.a.symmetric_eigenvalues();
-        let determined = sizes.max() < MOST_CONDITION * sizes.min();
-        let place = self.a.try_inverse().filter(|_| determined)? * self.b;
-        place.iter().all(|x| x.is_finite()).then(|| place.into())
+        let determined = sizes.max() < MAX_CONDITION * sizes.min();
+        let position = self.a.try_inverse().filter(|_| determined)? * self.b;
+        position.iter().all(|x| x.is_finite()).then(|| position.into())
     }
 }
 
@@ -81,16 +82,16 @@ mod tests {
         let quadric =
             planes.map(|normal| Quadric::plane(normal, at, 2.0)).into_iter().reduce(Add::add);
         let quadric = quadric.unwrap();
-        assert!((quadric.lowest().unwrap().coords - at).norm() < 1e-12);
-        assert!(quadric.at(at) < 1e-12);
-        assert!((quadric.at(at + Vector3::y() * 0.5) - 0.5).abs() < 1e-12);
+        assert!((quadric.minimum().unwrap().coords - at).norm() < 1e-12);
+        assert!(quadric.evaluate(at) < 1e-12);
+        assert!((quadric.evaluate(at + Vector3::y() * 0.5) - 0.5).abs() < 1e-12);
     }
 
     #[test]
     fn planes_that_share_a_line_have_no_lowest_place() {
         let quadric = Quadric::plane(Vector3::x(), Vector3::zeros(), 1.0)
             + Quadric::plane(Vector3::y(), Vector3::zeros(), 1.0);
-        assert!(quadric.lowest().is_none());
-        assert_eq!(quadric.at(Vector3::z() * 7.0), 0.0);
+        assert!(quadric.minimum().is_none());
+        assert_eq!(quadric.evaluate(Vector3::z() * 7.0), 0.0);
     }
 }

@@ -3,21 +3,21 @@ use nalgebra::Point3;
 
 use super::*;
 
-/// A square sheet of `n` by `n` cells over the unit square, lifted by `height`.
+/// Creates a square sheet of `n` by `n` cells over the unit square; `height` gives the height of each vertex.
 fn sheet(n: u32, height: impl Fn(f64, f64) -> f64) -> Mesh {
     let cells = (0..n * n).map(|k| k / n * (n + 1) + k % n);
     let faces = cells.flat_map(|a| [[a, a + 1, a + n + 2], [a, a + n + 2, a + n + 1]]);
-    let places: Vec<_> = (0..(n + 1) * (n + 1))
+    let positions: Vec<_> = (0..(n + 1) * (n + 1))
         .map(|k: u32| {
             let [x, y] = [k % (n + 1), k / (n + 1)].map(|k| f64::from(k) / f64::from(n));
             Point3::new(x, y, height(x, y))
         })
         .collect();
-    Mesh::new(places, Faces::triangles(faces.collect())).unwrap()
+    Mesh::new(positions, Faces::triangles(faces.collect())).unwrap()
 }
 
 fn simple(mesh: &Mesh, target: usize) -> Mesh {
-    simplify(mesh, target, &Progress::none()).unwrap()
+    simplify(mesh, target, &Progress::silent()).unwrap()
 }
 
 fn area(mesh: &Mesh) -> f64 {
@@ -34,14 +34,14 @@ fn a_flat_sheet_becomes_two_triangles_and_keeps_its_corners() {
     let flat = simple(&sheet(16, |_, _| 0.0), 2);
     assert_eq!(flat.faces().len(), 2);
     assert!((area(&flat) - 1.0).abs() < 1e-12);
-    let mut places: Vec<_> =
+    let mut positions: Vec<_> =
         flat.positions().iter().map(|p| [p.x, p.y].map(|x| x as i32)).collect();
-    places.sort_unstable();
-    assert_eq!(places, [[0, 0], [0, 1], [1, 0], [1, 1]]);
+    positions.sort_unstable();
+    assert_eq!(positions, [[0, 0], [0, 1], [1, 0], [1, 1]]);
 }
 
-/// A flat sheet of `n` by `n` cells in a plane that no coordinate is constant in.
-fn tilted(n: u32) -> Mesh {
+/// A flat sheet of `n` by `n` cells in a plane that is not parallel to a coordinate axis.
+fn tilted_sheet(n: u32) -> Mesh {
     let flat = sheet(n, |_, _| 0.0);
     flat.with_positions(
         flat.positions()
@@ -56,15 +56,15 @@ fn tilted(n: u32) -> Mesh {
 }
 
 #[test]
-fn what_is_flat_takes_no_more_work_for_each_vertex_if_it_is_finer() {
+fn work_per_vertex_does_not_grow_with_the_resolution_of_a_flat_mesh() {
     for n in [20, 80] {
-        for flat in [sheet(n, |_, _| 0.0), tilted(n)] {
+        for flat in [sheet(n, |_, _| 0.0), tilted_sheet(n)] {
             let target = flat.faces().len() / 20;
-            let mut collapsing = Collapsing::new(&flat, &Progress::none()).unwrap();
+            let mut collapsing = Simplifier::new(&flat, &Progress::silent()).unwrap();
             let (mut judged, mut most) = (0, 0);
             while target < collapsing.net.n_faces {
                 let next = collapsing.heap.pop().unwrap();
-                let now = collapsing.make(&next);
+                let now = collapsing.collapse(&next);
                 judged += now;
                 most = most.max(now);
             }
@@ -76,8 +76,8 @@ fn what_is_flat_takes_no_more_work_for_each_vertex_if_it_is_finer() {
 }
 
 #[test]
-fn what_is_flat_is_left_in_even_triangles() {
-    for flat in [sheet(40, |_, _| 0.0), tilted(40)] {
+fn a_flat_mesh_is_reduced_to_even_triangles() {
+    for flat in [sheet(40, |_, _| 0.0), tilted_sheet(40)] {
         let coarse = simple(&flat, 160);
         let mut evenness: Vec<_> = coarse
             .faces()
@@ -86,7 +86,7 @@ fn what_is_flat_is_left_in_even_triangles() {
                 let [a, b, c] = [0, 1, 2].map(|k| coarse.positions()[face[k] as usize]);
                 let sides =
                     (b - a).norm_squared() + (c - b).norm_squared() + (a - c).norm_squared();
-                // 1 for three equal sides.
+                // The quality is 1 for a triangle with three equal sides.
                 12_f64.sqrt() * (b - a).cross(&(c - a)).norm() / sides
             })
             .collect();
@@ -105,11 +105,11 @@ fn a_wave_keeps_its_shape_with_a_tenth_of_the_faces() {
     assert!(coarse.faces().len() <= 720);
     let edges = coarse.edges();
     assert!(edges.misoriented == 0 && edges.faces.iter().all(|&faces| faces <= 2));
-    for place in coarse.positions().iter() {
-        assert!((place.z - height(place.x, place.y)).abs() < 2e-3, "{place}");
+    for position in coarse.positions().iter() {
+        assert!((position.z - height(position.x, position.y)).abs() < 2e-3, "{position}");
     }
     assert!((area(&coarse) / area(&fine) - 1.0).abs() < 5e-3);
-    // No face looks down.
+    // No face is flipped.
     assert!(coarse.faces().iter().all(|face| coarse.area_vector(face).z > 0.0));
 }
 
@@ -147,30 +147,30 @@ fn a_closed_mesh_stays_closed_and_of_its_kind() {
     let counts = [coarse.positions().len(), edges.vertices.len(), coarse.faces().len()];
     let [v, e, f] = counts.map(|count| count as i64);
     assert_eq!(v - e + f, 0);
-    // As far as a closed surface of so little genus can go.
+    // A torus needs at least 14 triangles.
     assert!(simple(&coarse, 0).faces().len() >= 14);
 }
 
 #[test]
 fn creases_stay_where_they_are() {
-    // A roof: its ridge runs along y.
+    // A roof with its ridge along y.
     let roof = sheet(20, |x, _| 0.5 - (x - 0.5).abs());
     let ridge = (0..20u32).map(|row| ([row * 21 + 10, (row + 1) * 21 + 10], 10.0));
     let roof = roof.with_creases(ridge).unwrap();
     let coarse = simple(&roof, 4);
     assert_eq!(coarse.faces().len(), 4);
-    let creases = Vec::from_iter(coarse.creases());
+    let creases: Vec<_> = coarse.creases().collect();
     assert_eq!(creases.len(), 1);
     for end in creases[0].0 {
-        let place = coarse.positions()[end as usize];
-        assert!((place.x - 0.5).abs() < 1e-9 && (place.z - 0.5).abs() < 1e-9);
+        let position = coarse.positions()[end as usize];
+        assert!((position.x - 0.5).abs() < 1e-9 && (position.z - 0.5).abs() < 1e-9);
     }
 }
 
 #[test]
-fn attributes_go_with_their_vertices_and_faces() {
+fn attributes_follow_their_vertices_and_faces() {
     let fine = sheet(10, |x, y| x * y);
-    let uv = fine.positions().iter().map(|place| [place.x, place.y]);
+    let uv = fine.positions().iter().map(|position| [position.x, position.y]);
     let side = (0..200u32).map(|face| u32::from(face >= 100));
     let fine = fine
         .clone()
@@ -179,15 +179,18 @@ fn attributes_go_with_their_vertices_and_faces() {
         .unwrap();
     let coarse = simple(&fine, 40);
     let Some(Attribute::Pair(uv)) = coarse.vertex().get("uv") else { panic!("uv") };
-    for (place, [u, v]) in coarse.positions().iter().zip(uv.iter()) {
-        // Straight along an edge is where a mixed vertex is, but for what the surface bends.
-        assert!((place.x - u).abs() < 0.08 && (place.y - v).abs() < 0.08, "{place} {u} {v}");
+    for (position, [u, v]) in coarse.positions().iter().zip(uv.iter()) {
+        // A merged vertex is at the position that its texture coordinates had on the old surface, up to the curvature of the surface.
+        assert!(
+            (position.x - u).abs() < 0.08 && (position.y - v).abs() < 0.08,
+            "{position} {u} {v}"
+        );
     }
     let Some(Attribute::Index(side)) = coarse.face().get("side") else { panic!("side") };
     assert_eq!(side.len(), coarse.faces().len());
 }
 
-/// A tube of `n` faces around and along, of which the texture is cut open along a line and lies at its place times its size in mm.
+/// Creates a tube with `n` faces around it. Its texture is cut along a line and has a scale of 1 mm per unit.
 fn textured_tube(n: u32, along: u32) -> Mesh {
     fn name(i: u32, j: u32, n: u32) -> u32 {
         i % n + j * n
@@ -202,13 +205,13 @@ fn textured_tube(n: u32, along: u32) -> Mesh {
             uv.extend(corners.map(|(i, j)| [f64::from(i) / width, f64::from(j) / height]));
         }
     }
-    let places: Vec<_> = (0..n * (along + 1))
+    let positions: Vec<_> = (0..n * (along + 1))
         .map(|k: u32| {
             let turn = std::f64::consts::TAU * f64::from(k % n) / f64::from(n);
             Point3::new(10.0 * libm::cos(turn), 10.0 * libm::sin(turn), f64::from(k / n))
         })
         .collect();
-    let tube = Mesh::new(places, Faces::triangles(faces)).unwrap();
+    let tube = Mesh::new(positions, Faces::triangles(faces)).unwrap();
     tube.with_corner("uv", Attribute::Pair(uv.into())).unwrap()
 }
 
@@ -221,18 +224,18 @@ fn a_texture_stays_on_both_sides_of_its_seam() {
     let corners = coarse.faces().corners().iter();
     let mut seam = [0, 0];
     for (&vertex, &[u, v]) in corners.zip(uv.iter()) {
-        let place = coarse.positions()[vertex as usize];
-        assert!((v - place.z / 40.0).abs() < 2e-3, "{place} {v}");
-        let turn = libm::atan2(place.y, place.x) / std::f64::consts::TAU;
+        let position = coarse.positions()[vertex as usize];
+        assert!((v - position.z / 40.0).abs() < 2e-3, "{position} {v}");
+        let turn = libm::atan2(position.y, position.x) / std::f64::consts::TAU;
         let off = u - turn - (u - turn).round();
-        assert!(off.abs() < 4e-3, "{place} {u} {turn}");
+        assert!(off.abs() < 4e-3, "{position} {u} {turn}");
         assert!((0.0..=1.0).contains(&u) && (0.0..=1.0).contains(&v));
         if turn.abs() < 1e-9 {
             seam[usize::from(u > 0.5)] += 1;
         }
     }
     assert!(seam.iter().all(|&count| count >= 2), "{seam:?}");
-    // No triangle reaches across the seam.
+    // No triangle crosses the seam.
     for uv in uv.chunks(3) {
         let [least, most] =
             [f64::min, f64::max].map(|f| uv.iter().map(|uv| uv[0]).reduce(f).unwrap());
@@ -243,15 +246,16 @@ fn a_texture_stays_on_both_sides_of_its_seam() {
 #[test]
 fn a_flat_sheet_keeps_an_even_texture_exactly_and_patches_apart() {
     let fine = sheet(16, |_, _| 0.0);
-    let places =
+    let positions =
         fine.faces().corners().iter().map(|&v| fine.positions()[v as usize]).collect::<Vec<_>>();
-    // The right half is elsewhere in the picture; colors are given for each half, too.
-    fn half(corner: usize, places: &[Point3<f64>]) -> bool {
-        places[corner / 3 * 3..][..3].iter().any(|place| place.x > 0.5)
+    // The right half uses another part of the texture than the left half, and each half has its own color.
+    fn half(corner: usize, positions: &[Point3<f64>]) -> bool {
+        positions[corner / 3 * 3..][..3].iter().any(|position| position.x > 0.5)
     }
-    let uv = (0..places.len())
-        .map(|k| [places[k].x * 0.5 + f64::from(u8::from(half(k, &places))), places[k].y]);
-    let color = (0..places.len()).map(|k| if half(k, &places) { [200, 0, 0] } else { [0, 100, 0] });
+    let uv = (0..positions.len())
+        .map(|k| [positions[k].x * 0.5 + f64::from(u8::from(half(k, &positions))), positions[k].y]);
+    let color =
+        (0..positions.len()).map(|k| if half(k, &positions) { [200, 0, 0] } else { [0, 100, 0] });
     let fine = fine
         .clone()
         .with_corner("uv", Attribute::Pair(uv.collect()))
@@ -261,17 +265,19 @@ fn a_flat_sheet_keeps_an_even_texture_exactly_and_patches_apart() {
     assert_eq!(flat.faces().len(), 4);
     let (uv, color) = (flat.corner().pairs("uv").unwrap(), flat.corner().colors("color").unwrap());
     for (face, (uv, color)) in flat.faces().iter().zip(uv.chunks(3).zip(color.chunks(3))) {
-        let places = [0, 1, 2].map(|k| flat.positions()[face[k] as usize]);
-        let is_right = places.iter().any(|place| place.x > 0.5 + 1e-9);
+        let positions = [0, 1, 2].map(|k| flat.positions()[face[k] as usize]);
+        let is_right = positions.iter().any(|position| position.x > 0.5 + 1e-9);
         for k in 0..3 {
-            let expected = places[k].x * 0.5 + f64::from(u8::from(is_right));
-            assert!((uv[k][0] - expected).abs() < 1e-12 && (uv[k][1] - places[k].y).abs() < 1e-12);
+            let expected = positions[k].x * 0.5 + f64::from(u8::from(is_right));
+            assert!(
+                (uv[k][0] - expected).abs() < 1e-12 && (uv[k][1] - positions[k].y).abs() < 1e-12
+            );
             assert_eq!(color[k], if is_right { [200, 0, 0] } else { [0, 100, 0] });
         }
     }
 }
 
-/// A ball of 30 mm, of which each column of faces lies in one of two places of the picture, by turns as a zigzag.
+/// Creates a ball of 30 mm with a zigzag seam: alternating columns of faces use two different parts of the texture.
 fn textured_ball() -> Mesh {
     let (n, rows) = (90u32, 60u32);
     let (mut faces, mut uv) = (Vec::new(), Vec::new());
@@ -281,12 +287,12 @@ fn textured_ball() -> Mesh {
         for triangle in [[0, 1, 2], [0, 2, 3]].map(|it| it.map(|k: usize| square[k])) {
             faces.push(triangle.map(|(i, j)| i % n + j * n));
             let shift = f64::from(u8::from(is_patch));
-            let place =
+            let position =
                 |(i, j)| [f64::from(i) / f64::from(n) + shift, f64::from(j) / f64::from(rows)];
-            uv.extend(triangle.map(place));
+            uv.extend(triangle.map(position));
         }
     }
-    let places: Vec<_> = (0..n * (rows + 1))
+    let positions: Vec<_> = (0..n * (rows + 1))
         .map(|k: u32| {
             let turn = std::f64::consts::TAU * f64::from(k % n) / f64::from(n);
             let rise = 2.6 * (f64::from(k / n) / f64::from(rows) - 0.5);
@@ -294,7 +300,7 @@ fn textured_ball() -> Mesh {
             30.0 * Point3::new(libm::cos(rise) * cos, libm::cos(rise) * sin, libm::sin(rise))
         })
         .collect();
-    let ball = Mesh::new(places, Faces::triangles(faces)).unwrap();
+    let ball = Mesh::new(positions, Faces::triangles(faces)).unwrap();
     ball.with_corner("uv", Attribute::Pair(uv.into())).unwrap()
 }
 
@@ -303,7 +309,7 @@ fn a_texture_of_jagged_patches_does_not_lift_vertices_off_the_surface() {
     let ball = textured_ball();
     let bare = Mesh::new(ball.positions().clone(), ball.faces().clone()).unwrap();
     fn farthest(mesh: &Mesh) -> f64 {
-        let off = mesh.positions().iter().map(|place| (place.coords.norm() - 30.0).abs());
+        let off = mesh.positions().iter().map(|position| (position.coords.norm() - 30.0).abs());
         off.fold(0.0, f64::max)
     }
     let [textured, bare] = [&ball, &bare].map(|mesh| farthest(&simple(mesh, 600)));

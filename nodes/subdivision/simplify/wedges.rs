@@ -1,46 +1,47 @@
-//! What lies on the corners around a vertex, such as texture coordinates, and the seams between.
+//! Corner attributes around a vertex, such as texture coordinates, and the seams between them.
 //!
-//! A *wedge* is the corners at one vertex that have the same attributes: Hoppe, "Efficient implementation of progressive meshes" (1998),
-//! section 2.
+//! A *wedge* is the set of those corners at one vertex that have equal attributes: Hoppe, "Efficient implementation of progressive meshes"
+//! (1998), section 2.
 
-use maquette_base::linear::carry::Carry;
-use maquette_base::linear::mix::Mix;
+use maquette_base::linear::attribute_transfer::AttributeTransfer;
+use maquette_base::linear::weighted_mean::WeightedMean;
 use maquette_base::topology::lists::Lists;
 use maquette_value::{Attribute, Mesh};
 use nalgebra::{Point3, Vector3};
 
 use super::quadric::Quadric;
 
-/// The wedges of a mesh of triangles.
+/// The wedges of a triangle mesh.
 pub(super) struct Wedges {
     /// The wedge at each corner of each triangle.
-    of: Vec<[u32; 3]>,
-    /// A corner of the mesh that has what each wedge has.
+    triangle_wedges: Vec<[u32; 3]>,
+    /// For each wedge a corner of the input mesh that has the attributes of the wedge.
     corners: Vec<u32>,
-    /// How texture coordinates change along the surface around each wedge; empty if there are none.
+    /// The gradients of the two texture coordinates around each wedge; empty if the mesh has no texture coordinates.
     textures: Vec<[Linear; 2]>,
-    /// What was done.
-    mixes: Vec<Mixed>,
+    /// The history of merges of wedges.
+    mixes: Vec<MixedWedge>,
 }
 
-/// The wedges at a place of a triangle, with their shares.
+/// A point of a triangle: each corner's barycentric weight and wedge.
 pub(super) type Parts = [(f64, u32); 3];
 
-/// A wedge that was made of others.
-struct Mixed {
-    /// Those with one number were mixed at one time.
+/// A wedge whose attributes are a weighted mean of other wedges.
+struct MixedWedge {
+    /// The number of the merge. Wedges with the same number were merged simultaneously.
     time: u32,
     wedge: u32,
     parts: Parts,
 }
 
-/// A side of an edge: its wedges at both ends.
+/// A side of an edge: the wedges that the faces on this side have at both ends.
 pub(super) type Side = [u32; 2];
 
 impl Wedges {
-    /// Those of a mesh whose faces were cut into triangles, each with its corners; none if nothing lies on corners but normals, which are dropped.
+    /// Finds the wedges of a mesh that was cut into triangles. `corners` has for each triangle its corners in the input mesh. Returns
+    /// `None` if the mesh has no corner attributes other than normals, which are dropped.
     pub(super) fn new(mesh: &Mesh, triangles: &[[u32; 3]], corners: &[[u32; 3]]) -> Option<Self> {
-        let attributes: Vec<_> = carried(mesh).map(|(_, attribute)| attribute).collect();
+        let attributes: Vec<_> = carried_attributes(mesh).map(|(_, attribute)| attribute).collect();
         if attributes.is_empty() {
             return None;
         }
@@ -49,10 +50,10 @@ impl Wedges {
         let (mut of_corner, mut first) = (vec![0u32; vertices.len()], Vec::<u32>::new());
         for vertex in 0..mesh.positions().len() {
             let begin = first.len();
-            for &corner in at.of(vertex) {
-                let is_same =
-                    |other: &u32| attributes.iter().all(|it| is_same(it, [corner, *other]));
-                let known = first[begin..].iter().position(is_same);
+            for &corner in at.list(vertex) {
+                let known = first[begin..].iter().position(|&other| {
+                    attributes.iter().all(|attribute| is_same(attribute, [corner, other]))
+                });
                 of_corner[corner as usize] = known.map_or(first.len(), |k| begin + k) as u32;
                 if known.is_none() {
                     first.push(corner);
@@ -60,16 +61,20 @@ impl Wedges {
             }
         }
         let of = corners.iter().map(|corners| corners.map(|corner| of_corner[corner as usize]));
-        let mut wedges =
-            Self { of: of.collect(), corners: first, textures: Vec::new(), mixes: Vec::new() };
+        let mut wedges = Self {
+            triangle_wedges: of.collect(),
+            corners: first,
+            textures: Vec::new(),
+            mixes: Vec::new(),
+        };
         if let Some(uv) = mesh.corner().pairs("uv") {
             wedges.measure(mesh, triangles, corners, uv);
         }
         Some(wedges)
     }
 
-    /// Finds how texture coordinates change along the surface: in mm, so that a texture may slip as far as the surface may be off. The
-    /// scale is that at which the picture has the area that it covers.
+    /// Computes the gradients of the texture coordinates, scaled to mm: at this scale the texture has the area of the surface that it
+    /// covers. A texture shift thus counts as much as an equal distance from the surface.
     fn measure(
         &mut self,
         mesh: &Mesh,
@@ -80,19 +85,20 @@ impl Wedges {
         fn spans([a, b, c]: [Point3<f64>; 3]) -> [Vector3<f64>; 2] {
             [b - a, c - a]
         }
-        let place = |vertex: u32| mesh.positions()[vertex as usize];
         let (mut area, mut covered) = (0.0, 0.0);
         for (triangle, corners) in triangles.iter().zip(corners) {
-            let [ab, ac] = spans(triangle.map(place));
+            let [ab, ac] = spans(triangle.map(|vertex| mesh.positions()[vertex as usize]));
             area += ab.cross(&ac).norm();
             let [a, b, c] = corners.map(|corner| uv[corner as usize]);
             covered += ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])).abs();
         }
         let scale = if covered > 0.0 { (area / covered).sqrt() } else { 0.0 };
         self.textures = vec![Default::default(); self.corners.len()];
-        for ((triangle, corners), wedges) in triangles.iter().zip(corners).zip(&self.of) {
-            let places = triangle.map(place);
-            let [ab, ac] = spans(places);
+        for ((triangle, corners), wedges) in
+            triangles.iter().zip(corners).zip(&self.triangle_wedges)
+        {
+            let positions = triangle.map(|vertex| mesh.positions()[vertex as usize]);
+            let [ab, ac] = spans(positions);
             let normal = ab.cross(&ac);
             let square = normal.norm_squared();
             if square == 0.0 {
@@ -100,21 +106,21 @@ impl Wedges {
             }
             for axis in [0, 1] {
                 let [a, b, c] = corners.map(|corner| uv[corner as usize][axis] * scale);
-                // Along the triangle, and by as much as its corners say.
+                // The gradient of a texture coordinate in the plane of the triangle.
                 let slope = (ac.cross(&normal) * (b - a) + normal.cross(&ab) * (c - a)) / square;
                 let linear =
-                    Linear::new(slope, a - slope.dot(&places[0].coords), square.sqrt() / 2.0);
+                    Linear::new(slope, a - slope.dot(&positions[0].coords), square.sqrt() / 2.0);
                 wedges.iter().for_each(|&wedge| self.textures[wedge as usize][axis].add(&linear));
             }
         }
     }
 
     /// The wedges of a triangle.
-    pub(super) fn of(&self, triangle: u32) -> [u32; 3] {
-        self.of[triangle as usize]
+    pub(super) fn triangle_wedges(&self, triangle: u32) -> [u32; 3] {
+        self.triangle_wedges[triangle as usize]
     }
 
-    /// What it costs the texture to make one wedge of each side's two.
+    /// Returns the texture error caused by merging the two wedges of each side, as a function of the new position.
     pub(super) fn cost(&self, sides: &[Side]) -> Quadric {
         let mut cost = Quadric::default();
         for &[a, b] in sides.iter().filter(|_| !self.textures.is_empty()) {
@@ -127,10 +133,11 @@ impl Wedges {
         cost
     }
 
-    /// Makes one wedge of each side's two, of these parts. `time` counts upwards.
+    /// Merges the two wedges of each side; the merged wedge is the weighted mean of the wedges in `Parts`. `time` must increase with each
+    /// call.
     pub(super) fn merge(&mut self, time: u32, sides: impl Iterator<Item = (Side, Parts)>) {
         for ([a, b], parts) in sides {
-            self.mixes.push(Mixed { time, wedge: a, parts });
+            self.mixes.push(MixedWedge { time, wedge: a, parts });
             if !self.textures.is_empty() {
                 let of_b = self.textures[b as usize];
                 (0..2).for_each(|axis| self.textures[a as usize][axis].add(&of_b[axis]));
@@ -138,38 +145,39 @@ impl Wedges {
         }
     }
 
-    /// Gives a corner another wedge.
+    /// Assigns another wedge to a corner.
     pub(super) fn replace(&mut self, triangle: u32, corner: usize, wedge: u32) {
-        self.of[triangle as usize][corner] = wedge;
+        self.triangle_wedges[triangle as usize][corner] = wedge;
     }
 
-    /// The attributes of the corners of some triangles.
+    /// Computes the corner attributes of some triangles.
     pub(super) fn attributes<'a>(
         &'a self,
         mesh: &'a Mesh,
         triangles: &'a [usize],
     ) -> impl Iterator<Item = (&'a str, Attribute)> {
-        let of_corners = triangles.iter().flat_map(|&triangle| self.of[triangle]);
-        let of_corners = Vec::from_iter(of_corners);
-        carried(mesh).map(move |(name, attribute)| {
+        let of_corners = triangles.iter().flat_map(|&triangle| self.triangle_wedges[triangle]);
+        let of_corners: Vec<_> = of_corners.collect();
+        carried_attributes(mesh).map(move |(name, attribute)| {
             let mixed = self.attribute(&attribute.select(&self.corners));
             (name, mixed.select(&of_corners))
         })
     }
 }
 
-impl Carry for Wedges {
-    fn column<T: Mix>(&self, old: &[T]) -> Vec<T> {
+impl AttributeTransfer for Wedges {
+    fn column<T: WeightedMean>(&self, old: &[T]) -> Vec<T> {
         let mut mixed = old.to_vec();
         for together in self.mixes.chunk_by(|a, b| a.time == b.time) {
-            let new = together.iter().map(|Mixed { wedge, parts, .. }| {
-                // Indices have no mean: the nearest one comes first. What has no share must not set a flag.
+            let new = together.iter().map(|MixedWedge { wedge, parts, .. }| {
+                // A mean of integer indices is not possible: the index of the first part is taken. So put the nearest corner first. Corners
+                // of weight 0 are removed, because they must not set a flag.
                 let mut parts: Vec<_> = parts.iter().filter(|(share, _)| *share > 0.0).collect();
                 parts.sort_by(|a, b| b.0.total_cmp(&a.0));
                 let parts = parts.into_iter().map(|&(share, part)| (share, mixed[part as usize]));
-                (*wedge, T::mix(parts))
+                (*wedge, T::weighted_mean(parts))
             });
-            for (wedge, value) in Vec::from_iter(new) {
+            for (wedge, value) in new.collect::<Vec<_>>() {
                 mixed[wedge as usize] = value;
             }
         }
@@ -177,14 +185,14 @@ impl Carry for Wedges {
     }
 }
 
-/// The attributes of corners that are carried: all but normals.
-fn carried(mesh: &Mesh) -> impl Iterator<Item = (&str, &Attribute)> {
+/// The corner attributes that are transferred: all but normals.
+fn carried_attributes(mesh: &Mesh) -> impl Iterator<Item = (&str, &Attribute)> {
     mesh.corner().iter().filter(|(name, _)| *name != "normal")
 }
 
-/// Whether two entries are the same.
-fn is_same(attribute: &Attribute, places: [u32; 2]) -> bool {
-    let [a, b] = places.map(|place| place as usize);
+/// Returns true if two entries of an attribute are equal.
+fn is_same(attribute: &Attribute, indices: [u32; 2]) -> bool {
+    let [a, b] = indices.map(|index| index as usize);
     match attribute {
         Attribute::Number(all) => all[a].to_bits() == all[b].to_bits(),
         Attribute::Index(all) => all[a] == all[b],
@@ -195,16 +203,16 @@ fn is_same(attribute: &Attribute, places: [u32; 2]) -> bool {
     }
 }
 
-/// Linear functions of the place, each weighed by the area of its triangle: `slope . x + offset`.
+/// A sum of linear functions `slope . x + offset` of the position `x`, weighted by the areas of their triangles.
 ///
-/// Hoppe, "New quadric metric for simplifying meshes with appearance attributes" (1999), section 4: what a vertex has is free, so that of all
-/// functions only their deviation from their mean counts.
+/// Hoppe, "New quadric metric for simplifying meshes with appearance attributes" (1999), section 4. The value of the texture coordinate at
+/// the merged vertex can be chosen freely, so only the deviation of the functions from their mean counts.
 #[derive(Clone, Copy, Debug, Default)]
 struct Linear {
     weight: f64,
     slope: Vector3<f64>,
     offset: f64,
-    /// The sum of the weighted squares.
+    /// The sum of the functions' weighted squares.
     squares: Quadric,
 }
 
@@ -221,7 +229,7 @@ impl Linear {
         self.squares += other.squares;
     }
 
-    /// The weighted squares of the functions' deviations from their mean.
+    /// Returns the sum of the functions' weighted squared deviations from their mean.
     fn deviation(&self) -> Quadric {
         let mut deviation = self.squares;
         if self.weight > 0.0 {

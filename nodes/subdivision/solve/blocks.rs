@@ -1,22 +1,21 @@
-//! Which limit points depend on which control points alone: the order in which they are solved for.
+//! Block decomposition of the interpolation equations: it determines the order in which control points are solved for.
 //!
-//! The blocks are found from the limit masks alone, for every scheme. Around the end of a crease the equations do not decompose; there the
-//! normal equations are solved.
+//! The blocks are derived from the limit masks, for every scheme. Around the end of a crease the equations do not decompose into blocks; in
+//! this case the normal equations are solved.
 
 use maquette_value::Faces;
 use maquette_value::parallel::*;
 
 use super::limit_matrix::LimitMatrix;
 use crate::Scheme;
-use crate::limit::limit_rows::LimitPlaces;
+use crate::limit::limit_rows::LimitPositions;
 
-/// The masks of corners and of vertices on borders and creases have at most so many entries: fewer than those of smooth vertices
-/// with three neighbors.
-const CURVE: usize = 3;
+/// The maximum number of entries in a mask of a corner or of a vertex on a border or crease. Masks of smooth vertices have more entries.
+const MAX_CURVE_ENTRIES: usize = 3;
 
-/// The equations of the control points of `limit`, in blocks: what reaches nobody else first. Control points that `fixed` marks are
-/// in no block; it may be empty.
-pub(crate) fn limit_matrix(limit: &LimitPlaces, faces: &Faces, fixed: &[bool]) -> LimitMatrix {
+/// Builds the equations for the control points from the masks in `limit`. The equations are grouped into blocks, those that depend on no
+/// other block first. Control points marked in `fixed`, which may be empty, are in no block.
+pub(crate) fn limit_matrix(limit: &LimitPositions, faces: &Faces, fixed: &[bool]) -> LimitMatrix {
     let rows = &limit.positions;
     let mut degrees = vec![0u32; rows.len()];
     faces.corners().iter().for_each(|&vertex| degrees[vertex as usize] += 1);
@@ -28,7 +27,7 @@ pub(crate) fn limit_matrix(limit: &LimitPlaces, faces: &Faces, fixed: &[bool]) -
         let n = f64::from(degrees[vertex]);
         match limit.topology.rules.scheme {
             _ if beside == 0.0 => 1.0,
-            _ if indices.len() <= CURVE => 1.0 / beside,
+            _ if indices.len() <= MAX_CURVE_ENTRIES => 1.0 / beside,
             Scheme::Loop => 1.0 / beside,
             Scheme::CatmullClark => n * (n + 5.0),
             Scheme::DooSabin => n,
@@ -48,17 +47,17 @@ pub(crate) fn limit_matrix(limit: &LimitPlaces, faces: &Faces, fixed: &[bool]) -
     LimitMatrix { scale, blocks, rows: rows.clone() }
 }
 
-/// For each vertex how many others must be solved for one after the other before it, and whether vertices of one such level always
-/// reach each other both ways or not at all.
+/// Computes the level of each vertex: the number of vertices in the longest chain that must be solved before it. Also returns whether the
+/// dependence between vertices of one level is symmetric.
 ///
-/// Where two vertices reach each other, they are solved for together. Where only one reaches the other, it comes after it; unless they
-/// are solved for together because of others, as around the end of a crease.
-fn levels(limit: &LimitPlaces) -> (Vec<u32>, bool) {
+/// Two vertices that depend on each other are solved together. If only one depends on the other, it gets a higher level, unless other
+/// vertices force both to be solved together, as around the end of a crease.
+fn levels(limit: &LimitPositions) -> (Vec<u32>, bool) {
     let rows = &limit.positions;
     let count = rows.len();
     let mut levels = vec![0; count];
-    // Without borders and creases all reach each other.
-    if (0..count).all(|vertex| rows.row(vertex).0.len() > CURVE) {
+    // Without borders and creases all vertices depend on each other.
+    if (0..count).all(|vertex| rows.row(vertex).0.len() > MAX_CURVE_ENTRIES) {
         return (levels, true);
     }
     fn reaches(from: usize, to: u32, rows: &maquette_base::linear::stencils::Stencils) -> bool {
@@ -79,7 +78,7 @@ fn levels(limit: &LimitPlaces) -> (Vec<u32>, bool) {
     if after.iter().any(|[a, b]| leader(&mut leaders, *a) == leader(&mut leaders, *b)) {
         return (levels, false);
     }
-    // Corners, curves, smooth vertices: chains are short.
+    // Chains are short: corners, then curves, then smooth vertices.
     loop {
         let mut changed = false;
         for &[vertex, before] in &after {
@@ -96,7 +95,7 @@ fn levels(limit: &LimitPlaces) -> (Vec<u32>, bool) {
     ((0..count as u32).map(|vertex| levels[leader(&mut leaders, vertex) as usize]).collect(), true)
 }
 
-/// The lowest vertex that is solved for together with one.
+/// Returns the lowest vertex among those that are solved together with `vertex`.
 fn leader(leaders: &mut [u32], vertex: u32) -> u32 {
     let mut at = vertex;
     while leaders[at as usize] != at {

@@ -1,26 +1,26 @@
-//! The steps of conjugate gradients, each in two passes over memory.
+//! The conjugate gradient method, with two passes over memory per step.
 //!
-//! Three coordinates are solved side by side, in lists of four numbers each, which one instruction loads, multiplies or adds.
+//! Three coordinates are solved in parallel. Each entry has four numbers, which suits SIMD instructions.
 
 use maquette_base::linear::columns::{CHUNK, Column};
-use maquette_base::linear::missed::Missed;
+use maquette_base::linear::residuals::Residuals;
 use maquette_base::linear::stencils::Stencils;
 use maquette_value::parallel::*;
 use maquette_value::simd::{Kernel, widest};
 
-/// Three coordinates and a zero.
+/// Three coordinates, padded with a zero.
 type Four = [f64; 4];
 
-/// A search for the solution of symmetric equations: its iterate, its residual and its search direction.
+/// The state of the iteration: iterate, residual and search direction.
 pub(crate) struct Search<'a> {
     rows: &'a Stencils,
-    /// The factors of the rows that make them symmetric.
+    /// The factors by which the rows are multiplied to make the matrix symmetric.
     scale: &'a [f64],
-    /// The iterate, from the start on.
+    /// The iterate, as the difference from the start.
     moved: Vec<Four>,
-    /// The residual: what is left of the right side.
+    /// The residual of the iterate.
     residual: Vec<Four>,
-    /// The search direction, and the rows times it.
+    /// The search direction. `applied` is the product of the matrix with it.
     direction: Vec<Four>,
     applied: Vec<Four>,
 }
@@ -39,17 +39,18 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Adds the iterate.
+    /// Adds the iterate, which is relative to the start, to `unknown`.
     pub(crate) fn add_to(&self, unknown: &mut [Column]) {
         for (unknown, moved) in unknown.iter_mut().zip(&self.moved) {
             (0..3).for_each(|k| unknown[k] += moved[k]);
         }
     }
 
-    /// Makes the residual plus this share of the last one the new search direction, conjugate to those before; its products with the
-    /// rows times it, and with itself.
+    /// Sets the new search direction to the residual plus `ratio` times the last direction, which makes it conjugate to all previous
+    /// directions. For the new direction `d` and the matrix `A` returns the products of `d` with `A d` and of `d` with `d`.
     ///
-    /// The rows times the new direction are those times the residual and the same share of what they were, so that one pass does both.
+    /// The product of the matrix with the new direction is its product with the residual plus `ratio` times its old product. So one pass
+    /// over memory computes both the direction and its product.
     pub(crate) fn next_direction(&mut self, ratio: Column) -> [Column; 2] {
         let Self { rows, scale, residual, direction, applied, .. } = self;
         let chunks = direction.par_chunks_mut(CHUNK).zip(applied.par_chunks_mut(CHUNK));
@@ -75,8 +76,9 @@ impl<'a> Search<'a> {
         parts.into_iter().fold([[0.0; 3]; 2], |[a, b], [c, d]| [add(a, c), add(b, d)])
     }
 
-    /// Takes steps of this length, coordinate by coordinate; the distances that are left, and the sums of their squares with the factors.
-    pub(crate) fn step(&mut self, step: Column) -> (Missed, Column) {
+    /// Takes a step along the search direction; `step` has the step length of each coordinate. Returns the remaining distances, and the
+    /// sums of the squared residuals weighted by the symmetry factors.
+    pub(crate) fn step(&mut self, step: Column) -> (Residuals, Column) {
         let Self { scale, moved, residual, direction, applied, .. } = self;
         let to = moved.par_chunks_mut(CHUNK).zip(residual.par_chunks_mut(CHUNK));
         let by =
@@ -85,11 +87,11 @@ impl<'a> Search<'a> {
             let (mut energy, step) = ([0.0; 4], four(step));
             widest(Step { step, scale, direction, applied, moved, residual, energy: &mut energy });
             let lengths_sq = residual.iter().map(|[x, y, z, _]| x * x + y * y + z * z);
-            (lengths_sq.fold(Missed::none(), Missed::and_by), energy)
+            (lengths_sq.fold(Residuals::empty(), Residuals::with_distance_sq), energy)
         });
-        let parts: Vec<(Missed, Four)> = parts.collect();
-        parts.into_iter().fold((Missed::none(), [0.0; 3]), |(missed, sum), (more, energy)| {
-            (missed.and(more), [0, 1, 2].map(|k| sum[k] + energy[k]))
+        let parts: Vec<(Residuals, Four)> = parts.collect();
+        parts.into_iter().fold((Residuals::empty(), [0.0; 3]), |(missed, sum), (more, energy)| {
+            (missed.merge(more), [0, 1, 2].map(|k| sum[k] + energy[k]))
         })
     }
 }
@@ -98,7 +100,7 @@ fn four([x, y, z]: Column) -> Four {
     [x, y, z, 0.0]
 }
 
-/// Some rows of [`Search::next_direction`].
+/// The inner loop of [`Search::next_direction`] for some rows.
 struct NextDirection<'a, R> {
     rows: R,
     residual: &'a [Four],
@@ -134,7 +136,7 @@ impl<'r, R: Iterator<Item = (usize, &'r [u32], &'r [f64])>> Kernel for NextDirec
     }
 }
 
-/// Some rows of [`Search::step`].
+/// The inner loop of [`Search::step`] for some rows.
 struct Step<'a> {
     step: Four,
     scale: &'a [f64],

@@ -1,30 +1,30 @@
-//! Finds the control points of what passes through points.
+//! Computes the control points of an interpolating mesh, curve or surface.
 
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use nalgebra::Point3;
 
-use super::geometric::{FootPoint, Look, iterate};
+use super::geometric::{FootPoint, FootSearch, iterate};
 use super::interpolation::{Interpolation, Solver};
 use super::limit_matrix::LimitMatrix;
 use super::solution::Solution;
 
-/// The control points whose feet are `points`, by the iteration with these feet or from the equations of this matrix; none if
-/// these have no solution. `sample` gives points all over what some control points make. `fixed` marks control points that stay, and which the
-/// matrix leaves out; it may be empty.
+/// Computes the control points whose curve or surface passes through `points`: by the geometric iteration, which finds foot points by
+/// `feet`, or by solving the equations `matrix`. Returns `None` if the equations have no solution. `sample` returns points on the curve or
+/// surface with given control points. `fixed`, which may be empty, marks control points that do not move; the matrix does not contain them.
 ///
 /// # Errors
-/// If the evaluation is told to stop.
+/// If the evaluation is cancelled.
 pub(crate) fn control_points(
     points: &[Point3<f64>],
-    how: &Interpolation,
+    options: &Interpolation,
     fixed: &[bool],
     progress: &Progress<'_>,
-    feet: impl FnMut(&[Point3<f64>], Look<'_>) -> Vec<FootPoint>,
+    feet: impl FnMut(&[Point3<f64>], FootSearch<'_>) -> Vec<FootPoint>,
     sample: impl Fn(&[Point3<f64>]) -> Option<Vec<Point3<f64>>>,
     matrix: impl FnOnce() -> LimitMatrix,
-) -> Result<Option<Solution>, Cancelled> {
-    match how.solver {
-        Solver::Plain => iterate(points, how, fixed, progress, feet, sample).map(Some),
-        Solver::Pcg | Solver::Direct => matrix().solve(points, how, progress),
+) -> Result<Option<Solution>, CancelledError> {
+    match options.solver {
+        Solver::Plain => iterate(points, options, fixed, progress, feet, sample).map(Some),
+        Solver::Pcg | Solver::Direct => matrix().solve(points, options, progress),
     }
 }

@@ -1,22 +1,23 @@
-//! The size of a set of points, and how far a curve or surface is from them.
+//! The size of a set of points, and the distance of a curve or surface from them.
 
 use nalgebra::Point3;
 
-/// The distance of a curve or surface that leaves the neighborhood of its points, and the size of this neighborhood.
+/// Describes a curve or surface that leaves the neighborhood of its points: its distance from them, and the size of the neighborhood.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Stray {
-    /// The largest distance of the samples from the points' bounding box, in mm; infinite if they overflow.
+    /// The largest distance of a sampled curve or surface point from the bounding box of the points, in mm; infinite if samples overflow.
     pub(crate) distance: f64,
-    /// The diagonal of that box, in mm.
+    /// The diagonal of the points' bounding box, in mm.
     pub(crate) diagonal: f64,
 }
 
-/// Checks that the curve or surface of `control` stays near `points`: no farther from their bounding box than its diagonal. Returns `None`
-/// if it does. `sample` returns points of the curve or surface, or `None` if they overflow.
+/// Checks that the curve or surface with the control points `control` stays near `points`: no sample may be farther from their bounding box
+/// than the diagonal of the box. Returns `None` if the check succeeds. `sample` returns points of the curve or surface, or `None` on
+/// overflow.
 ///
-/// The distance of the control points says nothing by itself. Around alternating data a cubic curve needs control points three times as far
-/// out as the data, a bicubic surface nine times, and more at a border; the curve or surface stays near all the same. But it is in the convex
-/// hull of its control points, so it need not be sampled if these are near.
+/// The distance of the control points alone is no criterion. If data alternate between high and low, the control points of a cubic curve
+/// alternate three times as much, those of a bicubic surface nine times, and more at a border; the curve or surface nevertheless stays near
+/// the data. Conversely, a curve or surface is inside the convex hull of its control points, so it need not be sampled if these are near.
 pub(crate) fn stray(
     control: &[Point3<f64>],
     points: &[Point3<f64>],
@@ -47,12 +48,12 @@ pub(crate) fn stray(
     (!is_near(distance, diagonal)).then_some(Stray { distance, diagonal })
 }
 
-/// The diagonal of the box around some points.
+/// Returns the diagonal of the bounding box of some points.
 pub(crate) fn diagonal(points: &[Point3<f64>]) -> f64 {
     bounds(points).map_or(0.0, |(low, high)| (high - low).norm())
 }
 
-/// The lowest and highest corner of the box around some points; `None` if there are no points.
+/// Returns the lowest and the highest corner of the bounding box of some points; `None` if there are no points.
 fn bounds(points: &[Point3<f64>]) -> Option<(Point3<f64>, Point3<f64>)> {
     let first = points.first()?;
     Some(points.iter().fold((*first, *first), |(low, high), p| (low.inf(p), high.sup(p))))
@@ -65,16 +66,18 @@ mod tests {
     const POINTS: [Point3<f64>; 2] = [Point3::new(0.0, 0.0, 0.0), Point3::new(3.0, 4.0, 0.0)];
 
     #[test]
-    fn a_surface_strays_by_its_samples_and_not_by_its_control_points() {
+    fn the_stray_distance_depends_on_samples_and_not_on_control_points() {
         let far = [Point3::new(0.0, 0.0, 90.0), Point3::new(3.0, 4.0, -90.0)];
-        fn at(z: f64, far: &[Point3<f64>; 2]) -> Option<Stray> {
+        fn check_distance(z: f64, far: &[Point3<f64>; 2]) -> Option<Stray> {
             stray(far, &POINTS, |_| Some(vec![Point3::new(1.0, 1.0, z)]))
         }
-        assert_eq!(at(5.0, &far), None);
-        assert_eq!(at(6.0, &far), Some(Stray { distance: 6.0, diagonal: 5.0 }));
-        for overflow in
-            [at(f64::NAN, &far), at(f64::INFINITY, &far), stray(&far, &POINTS, |_| None)]
-        {
+        assert_eq!(check_distance(5.0, &far), None);
+        assert_eq!(check_distance(6.0, &far), Some(Stray { distance: 6.0, diagonal: 5.0 }));
+        for overflow in [
+            check_distance(f64::NAN, &far),
+            check_distance(f64::INFINITY, &far),
+            stray(&far, &POINTS, |_| None),
+        ] {
             assert_eq!(overflow, Some(Stray { distance: f64::INFINITY, diagonal: 5.0 }));
         }
         let near = stray(&POINTS, &POINTS, |_| panic!("near control points need no samples"));

@@ -1,88 +1,87 @@
-//! What the nodes that interpolate have in common: their parameters, how they find control points, and what they give.
+//! Parameters shared by all interpolating nodes.
 
 use maquette_node::FieldError;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Which point of a curve or surface a given point is compared with.
+/// The point of a curve or surface with which a given point is compared.
 ///
-/// The form with the nearest point is described in Japanese patent 4934789, filed on 2007-01-15; the default is the linear
-/// progressive form.
+/// The form with the nearest point is described in Japanese patent 4934789, filed on 2007-01-15; the default is the linear progressive
+/// form.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Foot {
-    /// The limit point of its own control point: a linear problem with one solution, where there is one.
+    /// The limit point of its control point. This gives linear equations.
     #[default]
     Vertex,
-    /// The nearest one; on a subdivision surface the nearest on the faces at the vertex, reached downhill from its limit point, as
-    /// another sheet of the surface may come nearer. The curve or surface then passes through the point, but not at its control
-    /// point's own parameter. Where the iteration does not halve the largest distance in time, the points that are missed by most go on
-    /// with `Vertex`.
+    /// The nearest point. On a subdivision surface it is searched on the faces at the vertex, by descent from its limit point, because
+    /// another sheet of the surface may be nearer. The curve or surface passes through the point, but not at the parameter of its control
+    /// point. If the iteration does not halve the largest distance in time, the points with the largest distances switch to `Vertex`.
     Closest,
 }
 
-/// Which way a control point moves.
+/// The direction in which a control point moves.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Direction {
     /// From the foot to the given point.
     #[default]
     Residual,
-    /// Along the normal at the foot, as far as the given point is away; from the foot to the point where there is no
-    /// perpendicular, at ends, borders and creases, and where this does not converge.
+    /// Along the normal at the foot, by the distance of the given point. As `Residual` at ends, borders and creases, where there is no
+    /// normal, and where this does not converge.
     Normal,
 }
 
-/// How control points are found.
+/// The solver for the control points.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Solver {
-    /// Conjugate gradients: fewest iterations. For `foot: Vertex` and `direction: Residual`.
+    /// Conjugate gradients, with the fewest iterations. For `foot: Vertex` and `direction: Residual`.
     #[default]
     Pcg,
-    /// The geometric iteration itself: for every foot and direction.
+    /// The geometric iteration, for every foot and direction.
     Plain,
-    /// One factorization, exact up to rounding. For `foot: Vertex` and `direction: Residual`.
+    /// Direct solution by a factorization. For `foot: Vertex` and `direction: Residual`.
     Direct,
 }
 
-/// Which distance must be within the tolerance.
+/// The distance that must be within the tolerance.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Norm {
-    /// The largest one.
+    /// The largest distance.
     #[default]
     Max,
-    /// The root of the mean of the squares.
+    /// The root mean square of the distances.
     Mean,
 }
 
-/// How control points are found whose curve or surface passes through given points.
+/// Options for finding control points whose curve or surface passes through given points.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Interpolation {
-    /// Which point of the curve or surface each given point is compared with.
+    /// Point of the curve or surface with which each given point is compared.
     #[serde(default)]
     pub foot: Foot,
-    /// Which way a control point moves.
+    /// The direction in which a control point moves.
     #[serde(default)]
     pub direction: Direction,
-    /// How control points are found.
+    /// The solver for the control points.
     #[serde(default)]
     pub solver: Solver,
-    /// Distance from the given points that is small enough, over the diagonal of their box.
+    /// Maximum distance from the given points, relative to the diagonal of their bounding box.
     #[schemars(range(min = 1e-14, max = 1.0))]
-    #[serde(default = "millionth")]
+    #[serde(default = "default_tolerance")]
     pub tolerance: f64,
-    /// Which distance that is.
+    /// Distance that must be within the tolerance.
     #[serde(default)]
     pub norm: Norm,
-    /// Most iterations.
+    /// Maximum number of iterations.
     #[schemars(range(max = 100_000))]
-    #[serde(default = "two_hundred")]
+    #[serde(default = "default_max_iterations")]
     pub iterations: u32,
 }
 
-fn millionth() -> f64 {
+fn default_tolerance() -> f64 {
     1e-6
 }
 
-fn two_hundred() -> u32 {
+fn default_max_iterations() -> u32 {
     200
 }
 
@@ -92,43 +91,45 @@ impl Default for Interpolation {
             foot: Foot::default(),
             direction: Direction::default(),
             solver: Solver::default(),
-            tolerance: millionth(),
+            tolerance: default_tolerance(),
             norm: Norm::default(),
-            iterations: two_hundred(),
+            iterations: default_max_iterations(),
         }
     }
 }
 
 impl Interpolation {
-    /// Whether the control points are the solution of linear equations.
+    /// Returns true if the control points are the solution of linear equations, that is, for `foot: Vertex` with `direction: Residual`.
     pub(crate) fn is_linear(&self) -> bool {
         self.foot == Foot::Vertex && self.direction == Direction::Residual
     }
 
-    /// The same as an error of a node's fields.
+    /// Performs [`Self::check`] and returns an error that names the field.
     pub(crate) fn check_fields(&self) -> Result<(), FieldError> {
         let help = "take `solver: Plain`, or `foot: Vertex` with `direction: Residual`";
         self.check().map_err(|why| FieldError::new("solver", why, help))
     }
 
+    /// Checks that the solver supports the foot and the direction.
+    ///
     /// # Errors
-    /// If the solver is not for this foot and direction.
-    pub(crate) fn check(&self) -> Result<(), NotLinear> {
+    /// If it does not.
+    pub(crate) fn check(&self) -> Result<(), NonlinearError> {
         match self.solver {
             Solver::Pcg | Solver::Direct if !self.is_linear() => {
-                Err(NotLinear { solver: self.solver })
+                Err(NonlinearError { solver: self.solver })
             }
             _ => Ok(()),
         }
     }
 }
 
-/// A solver of linear equations for what is none.
+/// The error of using a linear solver for a nonlinear problem.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "solver {solver:?} solves linear equations, which only `foot: Vertex` with `direction: Residual` gives: take `solver: Plain`"
+    "solver {solver:?} solves only linear equations, which need `foot: Vertex` and `direction: Residual`; use `solver: Plain` instead"
 )]
-pub struct NotLinear {
+pub struct NonlinearError {
     /// The solver.
     pub solver: Solver,
 }

@@ -1,36 +1,37 @@
-//! Linear equations of any shape: as nearly solved as they can be, with the least change from a given start.
+//! Least-squares solution of any linear equations. Among all solutions it finds the one with the smallest change from a given start.
 //!
-//! Conjugate gradients on the normal equations `A^T A x = A^T s`, which are never made: Hestenes and Stiefel, "Methods of conjugate
-//! gradients for solving linear systems" (1952), section 10. The matrix may be square and not symmetric, have fewer rows than
-//! columns, or take some directions to zero.
+//! Uses conjugate gradients on the normal equations `A^T A x = A^T s`, where `s` is the right side, without forming the matrix `A^T A`:
+//! Hestenes and Stiefel, "Methods of conjugate gradients for solving linear systems" (1952), section 10. The matrix `A` may be unsymmetric,
+//! have fewer rows than columns, or be singular.
 
 use maquette_base::linear::columns::{self, Column};
 use maquette_base::linear::stencils::Stencils;
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 use nalgebra::Point3;
 
 use super::extent::diagonal;
 use super::interpolation::Interpolation;
 use super::record::Record;
-use super::solution::{End, Found, Solution};
+use super::solution::{End, Outcome, Solution};
 
-/// A slope that is so much smaller than the residual is rounding: what is left is beyond the reach of the matrix.
+/// A gradient below this fraction of the residual consists only of rounding errors: the remaining residual is not in the range of the
+/// matrix.
 const LEVEL: f64 = 1e-10;
 
-/// The unknowns nearest to `start` for which the rows give `points`, or come as near as they can. Unknowns that `fixed` marks stay,
-/// and their rows have no say; it may be empty.
+/// Computes the least-squares solution of the equations `rows` with the right side `points`; of several solutions the nearest to `start`.
+/// Unknowns marked in `fixed`, which may be empty, do not change, and their rows are ignored.
 ///
 /// # Errors
-/// If the evaluation is told to stop.
+/// If the evaluation is cancelled.
 pub(crate) fn least_squares(
     rows: &Stencils,
     start: &[Point3<f64>],
     points: &[Point3<f64>],
     fixed: &[bool],
-    how: &Interpolation,
+    options: &Interpolation,
     progress: &Progress<'_>,
-) -> Result<Solution, Cancelled> {
-    let transposed = rows.transposed(start.len());
+) -> Result<Solution, CancelledError> {
+    let transposed = rows.transpose(start.len());
     let ones = vec![1.0; start.len().max(points.len())];
     fn size_sq(a: &[Column], ones: &[f64]) -> [f64; 3] {
         columns::dot(a, a, &ones[..a.len()])
@@ -39,10 +40,10 @@ pub(crate) fn least_squares(
         let held = column.iter_mut().zip(fixed).filter(|(_, fixed)| **fixed);
         held.for_each(|(entry, _)| *entry = [0.0; 3]);
     }
-    fn missed(residual: &[Column]) -> [f64; 2] {
-        columns::missed(residual).distances()
+    fn max_and_rms(residual: &[Column]) -> [f64; 2] {
+        columns::residual_lengths(residual).distances()
     }
-    let mut record = Record::new(how.norm, how.tolerance * diagonal(points));
+    let mut record = Record::new(options.norm, options.tolerance * diagonal(points));
     let mut unknown: Vec<Column> = start.iter().map(|point| point.coords.into()).collect();
     let mut residual: Vec<Column> = points.iter().map(|point| point.coords.into()).collect();
     columns::add(&mut residual, &rows.apply(&unknown), [-1.0; 3]);
@@ -54,9 +55,9 @@ pub(crate) fn least_squares(
     }
     let mut way = slope(&residual, &transposed, fixed);
     let mut steep = size_sq(&way, &ones);
-    let mut settled = record.note(missed(&residual));
+    let mut settled = record.record(max_and_rms(&residual));
     let mut unreachable = false;
-    for _ in 0..how.iterations {
+    for _ in 0..options.iterations {
         if settled {
             break;
         }
@@ -73,7 +74,7 @@ pub(crate) fn least_squares(
         let step = [0, 1, 2].map(|k| if moves[k] { steep[k] / length[k] } else { 0.0 });
         columns::add(&mut unknown, &way, step);
         columns::add(&mut residual, &bent, step.map(|step| -step));
-        settled = record.note(missed(&residual));
+        settled = record.record(max_and_rms(&residual));
         let next = slope(&residual, &transposed, fixed);
         let after = size_sq(&next, &ones);
         let ratio = [0, 1, 2].map(|k| if moves[k] { after[k] / steep[k] } else { 0.0 });
@@ -81,6 +82,6 @@ pub(crate) fn least_squares(
         steep = after;
     }
     let control = unknown.into_iter().map(Point3::from).collect();
-    let found = Found { control, trace: record.into_trace(), end: End::new(settled) };
-    Ok(Solution { found, unreachable })
+    let outcome = Outcome { control, trace: record.into_trace(), end: End::new(settled) };
+    Ok(Solution { outcome, unreachable })
 }

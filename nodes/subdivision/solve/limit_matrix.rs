@@ -1,19 +1,19 @@
-//! The equations `A P = S` of control points whose limit passes through given points, and their solution.
+//! The interpolation equations `A P = S` for control points `P` whose limits are the points `S`, and their solution.
 //!
-//! Row `i` of `A` is the limit mask of vertex `i`. The masks of corners reach corners alone, those of borders and creases no
-//! vertex beside them, so that `A` is solved block by block: corners, then curves, then smooth vertices. Within a block a
-//! diagonal matrix `D` makes `D A` symmetric, and positive definite where there is one solution. That is what conjugate gradients
-//! need; with the preconditioner `D` their residual is the distance `S - A P` itself.
+//! Row `i` of `A` is the limit mask of vertex `i`. The masks of corners refer only to corners, and the masks of vertices on a border or
+//! crease only to vertices of the same curve. So `A` is solved block by block: first corners, then curves, then smooth vertices. Within a
+//! block there is a diagonal matrix `D` that makes `D A` symmetric, and positive definite if the solution is unique; conjugate gradients
+//! require both. With the preconditioner `D` the residual is the distance `S - A P` itself.
 //!
-//! Hestenes and Stiefel, "Methods of conjugate gradients for solving linear systems" (1952).
+//! The method of conjugate gradients: Hestenes and Stiefel, "Methods of conjugate gradients for solving linear systems" (1952).
 
 use std::borrow::Cow;
 
 use maquette_base::linear::cholesky::Cholesky;
 use maquette_base::linear::columns::{self, Column};
-use maquette_base::linear::missed::Missed;
+use maquette_base::linear::residuals::Residuals;
 use maquette_base::linear::stencils::Stencils;
-use maquette_node::{Cancelled, Limit, Progress};
+use maquette_node::{CancelledError, Limit, Progress};
 use maquette_value::parallel::*;
 use nalgebra::{Point3, Vector3};
 
@@ -22,122 +22,123 @@ use super::extent::diagonal;
 use super::interpolation::{Interpolation, Solver};
 use super::least_squares::least_squares;
 use super::record::Record;
-use super::solution::{End, Found, Solution};
+use super::solution::{End, Outcome, Solution};
 
-/// After so many steps the residual is computed anew: the one of the recurrence drifts away from it by rounding.
+/// The residual is recomputed after this number of steps, because the recurrence for the residual accumulates rounding errors.
 const RESTART: u32 = 50;
 
-/// Directions that the matrix shrinks more than this are those that it takes to zero: the residual has a part that it does not reach,
-/// which the iteration would blow up.
+/// Directions that the matrix multiplies by less than this factor belong to its null space. If there are such directions, the residual has
+/// a part outside of the range of the matrix, which the iteration would amplify.
 const VANISHING: f64 = 1e-8;
 
-/// Products of two entries of one row, of which the normal equations are made: some seconds and, where no two are added, some GB. Faces
-/// with a thousand corners have a million for each corner.
+/// The maximum number of products of two entries of one row when the normal equations are formed. This many products take some seconds, and
+/// some GB if each contributes to a different entry. A face with a thousand corners has a million products for each corner.
 pub(crate) const PRODUCTS: Limit = Limit {
-    most: 1 << 30,
-    of: "products",
+    max: 1 << 30,
+    items: "products",
     help: "take `solver: Pcg`, or divide faces with many corners",
 };
 
-/// The limit masks of all vertices, in blocks.
+/// The limit masks of all vertices, grouped in blocks that are solved one after another.
 pub(crate) struct LimitMatrix {
     pub(crate) rows: Stencils,
-    /// The vertices of each block, ascending; a row reaches vertices of its own block and of earlier ones. Vertices of no block
-    /// stay where they are.
+    /// The vertices of each block, ascending. The rows of a block refer only to vertices of this block and of earlier blocks. Vertices that
+    /// are in no block do not move.
     pub(crate) blocks: Vec<Vec<u32>>,
-    /// The factor of each row that makes its block symmetric; none if nothing does.
+    /// The factors that make each block symmetric, one per row; `None` if there are no such factors.
     pub(crate) scale: Option<Vec<f64>>,
 }
 
 impl LimitMatrix {
-    /// The control points whose limits are `points`, by the solver that `how` names; none if it needs the only solution and there
-    /// is not one.
+    /// Computes the control points whose limits are `points`, by the solver in `options`. Returns `None` if the direct solver finds a
+    /// singular matrix.
     ///
     /// # Errors
-    /// If the evaluation is told to stop.
+    /// If the evaluation is cancelled.
     pub(crate) fn solve(
         &self,
         points: &[Point3<f64>],
-        how: &Interpolation,
+        options: &Interpolation,
         progress: &Progress<'_>,
-    ) -> Result<Option<Solution>, Cancelled> {
-        match (how.solver, &self.scale) {
-            (Solver::Direct, _) => Ok(self.direct(points, how)),
-            (_, Some(_)) => self.conjugate_gradients(points, how, progress).map(Some),
+    ) -> Result<Option<Solution>, CancelledError> {
+        match (options.solver, &self.scale) {
+            (Solver::Direct, _) => Ok(self.direct(points, options)),
+            (_, Some(_)) => self.conjugate_gradients(points, options, progress).map(Some),
             (_, None) => {
                 let mut fixed = vec![true; points.len()];
                 self.blocks.iter().flatten().for_each(|&vertex| fixed[vertex as usize] = false);
-                least_squares(&self.rows, points, points, &fixed, how, progress).map(Some)
+                least_squares(&self.rows, points, points, &fixed, options, progress).map(Some)
             }
         }
     }
 
-    /// By factors of each block's equations; none if a block has no one solution.
-    fn direct(&self, points: &[Point3<f64>], how: &Interpolation) -> Option<Solution> {
+    /// Solves each block by a factorization. Returns `None` if a block is singular.
+    fn direct(&self, points: &[Point3<f64>], options: &Interpolation) -> Option<Solution> {
         let mut control = points.to_vec();
-        let mut record = Record::new(how.norm, how.tolerance * diagonal(points));
-        record.note(self.missed(&self.blocks, points, &control).distances());
+        let mut record = Record::new(options.norm, options.tolerance * diagonal(points));
+        record.record(self.block_residuals(&self.blocks, points, &control).distances());
         for members in &self.blocks {
             let block = Block::new(self, members, points, &control);
             let scale = self.scale_of(members);
-            let solution = block.factored(scale.as_deref())?;
-            for (&vertex, place) in members.iter().zip(solution) {
-                control[vertex as usize] = place.into();
+            let solution = block.solve_directly(scale.as_deref())?;
+            for (&vertex, position) in members.iter().zip(solution) {
+                control[vertex as usize] = position.into();
             }
         }
-        let settled = record.note(self.missed(&self.blocks, points, &control).distances());
-        let found = Found { control, trace: record.into_trace(), end: End::new(settled) };
-        Some(Solution { found, unreachable: false })
+        let settled =
+            record.record(self.block_residuals(&self.blocks, points, &control).distances());
+        let outcome = Outcome { control, trace: record.into_trace(), end: End::new(settled) };
+        Some(Solution { outcome, unreachable: false })
     }
 
-    /// By conjugate gradients; the three coordinates are solved side by side.
+    /// Solves by conjugate gradients, for three coordinates in parallel.
     fn conjugate_gradients(
         &self,
         points: &[Point3<f64>],
-        how: &Interpolation,
+        options: &Interpolation,
         progress: &Progress<'_>,
-    ) -> Result<Solution, Cancelled> {
+    ) -> Result<Solution, CancelledError> {
         let mut control = points.to_vec();
-        let mut record = Record::new(how.norm, how.tolerance * diagonal(points));
-        record.note(self.missed(&self.blocks, points, &control).distances());
+        let mut record = Record::new(options.norm, options.tolerance * diagonal(points));
+        record.record(self.block_residuals(&self.blocks, points, &control).distances());
         let mut unreachable = false;
-        let mut left = how.iterations;
+        let mut left = options.iterations;
         let mut last = None;
         for (index, members) in self.blocks.iter().enumerate() {
             let [before, after] = [&self.blocks[..index], &self.blocks[index + 1..]]
-                .map(|blocks| self.missed(blocks, points, &control));
+                .map(|blocks| self.block_residuals(blocks, points, &control));
             let mut block = Block::new(self, members, points, &control);
             let scale = self.scale_of(members).unwrap_or_default();
-            let others = before.and(after);
+            let others = before.merge(after);
             let (stuck, missed) =
                 block.iterate(&scale, &mut record, others, &mut left, progress)?;
             unreachable |= stuck;
             last = Some(missed);
-            for (&vertex, place) in members.iter().zip(&block.unknown) {
-                control[vertex as usize] = (*place).into();
+            for (&vertex, position) in members.iter().zip(&block.unknown) {
+                control[vertex as usize] = (*position).into();
             }
         }
-        // What the recurrence says differs from the distances by rounding.
+        // The distances of the recurrence differ from the exact distances by rounding errors.
         let missed = last.filter(|_| self.blocks.len() == 1);
-        let missed = missed.unwrap_or_else(|| self.missed(&self.blocks, points, &control));
-        let settled = record.correct(missed.distances());
-        let found = Found { control, trace: record.into_trace(), end: End::new(settled) };
-        Ok(Solution { found, unreachable: unreachable && !settled })
+        let missed = missed.unwrap_or_else(|| self.block_residuals(&self.blocks, points, &control));
+        let settled = record.replace_last(missed.distances());
+        let outcome = Outcome { control, trace: record.into_trace(), end: End::new(settled) };
+        Ok(Solution { outcome, unreachable: unreachable && !settled })
     }
 
-    /// The factors of some rows.
+    /// Returns the symmetry factors of the rows `members`.
     fn scale_of(&self, members: &[u32]) -> Option<Vec<f64>> {
         let scale = self.scale.as_ref()?;
         Some(members.iter().map(|&vertex| scale[vertex as usize]).collect())
     }
 
-    /// The distances of the vertices of some blocks.
-    fn missed(
+    /// Returns the distances at the vertices of some blocks.
+    fn block_residuals(
         &self,
         blocks: &[Vec<u32>],
         points: &[Point3<f64>],
         control: &[Point3<f64>],
-    ) -> Missed {
+    ) -> Residuals {
         let missed = blocks.iter().map(|block| {
             let parts = block.par_chunks(columns::CHUNK).map(|chunk| {
                 chunk
@@ -146,18 +147,18 @@ impl LimitMatrix {
                         let vertex = vertex as usize;
                         (points[vertex] - self.rows.apply_row(vertex, control)).norm_squared()
                     })
-                    .fold(Missed::none(), Missed::and_by)
+                    .fold(Residuals::empty(), Residuals::with_distance_sq)
             });
-            parts.collect::<Vec<_>>().into_iter().fold(Missed::none(), Missed::and)
+            parts.collect::<Vec<_>>().into_iter().fold(Residuals::empty(), Residuals::merge)
         });
-        missed.fold(Missed::none(), Missed::and)
+        missed.fold(Residuals::empty(), Residuals::merge)
     }
 }
 
 /// The equations of one block.
 struct Block<'a> {
     rows: Cow<'a, Stencils>,
-    /// What the rows are to give: the points, without what earlier blocks add.
+    /// The right side of the equations: the points minus the contribution of the vertices in earlier blocks.
     right: Vec<Column>,
     unknown: Vec<Column>,
 }
@@ -175,43 +176,45 @@ impl<'a> Block<'a> {
             return Self { rows: Cow::Borrowed(&matrix.rows), right, unknown };
         }
         const OUTSIDE: u32 = u32::MAX;
-        let mut place = vec![OUTSIDE; points.len()];
-        (0..).zip(members).for_each(|(own, &vertex)| place[vertex as usize] = own);
+        let mut index_in_block = vec![OUTSIDE; points.len()];
+        (0..).zip(members).for_each(|(own, &vertex)| index_in_block[vertex as usize] = own);
         let (rows, _) = Stencils::build(members.len(), |_: &mut (), own, rows| {
             let (indices, weights) = matrix.rows.row(members[own] as usize);
             for (&vertex, &weight) in indices.iter().zip(weights) {
-                if place[vertex as usize] != OUTSIDE {
-                    rows.push(place[vertex as usize], weight);
+                if index_in_block[vertex as usize] != OUTSIDE {
+                    rows.push(index_in_block[vertex as usize], weight);
                 }
             }
             rows.end();
         });
         let right = members.iter().map(|&vertex| {
             let (indices, weights) = matrix.rows.row(vertex as usize);
-            let outside =
-                indices.iter().zip(weights).filter(|(k, _)| place[**k as usize] == OUTSIDE);
+            let outside = indices
+                .iter()
+                .zip(weights)
+                .filter(|(k, _)| index_in_block[**k as usize] == OUTSIDE);
             let known = outside.map(|(&k, &weight)| control[k as usize].coords * weight);
             (points[vertex as usize].coords - known.sum::<Vector3<f64>>()).into()
         });
         Self { right: right.collect(), rows: Cow::Owned(rows), unknown }
     }
 
-    /// Iterates until `record` is content with the block's distances, and notes them with the `others`; whether it ended because
-    /// what is left is beyond the reach of the matrix, and the distances.
+    /// Iterates until `record` accepts the block's distances. Each iteration records these together with the distances `others`. Returns
+    /// true if the iteration ended because the residual is outside of the range of the matrix, and the distances.
     fn iterate(
         &mut self,
         scale: &[f64],
         record: &mut Record,
-        others: Missed,
+        others: Residuals,
         left: &mut u32,
         progress: &Progress<'_>,
-    ) -> Result<(bool, Missed), Cancelled> {
+    ) -> Result<(bool, Residuals), CancelledError> {
         let least_scale = scale.iter().copied().fold(f64::INFINITY, f64::min);
-        // A coordinate that is far below the tolerance is done: what is left of it is rounding.
+        // The iteration of a coordinate is finished if its residual is far below the tolerance and thus only rounding.
         let done = least_scale * record.tolerance() * record.tolerance() * 1e-6;
         let mut residual = self.residual();
-        let mut missed = columns::missed(&residual);
-        while 0 < *left && !record.allows(missed.distances()) {
+        let mut missed = columns::residual_lengths(&residual);
+        while 0 < *left && !record.is_within_tolerance(missed.distances()) {
             let mut search = Search::new(&self.rows, scale, &residual);
             let mut energy = columns::dot(&residual, &residual, scale);
             let (mut ratio, mut reaches) = ([0.0; 3], true);
@@ -226,8 +229,8 @@ impl<'a> Block<'a> {
                 }
                 let step = [0, 1, 2].map(|k| if moves[k] { energy[k] / curvature[k] } else { 0.0 });
                 let (near, after) = search.step(step);
-                record.note(others.and(near).distances());
-                if record.allows(near.distances()) {
+                record.record(others.merge(near).distances());
+                if record.is_within_tolerance(near.distances()) {
                     break;
                 }
                 ratio = [0, 1, 2].map(|k| if moves[k] { after[k] / energy[k] } else { 0.0 });
@@ -235,7 +238,7 @@ impl<'a> Block<'a> {
             }
             search.add_to(&mut self.unknown);
             residual = self.residual();
-            missed = columns::missed(&residual);
+            missed = columns::residual_lengths(&residual);
             if !reaches {
                 return Ok((true, missed));
             }
@@ -243,35 +246,30 @@ impl<'a> Block<'a> {
         Ok((false, missed))
     }
 
-    /// The solution by factors: of `D A`, or where no `scale` makes that symmetric of the normal equations `A^T A x = A^T s`; none
-    /// if there is not one.
-    fn factored(&self, scale: Option<&[f64]>) -> Option<Vec<Column>> {
-        let transposed = scale.is_none().then(|| self.rows.transposed(self.unknown.len()));
+    /// Solves by a factorization of `D A`, where `scale` is the diagonal of `D`; without `scale` by a factorization of the normal equations
+    /// `A^T A x = A^T s`. Returns `None` if the matrix is singular.
+    fn solve_directly(&self, scale: Option<&[f64]>) -> Option<Vec<Column>> {
+        let transposed = scale.is_none().then(|| self.rows.transpose(self.unknown.len()));
         let factors = Cholesky::new(&match scale {
-            Some(scale) => self.rows.scaled(scale),
-            None => self.rows.squared(self.unknown.len()),
+            Some(scale) => self.rows.scale_rows(scale),
+            None => self.rows.normal_matrix(self.unknown.len()),
         })?;
-        fn solve(
-            right: &[Column],
-            scale: &Option<&[f64]>,
-            transposed: &Option<Stencils>,
-            factors: &Cholesky,
-        ) -> Vec<[f64; 3]> {
-            let mut x = match (*scale, transposed) {
-                (_, Some(transposed)) => transposed.apply(right),
-                (scale, None) => {
+        let solve = |right: &[Column]| {
+            let mut x = match &transposed {
+                Some(transposed) => transposed.apply(right),
+                None => {
                     let rows = right.iter().zip(scale.unwrap_or_default());
                     rows.map(|(right, scale)| right.map(|right| right * scale)).collect()
                 }
             };
             factors.solve(&mut x);
             x
-        }
-        let mut x = solve(&self.right, &scale, &transposed, &factors);
-        // One step of refinement gives back the digits that the condition took.
+        };
+        let mut x = solve(&self.right);
+        // One step of iterative refinement recovers the digits that a high condition number costs.
         let mut residual = self.right.clone();
         columns::add(&mut residual, &self.rows.apply(&x), [-1.0; 3]);
-        columns::add(&mut x, &solve(&residual, &scale, &transposed, &factors), [1.0; 3]);
+        columns::add(&mut x, &solve(&residual), [1.0; 3]);
         Some(x)
     }
 

@@ -1,10 +1,10 @@
-//! The distances of an iteration.
+//! The record of the distances in an iteration.
 
 use maquette_value::{Trace, TraceStep};
 
 use super::interpolation::Norm;
 
-/// The distances of an iteration, and whether they are small enough.
+/// The distances in each step of an iteration, with the tolerance.
 pub(crate) struct Record {
     norm: Norm,
     tolerance: f64,
@@ -12,17 +12,17 @@ pub(crate) struct Record {
 }
 
 impl Record {
-    /// Nothing yet; `tolerance` in mm.
+    /// Creates an empty record; `tolerance` is in mm.
     pub(crate) fn new(norm: Norm, tolerance: f64) -> Self {
         Self { norm, tolerance, steps: Vec::new() }
     }
 
-    /// The distance that is small enough, in mm.
+    /// The tolerance, in mm.
     pub(crate) fn tolerance(&self) -> f64 {
         self.tolerance
     }
 
-    /// The one of these distances that counts.
+    /// Returns the maximum or the root mean square of the distances, depending on the chosen norm.
     pub(crate) fn distance(&self, [max, rms]: [f64; 2]) -> f64 {
         match self.norm {
             Norm::Max => max,
@@ -30,49 +30,51 @@ impl Record {
         }
     }
 
-    /// The distance at the beginning.
-    pub(crate) fn first(&self) -> f64 {
+    /// The distance before the first iteration, in the chosen norm.
+    pub(crate) fn initial_distance(&self) -> f64 {
         self.steps.first().map_or(0.0, |step| self.distance([step.max, step.rms]))
     }
 
-    /// Without what was noted after an iteration.
-    pub(crate) fn until(mut self, iteration: u32) -> Self {
+    /// Removes the entries of all iterations after `iteration`.
+    pub(crate) fn truncate(mut self, iteration: u32) -> Self {
         self.steps.truncate(iteration as usize + 1);
         self
     }
 
-    /// Whether these distances are small enough.
-    pub(crate) fn allows(&self, distances: [f64; 2]) -> bool {
+    /// Returns true if the distances are within the tolerance.
+    pub(crate) fn is_within_tolerance(&self, distances: [f64; 2]) -> bool {
         self.distance(distances) <= self.tolerance
     }
 
-    /// Notes the distances after the next iteration, the first time before all; whether they are small enough.
-    pub(crate) fn note(&mut self, [max, rms]: [f64; 2]) -> bool {
+    /// Records the distances after an iteration; the first call records them before the first iteration. Returns true if they are within
+    /// the tolerance.
+    pub(crate) fn record(&mut self, [max, rms]: [f64; 2]) -> bool {
         self.steps.push(TraceStep { iteration: self.steps.len() as u64, max, rms });
-        self.allows([max, rms])
+        self.is_within_tolerance([max, rms])
     }
 
-    /// Puts these distances in place of the last ones; whether they are small enough.
-    pub(crate) fn correct(&mut self, distances: [f64; 2]) -> bool {
+    /// Replaces the distances of the last entry. Returns true if the new ones are within the tolerance.
+    pub(crate) fn replace_last(&mut self, distances: [f64; 2]) -> bool {
         self.steps.pop();
-        self.note(distances)
+        self.record(distances)
     }
 
-    /// Whether the last ten iterations took next to nothing away: the rest is what no control points reach.
-    pub(crate) fn stalls(&self) -> bool {
-        let Some(last) = self.steps.len().checked_sub(1).filter(|&last| last >= STALL) else {
+    /// Returns true if the last ten iterations made almost no progress. No control points can then remove the remaining distance.
+    pub(crate) fn has_stalled(&self) -> bool {
+        let Some(last) = self.steps.len().checked_sub(1).filter(|&last| last >= STALL_ITERATIONS)
+        else {
             return false;
         };
-        let [before, now] = [last - STALL, last].map(|step| self.steps[step]);
+        let [before, now] = [last - STALL_ITERATIONS, last].map(|step| self.steps[step]);
         now.rms > 0.999 * before.rms
     }
 
     pub(crate) fn into_trace(self) -> Trace {
-        // Distances that overflowed are no numbers; the trace ends before them.
+        // Overflowed distances are NaN; the trace ends before the first of them.
         let sound = self.steps.into_iter().take_while(|step| step.max >= 0.0 && step.rms >= 0.0);
         Trace::new(sound.collect()).expect("iterations are counted up and distances not negative")
     }
 }
 
-/// So many iterations tell whether next to nothing is taken away any more.
-pub(crate) const STALL: usize = 10;
+/// The number of iterations over which progress is measured.
+pub(crate) const STALL_ITERATIONS: usize = 10;

@@ -1,18 +1,18 @@
-//! Places in the parts of faces.
+//! Positions in a part of a face, which may be divided further.
 
 use super::limit_point::LimitPoint;
 use super::patches::Jet;
 
-/// The corners of a part that is a triangle.
+/// The coordinates of a triangular part's corners.
 pub(crate) const TRIANGLE: &[[f64; 2]] = &[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
 
-/// The corners of a part that is a quad.
+/// The coordinates of a quadrilateral part's corners.
 pub(crate) const QUAD: &[[f64; 2]] = &[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
 
-/// A place in a part of a face, and how the part lies in the face.
+/// A position in a part of a face, and the linear map between the coordinates of the part and of the face.
 pub(crate) struct FacePoint {
     pub(crate) at: [f64; 2],
-    /// The derivatives of both coordinates by `u` and `v`.
+    /// The derivatives of the part's two coordinates by the coordinates `u` and `v` of the face.
     turn: [[f64; 2]; 2],
 }
 
@@ -21,7 +21,7 @@ impl FacePoint {
         Self { at: [u, v], turn: [[1.0, 0.0], [0.0, 1.0]] }
     }
 
-    /// Goes to the quarter of a quad that it lies in.
+    /// Replaces the quad by its quarter that contains the position. Returns the corner at which this quarter lies.
     pub(crate) fn halve_quad(&mut self) -> usize {
         let [u, v] = self.at.map(|x| x.clamp(0.0, 1.0));
         let (corner, at, turn) = match (u > 0.5, v > 0.5) {
@@ -34,7 +34,7 @@ impl FacePoint {
         corner
     }
 
-    /// Goes to the quarter of a triangle that it lies in.
+    /// Replaces the triangle by its quarter that contains the position. Returns the index of this quarter.
     pub(crate) fn halve_triangle(&mut self) -> usize {
         let [u, v] = self.at.map(|x| x.max(0.0));
         let over = f64::max(u + v, 1.0);
@@ -59,7 +59,7 @@ impl FacePoint {
         self.turn = turn.map(|[a, b]| [0, 1].map(|k| 2.0 * (a * old[0][k] + b * old[1][k])));
     }
 
-    /// Goes to the quad at a corner of a polygon.
+    /// Replaces the polygon by the quad at the corner nearest to the position. Returns the corner.
     pub(crate) fn corner(&mut self, sides: usize) -> usize {
         let [u, v] = self.at;
         let corner = u.floor().clamp(0.0, (sides - 1) as f64);
@@ -81,17 +81,16 @@ impl FacePoint {
         nearest.map_or(0, |(corner, _)| corner)
     }
 
-    /// The jet by the coordinates of the face.
+    /// Converts a jet (a point with its derivatives) from the coordinates of the part to those of the face.
     pub(crate) fn point(&self, jet: Jet) -> LimitPoint {
         let [s, s_a, s_b, s_aa, s_ab, s_bb] = jet;
         let [a, b] = self.turn;
-        let second = |k: usize, l: usize| {
-            s_aa * (a[k] * a[l]) + s_ab * (a[k] * b[l] + a[l] * b[k]) + s_bb * (b[k] * b[l])
-        };
         LimitPoint {
             point: s.into(),
             first: [0, 1].map(|k| s_a * a[k] + s_b * b[k]),
-            second: Some([second(0, 0), second(0, 1), second(1, 1)]),
+            second: Some([(0, 0), (0, 1), (1, 1)].map(|(k, l): (usize, usize)| {
+                s_aa * (a[k] * a[l]) + s_ab * (a[k] * b[l] + a[l] * b[k]) + s_bb * (b[k] * b[l])
+            })),
         }
     }
 }

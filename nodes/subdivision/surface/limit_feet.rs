@@ -1,13 +1,13 @@
-//! The feet of given vertices on a subdivision surface.
+//! The foot points of given vertices on a subdivision surface: the surface points with which the vertices are compared.
 //!
-//! All schemes have exact derivatives everywhere, so that no mesh replaces the surface.
+//! The surface is evaluated exactly, with derivatives, and not approximated by a mesh.
 
 use maquette_base::linear::stencils::Stencils;
 use maquette_value::parallel::*;
 use maquette_value::{Faces, Mesh};
 use nalgebra::{Point3, Vector3};
 
-use super::downhill::{Nearest, Part, Parts, Spot, downhill};
+use super::closest_point_walk::{FacePosition, Nearest, Part, Parts, walk_to_closest_point};
 use super::dual_surface::{self, DualPart};
 use super::face_point::FacePoint;
 use super::limit_surface::LimitPart;
@@ -21,7 +21,8 @@ use crate::scheme::PrimalScheme;
 use crate::solve::geometric::{FootPoint, Perpendicular};
 use crate::{LimitPoint, LimitSurface, Scheme, SubdivideError, Subdivision};
 
-/// The limit point of each control point, and the normal there if it is needed, which `facing` tells, and it is not marked as `own`.
+/// Uses the limit point of each control point as the foot point of its vertex. The normal at a foot point is computed only if `facing` is
+/// given and the vertex is not marked in `own`.
 pub(crate) fn vertex_feet(
     positions: &Stencils,
     facing: Option<&Limit>,
@@ -38,121 +39,126 @@ pub(crate) fn vertex_feet(
             FootPoint {
                 point,
                 perpendicular: facing.map_or(Perpendicular::Nowhere, |limit| {
-                    along(limit.normal(vertex, control, Vector3::zeros()))
+                    perpendicular_along(limit.normal(vertex, control, Vector3::zeros()))
                 }),
             }
         })
         .collect()
 }
 
-/// The direction of a normal that is none if it is zero.
-fn along(normal: Vector3<f64>) -> Perpendicular {
+/// Converts a normal to a perpendicular direction; the zero vector becomes `Nowhere`.
+fn perpendicular_along(normal: Vector3<f64>) -> Perpendicular {
     normal.try_normalize(0.0).map_or(Perpendicular::Nowhere, Perpendicular::Along)
 }
 
-/// The points of the surfaces of an iteration that are nearest to their vertices, each on the faces at its vertex.
+/// Finds the foot points of the given vertices on the surface of each iteration: the nearest surface points on the faces at each vertex.
 ///
-/// They are reached downhill from the last ones, at first from the vertices' own limits: elsewhere another sheet may be nearer, to which
-/// the control point does not belong.
+/// The search is a descent that starts at the foot points of the previous iteration, in the first iteration at the limits of the control
+/// points. A global search could find the nearest point on another sheet of the surface, to which the control point does not belong.
 pub(crate) struct ClosestFeet<'a> {
     points: &'a [Point3<f64>],
     faces: &'a Faces,
-    /// The limits of the control points.
+    /// The limit masks of the control points, which give their limit points.
     own: &'a Stencils,
     surface: Shape,
-    /// Where the last feet were: at first in each face at the vertex. None of a vertex that has its own limit alone.
-    last: Vec<Vec<Spot>>,
+    /// The foot points of the previous iteration; at first each vertex has one start in each of its faces. Empty for a vertex whose foot
+    /// point is always the limit of its own control point.
+    last: Vec<Vec<FacePosition>>,
 }
 
-/// Where a walk starts, as there may be no derivatives at the vertex itself.
-const INSIDE: f64 = 1e-3;
+/// The distance between the vertex and the start of a walk: at the vertex itself the surface may have no derivatives.
+const START_OFFSET: f64 = 1e-3;
 
 impl<'a> ClosestFeet<'a> {
-    /// For control points of the connectivity of `mesh`, whose vertices look for their feet; `own` are their own limits.
+    /// Creates the search for the vertices of `mesh`. `own` are the limit masks of its control points.
     ///
     /// # Errors
     /// If the scheme cannot refine the mesh.
     pub(crate) fn new(
         mesh: &'a Mesh,
-        how: Subdivision,
+        options: Subdivision,
         own: &'a Stencils,
     ) -> Result<Self, SubdivideError> {
         let (points, faces) = (mesh.positions(), mesh.faces());
         let (halves, starts) = Connectivity::new(faces, points.len())?;
-        let surface = match how.scheme {
-            Scheme::DooSabin => Shape::dual(mesh, how, &starts)?,
-            Scheme::Loop | Scheme::CatmullClark => Shape::Primal(LimitSurface::new(mesh, how)?),
+        let surface = match options.scheme {
+            Scheme::DooSabin => Shape::dual(mesh, options, &starts)?,
+            Scheme::Loop | Scheme::CatmullClark => Shape::Primal(LimitSurface::new(mesh, options)?),
         };
         let mut ring = Ring::default();
-        let last = starts
+        let previous = starts
             .iter()
             .map(|&start| {
                 halves.ring(start, &mut ring);
                 let spots = ring.halves.iter().map(|&half| surface.part(half));
-                let spots = spots.filter(|&part| surface.has(part));
-                spots.map(|part| Spot { part, at: [INSIDE; 2] }).collect()
+                let spots = spots.filter(|&part| surface.has_part(part));
+                spots.map(|part| FacePosition { part, at: [START_OFFSET; 2] }).collect()
             })
             .collect();
-        Ok(Self { points, faces, own, surface, last })
+        Ok(Self { points, faces, own, surface, last: previous })
     }
 
-    /// The feet on the surface of some control points; their own limits where `own` is set.
-    pub(crate) fn of(&mut self, control: &[Point3<f64>], own: &[bool]) -> Vec<FootPoint> {
-        // A surface whose numbers overflowed has no feet; the iteration notes infinite distances and ends.
+    /// Finds the foot points on the surface of the control points `control`. Where `own` is set, the foot point is the limit of the
+    /// vertex's own control point.
+    pub(crate) fn find(&mut self, control: &[Point3<f64>], own: &[bool]) -> Vec<FootPoint> {
+        // A surface with overflowed coordinates has no foot points; the iteration records infinite distances and ends.
         if !self.surface.move_to(control) {
             return vec![FootPoint::nowhere(); control.len()];
         }
         let (faces, surface) = (self.faces, &self.surface);
         let walks = self.points.par_iter().zip(&mut self.last).enumerate().with_min_len(64);
         let feet = walks.map(|(vertex, (&to, last))| {
-            fn off(end: &Nearest, to: Point3<f64>) -> f64 {
+            fn foot_distance(end: &Nearest, to: Point3<f64>) -> f64 {
                 (to - end.point.point).norm_squared()
             }
             let starts = if own[vertex] { &[][..] } else { &last[..] };
             let nearest = starts
                 .iter()
                 .map(|&start| {
-                    downhill(surface, start, to, |part| {
+                    walk_to_closest_point(surface, start, to, |part| {
                         let face = faces.face(surface.face(part) as usize);
-                        face.contains(&(vertex as u32)) && surface.has(part)
+                        face.contains(&(vertex as u32)) && surface.has_part(part)
                     })
                 })
-                .min_by(|a, b| off(a, to).total_cmp(&off(b, to)));
+                .min_by(|a, b| foot_distance(a, to).total_cmp(&foot_distance(b, to)));
             let Some(Nearest { spot, point, held }) = nearest else {
                 let point = self.own.apply_row(vertex, control);
                 return FootPoint { point, perpendicular: Perpendicular::Nowhere };
             };
             *last = vec![spot];
             let [u, v] = point.first;
-            let perpendicular = if held { Perpendicular::Nowhere } else { along(u.cross(&v)) };
+            let perpendicular =
+                if held { Perpendicular::Nowhere } else { perpendicular_along(u.cross(&v)) };
             FootPoint { point: point.point, perpendicular }
         });
         feet.collect()
     }
 }
 
-/// A limit surface by its parts, one at each corner of the control mesh.
+/// A limit surface divided into parts. Each part belongs to a corner of the control mesh.
 enum Shape {
     Primal(LimitSurface),
     Dual(Box<Dual>),
 }
 
-/// The surface of Doo's and Sabin's scheme.
+/// The limit surface of the Doo-Sabin scheme.
 struct Dual {
     control: Connectivity,
     parts: Level,
-    /// Whether a corner has a part: none at the border.
+    /// Marks the corners that have a part: those whose vertex is not on the border.
     inside: Vec<bool>,
-    /// Where one step puts each corner.
+    /// The new vertex that each corner has after one step.
     refined: Vec<Vector3<f64>>,
 }
 
 impl Shape {
-    /// That of Doo and Sabin: its parts hang together as the quads do that a step of Catmull and Clark makes.
-    fn dual(mesh: &Mesh, how: Subdivision, starts: &[u32]) -> Result<Self, SubdivideError> {
+    /// Creates the limit surface of the Doo-Sabin scheme. Its parts are connected in the same way as the quads that a Catmull-Clark step
+    /// makes.
+    fn dual(mesh: &Mesh, options: Subdivision, starts: &[u32]) -> Result<Self, SubdivideError> {
         let bare = Mesh::new(mesh.positions().clone(), mesh.faces().clone())?;
-        let how = Subdivision { scheme: Scheme::CatmullClark, ..how };
-        let level = Level::first(&Topology::of(&bare, how), PrimalScheme::CatmullClark)?;
+        let options = Subdivision { scheme: Scheme::CatmullClark, ..options };
+        let level =
+            Level::from_topology(&Topology::from_mesh(&bare, options), PrimalScheme::CatmullClark)?;
         let parts = Primal::new(level.into()).next();
         let (control, _) = Connectivity::new(mesh.faces(), mesh.positions().len())?;
         let mut ring = Ring::default();
@@ -164,24 +170,24 @@ impl Shape {
             })
             .collect();
         let inside = control.corners().iter().map(|&vertex| closed[vertex as usize]).collect();
-        let refined = dual_surface::refined(&control, mesh.positions());
+        let refined = dual_surface::refine_corners(&control, mesh.positions());
         Ok(Self::Dual(Box::new(Dual { control, parts, inside, refined })))
     }
 
-    /// Whether this is still a surface with these control points.
+    /// Replaces the control points. Returns false if the coordinates overflow.
     fn move_to(&mut self, to: &[Point3<f64>]) -> bool {
         let is_finite = to.iter().all(|point| point.iter().all(|x| x.is_finite()));
         match self {
-            Self::Primal(surface) => match surface.moved(to) {
+            Self::Primal(surface) => match surface.with_control_points(to) {
                 Ok(moved) => *surface = moved,
                 Err(_) => return false,
             },
-            Self::Dual(dual) => dual.refined = dual_surface::refined(&dual.control, to),
+            Self::Dual(dual) => dual.refined = dual_surface::refine_corners(&dual.control, to),
         }
         is_finite
     }
 
-    /// The part at a corner.
+    /// Returns the part at the corner where a half-edge starts.
     fn part(&self, half: u32) -> u32 {
         match self {
             Self::Primal(surface) if surface.scheme().needs_triangles() => half / 3 * 4 + half % 3,
@@ -190,7 +196,7 @@ impl Shape {
         }
     }
 
-    /// The face of the control mesh in which a part lies.
+    /// Returns the face of the control mesh that contains a part.
     fn face(&self, part: u32) -> u32 {
         match self {
             Self::Primal(surface) => surface.face_of(part),
@@ -198,7 +204,7 @@ impl Shape {
         }
     }
 
-    fn has(&self, part: u32) -> bool {
+    fn has_part(&self, part: u32) -> bool {
         match self {
             Self::Primal(_) => true,
             Self::Dual(dual) => dual.inside[part as usize],
@@ -231,11 +237,11 @@ enum ShapePart<'a> {
 }
 
 impl Part for ShapePart<'_> {
-    fn at(&mut self, at: [f64; 2]) -> LimitPoint {
-        let place = FacePoint::new(at[0], at[1]);
+    fn evaluate(&mut self, at: [f64; 2]) -> LimitPoint {
+        let position = FacePoint::new(at[0], at[1]);
         match self {
-            Self::Primal(part) => part.at(place),
-            Self::Dual(part) => part.at(place),
+            Self::Primal(part) => part.evaluate(position),
+            Self::Dual(part) => part.evaluate(position),
         }
     }
 }
@@ -246,37 +252,38 @@ mod tests {
 
     use super::*;
     use crate::Plan;
-    use crate::limit::limit_rows::LimitPlaces;
+    use crate::limit::limit_rows::LimitPositions;
     use crate::refine::without_border::select_faces;
-    use crate::shapes::{bumpy, sphere, torus};
+    use crate::shapes::{add_bumps, sphere, torus};
 
-    fn how(scheme: Scheme, levels: u32) -> Subdivision {
+    fn subdivision_options(scheme: Scheme, levels: u32) -> Subdivision {
         let (boundary, creases, corners) = Default::default();
         Subdivision { scheme, levels, limit: true, boundary, creases, corners }
     }
 
     fn feet(mesh: &Mesh, scheme: Scheme, own: &[bool]) -> Vec<FootPoint> {
-        let how = how(scheme, 0);
-        let limits = LimitPlaces::new(&Topology::of(mesh, how)).unwrap().positions;
-        ClosestFeet::new(mesh, how, &limits).unwrap().of(mesh.positions(), own)
+        let how = subdivision_options(scheme, 0);
+        let limits = LimitPositions::new(&Topology::from_mesh(mesh, how)).unwrap().positions;
+        ClosestFeet::new(mesh, how, &limits).unwrap().find(mesh.positions(), own)
     }
 
     #[test]
-    fn feet_are_perpendicular_and_no_farther_than_on_a_fine_mesh() {
+    fn feet_are_perpendicular_and_at_least_as_near_as_on_a_fine_mesh() {
         for (scheme, mesh) in [
-            (Scheme::Loop, bumpy(&sphere(2))),
+            (Scheme::Loop, add_bumps(&sphere(2))),
             (Scheme::CatmullClark, torus(12, 8, false)),
-            (Scheme::CatmullClark, bumpy(&sphere(1))),
+            (Scheme::CatmullClark, add_bumps(&sphere(1))),
             (Scheme::DooSabin, torus(12, 8, false)),
-            (Scheme::DooSabin, bumpy(&sphere(1))),
+            (Scheme::DooSabin, add_bumps(&sphere(1))),
         ] {
             let own = vec![false; mesh.positions().len()];
             let feet = feet(&mesh, scheme, &own);
-            let fine = Plan::new(&mesh, how(scheme, 5)).unwrap().apply(&mesh).unwrap();
+            let fine =
+                Plan::new(&mesh, subdivision_options(scheme, 5)).unwrap().apply(&mesh).unwrap();
             let hits = TriangleTree::new(&fine).nearest_to_all(mesh.positions());
             for ((foot, to), hit) in feet.iter().zip(mesh.positions().iter()).zip(hits) {
                 let spoke = to - foot.point;
-                // The chords of the fine mesh may be nearer than the surface where it is hollow.
+                // The chords of the fine mesh may be nearer to the vertex than the surface is, where the surface is concave.
                 let least = hit.unwrap().distance_sq.sqrt();
                 assert!(spoke.norm() <= least + 5e-4, "{scheme:?} {} {least}", spoke.norm());
                 let Perpendicular::Along(normal) = foot.perpendicular else {
@@ -289,11 +296,14 @@ mod tests {
     }
 
     #[test]
-    fn own_limits_are_feet_where_they_are_asked_for_and_at_dual_borders() {
+    fn own_limits_are_feet_where_requested_and_at_dual_borders() {
         let open: Vec<_> = (0..72).filter(|face| face % 12 > 2).collect();
         let open = select_faces(&torus(12, 8, false), &open).unwrap();
         for scheme in [Scheme::CatmullClark, Scheme::DooSabin] {
-            let limits = LimitPlaces::new(&Topology::of(&open, how(scheme, 0))).unwrap().positions;
+            let limits =
+                LimitPositions::new(&Topology::from_mesh(&open, subdivision_options(scheme, 0)))
+                    .unwrap()
+                    .positions;
             let limits = limits.apply(open.positions());
             let marked: Vec<_> = (0..open.positions().len()).map(|k| k % 3 == 0).collect();
             let edges = open.edges();

@@ -1,10 +1,11 @@
-//! The limit surface of a primal scheme at any place, not only at vertices.
+//! Evaluation of the limit surface of a primal scheme at any parameter, not only at vertices.
 //!
-//! What lies around a face is refined until the place is in a part all of whose corners are regular; there the surface is a B-spline or
-//! box spline patch. Each step halves the distance to the nearest corner that is not regular, so that few steps do; exactly there the
-//! limit masks are taken. Away from borders and creases the same few numbers are refined again and again (`smooth_triangle.rs`,
-//! `smooth_quad.rs`), near them small meshes (`piece.rs`). This gives what Stam's eigenvectors give ("Exact evaluation of Catmull-Clark subdivision surfaces at arbitrary
-//! parameter values", 1998), without their tables, and at creases, too.
+//! The neighborhood of a face is refined until the position is in a part whose corners are all regular. Over such a part the surface is a
+//! B-spline or box spline patch. Each step halves the size of the part around an irregular corner, so few steps are enough; exactly at the
+//! corner the limit masks are used. Away from borders and creases the refined neighborhoods are small fixed-size arrays
+//! (`smooth_triangle.rs`, `smooth_quad.rs`), near borders and creases they are small meshes (`piece.rs`). The result equals that of Stam's
+//! eigenvector method ("Exact evaluation of Catmull-Clark subdivision surfaces at arbitrary parameter values", 1998), but needs no tables
+//! and also supports creases.
 
 use std::sync::Arc;
 
@@ -15,7 +16,7 @@ use super::face_point::{FacePoint, QUAD, TRIANGLE};
 use super::limit_point::LimitPoint;
 use super::piece::Piece;
 use super::smooth_quad::SmoothQuad;
-use super::smooth_triangle::{MOST, SmoothTriangle, scaled};
+use super::smooth_triangle::{MAX_VALENCE, SmoothTriangle, scale_jet};
 use crate::refine::connectivity::Connectivity;
 use crate::refine::half_edges::HalfEdges;
 use crate::refine::level::Level;
@@ -25,38 +26,38 @@ use crate::rules::Rules;
 use crate::scheme::PrimalScheme;
 use crate::{SubdivideError, Subdivision};
 
-/// So many steps bring a place as near to a corner as its coordinates can tell.
-const DEEPEST: usize = 40;
+/// The maximum number of refinement steps: after this many halvings floating-point coordinates at a corner cannot be resolved further.
+const MAX_DEPTH: usize = 40;
 
-/// A surface that Loop's or Catmull's and Clark's scheme tends to.
+/// The limit surface of Loop's or the Catmull-Clark scheme.
 #[derive(Clone)]
 pub struct LimitSurface {
     frame: Arc<SurfaceFrame>,
-    /// The vertices of the parts.
+    /// The vertices of the mesh whose faces are the parts.
     points: Vec<Point3<f64>>,
 }
 
-/// What of a limit surface does not depend on places.
+/// The part of a limit surface that does not depend on the positions of control points.
 struct SurfaceFrame {
     rules: Rules<PrimalScheme>,
     /// The faces of the control mesh.
     faces: Faces,
-    /// The steps to the parts: one, but two if there are polygons other than quads to be made quads first.
+    /// The steps that make the parts: one, or two if the mesh has polygons that must first be divided into quads.
     steps: Vec<Primal>,
-    /// The parts of the faces: each has one corner at most where other than the usual number of them meet.
+    /// The mesh whose faces are the parts. Each part has at most one irregular corner.
     mesh: Level,
-    /// Number of neighbors of its vertices; 0 at borders and creases, and where it is too large to be counted.
+    /// The number of neighbors of each vertex in `mesh`; 0 at borders and creases, and if the number does not fit.
     smooth: Vec<u8>,
 }
 
 impl LimitSurface {
-    /// The limit surface of `mesh` by the scheme and the rules of `how`; its number of levels does not matter.
+    /// Creates the limit surface of `mesh` with the scheme and the rules in `options`. The number of levels is ignored.
     ///
     /// # Errors
     /// If the scheme cannot refine a face, or is [`Scheme::DooSabin`](crate::Scheme::DooSabin), or the mesh is not manifold.
-    pub fn new(mesh: &Mesh, how: Subdivision) -> Result<Self, SubdivideError> {
-        let rules = how.rules().primal().ok_or(SubdivideError::NoPatches)?;
-        let first = Level::first(&Topology::of(mesh, how), rules.scheme)?;
+    pub fn new(mesh: &Mesh, options: Subdivision) -> Result<Self, SubdivideError> {
+        let rules = options.rules().primal().ok_or(SubdivideError::NoPatches)?;
+        let first = Level::from_topology(&Topology::from_mesh(mesh, options), rules.scheme)?;
         let mut steps = vec![Primal::new(first.into())];
         if rules.scheme.has_middles() && mesh.faces().sides() != Some(4) {
             steps.push(Primal::new(steps[0].next().into()));
@@ -68,38 +69,38 @@ impl LimitSurface {
         Ok(Self { points: frame.points(mesh.positions()), frame })
     }
 
-    /// The surface of other control points, as many as before: much faster than a new one.
+    /// Returns the surface for other control points. This is much faster than creating a new surface.
     ///
     /// # Errors
-    /// If there are more or fewer.
-    pub fn moved(&self, control: &[Point3<f64>]) -> Result<Self, SubdivideError> {
+    /// If the number of control points differs from that of the surface.
+    pub fn with_control_points(&self, control: &[Point3<f64>]) -> Result<Self, SubdivideError> {
         if control.len() != self.frame.steps[0].level.mesh.vertices {
             return Err(SubdivideError::OtherTopology);
         }
         Ok(Self { frame: self.frame.clone(), points: self.frame.points(control) })
     }
 
-    /// The point at `(u, v)` of a face of the control mesh.
+    /// Evaluates the surface at `(u, v)` of a face of the control mesh.
     ///
-    /// In a triangle, corners 0, 1, 2 are at `(0, 0)`, `(1, 0)`, `(0, 1)`; in a quad, corners 0 to 3 at `(0, 0)`, `(1, 0)`, `(1,
-    /// 1)`, `(0, 1)`. With Catmull's and Clark's scheme a face with another number of corners has a quad at each of them: `u` is
-    /// the corner's number and a fraction along the half edge that follows it, `v` the fraction along the half edge before it.
-    /// Coordinates outside of the face are taken to its nearest side.
+    /// In a triangle, corners 0, 1, 2 are at `(0, 0)`, `(1, 0)`, `(0, 1)`; in a quad, corners 0 to 3 are at `(0, 0)`, `(1, 0)`, `(1, 1)`,
+    /// `(0, 1)`. With the Catmull-Clark scheme a face with another number of corners is divided into one quad per corner. In such a face
+    /// the integer part of `u` is the index of the corner, the fraction of `u` is the position along the half edge after the corner, and
+    /// `v` is the position along the half edge before it. Coordinates outside of the face are moved to the nearest side.
     ///
     /// # Panics
     /// If there is no such face.
-    pub fn at(&self, face: usize, u: f64, v: f64) -> LimitPoint {
+    pub fn evaluate(&self, face: usize, u: f64, v: f64) -> LimitPoint {
         let faces = &self.frame.faces;
         let (first, sides) = (faces.first_corner(face), faces.face(face).len());
-        let mut place = FacePoint::new(u, v);
+        let mut position = FacePoint::new(u, v);
         let part = match self.frame.rules.scheme {
-            PrimalScheme::Loop => 4 * face + place.halve_triangle(),
-            PrimalScheme::CatmullClark if sides == 4 => first + place.halve_quad(),
-            PrimalScheme::CatmullClark => first + place.corner(sides),
+            PrimalScheme::Loop => 4 * face + position.halve_triangle(),
+            PrimalScheme::CatmullClark if sides == 4 => first + position.halve_quad(),
+            PrimalScheme::CatmullClark => first + position.corner(sides),
         };
         let later = 1..self.n_steps();
-        let part = later.fold(part, |part, _| 4 * part + place.halve_quad());
-        self.at_part(part as u32, place)
+        let part = later.fold(part, |part, _| 4 * part + position.halve_quad());
+        self.evaluate_part(part as u32, position)
     }
 
     /// The number of steps that make the parts.
@@ -112,7 +113,7 @@ impl LimitSurface {
         &self.frame.mesh.mesh
     }
 
-    /// The face of the control mesh in which a part lies.
+    /// Returns the face of the control mesh that contains a part.
     pub(crate) fn face_of(&self, part: u32) -> u32 {
         let control = &self.frame.steps[0].level.mesh;
         match self.frame.rules.scheme {
@@ -125,101 +126,113 @@ impl LimitSurface {
         self.frame.rules.scheme
     }
 
-    /// The point at a place of a part, by the coordinates that the place came from.
-    pub(crate) fn at_part(&self, part: u32, place: FacePoint) -> LimitPoint {
-        self.part(part).at(place)
+    /// Evaluates a part at a position. Derivatives are with respect to the coordinates that the position had before it was converted to the
+    /// part.
+    pub(crate) fn evaluate_part(&self, part: u32, position: FacePoint) -> LimitPoint {
+        self.part(part).evaluate(position)
     }
 
-    /// A part, for looking at several places of it.
+    /// Returns a part for evaluation at several positions.
     pub(crate) fn part(&self, part: u32) -> LimitPart<'_> {
         LimitPart { surface: self, part, smooth: self.smooth(part) }
     }
 
-    /// A part without creases, with one irregular corner at most.
+    /// Returns the fast representation of a part, if it has no creases and at most one irregular corner.
     fn smooth(&self, part: u32) -> Smooth {
         let SurfaceFrame { rules, mesh: Level { mesh, .. }, smooth, .. } = &*self.frame;
         let valence = |half: u32| smooth[mesh.corners()[half as usize] as usize];
         fn is_known(n: u8) -> bool {
-            (3..=MOST).contains(&usize::from(n))
+            (3..=MAX_VALENCE).contains(&usize::from(n))
         }
         match rules.scheme {
             PrimalScheme::Loop => match [3 * part, 3 * part + 1, 3 * part + 2].map(valence) {
                 [n, 6, 6] if is_known(n) => {
                     let half = 3 * part;
-                    Smooth::Triangle(SmoothTriangle::around(mesh, &self.points, half, n.into()))
+                    Smooth::Triangle(SmoothTriangle::from_half_edge(
+                        mesh,
+                        &self.points,
+                        half,
+                        n.into(),
+                    ))
                 }
                 _ => Smooth::Not,
             },
             PrimalScheme::CatmullClark => {
                 let half = 4 * part;
-                let quad =
-                    |half: u32, n: u8| SmoothQuad::around(mesh, &self.points, half, n.into());
-                // One step puts the irregular corner first, or across from it where it is the middle of a polygon.
+                // After one step the irregular corner is the part's first corner, or its opposite corner if that is the center of a
+                // polygon.
                 match [half, half + 1, half + 2, half + 3].map(valence) {
-                    [n, 4, 4, 4] if is_known(n) => Smooth::Quad(quad(half, n)),
-                    [4, 4, n, 4] if is_known(n) => Smooth::TurnedQuad(quad(half + 2, n)),
+                    [n, 4, 4, 4] if is_known(n) => Smooth::Quad(self.smooth_quad(half, n)),
+                    [4, 4, n, 4] if is_known(n) => {
+                        Smooth::TurnedQuad(self.smooth_quad(half + 2, n))
+                    }
                     _ => Smooth::Not,
                 }
             }
         }
     }
 
-    /// The point at a place of any part: by refinement of what lies around it.
-    pub(crate) fn by_pieces(&self, part: u32, mut place: FacePoint) -> LimitPoint {
+    fn smooth_quad(&self, half: u32, n: u8) -> SmoothQuad {
+        SmoothQuad::from_half_edge(&self.frame.mesh.mesh, &self.points, half, n.into())
+    }
+
+    /// Evaluates a part at a position by refining its neighborhood as a small mesh. This works for all parts.
+    pub(crate) fn evaluate_by_pieces(&self, part: u32, mut position: FacePoint) -> LimitPoint {
         let SurfaceFrame { rules, mesh: Level { mesh, creases, .. }, .. } = &*self.frame;
         let rules = *rules;
         let corners = match rules.scheme {
             PrimalScheme::Loop => TRIANGLE,
             PrimalScheme::CatmullClark => QUAD,
         };
-        let mut piece = Piece::around(mesh, creases, &self.points, part);
-        for _ in 0..DEEPEST {
-            if let Some(jet) = piece.regular(rules, place.at) {
-                return place.point(jet);
+        let mut piece = Piece::from_face(mesh, creases, &self.points, part);
+        for _ in 0..MAX_DEPTH {
+            if let Some(jet) = piece.regular(rules, position.at) {
+                return position.point(jet);
             }
-            if let Some(corner) = place.is_corner(corners) {
+            if let Some(corner) = position.is_corner(corners) {
                 return piece.corner(rules, corner);
             }
             let part = match rules.scheme {
-                PrimalScheme::Loop => place.halve_triangle(),
-                PrimalScheme::CatmullClark => place.halve_quad(),
+                PrimalScheme::Loop => position.halve_triangle(),
+                PrimalScheme::CatmullClark => position.halve_quad(),
             };
-            piece = piece.refined(rules, part);
+            piece = piece.refine(rules, part);
         }
-        piece.corner(rules, place.nearest_corner(corners))
+        piece.corner(rules, position.nearest_corner(corners))
     }
 }
 
-/// A part of a limit surface, with what refinement made of it where places of it were asked for.
+/// A part of a limit surface, with a cache of the refined neighborhoods for the evaluated positions.
 pub(crate) struct LimitPart<'a> {
     surface: &'a LimitSurface,
     part: u32,
     smooth: Smooth,
 }
 
-/// A part without creases, with one irregular corner at most.
+/// The fast representation of a part that has no creases and at most one irregular corner; `Not` for other parts.
 enum Smooth {
     Triangle(SmoothTriangle),
     Quad(SmoothQuad),
-    /// A quad from its third corner on.
+    /// A quad whose irregular corner is the third one.
     TurnedQuad(SmoothQuad),
     Not,
 }
 
 impl LimitPart<'_> {
-    /// The point at a place of the part, by the coordinates that the place came from.
-    pub(crate) fn at(&mut self, place: FacePoint) -> LimitPoint {
-        let [u, v] = place.at;
+    /// Evaluates the part at a position. Derivatives are with respect to the coordinates that the position had before it
+    /// was converted to the part.
+    pub(crate) fn evaluate(&mut self, position: FacePoint) -> LimitPoint {
+        let [u, v] = position.at;
         let jet = match &mut self.smooth {
             Smooth::Triangle(triangle) => triangle.jet(u, v),
             Smooth::Quad(quad) => quad.jet(u, v),
-            Smooth::TurnedQuad(quad) => quad.jet(1.0 - u, 1.0 - v).map(|jet| scaled(jet, -1.0)),
+            Smooth::TurnedQuad(quad) => quad.jet(1.0 - u, 1.0 - v).map(|jet| scale_jet(jet, -1.0)),
             Smooth::Not => None,
         };
-        // Too near to an irregular corner there is none, either.
+        // Very close to an irregular corner there is no regular patch.
         match jet {
-            Some(jet) => place.point(jet),
-            None => self.surface.by_pieces(self.part, place),
+            Some(jet) => position.point(jet),
+            None => self.surface.evaluate_by_pieces(self.part, position),
         }
     }
 }
@@ -231,7 +244,7 @@ impl SurfaceFrame {
     }
 }
 
-/// Number of neighbors of the vertices that no sharp edge touches, where it fits; 0 for the others.
+/// Returns the number of neighbors of each vertex that has no sharp edges; 0 for other vertices, and if the number does not fit.
 fn smooth_valences(level: &Level) -> Vec<u8> {
     let mut valences = vec![0u8; level.mesh.vertices];
     for &corner in level.mesh.corners() {

@@ -2,10 +2,10 @@
 
 use nalgebra::Vector3;
 
-/// A place on a surface with its first and second derivatives: `s`, `s_u`, `s_v`, `s_uu`, `s_uv`, `s_vv`.
+/// A point of a surface with its first and second derivatives: `s`, `s_u`, `s_v`, `s_uu`, `s_uv`, `s_vv`.
 pub(crate) type Jet = [Vector3<f64>; 6];
 
-/// Values, first and second derivatives of the four cubic B-splines over a unit interval.
+/// The values, first and second derivatives of the four cubic B-splines over a unit interval.
 fn cubic(t: f64) -> [[f64; 4]; 3] {
     let r = 1.0 - t;
     [
@@ -16,18 +16,18 @@ fn cubic(t: f64) -> [[f64; 4]; 3] {
     ]
 }
 
-/// The surface at `(u, v)` in the middle square of the net with these points `[i][j]`, `i` along `u`.
+/// Evaluates the bicubic B-spline at `(u, v)` in the middle square of a 4 by 4 net of points `[i][j]`, with `i` along `u`.
 pub(crate) fn bicubic(net: impl Fn([usize; 2]) -> Vector3<f64>, u: f64, v: f64) -> Jet {
     tensor(net, &cubic(u), &cubic(v))
 }
 
-/// The surface of a net whose basis functions along `u` and `v` have these values, first and second derivatives.
+/// Evaluates a tensor-product surface. `along_u` and `along_v` have the values, first and second derivatives of the basis functions.
 pub(crate) fn tensor<const N: usize>(
     net: impl Fn([usize; 2]) -> Vector3<f64>,
     along_u: &[[f64; N]; 3],
     along_v: &[[f64; N]; 3],
 ) -> Jet {
-    // Side by side, so that one instruction works on several.
+    // The loops are arranged so that the compiler can use SIMD instructions.
     let mut sums = [[0.0; 6]; 3];
     for (i, j) in (0..N).flat_map(|i| (0..N).map(move |j| (i, j))) {
         let weights = [[0, 0], [1, 0], [0, 1], [2, 0], [1, 1], [0, 2]]
@@ -40,20 +40,19 @@ pub(crate) fn tensor<const N: usize>(
     std::array::from_fn(|k| Vector3::from(sums.map(|sums| sums[k])))
 }
 
-/// The surface over the middle triangle of a regular net, as the points of a polynomial of degree 4.
+/// The quartic box spline over the middle triangle of a regular net, stored as the 15 Bezier points of a polynomial of degree 4.
 pub(crate) struct Quartic([Vector3<f64>; 15]);
 
 impl Quartic {
-    /// The patch over a triangle; `rings[k]` is what lies around corner `k`, counter-clockwise, from the next corner on.
+    /// Creates the patch over a triangle. `rings[k]` has the neighbors of corner `k`, counter-clockwise, beginning with the next corner.
     pub(crate) fn new(corners: &[Vector3<f64>; 3], rings: &[[Vector3<f64>; 6]; 3]) -> Self {
         Self(bezier(corners, rings))
     }
 
-    /// The surface at `(u, v)`, where the corners of the triangle are `(0, 0)`, `(1, 0)`, `(0, 1)`.
+    /// Evaluates the patch at `(u, v)`. The corners of the triangle are `(0, 0)`, `(1, 0)`, `(0, 1)`.
     ///
-    /// The box spline is a polynomial of degree 4 there, whose Bezier points are taken together two times in a row, until those of a
-    /// polynomial of degree 2 are left: the algorithm of de Casteljau. The points follow from the polynomials in Stam, "Evaluation of
-    /// Loop subdivision surfaces" (1998), appendix B.
+    /// Two steps of de Casteljau's algorithm reduce the polynomial to degree 2, from which the derivatives follow. The Bezier points are
+    /// derived from the polynomials in Stam, "Evaluation of Loop subdivision surfaces" (1998), appendix B.
     pub(crate) fn jet(&self, u: f64, v: f64) -> Jet {
         let at = [1.0 - u - v, u, v];
         let three: [_; 10] = blend(&self.0, at);
@@ -71,38 +70,39 @@ impl Quartic {
     }
 }
 
-/// The Bezier points of the middle triangle, by rows: first the one at corner 0, last those along the side across from it.
+/// Computes the Bezier points of the middle triangle, row by row: first the one at corner 0, last those along the opposite side.
 fn bezier(corners: &[Vector3<f64>; 3], rings: &[[Vector3<f64>; 6]; 3]) -> [Vector3<f64>; 15] {
-    // Where those next to corner k are: itself, towards the next and the last corner, half way to the next, and inside.
-    const PLACES: [[usize; 5]; 3] = [[0, 1, 2, 3, 4], [10, 11, 6, 12, 7], [14, 9, 13, 5, 8]];
+    // For each corner k the indices of five Bezier points: at the corner, next to it towards the next and the previous corner, half way to
+    // the next corner, and inside the triangle.
+    const INDICES: [[usize; 5]; 3] = [[0, 1, 2, 3, 4], [10, 11, 6, 12, 7], [14, 9, 13, 5, 8]];
     let mut points = [Vector3::zeros(); 15];
-    for (k, place) in PLACES.into_iter().enumerate() {
+    for (k, index) in INDICES.into_iter().enumerate() {
         let a = corners[k];
         let [b, c, ca, a_c, a_b, ab] = rings[k];
         let (sides, across) = (b + c, ab + ca);
-        points[place[0]] = a * 0.5 + (sides + across + (a_b + a_c)) / 12.0;
-        points[place[1]] = (a * 12.0 + b * 4.0 + (c + ab) * 3.0 + (ca + a_b)) / 24.0;
-        points[place[2]] = (a * 12.0 + c * 4.0 + (b + ca) * 3.0 + (ab + a_c)) / 24.0;
-        points[place[3]] = ((a + b) * 2.0 + (c + ab)) / 6.0;
-        points[place[4]] = (a * 10.0 + sides * 6.0 + across) / 24.0;
+        points[index[0]] = a * 0.5 + (sides + across + (a_b + a_c)) / 12.0;
+        points[index[1]] = (a * 12.0 + b * 4.0 + (c + ab) * 3.0 + (ca + a_b)) / 24.0;
+        points[index[2]] = (a * 12.0 + c * 4.0 + (b + ca) * 3.0 + (ab + a_c)) / 24.0;
+        points[index[3]] = ((a + b) * 2.0 + (c + ab)) / 6.0;
+        points[index[4]] = (a * 10.0 + sides * 6.0 + across) / 24.0;
     }
     points
 }
 
-/// The points of a triangle of points, by rows, taken together three by three: one row less.
+/// Performs a step of de Casteljau's algorithm on a triangle of points, stored by rows. The result has one row less.
 fn blend<const FROM: usize, const TO: usize>(
     from: &[Vector3<f64>; FROM],
     [a, b, c]: [f64; 3],
 ) -> [Vector3<f64>; TO] {
     let mut to = [Vector3::zeros(); TO];
     let (mut row, mut first) = (0, 0);
-    for (place, to) in to.iter_mut().enumerate() {
-        if place > first + row {
+    for (index, to) in to.iter_mut().enumerate() {
+        if index > first + row {
             first += row + 1;
             row += 1;
         }
-        let below = place + row + 1;
-        *to = from[place] * a + from[below] * b + from[below + 1] * c;
+        let below = index + row + 1;
+        *to = from[index] * a + from[below] * b + from[below + 1] * c;
     }
     to
 }

@@ -1,7 +1,7 @@
-//! A face with the faces around it, near borders and creases, too: as a small mesh, which is refined as any other.
+//! A face with its neighborhood as a small mesh, which is refined by the general rules. Borders and creases are supported.
 //!
-//! A piece all of whose corners are regular, or lie on a straight run of border or crease, is a B-spline or box spline patch, whose
-//! control points beyond a border are mirrored ones.
+//! If each corner of the face is regular, or on a regular part of a border or crease, the surface over the face is a B-spline or box spline
+//! patch. Control points beyond a border are then obtained by mirroring.
 
 use maquette_base::linear::stencils::Stencils;
 use maquette_value::Faces;
@@ -12,7 +12,7 @@ use super::patches::{Jet, Quartic, bicubic};
 use crate::masks::catmull_clark::CatmullClarkMasks;
 use crate::masks::loop_masks::LoopMasks;
 use crate::masks::sharpness::{Class, Edges, Sharpness};
-use crate::masks::stars::{Masks, Scratch, Stars};
+use crate::masks::vertex_rings::{Masks, RingMasks, Scratch};
 use crate::refine::connectivity::Connectivity;
 use crate::refine::half_edges::{HalfEdges, Ring};
 use crate::refine::level::Level;
@@ -20,7 +20,7 @@ use crate::refine::primal::Primal;
 use crate::rules::Rules;
 use crate::scheme::PrimalScheme;
 
-/// A face with the faces around it.
+/// A face with its neighboring faces, as a small mesh.
 pub(crate) struct Piece {
     mesh: Connectivity,
     creases: Vec<(u32, f64)>,
@@ -29,8 +29,8 @@ pub(crate) struct Piece {
 }
 
 impl Piece {
-    /// That of a face of a larger mesh.
-    pub(crate) fn around(
+    /// Extracts a face of a larger mesh with its neighboring faces.
+    pub(crate) fn from_face(
         whole: &Connectivity,
         creases: &[(u32, f64)],
         points: &[Point3<f64>],
@@ -39,7 +39,7 @@ impl Piece {
         let mut ring = Ring::default();
         let mut faces: Vec<u32> = Vec::new();
         for half in whole.halves_around(face) {
-            whole.ring(whole.first(half), &mut ring);
+            whole.ring(whole.clockwise_most(half), &mut ring);
             faces.extend(ring.halves.iter().map(|&half| whole.face_of(half)));
         }
         faces.sort_unstable();
@@ -60,15 +60,15 @@ impl Piece {
                 })
                 .collect::<Vec<_>>(),
         );
-        let mesh = Connectivity::unchecked(
+        let mesh = Connectivity::new_unchecked(
             &faces_here.expect("as many corners as counted"),
             vertices.len(),
         );
         let mut creases_here: Vec<(u32, f64)> = Vec::new();
         for (half, &edge) in halves.iter().zip(&mesh.edge_of) {
             let old = whole.edge_of[*half as usize];
-            if let Ok(place) = creases.binary_search_by_key(&old, |crease| crease.0) {
-                creases_here.push((edge, creases[place].1));
+            if let Ok(index) = creases.binary_search_by_key(&old, |crease| crease.0) {
+                creases_here.push((edge, creases[index].1));
             }
         }
         creases_here.sort_unstable_by_key(|crease| crease.0);
@@ -78,8 +78,8 @@ impl Piece {
         Self { mesh, creases: creases_here, points, face }
     }
 
-    /// What lies around a part of the face after one step.
-    pub(crate) fn refined(self, rules: Rules<PrimalScheme>, part: usize) -> Self {
+    /// Refines the piece by one step: returns the piece around a part of the old face.
+    pub(crate) fn refine(self, rules: Rules<PrimalScheme>, part: usize) -> Self {
         let level = Level::piece(rules, self.mesh, self.creases);
         let first = level.mesh.faces.first_corner(self.face as usize);
         let face = match rules.scheme {
@@ -89,10 +89,10 @@ impl Piece {
         let step = Primal::new(level.into());
         let points = step.positions(&self.points);
         let finer = step.next();
-        Self::around(&finer.mesh, &finer.creases, &points, face as u32)
+        Self::from_face(&finer.mesh, &finer.creases, &points, face as u32)
     }
 
-    /// The surface at a place of the face, if this is regular.
+    /// Evaluates the surface at a position of the face; `None` if the face is not regular.
     pub(crate) fn regular(&self, rules: Rules<PrimalScheme>, [u, v]: [f64; 2]) -> Option<Jet> {
         let sharpness = Sharpness::new(&self.mesh, rules, &self.creases);
         match rules.scheme {
@@ -103,7 +103,10 @@ impl Piece {
                     self.triangles_around(&sharpness, i)?,
                     self.triangles_around(&sharpness, j)?,
                 ];
-                Some(Quartic::new(&[h, i, j].map(|half| self.at(half)), &rings).jet(u, v))
+                Some(
+                    Quartic::new(&[h, i, j].map(|half| self.tip_coordinates(half)), &rings)
+                        .jet(u, v),
+                )
             }
             PrimalScheme::CatmullClark => {
                 let halves: [u32; 4] = std::array::from_fn(|k| 4 * self.face + k as u32);
@@ -115,50 +118,50 @@ impl Piece {
         }
     }
 
-    fn at(&self, half: u32) -> Vector3<f64> {
+    fn tip_coordinates(&self, half: u32) -> Vector3<f64> {
         self.points[self.mesh.corners()[half as usize] as usize].coords
     }
 
-    /// The ring around the vertex from which a half-edge of the face runs, how sharp its edges are, the class of the vertex, and
-    /// the place of the half-edge.
-    fn star(
+    /// Returns four things: the ring around the vertex where a half-edge of the face starts, the sharpness of the ring's edges, the class
+    /// of the vertex, and the index of the half-edge in the ring.
+    fn collect_ring(
         &self,
         sharpness: &Sharpness<'_, Connectivity>,
         half: u32,
     ) -> (Ring, Edges, Class, usize) {
         let (mut ring, mut edges) = (Ring::default(), Edges::default());
-        self.mesh.ring(self.mesh.first(half), &mut ring);
-        sharpness.around(self.mesh.corners()[half as usize], &ring, &mut edges);
+        self.mesh.ring(self.mesh.clockwise_most(half), &mut ring);
+        sharpness.collect_around(self.mesh.corners()[half as usize], &ring, &mut edges);
         let class = sharpness.class(&ring, &edges.before);
-        let place = ring.halves.iter().position(|&other| other == half).unwrap_or_default();
-        (ring, edges, class, place)
+        let index = ring.halves.iter().position(|&other| other == half).unwrap_or_default();
+        (ring, edges, class, index)
     }
 
-    /// Whether the quad's corner at a half-edge is smooth amid four quads; or on a crease that lasts, with two quads on this
-    /// side; or a corner with both edges of the quad sharp.
+    /// Returns true if the quad's corner at a half-edge is regular. A regular corner is a smooth vertex with four quads, a vertex on a
+    /// permanent crease with two quads on this side, or a corner at which both edges of the quad are sharp.
     fn is_regular_corner(&self, sharpness: &Sharpness<'_, Connectivity>, half: u32) -> bool {
-        let (ring, edges, class, place) = self.star(sharpness, half);
+        let (ring, edges, class, index) = self.collect_ring(sharpness, half);
         let n = ring.edges.len();
-        let softens = edges.before.iter().any(|&s| s > 0.0 && s < FOREVER);
-        fn is_sharp(place: usize, n: usize, edges_before: &[f64]) -> bool {
-            edges_before[place % n] > 0.0
+        let softens = edges.before.iter().any(|&s| s > 0.0 && s < PERMANENT);
+        fn is_sharp(index: usize, n: usize, edges_before: &[f64]) -> bool {
+            edges_before[index % n] > 0.0
         }
         match class {
             Class::Smooth => n == 4 && !edges.before.iter().any(|&s| s > 0.0),
             Class::Crease(first, second) => {
-                let inside = (first..second).contains(&place);
+                let inside = (first..second).contains(&index);
                 let q = if inside { second - first } else { n - (second - first) };
                 q == 2 && !softens
             }
             Class::Corner => {
-                is_sharp(place, n, &edges.before)
-                    && is_sharp(place + 1, n, &edges.before)
+                is_sharp(index, n, &edges.before)
+                    && is_sharp(index + 1, n, &edges.before)
                     && !softens
             }
         }
     }
 
-    /// The control points of the quad's patch.
+    /// Returns the 4 by 4 control points of the patch over the quad.
     fn net(
         &self,
         sharpness: &Sharpness<'_, Connectivity>,
@@ -166,16 +169,18 @@ impl Piece {
     ) -> [[Vector3<f64>; 4]; 4] {
         let mesh = &self.mesh;
         let mut net = [[Vector3::zeros(); 4]; 4];
-        // Corner k of the quad, and the steps along the side after it and out of the quad across this side.
+        // For each corner k of the quad: its index in the net, the step of the index along the next side, and the step outwards across this
+        // side.
         let sides: [([i32; 2], [i32; 2], [i32; 2]); 4] = [
             ([1, 1], [1, 0], [0, -1]),
             ([2, 1], [0, 1], [1, 0]),
             ([2, 2], [-1, 0], [0, 1]),
             ([1, 2], [0, -1], [-1, 0]),
         ];
-        let is_sharp = halves.map(|half| sharpness.of(mesh.edge_of[half as usize]) > 0.0);
+        let is_sharp =
+            halves.map(|half| sharpness.edge_sharpness(mesh.edge_of[half as usize]) > 0.0);
         for (&half, (corner, _, _)) in halves.iter().zip(sides) {
-            *get(&mut net, corner) = self.at(half);
+            *get(&mut net, corner) = self.tip_coordinates(half);
         }
         for (k, (corner, along, out)) in sides.into_iter().enumerate() {
             let ends = [corner, add(corner, along)];
@@ -187,8 +192,9 @@ impl Piece {
                 }
             } else {
                 let next = mesh.next(mesh.twin(halves[k]));
-                *get(&mut net, add(ends[0], out)) = self.at(mesh.next(next));
-                *get(&mut net, add(ends[1], out)) = self.at(mesh.next(mesh.next(next)));
+                *get(&mut net, add(ends[0], out)) = self.tip_coordinates(mesh.next(next));
+                *get(&mut net, add(ends[1], out)) =
+                    self.tip_coordinates(mesh.next(mesh.next(next)));
             }
         }
         for (k, (corner, along, out)) in sides.into_iter().enumerate() {
@@ -203,93 +209,101 @@ impl Piece {
                 *get(&mut net, on) * 2.0 - *get(&mut net, inner)
             } else {
                 let beyond = mesh.twin(mesh.next(mesh.twin(halves[k])));
-                self.at(mesh.previous(beyond))
+                self.tip_coordinates(mesh.previous(beyond))
             };
         }
         net
     }
 
-    /// The six points around the triangle's corner at a half-edge, from its other end on; mirrored ones beyond a crease. None if
-    /// the corner is not regular.
+    /// Returns the six neighbors of the triangle's corner at a half-edge, beginning with the other end of the half-edge. Neighbors beyond a
+    /// crease are mirrored. Returns `None` if the corner is not regular.
     fn triangles_around(
         &self,
         sharpness: &Sharpness<'_, Connectivity>,
         half: u32,
     ) -> Option<[Vector3<f64>; 6]> {
-        let (ring, edges, class, place) = self.star(sharpness, half);
+        let (ring, edges, class, index) = self.collect_ring(sharpness, half);
         let n = ring.edges.len();
-        fn at(
-            place: usize,
+        fn evaluate(
+            index: usize,
             n: usize,
             ring_neighbors: &[u32],
             points: &[Point3<f64>],
         ) -> Vector3<f64> {
-            points[ring_neighbors[place % n] as usize].coords
+            points[ring_neighbors[index % n] as usize].coords
         }
-        if edges.before.iter().any(|&s| s > 0.0 && s < FOREVER) {
+        if edges.before.iter().any(|&s| s > 0.0 && s < PERMANENT) {
             return None;
         }
         match class {
             Class::Smooth if n == 6 && edges.before.iter().all(|&s| s == 0.0) => {
-                Some(std::array::from_fn(|k| at(place + k, n, &ring.neighbors, &self.points)))
+                Some(std::array::from_fn(|k| evaluate(index + k, n, &ring.neighbors, &self.points)))
             }
             Class::Crease(first, second) => {
-                let inside = (first..second).contains(&place);
+                let inside = (first..second).contains(&index);
                 let (start, q) =
                     if inside { (first, second - first) } else { (second, n - (second - first)) };
                 if q != 3 {
                     return None;
                 }
-                let own = self.at(half);
+                let own = self.tip_coordinates(half);
                 let side: [Vector3<f64>; 4] =
-                    std::array::from_fn(|k| at(start + k, n, &ring.neighbors, &self.points));
+                    std::array::from_fn(|k| evaluate(start + k, n, &ring.neighbors, &self.points));
                 let mirrored = [own + side[3] - side[2], own + side[0] - side[1]];
                 let around: [Vector3<f64>; 6] =
                     std::array::from_fn(|k| if k < 4 { side[k] } else { mirrored[k - 4] });
-                let turn = (place + n - start) % n;
+                let turn = (index + n - start) % n;
                 Some(std::array::from_fn(|k| around[(turn + k) % 6]))
             }
             _ => None,
         }
     }
 
-    /// The limit of a corner of the face, and its tangents on this side.
+    /// Evaluates the limit point at a corner of the face, and the tangents on this face's side of any creases.
     pub(crate) fn corner(&self, rules: Rules<PrimalScheme>, corner: usize) -> LimitPoint {
         match rules.scheme {
-            PrimalScheme::Loop => self.masked(rules, corner, LoopMasks),
-            PrimalScheme::CatmullClark => self.masked(rules, corner, CatmullClarkMasks),
+            PrimalScheme::Loop => self.apply_masks(rules, corner, LoopMasks),
+            PrimalScheme::CatmullClark => self.apply_masks(rules, corner, CatmullClarkMasks),
         }
     }
 
-    fn masked(&self, rules: Rules<PrimalScheme>, corner: usize, masks: impl Masks) -> LimitPoint {
+    fn apply_masks(
+        &self,
+        rules: Rules<PrimalScheme>,
+        corner: usize,
+        masks: impl Masks,
+    ) -> LimitPoint {
         let sharpness = Sharpness::new(&self.mesh, rules, &self.creases);
         let half = self.mesh.faces.first_corner(self.face as usize) as u32 + corner as u32;
-        let (_, edges, _, place) = self.star(&sharpness, half);
-        let (vertex, start) = (self.mesh.corners()[half as usize], self.mesh.first(half));
+        let (_, edges, _, index) = self.collect_ring(&sharpness, half);
+        let (vertex, start) = (self.mesh.corners()[half as usize], self.mesh.clockwise_most(half));
         let stars =
-            Stars { mesh: &self.mesh, sharpness: &sharpness, rules: rules.of_edges(), masks };
+            RingMasks { mesh: &self.mesh, sharpness: &sharpness, rules: rules.of_edges(), masks };
         let (rows, _) = Stencils::build(1, |scratch: &mut Scratch, _, rows| {
             stars.limit(scratch, vertex, start, rows);
             rows.end();
             stars.tangents(scratch, vertex, start, rows);
         });
-        fn at(row: usize, rows: &Stencils, points: &[Point3<f64>]) -> Vector3<f64> {
+        fn apply_row(row: usize, rows: &Stencils, points: &[Point3<f64>]) -> Vector3<f64> {
             rows.point(row.min(rows.len() - 1), |column| points[column as usize]).coords
         }
-        // The sides begin at the sharp edges; what comes before the first one belongs to the last.
+        // Each side begins at a sharp edge; edges before the first sharp edge belong to the last side.
         let sides = (rows.len() - 1) / 2;
-        let before = edges.before[..=place].iter().filter(|&&s| s > 0.0).count();
+        let before = edges.before[..=index].iter().filter(|&&s| s > 0.0).count();
         let side = (before + sides).saturating_sub(1) % sides.max(1);
         LimitPoint {
-            point: at(0, &rows, &self.points).into(),
-            first: [at(1 + 2 * side, &rows, &self.points), at(2 + 2 * side, &rows, &self.points)],
+            point: apply_row(0, &rows, &self.points).into(),
+            first: [
+                apply_row(1 + 2 * side, &rows, &self.points),
+                apply_row(2 + 2 * side, &rows, &self.points),
+            ],
             second: None,
         }
     }
 }
 
-/// Edges at least this sharp stay so.
-const FOREVER: f64 = 10.0;
+/// Edges with at least this sharpness are permanently sharp.
+const PERMANENT: f64 = 10.0;
 
 fn add(a: [i32; 2], b: [i32; 2]) -> [i32; 2] {
     [a[0] + b[0], a[1] + b[1]]

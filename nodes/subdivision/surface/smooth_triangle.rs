@@ -1,11 +1,11 @@
-//! A triangle without creases around it, whose first corner may have any number of neighbors: the limit of Loop's scheme anywhere on it.
+//! Evaluation of Loop's limit surface over a triangle without creases near it. The first corner may have any number of neighbors.
 //!
-//! Refinement makes four triangles of it, three of them regular and the one at the first corner like the whole. What lies around
-//! it is so little, and so much the same in every step, that plain arithmetic on lists of fixed places does it: no mesh is made.
+//! A refinement step makes four triangles: three are regular, and the triangle at the first corner is like the original one. The
+//! neighborhood is small and has the same structure in every step, so it is refined as arrays, without a mesh.
 //!
 //! ```text
 //!       beyond[3] -- beyond[2]         ring: around the first corner, counter-clockwise from the second corner on
-//!        /    \     /     \            beyond: around the second and third corner, counter-clockwise, what is not in the ring
+//!        /    \     /     \            beyond: the other neighbors of the second and third corner, counter-clockwise
 //! beyond[4] -- ring[1] -- beyond[1]
 //!    \        /   \        /   \
 //!     ring[2] --  own -- ring[0] -- beyond[0]
@@ -17,94 +17,108 @@ use nalgebra::{Point3, Vector3};
 
 use super::patches::{Jet, Quartic};
 use crate::masks::loop_masks::LoopMasks;
-use crate::masks::stars::Masks;
+use crate::masks::vertex_rings::Masks;
 use crate::refine::connectivity::Connectivity;
 use crate::refine::half_edges::HalfEdges;
 
-/// Most neighbors of the first corner.
-pub(crate) const MOST: usize = 16;
+/// The maximum number of neighbors of the first corner.
+pub(crate) const MAX_VALENCE: usize = 16;
 
-/// Steps that bring a place as near to a corner as its coordinates can tell.
-const DEEPEST: usize = 40;
+/// The maximum number of refinement steps: after this many halvings floating-point coordinates at a corner cannot be resolved further.
+const MAX_DEPTH: usize = 40;
 
-/// A triangle, what lies around it, and what refinement made of it where places of it were asked for.
+/// A triangle with its neighborhood, and a cache of the refined neighborhoods.
 pub(crate) struct SmoothTriangle {
-    /// What lies around the triangle at the first corner before each step.
-    steps: Vec<Around>,
-    /// The last patch, and over which new triangle of which step it is; over the whole one if over none.
+    /// The neighborhood, before each step, of the (refined) triangle at the first corner.
+    steps: Vec<TriangleNeighborhood>,
+    /// The last evaluated patch, and the new triangle over which it lies; `None` for the original triangle.
     last: Option<(Option<Place>, Box<Quartic>)>,
 }
 
-/// A new triangle of a step.
+/// The number of a step, and one of the new triangles that the step makes.
 type Place = (usize, ChildTriangle);
 
-/// What lies around a triangle.
-struct Around {
+/// The neighborhood of a triangle.
+struct TriangleNeighborhood {
     own: Vector3<f64>,
-    ring: [Vector3<f64>; MOST],
+    ring: [Vector3<f64>; MAX_VALENCE],
     beyond: [Vector3<f64>; 5],
     n: usize,
 }
 
 impl SmoothTriangle {
-    /// The triangle in which `half` runs from the first corner, which has `n` neighbors, 3 at least; the others have six.
-    pub(crate) fn around(mesh: &Connectivity, points: &[Point3<f64>], half: u32, n: usize) -> Self {
+    /// Creates the triangle of `half`, which starts at the first corner. This corner has `n` neighbors, at least 3; the others have six.
+    pub(crate) fn from_half_edge(
+        mesh: &Connectivity,
+        points: &[Point3<f64>],
+        half: u32,
+        n: usize,
+    ) -> Self {
         let corners = mesh.corners();
-        fn at(half: u32, points: &[Point3<f64>], corners: &[u32]) -> Vector3<f64> {
+        fn tip_coordinates(half: u32, points: &[Point3<f64>], corners: &[u32]) -> Vector3<f64> {
             points[corners[half as usize] as usize].coords
         }
-        let turned = |half: u32| mesh.twin(mesh.previous(half));
-        let end = |half: u32| at(mesh.next(half), points, corners);
+        let end = |half: u32| tip_coordinates(mesh.next(half), points, corners);
         let zero = Vector3::zeros();
-        let (mut ring, mut beyond) = ([zero; MOST], [zero; 5]);
+        let (mut ring, mut beyond) = ([zero; MAX_VALENCE], [zero; 5]);
         let mut spoke = half;
-        for place in &mut ring[..n] {
-            *place = end(spoke);
-            spoke = turned(spoke);
+        for point in &mut ring[..n] {
+            *point = end(spoke);
+            spoke = mesh.next_around(spoke);
         }
-        // From the second corner: to the third, the first, the last of the ring, and then beyond it.
-        let mut spoke = turned(turned(turned(mesh.next(half))));
-        for place in &mut beyond[..3] {
-            *place = end(spoke);
-            spoke = turned(spoke);
+        // The neighbors of the second corner are: the third corner, the first corner, the last point of the ring, and then the points of
+        // `beyond`.
+        let mut spoke = mesh.next_around(mesh.next_around(mesh.next_around(mesh.next(half))));
+        for point in &mut beyond[..3] {
+            *point = end(spoke);
+            spoke = mesh.next_around(spoke);
         }
-        // From the third one: to the first, the second, and what lies across.
-        let mut spoke = turned(turned(turned(mesh.previous(half))));
-        for place in &mut beyond[3..] {
-            *place = end(spoke);
-            spoke = turned(spoke);
+        // The neighbors of the third corner are: the first corner, the second corner, `beyond[2]`, and then the rest of `beyond`.
+        let mut spoke = mesh.next_around(mesh.next_around(mesh.next_around(mesh.previous(half))));
+        for point in &mut beyond[3..] {
+            *point = end(spoke);
+            spoke = mesh.next_around(spoke);
         }
-        Self { steps: vec![Around { own: at(half, points, corners), ring, beyond, n }], last: None }
+        Self {
+            steps: vec![TriangleNeighborhood {
+                own: tip_coordinates(half, points, corners),
+                ring,
+                beyond,
+                n,
+            }],
+            last: None,
+        }
     }
 
-    /// The surface at `(u, v)`, where the corners are `(0, 0)`, `(1, 0)`, `(0, 1)`; none too near to an irregular corner.
+    /// Evaluates the surface at `(u, v)`. The corners are `(0, 0)`, `(1, 0)`, `(0, 1)`. Returns `None` if `(u, v)` is too close to an
+    /// irregular corner.
     pub(crate) fn jet(&mut self, u: f64, v: f64) -> Option<Jet> {
         if self.steps[0].n == 6 {
             return Some(self.patch(None)?.jet(u, v));
         }
         let (mut u, mut v, mut scale) = (2.0 * u, 2.0 * v, 2.0);
-        for step in 0..DEEPEST {
+        for step in 0..MAX_DEPTH {
             if u + v > 1.0 {
                 let (child, [u, v], turn) = match (u >= 1.0, v >= 1.0) {
                     (true, _) => (ChildTriangle::Second, [u - 1.0, v], 1.0),
                     (_, true) => (ChildTriangle::Third, [u, v - 1.0], 1.0),
                     _ => (ChildTriangle::Middle, [1.0 - u, 1.0 - v], -1.0),
                 };
-                return Some(scaled(self.patch(Some((step, child)))?.jet(u, v), turn * scale));
+                return Some(scale_jet(self.patch(Some((step, child)))?.jet(u, v), turn * scale));
             }
             (u, v, scale) = (2.0 * u, 2.0 * v, 2.0 * scale);
         }
         None
     }
 
-    /// The patch over a new triangle of a step, or over the whole one.
+    /// Returns the patch over a new triangle of a step; for `None` the patch over the original triangle.
     fn patch(&mut self, over: Option<Place>) -> Option<&Quartic> {
         if self.last.as_ref().is_none_or(|(last, _)| *last != over) {
             let patch = match over {
-                None => self.steps[0].whole(),
+                None => self.steps[0].regular_patch(),
                 Some((step, child)) => {
                     while self.steps.len() <= step + 1 {
-                        self.steps.push(self.steps[self.steps.len() - 1].at_first());
+                        self.steps.push(self.steps[self.steps.len() - 1].first_child());
                     }
                     self.steps[step].child(&self.steps[step + 1], child)
                 }
@@ -115,22 +129,22 @@ impl SmoothTriangle {
     }
 }
 
-impl Around {
-    /// The new vertex on the edge from the first corner to place `j` of the ring.
-    fn on_spoke(&self, j: usize) -> Vector3<f64> {
+impl TriangleNeighborhood {
+    /// Computes the new vertex on the edge between the first corner and point `j` of the ring.
+    fn spoke_vertex(&self, j: usize) -> Vector3<f64> {
         let (n, ring) = (self.n, &self.ring);
         let beside =
             ring[if j == 0 { n - 1 } else { j - 1 }] + ring[if j + 1 == n { 0 } else { j + 1 }];
         on_edge(self.own + ring[j], beside)
     }
 
-    /// The new triangle at the first corner.
-    fn at_first(&self) -> Self {
+    /// Computes the neighborhood of the new triangle at the first corner.
+    fn first_child(&self) -> Self {
         let Self { own, ring, beyond, n } = self;
         let [weight, beside, _] = LoopMasks.vertex(*n);
         let sum: Vector3<f64> = ring[..*n].iter().sum();
-        let mut new = [Vector3::zeros(); MOST];
-        (0..*n).for_each(|j| new[j] = self.on_spoke(j));
+        let mut new = [Vector3::zeros(); MAX_VALENCE];
+        (0..*n).for_each(|j| new[j] = self.spoke_vertex(j));
         let [b, c, ab, ca] = [ring[0], ring[1], ring[n - 1], ring[2 % n]];
         let [b_a, b_c, bc, c_b, c_a] = *beyond;
         let beyond = [
@@ -143,8 +157,8 @@ impl Around {
         Self { own: own * weight + sum * beside, ring: new, beyond, n: *n }
     }
 
-    /// The patch over the triangle itself, if it is regular.
-    fn whole(&self) -> Quartic {
+    /// Returns the patch over the triangle. All three corners must be regular.
+    fn regular_patch(&self) -> Quartic {
         let Self { own: a, ring, beyond, .. } = self;
         let [b, c, ca, a_c, a_b, ab] = [0, 1, 2, 3, 4, 5].map(|k| ring[k]);
         let [b_a, b_c, bc, c_b, c_a] = *beyond;
@@ -154,8 +168,8 @@ impl Around {
         )
     }
 
-    /// The patch over a new triangle that is not the `first` one; each lies as the whole does, but for the middle one, which is turned by
-    /// half a turn.
+    /// Returns the patch over one of the other three new triangles; `first` is the new triangle at the first corner. The new triangles have
+    /// the orientation of the original one, except for the middle triangle, which is rotated by 180 degrees.
     fn child(&self, first: &Self, child: ChildTriangle) -> Quartic {
         let Self { ring, beyond, n, .. } = self;
         let [old_b, old_c, old_ab, old_ca] = [ring[0], ring[1], ring[n - 1], ring[2 % n]];
@@ -192,7 +206,7 @@ impl Around {
     }
 }
 
-/// A new triangle that is regular: at the second or third corner, or in the middle.
+/// One of the three regular new triangles: at the second or third corner, or in the middle.
 #[derive(Clone, Copy, PartialEq)]
 enum ChildTriangle {
     Second,
@@ -204,13 +218,14 @@ fn on_edge(ends: Vector3<f64>, across: Vector3<f64>) -> Vector3<f64> {
     ends * 0.375 + across * 0.125
 }
 
-/// A new vertex at one with six neighbors, of which this is the sum.
+/// Computes the new vertex of a regular vertex at the position `own`; `neighbors` is the sum of its six neighbors.
 fn at_vertex(own: Vector3<f64>, neighbors: Vector3<f64>) -> Vector3<f64> {
     own * 0.625 + neighbors * 0.0625
 }
 
-/// A jet by coordinates that run so many times as slowly.
-pub(crate) fn scaled([s, s_u, s_v, s_uu, s_uv, s_vv]: Jet, scale: f64) -> Jet {
+/// Converts a jet (a point with its derivatives) to coordinates that are multiplied by `1 / scale`: multiplies first derivatives by
+/// `scale`, second derivatives by its square.
+pub(crate) fn scale_jet([s, s_u, s_v, s_uu, s_uv, s_vv]: Jet, scale: f64) -> Jet {
     let twice = scale * scale;
     [s, s_u * scale, s_v * scale, s_uu * twice, s_uv * twice, s_vv * twice]
 }

@@ -1,4 +1,4 @@
-//! What hands a batch to a farm, and what the farm's jobs are given.
+//! `maquette batch --emit`: job files for render farms and job schedulers.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -10,20 +10,23 @@ use maquette_graph::catalog::Catalog;
 use maquette_syntax::paths::{folder_of_new, without_dots};
 
 use super::Batch;
-use crate::tasks::{Batch as Tasks, Engine, Handover, JobParameter, Resources, in_words, time};
+use crate::tasks::{
+    Batch as Tasks, Engine, Handover, JobParameter, Resources, format_time, parse_time,
+};
 use crate::{Exit, eprint, print_document};
 
 #[derive(Args)]
 pub(super) struct FarmOptions {
-    /// Print what hands the tasks to this engine, and write their list into OUT/tasks/@handovers. Its jobs run only while the tasks are those of
-    /// the list. They have the --threads, 1.25 times the --max-memory, and the --time-limit that are given here; --jobs run at a time.
+    /// Print a job file that submits the tasks to this engine, and write the list of tasks to OUT/tasks/@handovers. A job runs only while
+    /// its task is unchanged in the list. Each job requests --threads, 1.25 times --max-memory and --time-limit; --jobs of them run at a
+    /// time.
     #[arg(long, value_name = "ENGINE", conflicts_with = "dry_run")]
     pub(super) emit: Option<Engine>,
-    /// How many tasks a job of a farm runs, one after the other; `--task I` is the job of this number then.
+    /// The number of tasks that each job of a farm runs in sequence. `--task I` then selects the I-th job.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     chunk: u32,
-    /// Stop a task that takes longer, as 90s, 30min or 2h. It has failed then, and the next run tries it again.
-    #[arg(long, value_name = "TIME", value_parser = time)]
+    /// Stop a task that takes longer than this: 90s, 30min, 2h. The task has failed; the next run tries it again.
+    #[arg(long, value_name = "TIME", value_parser = parse_time)]
     pub(super) time_limit: Option<Duration>,
 }
 
@@ -37,7 +40,9 @@ impl Batch {
     pub(super) fn emit(&self, engine: Engine, tasks: &Tasks<'_>, catalog: &Catalog) -> Exit {
         let folder = match std::env::current_dir() {
             Ok(folder) => folder.display().to_string(),
-            Err(error) => return Exit::Usage(format!("there is no current folder: {error}")),
+            Err(error) => {
+                return Exit::Usage(format!("cannot determine the current folder: {error}"));
+            }
         };
         if let (Some(_), Engine::Openjd | Engine::Lines) = (self.jobs, engine) {
             let help = match engine {
@@ -45,17 +50,17 @@ impl Batch {
                 _ => "use `parallel --jobs N`",
             };
             return Exit::Usage(format!(
-                "{} cannot say how many jobs run at a time: {help}",
-                name_of(engine)
+                "{} cannot limit the number of simultaneous jobs; {help}",
+                engine_name(engine)
             ));
         }
-        let mut words = self.words();
+        let mut words = self.arguments();
         if let (Some(word), Engine::Lines | Engine::Make) =
             (words.iter().find(|it| it.contains('\n')), engine)
         {
             return Exit::Usage(format!(
-                "expected words on one line for {}, found {word:?}",
-                name_of(engine)
+                "expected arguments without line breaks for {}, found {word:?}",
+                engine_name(engine)
             ));
         }
         let hash = match tasks.hand_over() {
@@ -64,7 +69,7 @@ impl Batch {
         };
         if self.cache.hides_server() {
             eprint(
-                "warning: --cache-remote has a name or a password, and is left out of the jobs\n  = help: set MAQUETTE_CACHE_REMOTE on the machines that run them\n",
+                "warning: --cache-remote contains a name or a password and is left out of the jobs\n  = help: set MAQUETTE_CACHE_REMOTE on the machines that run them\n",
             );
         }
         let logs = in_project(&tasks.logs(&hash));
@@ -85,26 +90,26 @@ impl Batch {
         let (words, parameters, tasks) = (&words[..], &parameters[..], sweep.tasks.len());
         let (name, folder, logs) = (&name[..], &folder[..], &logs[..]);
         let handover = Handover { name, words, parameters, tasks, folder, logs, resources };
-        print_document(&handover.to(engine));
+        print_document(&handover.to_text(engine));
         Exit::Done
     }
 
-    /// The parameters of the graph that neither this command nor the sweep sets.
+    /// Returns the parameters of the graph that are set neither by this command nor by the sweep.
     fn job_parameters(&self, sweep: &Sweep, catalog: &Catalog) -> Vec<JobParameter> {
-        let options = self.options.all();
+        let options = self.options.to_options();
         let checked = Graph::load(&sweep.graph, catalog, &options);
         let Some(graph) = checked.graph.or(checked.partial) else { return Vec::new() };
         let swept = sweep.tasks.iter().flat_map(|task| &task.row.set).map(|set| &set.target[..]);
         let set = options.set.iter().map(|(name, _)| &name[..]).chain(swept).collect();
-        JobParameter::all(&graph, &set, options.draft)
+        JobParameter::from_graph(&graph, &set, options.draft)
     }
 
-    /// The words of this command, without those that say which tasks.
-    fn words(&self) -> Vec<String> {
+    /// Returns the arguments of this command, except those that select tasks.
+    fn arguments(&self) -> Vec<String> {
         let program = std::env::args().next().unwrap_or_else(|| "maquette".into());
         let mut words = vec![program, "batch".into(), in_project(&self.file)];
         fn add(name: &str, value: &str, words: &mut Vec<String>) {
-            words.extend([name.to_owned(), value.to_owned()])
+            words.extend([name.to_owned(), value.to_owned()]);
         }
         for (name, values) in &self.values {
             add("--sweep", &format!("{name}={values}"), &mut words);
@@ -119,22 +124,22 @@ impl Batch {
             add("--threads", &self.threads.to_string(), &mut words);
         }
         if let Some(limit) = self.farm.time_limit {
-            add("--time-limit", &in_words(limit), &mut words);
+            add("--time-limit", &format_time(limit), &mut words);
         }
         if self.retry {
             words.push("--retry".into());
         }
-        let mut options = self.options.all();
+        let mut options = self.options.to_options();
         options.roots = options.roots.iter().map(|root| in_project(root).into()).collect();
         words.extend(options.words());
         words.extend(self.options.no_pins.then(|| "--no-pins".to_owned()));
-        words.extend(self.cache.words_for(in_project));
-        words.extend(self.provenance.words());
+        words.extend(self.cache.arguments_with(in_project));
+        words.extend(self.provenance.arguments());
         words
     }
 }
 
-fn name_of(engine: Engine) -> &'static str {
+fn engine_name(engine: Engine) -> &'static str {
     match engine {
         Engine::Openjd => "a job of Open Job Description",
         Engine::Slurm => "Slurm",
@@ -144,22 +149,22 @@ fn name_of(engine: Engine) -> &'static str {
     }
 }
 
-/// A path as jobs have it: from the current folder, which is another one on other machines, if it is in there by whatever way. It never
-/// begins like an option.
+/// Returns a path as job files contain it. A path inside the current folder becomes relative to the current folder, because the folder
+/// may be elsewhere on other machines. The path never begins with `-`.
 fn in_project(path: &Path) -> String {
     let folder = std::env::current_dir().unwrap_or_default();
-    let inner = inside(path, &folder);
+    let inner = path_inside(path, &folder);
     let path = inner.as_deref().unwrap_or(path).display().to_string();
     if path.starts_with('-') { format!("./{path}") } else { path }
 }
 
-/// The path from a folder, if it leads into it.
-fn inside(path: &Path, folder: &Path) -> Option<PathBuf> {
+/// Returns `path` relative to `folder`, or `None` if `path` is already relative or outside of `folder`.
+fn path_inside(path: &Path, folder: &Path) -> Option<PathBuf> {
     if path.is_relative() && !path.starts_with("..") {
         return None;
     }
     let whole = without_dots(&folder.join(path));
-    // Links lead to the same folder by other names. A pattern, such as `scans/*.obj`, has folders that are there before its stars.
+    // The second pair has all symbolic links resolved. In a pattern such as `scans/*.obj` only the folders before the first star exist.
     let real = folder_of_new(&whole).join(whole.file_name()?);
     let ways = [(&whole, folder.to_owned()), (&real, std::fs::canonicalize(folder).ok()?)];
     let inner = ways.iter().find_map(|(path, folder)| path.strip_prefix(folder).ok())?;

@@ -1,26 +1,26 @@
-//! What a batch says without running anything: which tasks would run, and what became of those that have.
+//! `maquette batch --dry-run` and `--report`: prints which tasks would run, and reports the records of tasks that have run.
 
 use std::collections::HashSet;
 use std::sync::Arc;
 
 use maquette_golden::sweep::Task;
 use maquette_graph::catalog::Catalog;
-use maquette_syntax::error::Problem;
+use maquette_syntax::error::Diagnostic;
 use serde_json::{Value as Json, json};
 
-use super::{Batch, record_fields, unchanged_in_words};
+use super::{Batch, record_fields, unchanged_reason};
 use crate::events::{EventFormat, Listener};
 use crate::openjd::JobProgress;
 use crate::tasks as batch;
-use crate::tasks::{Batch as Tasks, Record, Standing, State};
-use crate::{Exit, Shown, counted, eprint, print, print_json, put_problems};
+use crate::tasks::{Batch as Tasks, Record, State, TaskStatus};
+use crate::{DisplayPath, Exit, eprint, format_count, print, print_json, put_problems};
 
 impl Batch {
-    /// Says what would run.
+    /// Prints which tasks would run, and the reasons.
     pub(super) fn forecast(
         &self,
         tasks: &Tasks<'_>,
-        problems: &[Problem],
+        diagnostics: &[Diagnostic],
         catalog: &Arc<Catalog>,
     ) -> Exit {
         let mut session = match self.session(1, catalog) {
@@ -30,13 +30,13 @@ impl Batch {
         let sweep = tasks.sweep;
         let longest = sweep.tasks.iter().map(|task| task.name.len()).max().unwrap_or(0);
         let (mut runs, mut all, mut due) = (HashSet::new(), 0, 0);
-        let mut told = Vec::new();
+        let mut entries = Vec::new();
         for (index, task) in sweep.tasks.iter().enumerate() {
-            let (state, reason, count, new) = match tasks.standing(&session, task) {
-                Standing::Holds(record) => {
-                    (record.state.word(), unchanged_in_words(record.state).to_owned(), 0, 0)
+            let (state, reason, count, new) = match tasks.status(&session, task) {
+                TaskStatus::Holds(record) => {
+                    (record.state.word(), unchanged_reason(record.state).to_owned(), 0, 0)
                 }
-                Standing::Due(found) => {
+                TaskStatus::Due(found) => {
                     due += 1;
                     let forecast = tasks.forecast(&mut session, task).into_iter();
                     let would = forecast.filter(|(_, it)| it.may_run());
@@ -57,45 +57,46 @@ impl Batch {
                     "new_nodes": new,
                 });
                 match self.json {
-                    true => told.push(fields),
-                    false => Listener::of_stdout().tell("forecast", fields),
+                    true => entries.push(fields),
+                    false => Listener::of_stdout().send("forecast", fields),
                 }
                 continue;
             }
             let reason = match state {
-                "run" => format!("{reason}; {}, {new} of them new", counted(count, "node")),
+                "run" => format!("{reason}; {}, {new} of them new", format_count(count, "node")),
                 _ => reason,
             };
             print(&format!("{state:<6}  {index:>4}  {:<longest$}  {reason}\n", task.name));
         }
         let fields = json!({ "due": due, "nodes": runs.len(), "nodes_without_sharing": all });
         if self.json {
-            let mut document = json!({ "tasks": told });
+            let mut document = json!({ "tasks": entries });
             merge(&mut document, fields);
-            put_problems(&mut document, problems);
+            put_problems(&mut document, diagnostics);
             print_json(&document);
         } else if self.events == Some(EventFormat::Json) {
-            Listener::of_stdout().tell("batch", fields);
+            Listener::of_stdout().send("batch", fields);
         } else {
             let shared = match all - runs.len() {
                 0 => String::new(),
-                _ => format!(" in place of {all}, for what tasks have in common is computed once"),
+                _ => format!(" instead of {all}, because shared nodes are computed once"),
             };
-            let tasks = counted(sweep.tasks.len(), "task");
+            let tasks = format_count(sweep.tasks.len(), "task");
             print(&format!(
                 "{due} of {tasks} would run: {}{shared}\n",
-                counted(runs.len(), "node")
+                format_count(runs.len(), "node")
             ));
         }
         Exit::Done
     }
 
-    /// Writes the page of the records, and fails unless all tasks are done, and are those that a farm was given.
+    /// Writes the contact sheet of the existing records. Fails unless all tasks are done and the list of tasks equals the list at the
+    /// handover to the farm.
     pub(super) fn report_records(
         &self,
         tasks: &Tasks<'_>,
         handover: Result<(), String>,
-        problems: &[Problem],
+        diagnostics: &[Diagnostic],
     ) -> Exit {
         let path = match tasks.write_sheet() {
             Ok(path) => path,
@@ -114,12 +115,12 @@ impl Batch {
             json!({ "done": done, "failed": failed, "missing": missing, "sheet": sheet });
         let counts = format!(
             "{}: {done} done, {failed} failed, {missing} missing",
-            counted(all.len(), "task")
+            format_count(all.len(), "task")
         );
         match self.events {
             _ if self.json => {
-                let told = all.iter().zip(&records).enumerate();
-                let told = told.map(|(index, (task, record))| match record {
+                let entries = all.iter().zip(&records).enumerate();
+                let entries = entries.map(|(index, (task, record))| match record {
                     Some(record) => record_fields(index, record, false),
                     None => json!({
                         "task": index,
@@ -129,22 +130,22 @@ impl Batch {
                         "values": values(&tasks.sweep.names, task),
                     }),
                 });
-                let mut document = json!({ "tasks": told.collect::<Json>() });
+                let mut document = json!({ "tasks": entries.collect::<Json>() });
                 merge(&mut document, fields);
-                put_problems(&mut document, problems);
+                put_problems(&mut document, diagnostics);
                 print_json(&document);
             }
             Some(EventFormat::Json) => {
                 fields["ran"] = 0.into();
-                Listener::of_stdout().tell("batch", fields);
+                Listener::of_stdout().send("batch", fields);
             }
             Some(EventFormat::Openjd) => {
                 JobProgress::new(0, Default::default()).status(&counts);
             }
-            None => print(&format!("{}\n", path.shown())),
+            None => print(&format!("{}\n", path.for_display())),
         }
         let new = tasks.never_handed_over();
-        let new = (!new.is_empty()).then(|| batch::never_handed_over_in_words(&new, all.len()));
+        let new = (!new.is_empty()).then(|| batch::never_handed_over_message(&new, all.len()));
         if let Some(why) = handover.err().or(new) {
             eprint(&format!("error: {why}\n"));
             return Exit::Failed;
@@ -155,13 +156,13 @@ impl Batch {
         eprint(&format!("error: {counts}\n"));
         let logs = self.handover.as_deref().map(|hash| tasks.logs(hash));
         if let Some(logs) = logs.filter(|logs| logs.is_dir()) {
-            eprint(&format!("  = help: see what each task did in {}\n", logs.shown()));
+            eprint(&format!("  = help: read the logs of the tasks in {}\n", logs.for_display()));
         }
         Exit::Failed
     }
 }
 
-/// What is swept, by name.
+/// Returns the swept values by name.
 fn values(names: &[String], task: &Task) -> Json {
     let values = names.iter().zip(&task.row.values);
     Json::Object(values.map(|(name, value)| (name.clone(), value.clone().into())).collect())

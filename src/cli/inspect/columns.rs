@@ -1,16 +1,17 @@
-//! The columns of a value as a table.
+//! Formats the data columns of a value as a table or JSON.
 
 use std::fmt::Write;
 
-use maquette_engine::six;
+use maquette_engine::six_digits;
 use maquette_value::{Part, Parts, Range};
 use serde_json::{Value as Json, json};
 
-/// Of elements with more numbers than that, one range of all numbers is printed.
-const WIDE: usize = 4;
+/// The maximum number of components per element for which each component has its own minimum, maximum and mean. A wider column has one
+/// range for all of its components.
+const MAX_SEPARATE: usize = 4;
 
-/// The facts, then a line for each column.
-pub(super) fn table(parts: &Parts<'_>) -> String {
+/// Formats the facts and a line for each column.
+pub(super) fn column_table(parts: &Parts<'_>) -> String {
     let mut text = String::new();
     for fact in &parts.facts {
         let _ = writeln!(text, "  {}: {}", fact.name, fact.value);
@@ -34,52 +35,56 @@ pub(super) fn table(parts: &Parts<'_>) -> String {
 
 fn row(part: &Part<'_>) -> [String; 8] {
     let ranges = match part.width {
-        ..=WIDE => part.ranges(),
+        ..=MAX_SEPARATE => part.ranges(),
         _ => maquette_value::ranges(&part.items.numbers(), 1),
     };
     fn numbers(of: fn(&Range) -> f64, ranges: &[Option<Range>]) -> String {
-        let number = |range: &Option<Range>| range.as_ref().map_or("-".into(), |it| six(of(it)));
-        match &ranges[..] {
-            [one] => number(one),
-            all => format!("({})", all.iter().map(number).collect::<Vec<_>>().join(", ")),
+        let numbers =
+            ranges.iter().map(|range| range.as_ref().map_or("-".into(), |it| six_digits(of(it))));
+        let numbers: Vec<String> = numbers.collect();
+        match &numbers[..] {
+            [number] => number.clone(),
+            numbers => format!("({})", numbers.join(", ")),
         }
     }
     [
         part.name.clone().into_owned(),
-        part.on.word().to_owned(),
+        part.element_kind.word().to_owned(),
         part.meaning.word().to_owned(),
         part.width.to_string(),
         part.count().to_string(),
-        numbers(|range| range.least, &ranges),
-        numbers(|range| range.greatest, &ranges),
+        numbers(|range| range.min, &ranges),
+        numbers(|range| range.max, &ranges),
         numbers(|range| range.mean, &ranges),
     ]
 }
 
-/// The same for programs: `least`, `greatest` and `mean` have a number for each of an element, null where none is finite.
-pub(super) fn json(parts: &Parts<'_>) -> Json {
+/// Returns facts and columns as JSON. `least`, `greatest` and `mean` have one number for each component of an element, or null if no
+/// value of the component is finite.
+pub(super) fn columns_json(parts: &Parts<'_>) -> Json {
     let facts =
         parts.facts.iter().map(|fact| (fact.name.to_string(), json!(fact.value.to_string())));
-    let column = |part: &Part<'_>| {
-        let ranges = part.ranges();
-        fn numbers(of: fn(&Range) -> f64, ranges: &[Option<Range>]) -> Vec<Option<f64>> {
-            ranges.iter().map(|range| range.as_ref().map(of)).collect::<Vec<_>>()
-        }
-        json!({
-            "name": part.name,
-            "on": part.on.word(),
-            "meaning": part.meaning.word(),
-            "width": part.width,
-            "count": part.count(),
-            "least": numbers(|range| range.least, &ranges),
-            "greatest": numbers(|range| range.greatest, &ranges),
-            "mean": numbers(|range| range.mean, &ranges),
-            "compared": !part.aside,
-        })
-    };
     json!({
         "facts": facts.collect::<serde_json::Map<_, _>>(),
         "row": parts.row,
-        "columns": parts.columns.iter().map(column).collect::<Vec<_>>(),
+        "columns": parts.columns.iter().map(column_json).collect::<Vec<_>>(),
+    })
+}
+
+fn column_json(part: &Part<'_>) -> Json {
+    let ranges = part.ranges();
+    fn numbers(of: fn(&Range) -> f64, ranges: &[Option<Range>]) -> Vec<Option<f64>> {
+        ranges.iter().map(|range| range.as_ref().map(of)).collect::<Vec<_>>()
+    }
+    json!({
+        "name": part.name,
+        "on": part.element_kind.word(),
+        "meaning": part.meaning.word(),
+        "width": part.width,
+        "count": part.count(),
+        "least": numbers(|range| range.min, &ranges),
+        "greatest": numbers(|range| range.max, &ranges),
+        "mean": numbers(|range| range.mean, &ranges),
+        "compared": !part.is_hidden,
     })
 }

@@ -1,41 +1,41 @@
-//! `--table faces --where .. --sort ..`: some elements of a value, as a table, CSV or JSON.
+//! `--table faces --where .. --sort ..`: selects elements of a value and prints them as a table, CSV or JSON.
 
 use std::fmt::Write;
 
 use clap::Args;
-use maquette_engine::six;
-use maquette_syntax::unknown;
+use maquette_engine::six_digits;
+use maquette_syntax::unknown_name_message;
 use maquette_value::{AnyValue, Range, ranges};
 use serde_json::{Value as Json, json};
 
 use super::elements::{Elements, Numbers, kinds, plural};
 use crate::Condition;
 
-/// So many rows are printed if nothing else is said.
-const FEW: usize = 20;
+/// The default number of printed rows.
+const DEFAULT_LIMIT: usize = 20;
 
-/// Which elements, in which order.
+/// Options that select and sort the rows.
 #[derive(Args)]
 pub(super) struct RowOptions {
-    /// Only elements for which this holds: an `Expr` on columns, as "region == 7 and area > 2".
+    /// Only elements that satisfy a condition: an `Expr` on columns, such as "region == 7 and area > 2".
     #[arg(long = "where", value_name = "CONDITION", requires = "table")]
     condition: Option<String>,
-    /// Order rows by this column, from the least on; `-NAME` from the greatest on.
+    /// Sort rows by this column in ascending order; `-NAME` for descending order.
     #[arg(long, value_name = "NAME|-NAME", allow_hyphen_values = true, requires = "table")]
     sort: Option<String>,
-    /// Print so many rows; 0 is all. If left out, 20, and all as CSV and JSON.
+    /// The maximum number of rows; 0 for all [default: 20, all in CSV and JSON].
     #[arg(long, value_name = "N", requires = "table")]
     limit: Option<usize>,
-    /// Print these columns alone.
+    /// Print only these columns.
     #[arg(long, value_name = "NAME,..", value_delimiter = ',', requires = "table")]
     columns: Vec<String>,
-    /// Write the rows to this file as CSV; `-` prints them.
+    /// Write the rows to this file as CSV; `-` for stdout.
     #[arg(long, value_name = "FILE|-", requires = "table", conflicts_with = "json")]
     pub(super) csv: Option<String>,
 }
 
 impl RowOptions {
-    /// Whether something is said of rows, which must be of some kind of elements then.
+    /// Returns true if an option for rows is given. Such an option requires `--table` with a kind of elements.
     pub(super) fn are_given(&self) -> bool {
         let Self { condition, sort, limit, columns, csv } = self;
         condition.is_some()
@@ -45,10 +45,10 @@ impl RowOptions {
             || csv.is_some()
     }
 
-    /// The rows of the first of these values that has such elements, and the name of its output.
+    /// Returns the rows of the first value that has elements of the given kind, and the name of the output with this value.
     ///
     /// # Errors
-    /// In words, if none has, or a column is named that is not there.
+    /// A message if no value has elements of the kind, or a column is unknown.
     pub(super) fn rows<'v>(
         &self,
         of: Option<&str>,
@@ -58,27 +58,30 @@ impl RowOptions {
         let known: Vec<_> = all.iter().map(|on| plural(*on)).collect();
         let Some(word) = of else {
             let (first, some) = (known.first().unwrap_or(&"faces"), known.join(", "));
-            return Err(format!("say of which elements: --table {first}; there are: {some}"));
+            return Err(format!("expected a kind of elements: --table {first}; there are: {some}"));
         };
-        // Cells of a grid are its pixels.
+        // `cells` is accepted as another name for the pixels of a grid.
         let word = if matches!(word, "cell" | "cells") { "pixels" } else { word };
         let on = all
             .iter()
             .find(|on| plural(**on) == word || on.word() == word)
             .copied()
-            .ok_or_else(|| unknown(format!("it has no {word}"), word, "there are", &known))?;
-        let found = found.iter().find_map(|(name, value)| Some((*name, Elements::of(value, on)?)));
-        let (name, elements) = found.ok_or_else(|| format!("it has no {word}"))?;
+            .ok_or_else(|| {
+                unknown_name_message(format!("the value has no {word}"), word, "there are", &known)
+            })?;
+        let found =
+            found.iter().find_map(|(name, value)| Some((*name, Elements::from_value(value, on)?)));
+        let (name, elements) = found.ok_or_else(|| format!("the value has no {word}"))?;
         Ok((name, Rows::new(elements, self)?))
     }
 }
 
-/// Some rows of a table, in their order.
+/// Selected and sorted rows of a table.
 pub(super) struct Rows {
     elements: Elements,
-    /// The places of the columns that are shown.
+    /// The indices of the printed columns.
     columns: Vec<usize>,
-    /// The elements for which the condition holds.
+    /// The indices of the selected elements.
     rows: Vec<usize>,
     limit: Option<usize>,
 }
@@ -87,23 +90,23 @@ impl Rows {
     fn new(elements: Elements, options: &RowOptions) -> Result<Self, String> {
         let names = elements.names();
         let what = plural(elements.on);
-        fn place(wanted: &str, names: &[&str], what: &str) -> Result<usize, String> {
+        fn column_index(wanted: &str, names: &[&str], what: &str) -> Result<usize, String> {
             names.iter().position(|name| *name == wanted).ok_or_else(|| {
                 let message = format!("there is no column `{wanted}` of {what}");
-                unknown(message, wanted, "its columns", names)
+                unknown_name_message(message, wanted, "its columns", names)
             })
         }
         let columns = match &options.columns[..] {
             [] => (0..names.len()).collect(),
             wanted => wanted
                 .iter()
-                .map(|name| place(name.trim(), &names, what))
+                .map(|name| column_index(name.trim(), &names, what))
                 .collect::<Result<_, _>>()?,
         };
         let mut rows: Vec<_> = (0..elements.count).collect();
         if let Some(text) = &options.condition {
-            let condition = Condition::read(text, &names, what)?;
-            let used = condition.names().filter_map(|name| elements.column(name));
+            let condition = Condition::parse(text, &names, what)?;
+            let used = condition.column_names().filter_map(|name| elements.column(name));
             let used = Vec::from_iter(used);
             fn number(row: usize, name: &str, used: &[&Numbers]) -> f64 {
                 used.iter()
@@ -112,7 +115,7 @@ impl Rows {
             }
             let mut kept = Vec::new();
             for row in rows {
-                if condition.holds(|name| number(row, name, &used))? {
+                if condition.evaluate(|name| number(row, name, &used))? {
                     kept.push(row);
                 }
             }
@@ -123,8 +126,8 @@ impl Rows {
                 Some(name) => (name, true),
                 None => (&sort[..], false),
             };
-            let numbers = &elements.columns[place(name, &names, what)?].numbers;
-            // What is no number comes last either way.
+            let numbers = &elements.columns[column_index(name, &names, what)?].numbers;
+            // NaN is sorted last in ascending and in descending order.
             rows.sort_by(|&a, &b| {
                 let [a, b] = [a, b].map(|row| numbers[row]);
                 let by_number = if is_falling { b.total_cmp(&a) } else { a.total_cmp(&b) };
@@ -138,47 +141,43 @@ impl Rows {
         self.columns.iter().map(|&column| &self.elements.columns[column])
     }
 
-    /// The rows that are shown where so many are if nothing is said.
-    fn shown(&self, usual: usize) -> &[usize] {
+    /// Returns the rows to print; `usual` is the row limit if the user gives none.
+    fn visible_rows(&self, usual: usize) -> &[usize] {
         let limit = self.limit.unwrap_or(usual);
         let count = if limit == 0 { self.rows.len() } else { limit.min(self.rows.len()) };
         &self.rows[..count]
     }
 
-    /// Least, greatest and mean of a column over all rows that were found.
+    /// Returns minimum, maximum and mean of a column over all selected rows.
     fn range(&self, column: &Numbers) -> Option<Range> {
         let numbers: Vec<_> = self.rows.iter().map(|&row| column.numbers[row]).collect();
         ranges(&numbers, 1).remove(0)
     }
 
-    /// A line for each row, then the least, the greatest and the mean of all that were found.
+    /// Formats a line for each printed row, then minimum, maximum and mean over all selected rows.
     pub(super) fn table(&self) -> String {
-        let shown = self.shown(FEW);
+        let shown = self.visible_rows(DEFAULT_LIMIT);
         let mut cells = vec![self.columns().map(|column| column.name.clone()).collect::<Vec<_>>()];
         for &row in shown {
-            cells.push(self.columns().map(|column| six(column.numbers[row])).collect());
+            cells.push(self.columns().map(|column| six_digits(column.numbers[row])).collect());
         }
         let ranges: Vec<_> = self.columns().map(|column| self.range(column)).collect();
         fn summary(of: fn(&Range) -> f64, ranges: &[Option<Range>]) -> Vec<String> {
             ranges
                 .iter()
-                .map(|range| range.as_ref().map_or("-".into(), |it| six(of(it))))
+                .map(|range| range.as_ref().map_or("-".into(), |it| six_digits(of(it))))
                 .collect::<Vec<_>>()
         }
-        cells.push(summary(|range| range.least, &ranges));
-        cells.push(summary(|range| range.greatest, &ranges));
+        cells.push(summary(|range| range.min, &ranges));
+        cells.push(summary(|range| range.max, &ranges));
         cells.push(summary(|range| range.mean, &ranges));
-        let heads = ["", "least", "greatest", "mean"];
-        let head = |line: usize| match line.checked_sub(shown.len() + 1) {
-            Some(last) => heads[last + 1],
-            None => heads[0],
-        };
+        let heads = std::iter::repeat_n("", shown.len() + 1).chain(["least", "greatest", "mean"]);
         let widths: Vec<_> = (0..cells[0].len())
             .map(|column: usize| cells.iter().map(|row| row[column].len()).max().unwrap_or(0))
             .collect();
         let mut text = String::new();
-        for (line, row) in cells.iter().enumerate() {
-            let _ = write!(text, "  {:<8}", head(line));
+        for (head, row) in heads.zip(&cells) {
+            let _ = write!(text, "  {head:<8}");
             for (cell, width) in row.iter().zip(&widths) {
                 let _ = write!(text, "  {cell:>width$}");
             }
@@ -188,17 +187,20 @@ impl Rows {
         let _ = match found - shown.len() {
             0 => writeln!(text, "  {found} of {count} {what}"),
             rest => {
-                writeln!(text, "  {found} of {count} {what}, {rest} of them not shown: --limit 0")
+                writeln!(
+                    text,
+                    "  {found} of {count} {what}, {rest} of them not shown; use --limit 0 to show all"
+                )
             }
         };
         text
     }
 
-    /// A line of names, then a line for each row, with every digit.
+    /// Formats a header line and a line for each row, with all digits.
     pub(super) fn csv(&self) -> String {
         let mut text = self.columns().map(|column| &column.name[..]).collect::<Vec<_>>().join(",");
         text.push('\n');
-        for &row in self.shown(0) {
+        for &row in self.visible_rows(0) {
             for (place, column) in self.columns().enumerate() {
                 let comma = if place > 0 { "," } else { "" };
                 let _ = write!(text, "{comma}{}", column.numbers[row]);
@@ -209,26 +211,27 @@ impl Rows {
     }
 
     pub(super) fn json(&self) -> Json {
-        let column = |column: &Numbers| {
-            let range = self.range(column);
-            fn of(of: fn(&Range) -> f64, range: &Option<Range>) -> Option<f64> {
-                range.as_ref().map(of)
-            }
-            json!({
-                "name": column.name,
-                "least": of(|range| range.least, &range),
-                "greatest": of(|range| range.greatest, &range),
-                "mean": of(|range| range.mean, &range),
-            })
-        };
-        let row =
-            |&row: &usize| self.columns().map(|column| column.numbers[row]).collect::<Vec<_>>();
+        let rows = self.visible_rows(0).iter();
+        let rows = rows.map(|&row| self.columns().map(|it| it.numbers[row]).collect::<Vec<_>>());
         json!({
             "on": self.elements.on.word(),
             "count": self.elements.count,
             "found": self.rows.len(),
-            "columns": self.columns().map(column).collect::<Vec<_>>(),
-            "rows": self.shown(0).iter().map(row).collect::<Vec<_>>(),
+            "columns": self.columns().map(|column| self.column_json(column)).collect::<Vec<_>>(),
+            "rows": rows.collect::<Vec<_>>(),
+        })
+    }
+
+    fn column_json(&self, column: &Numbers) -> Json {
+        let range = self.range(column);
+        fn statistic(of: fn(&Range) -> f64, range: &Option<Range>) -> Option<f64> {
+            range.as_ref().map(of)
+        }
+        json!({
+            "name": column.name,
+            "least": statistic(|range| range.min, &range),
+            "greatest": statistic(|range| range.max, &range),
+            "mean": statistic(|range| range.mean, &range),
         })
     }
 }

@@ -1,4 +1,4 @@
-//! The sources of file events: the system, or polling where the system has none.
+//! Backends for file events: the operating system, or polling where the system reports none.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::Metadata;
@@ -11,40 +11,40 @@ use notify::{EventKind, RecommendedWatcher, RecursiveMode, Watcher};
 
 use super::list::WatchList;
 
-/// Something may have happened.
+/// An event after which the contents of files may have changed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Event {
-    /// To what these files hold.
+    /// The contents of these files may have changed.
     Touched(Vec<PathBuf>),
-    /// The same, but who writes to these files has not closed them.
+    /// These files were written to and are still open.
     Growing(Vec<PathBuf>),
-    /// The same, and who wrote to these files has closed them.
+    /// These files were written to and closed.
     Closed(Vec<PathBuf>),
-    /// Under one of these names there may be something else now, or nothing.
+    /// These paths may have been created, replaced, renamed or deleted.
     Moved(Vec<PathBuf>),
-    /// Nobody knows where: the system dropped events.
+    /// The system dropped events, so any file may have changed.
     Lost,
 }
 
-/// Takes events, on any thread.
+/// Receives events on any thread.
 pub(crate) type Sink = Arc<dyn Fn(Event) + Send + Sync>;
 
 /// A source of events.
 pub(crate) trait Backend {
-    /// Watches this list instead of the one before. Gives the folders that were not watched until now: what happened there
-    /// before was not reported.
+    /// Replaces the list of watched paths. Returns the newly watched folders, because changes in them before this call were not
+    /// reported.
     ///
     /// # Errors
-    /// In words, if events will not come.
+    /// A message if the backend cannot report events.
     fn watch(&mut self, list: &WatchList) -> Result<Vec<PathBuf>, String>;
 
-    /// A folder was moved or deleted: under its name there may be another one, which has to be watched anew.
+    /// Stops watching a folder that was moved or deleted, so that a new folder of the same name is watched again.
     fn renew(&mut self, folder: &Path);
 }
 
-/// The events of the system: inotify, FSEvents, ReadDirectoryChangesW.
+/// A backend that uses the events of the system: inotify, FSEvents, ReadDirectoryChangesW.
 ///
-/// It watches folders, not files: a file that is replaced by another one of its name is not the file that was watched.
+/// The backend watches folders, not files: a watch on a file does not report a new file that replaces it under the same name.
 pub(crate) struct Native {
     watcher: RecommendedWatcher,
     folders: BTreeSet<PathBuf>,
@@ -55,7 +55,7 @@ impl Native {
         let handler = move |event: notify::Result<notify::Event>| match event {
             Ok(event) if event.need_rescan() => sink(Event::Lost),
             Ok(event) => match event.kind {
-                // Elsewhere nobody tells of the end.
+                // Only Linux reports when a file is closed.
                 EventKind::Modify(ModifyKind::Data(_)) if cfg!(target_os = "linux") => {
                     sink(Event::Growing(event.paths));
                 }
@@ -65,27 +65,28 @@ impl Native {
                 EventKind::Modify(ModifyKind::Data(_) | ModifyKind::Metadata(_)) => {
                     sink(Event::Touched(event.paths));
                 }
-                // Somebody has only looked.
+                // The file was only read.
                 EventKind::Access(_) => {}
                 _ => sink(Event::Moved(event.paths)),
             },
             Err(_) => sink(Event::Lost),
         };
-        let watcher = notify::recommended_watcher(handler).map_err(|error| in_words(&error))?;
+        let watcher =
+            notify::recommended_watcher(handler).map_err(|error| describe_error(&error))?;
         Ok(Self { watcher, folders: BTreeSet::new() })
     }
 }
 
-/// EMFILE of Linux: here that the user's programs watch as many times as they may.
-const TOO_MANY: Option<i32> = Some(24);
+/// The error code EMFILE on Linux: the processes of the user have the maximum number of inotify instances.
+const EMFILE: Option<i32> = Some(24);
 
-fn in_words(error: &notify::Error) -> String {
+fn describe_error(error: &notify::Error) -> String {
     match &error.kind {
         notify::ErrorKind::MaxFilesWatch => {
-            "the system lets watch no more folders (fs.inotify.max_user_watches)".into()
+            "the limit of watched folders is reached (fs.inotify.max_user_watches)".into()
         }
-        notify::ErrorKind::Io(error) if error.raw_os_error() == TOO_MANY => {
-            "the system lets watch no more programs (fs.inotify.max_user_instances)".into()
+        notify::ErrorKind::Io(error) if error.raw_os_error() == EMFILE => {
+            "the limit of watching programs is reached (fs.inotify.max_user_instances)".into()
         }
         _ => error.to_string(),
     }
@@ -93,9 +94,9 @@ fn in_words(error: &notify::Error) -> String {
 
 impl Backend for Native {
     fn watch(&mut self, list: &WatchList) -> Result<Vec<PathBuf>, String> {
-        let gone: Vec<PathBuf> = self.folders.difference(list.folders()).cloned().collect();
-        for folder in gone {
-            // A folder that was deleted is not watched any more.
+        let removed: Vec<PathBuf> = self.folders.difference(list.folders()).cloned().collect();
+        for folder in removed {
+            // `unwatch` fails for a deleted folder, which needs no watch.
             let _ = self.watcher.unwatch(&folder);
             self.folders.remove(&folder);
         }
@@ -109,9 +110,9 @@ impl Backend for Native {
                     self.folders.insert(folder.clone());
                     new.push(folder.clone());
                 }
-                // It went away after the list was made; the folder above tells.
+                // The folder was deleted after the list was made. The watch on its parent folder reports the deletion.
                 Err(_) if !folder.is_dir() => {}
-                Err(error) => return Err(in_words(&error)),
+                Err(error) => return Err(describe_error(&error)),
             }
         }
         Ok(new)
@@ -124,30 +125,31 @@ impl Backend for Native {
     }
 }
 
-/// How often files are polled. Shorter is a load on slow networks, longer is noticed by the user.
-const PERIOD: Duration = Duration::from_millis(500);
+/// The polling interval. A shorter interval would load slow networks; users would notice a longer one.
+const POLL_INTERVAL: Duration = Duration::from_millis(500);
 
-/// A file that changed less than this before it was looked at may change again without another time: FAT counts in two seconds.
-const YOUNG: Duration = Duration::from_secs(2);
+/// The minimum age of a file whose modification time is reliable. FAT stores times with a resolution of two seconds, so a younger file
+/// may change again without a new time.
+const MIN_AGE: Duration = Duration::from_secs(2);
 
-/// Looks at the watched files twice a second, for file systems without events.
+/// A backend that polls the watched files twice a second, for file systems without events.
 pub(crate) struct Polling {
-    stamps: Arc<Mutex<BTreeMap<PathBuf, Stamp>>>,
+    metadata: Arc<Mutex<BTreeMap<PathBuf, FileMetadata>>>,
 }
 
-/// What tells that a file may have changed, without reading it.
+/// The metadata of a file. If the metadata is unchanged and not too recent, the content is unchanged, too.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-struct Stamp {
+struct FileMetadata {
     length: u64,
     modified: Option<SystemTime>,
-    /// The file itself and its last change of any kind, where the system knows them.
+    /// The inode and change time of the file, on systems that have them.
     identity: Option<(u64, i64, i64)>,
-    /// Too young to be told from its next change.
-    young: bool,
+    /// True if the file was modified so recently that another change may leave the modification time unchanged.
+    is_young: bool,
 }
 
-impl Stamp {
-    fn of(path: &Path) -> Self {
+impl FileMetadata {
+    fn read(path: &Path) -> Self {
         std::fs::metadata(path).map_or_else(|_| Self::default(), |metadata| Self::new(&metadata))
     }
 
@@ -161,8 +163,8 @@ impl Stamp {
         };
         #[cfg(not(unix))]
         let identity = None;
-        let young = age.is_none_or(|age| age < YOUNG);
-        Self { length: metadata.len(), modified, identity, young }
+        let young = age.is_none_or(|age| age < MIN_AGE);
+        Self { length: metadata.len(), modified, identity, is_young: young }
     }
 }
 
@@ -171,19 +173,19 @@ impl Polling {
         let stamps = Arc::<Mutex<_>>::default();
         let weak = Arc::downgrade(&stamps);
         std::thread::spawn(move || poll(&weak, &sink));
-        Self { stamps }
+        Self { metadata: stamps }
     }
 }
 
-/// Looks until nobody wants to know any more.
-fn poll(stamps: &Weak<Mutex<BTreeMap<PathBuf, Stamp>>>, sink: &Sink) {
+/// Polls the files until the [`Polling`] is dropped.
+fn poll(stamps: &Weak<Mutex<BTreeMap<PathBuf, FileMetadata>>>, sink: &Sink) {
     loop {
-        std::thread::sleep(PERIOD);
+        std::thread::sleep(POLL_INTERVAL);
         let Some(stamps) = stamps.upgrade() else { return };
         let mut touched = Vec::new();
         for (path, before) in &mut *lock(&stamps) {
-            let now = Stamp::of(path);
-            if now != *before || before.young {
+            let now = FileMetadata::read(path);
+            if now != *before || before.is_young {
                 touched.push(path.clone());
             }
             *before = now;
@@ -200,10 +202,10 @@ fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
 
 impl Backend for Polling {
     fn watch(&mut self, list: &WatchList) -> Result<Vec<PathBuf>, String> {
-        let mut stamps = lock(&self.stamps);
+        let mut stamps = lock(&self.metadata);
         let mut before = std::mem::take(&mut *stamps);
         for file in list.files() {
-            let stamp = before.remove(&file.path).unwrap_or_else(|| Stamp::of(&file.path));
+            let stamp = before.remove(&file.path).unwrap_or_else(|| FileMetadata::read(&file.path));
             stamps.insert(file.path.clone(), stamp);
         }
         Ok(Vec::new())
@@ -212,11 +214,11 @@ impl Backend for Polling {
     fn renew(&mut self, _: &Path) {}
 }
 
-/// Whether other machines, or the host of this one, can change files of this folder without an event here.
+/// Returns true if other machines, or the host of a virtual machine, can change files in this folder without an event on this machine.
 #[cfg(target_os = "linux")]
 pub(crate) fn is_remote(folder: &Path) -> bool {
-    /// The types of linux/magic.h and of the file systems' own headers: NFS, SMB (three generations), Ceph, AFS, Coda, 9P (as
-    /// in WSL and virtual machines), FUSE (sshfs and others), VirtualBox.
+    /// File system types from linux/magic.h and the headers of the file systems: NFS, SMB (three generations), Ceph, AFS, Coda, 9P (in WSL
+    /// and virtual machines), FUSE (sshfs and others), VirtualBox.
     const REMOTE: [u32; 10] = [
         0x6969,
         0x517b,
@@ -232,7 +234,7 @@ pub(crate) fn is_remote(folder: &Path) -> bool {
     rustix::fs::statfs(folder).is_ok_and(|system| REMOTE.contains(&(system.f_type as u32)))
 }
 
-/// Whether other machines can change files of this folder without an event here: not known on this system.
+/// Returns false: this system does not report the type of a file system.
 #[cfg(not(target_os = "linux"))]
 pub(crate) fn is_remote(_: &Path) -> bool {
     false

@@ -1,24 +1,24 @@
-//! The contents of watched files, so that events without a change are dropped.
+//! The contents of watched files, which show whether a file event is a real change.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-use super::batch::Shape;
+use super::batch::FileState;
 
-/// What is known of a file.
+/// The state of a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Content {
     Missing,
     Empty,
-    /// There is something, but no file that can be read.
+    /// The path exists but cannot be read as a file.
     Unreadable(ErrorKind),
     Bytes(blake3::Hash),
 }
 
 impl Content {
-    fn of(path: &Path) -> Self {
+    fn load(path: &Path) -> Self {
         Self::read(path).unwrap_or_else(|error| match error.kind() {
             ErrorKind::NotFound => Self::Missing,
             kind => Self::Unreadable(kind),
@@ -26,7 +26,7 @@ impl Content {
     }
 
     fn read(path: &Path) -> std::io::Result<Self> {
-        // Opening a pipe would wait for its writer.
+        // Opening a pipe would block until it has a writer.
         if !std::fs::metadata(path)?.is_file() {
             return Ok(Self::Unreadable(ErrorKind::InvalidInput));
         }
@@ -35,52 +35,54 @@ impl Content {
         Ok(if hasher.count() == 0 { Self::Empty } else { Self::Bytes(hasher.finalize()) })
     }
 
-    fn shape(&self) -> Shape {
+    fn shape(&self) -> FileState {
         match self {
-            Self::Missing | Self::Empty => Shape::Unfinished,
-            Self::Unreadable(_) | Self::Bytes(_) => Shape::Whole,
+            Self::Missing | Self::Empty => FileState::Unfinished,
+            Self::Unreadable(_) | Self::Bytes(_) => FileState::Complete,
         }
     }
 }
 
-/// What every watched file holds now, and what it held when a change was last acted on.
+/// The contents of all watched files: the current ones, and those at the last evaluation.
 #[derive(Debug, Default)]
 pub(crate) struct Contents {
     now: BTreeMap<PathBuf, Content>,
-    acted_on: BTreeMap<PathBuf, Content>,
+    at_last_evaluation: BTreeMap<PathBuf, Content>,
 }
 
 impl Contents {
-    /// Reads files that were not known yet, and forgets those that are no longer wanted.
-    pub(crate) fn keep<'a>(&mut self, wanted: impl Iterator<Item = &'a Path>) {
-        let wanted: BTreeSet<&Path> = wanted.collect();
-        self.now.retain(|path, _| wanted.contains(path.as_path()));
-        self.acted_on.retain(|path, _| wanted.contains(path.as_path()));
-        for path in wanted {
+    /// Reads the newly watched files and forgets the files that are no longer watched.
+    pub(crate) fn keep<'a>(&mut self, watched: impl Iterator<Item = &'a Path>) {
+        let watched: BTreeSet<&Path> = watched.collect();
+        self.now.retain(|path, _| watched.contains(path.as_path()));
+        self.at_last_evaluation.retain(|path, _| watched.contains(path.as_path()));
+        for path in watched {
             if !self.now.contains_key(path) {
-                let content = Content::of(path);
-                self.acted_on.insert(path.to_owned(), content.clone());
+                let content = Content::load(path);
+                self.at_last_evaluation.insert(path.to_owned(), content.clone());
                 self.now.insert(path.to_owned(), content);
             }
         }
     }
 
-    /// Reads a file again: whether what it holds has changed, and into what.
-    pub(crate) fn refresh(&mut self, path: &Path) -> Option<Shape> {
+    /// Reads a file again. Returns its new state if the content has changed, otherwise `None`.
+    pub(crate) fn refresh(&mut self, path: &Path) -> Option<FileState> {
         let before = self.now.get_mut(path)?;
-        let content = Content::of(path);
+        let content = Content::load(path);
         let shape = content.shape();
         let changed = *before != content;
         *before = content;
         changed.then_some(shape)
     }
 
-    /// Which of these files hold something else than when this was last asked of them.
-    pub(crate) fn act_on(&mut self, paths: BTreeSet<PathBuf>) -> Vec<PathBuf> {
+    /// Returns the files whose content has changed since the last evaluation, and records the current contents as evaluated.
+    pub(crate) fn take_changed(&mut self, paths: BTreeSet<PathBuf>) -> Vec<PathBuf> {
         let mut changed = Vec::new();
         for path in paths {
             let Some(content) = self.now.get(&path) else { continue };
-            if self.acted_on.insert(path.clone(), content.clone()).as_ref() != Some(content) {
+            if self.at_last_evaluation.insert(path.clone(), content.clone()).as_ref()
+                != Some(content)
+            {
                 changed.push(path);
             }
         }
@@ -93,34 +95,34 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_another_content_is_a_change() {
+    fn only_new_content_is_a_change() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a");
         let mut contents = Contents::default();
         contents.keep([path.as_path()].into_iter());
         assert_eq!(contents.refresh(&path), None);
         std::fs::write(&path, "one").unwrap();
-        assert_eq!(contents.refresh(&path), Some(Shape::Whole));
+        assert_eq!(contents.refresh(&path), Some(FileState::Complete));
         std::fs::write(&path, "one").unwrap();
         assert_eq!(contents.refresh(&path), None);
         std::fs::write(&path, "").unwrap();
-        assert_eq!(contents.refresh(&path), Some(Shape::Unfinished));
+        assert_eq!(contents.refresh(&path), Some(FileState::Unfinished));
     }
 
     #[test]
-    fn a_file_that_comes_back_as_it_was_needs_no_action() {
+    fn a_restored_file_is_no_change() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a");
         std::fs::write(&path, "one").unwrap();
         let mut contents = Contents::default();
         contents.keep([path.as_path()].into_iter());
         std::fs::remove_file(&path).unwrap();
-        assert_eq!(contents.refresh(&path), Some(Shape::Unfinished));
+        assert_eq!(contents.refresh(&path), Some(FileState::Unfinished));
         std::fs::write(&path, "one").unwrap();
-        assert_eq!(contents.refresh(&path), Some(Shape::Whole));
-        assert!(contents.act_on([path.clone()].into()).is_empty());
+        assert_eq!(contents.refresh(&path), Some(FileState::Complete));
+        assert!(contents.take_changed([path.clone()].into()).is_empty());
         std::fs::write(&path, "two").unwrap();
         contents.refresh(&path);
-        assert_eq!(contents.act_on([path.clone()].into()), [path]);
+        assert_eq!(contents.take_changed([path.clone()].into()), [path]);
     }
 }

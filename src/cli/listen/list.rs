@@ -1,95 +1,97 @@
-//! Which places of the file system a graph depends on.
+//! The paths that a graph depends on.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::ffi::OsString;
 use std::path::{Component, Path, PathBuf};
 
-/// A file that is to be watched, and why.
+/// A request to watch a file, with the reason.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Wish {
+pub(crate) struct WatchRequest {
     pub(crate) path: PathBuf,
-    pub(crate) why: String,
+    pub(crate) reason: String,
 }
 
 /// A watched file.
 #[derive(Clone, Debug)]
-pub(crate) struct Watched {
-    /// The path under which it is opened.
+pub(crate) struct WatchedFile {
+    /// The path by which the graph opens the file.
     pub(crate) path: PathBuf,
-    /// Why it is watched, in words.
-    pub(crate) why: String,
-    /// The entries of folders that decide what is found under the path: the file, every symbolic link on the way, the folders
-    /// of the project on the way; if something is missing, only as far as the first missing one.
-    pub(crate) places: Vec<PathBuf>,
+    /// The reason for watching the file.
+    pub(crate) reason: String,
+    /// The directory entries that determine which file the path leads to: the file itself, and every symbolic link and project folder
+    /// on the path. The list ends at the first missing entry.
+    pub(crate) entries: Vec<PathBuf>,
 }
 
 /// All watched files.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct WatchList {
-    files: Vec<Watched>,
-    /// The files that each place decides about, by their index.
-    by_place: BTreeMap<PathBuf, Vec<usize>>,
+    files: Vec<WatchedFile>,
+    /// Maps each directory entry to the indices of the files that depend on the entry.
+    by_entry: BTreeMap<PathBuf, Vec<usize>>,
     folders: BTreeSet<PathBuf>,
 }
 
 impl WatchList {
-    /// The list of these files as the file system is now. Folders below `project` may be renamed and replaced, too.
-    pub(crate) fn new(wishes: &[Wish], project: &Path) -> Self {
+    /// Creates the list for the current state of the file system. Folders inside `project` are watched, too, because they may be
+    /// renamed or replaced.
+    pub(crate) fn new(requests: &[WatchRequest], project: &Path) -> Self {
         let mut list = Self::default();
         let mut indices: BTreeMap<PathBuf, usize> = BTreeMap::new();
-        for wish in wishes {
-            let path = std::path::absolute(&wish.path).unwrap_or_else(|_| wish.path.clone());
+        for request in requests {
+            let path = std::path::absolute(&request.path).unwrap_or_else(|_| request.path.clone());
             if let Some(&index) = indices.get(&path) {
-                let why = &mut list.files[index].why;
-                if !why.split(", ").any(|known| known == wish.why) {
-                    *why += &format!(", {}", wish.why);
+                let why = &mut list.files[index].reason;
+                if !why.split(", ").any(|known| known == request.reason) {
+                    *why += &format!(", {}", request.reason);
                 }
                 continue;
             }
             let index = list.files.len();
             indices.insert(path.clone(), index);
-            let places = places(&path, project);
-            for place in places.iter().chain([&path]) {
-                let files = list.by_place.entry(place.clone()).or_default();
-                // A place of this file that came before would be the last one.
+            let entries = entries(&path, project);
+            for entry in entries.iter().chain([&path]) {
+                let files = list.by_entry.entry(entry.clone()).or_default();
+                // An entry may occur twice on one path. Then the index is already the last in the list.
                 if files.last() != Some(&index) {
                     files.push(index);
                 }
             }
-            list.folders.extend(places.iter().filter_map(|place| Some(place.parent()?.to_owned())));
-            list.files.push(Watched { path, why: wish.why.clone(), places });
+            list.folders
+                .extend(entries.iter().filter_map(|entry| Some(entry.parent()?.to_owned())));
+            list.files.push(WatchedFile { path, reason: request.reason.clone(), entries });
         }
         list
     }
 
-    pub(crate) fn files(&self) -> &[Watched] {
+    pub(crate) fn files(&self) -> &[WatchedFile] {
         &self.files
     }
 
-    /// The folders in which something may happen; all exist.
+    /// Returns the folders to watch. All exist.
     pub(crate) fn folders(&self) -> &BTreeSet<PathBuf> {
         &self.folders
     }
 
-    /// The files about which an event at this path may say something.
-    pub(crate) fn touched(&self, path: &Path) -> Vec<&Watched> {
-        let at = self.by_place.get(path).into_iter().flatten().map(|&index| &self.files[index]);
+    /// Returns the files that an event at this path may affect.
+    pub(crate) fn files_at(&self, path: &Path) -> Vec<&WatchedFile> {
+        let at = self.by_entry.get(path).into_iter().flatten().map(|&index| &self.files[index]);
         match self.folders.contains(path) {
             true => self
                 .files
                 .iter()
-                .filter(|file| file.places.iter().any(|place| place.parent() == Some(path)))
+                .filter(|file| file.entries.iter().any(|entry| entry.parent() == Some(path)))
                 .collect(),
             false => at.collect(),
         }
     }
 }
 
-/// More symbolic links than this on the way to a file are a circle, for Linux, too.
-const MOST_LINKS: usize = 40;
+/// The maximum number of symbolic links on a path, as in Linux. A path with more links is treated as a cycle.
+const MAX_LINKS: usize = 40;
 
-fn places(path: &Path, project: &Path) -> Vec<PathBuf> {
-    let mut places = Vec::new();
+fn entries(path: &Path, project: &Path) -> Vec<PathBuf> {
+    let mut entries = Vec::new();
     let mut real = PathBuf::new();
     let mut rest: VecDeque<OsString> = parts(path).collect();
     let mut links = 0;
@@ -108,14 +110,14 @@ fn places(path: &Path, project: &Path) -> Vec<PathBuf> {
         }
         let next = real.join(part);
         let Ok(metadata) = std::fs::symlink_metadata(&next) else {
-            places.push(next);
+            entries.push(next);
             break;
         };
         if metadata.is_symlink() {
             links += 1;
             let target = std::fs::read_link(&next).unwrap_or_default();
-            places.push(next);
-            if links > MOST_LINKS {
+            entries.push(next);
+            if links > MAX_LINKS {
                 break;
             }
             for part in Vec::from_iter(parts(&target)).into_iter().rev() {
@@ -128,11 +130,11 @@ fn places(path: &Path, project: &Path) -> Vec<PathBuf> {
         }
         let in_project = next.starts_with(project) && next != project;
         if in_project || rest.is_empty() {
-            places.push(next.clone());
+            entries.push(next.clone());
         }
         real = next;
     }
-    places
+    entries
 }
 
 fn parts(path: &Path) -> impl Iterator<Item = OsString> {
@@ -143,24 +145,24 @@ fn parts(path: &Path) -> impl Iterator<Item = OsString> {
 mod tests {
     use super::*;
 
-    /// The places of `path`, relative to a project with a folder `a` that holds a file `file`.
+    /// Checks the directory entries that determine the file at `path`, in a project that contains a folder `a` with a file `file`.
     fn check(prepare: fn(&Path), path: &str, expected: &[&str]) {
         let folder = tempfile::tempdir().unwrap();
         let project = std::fs::canonicalize(folder.path()).unwrap();
         std::fs::create_dir(project.join("a")).unwrap();
         std::fs::write(project.join("a/file"), "x").unwrap();
         prepare(&project);
-        let wish = Wish { path: project.join(path), why: "why".into() };
-        let list = WatchList::new(&[wish], &project);
-        let places = list.files[0].places.iter();
-        let relative = places.map(|place| place.strip_prefix(&project).unwrap());
-        let names = relative.map(|place| place.to_string_lossy().replace('\\', "/"));
+        let request = WatchRequest { path: project.join(path), reason: "why".into() };
+        let list = WatchList::new(&[request], &project);
+        let entries = list.files[0].entries.iter();
+        let relative = entries.map(|entry| entry.strip_prefix(&project).unwrap());
+        let names = relative.map(|entry| entry.to_string_lossy().replace('\\', "/"));
         assert_eq!(names.collect::<Vec<_>>(), expected);
-        for place in &list.files[0].places {
-            assert_eq!(list.touched(place).len(), 1);
+        for entry in &list.files[0].entries {
+            assert_eq!(list.files_at(entry).len(), 1);
         }
         assert!(list.folders.iter().all(|folder| folder.is_dir()));
-        assert!(list.touched(&project.join("other")).is_empty());
+        assert!(list.files_at(&project.join("other")).is_empty());
     }
 
     #[test]
@@ -170,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn of_a_missing_path_the_first_missing_part_is_watched() {
+    fn the_first_missing_part_of_a_path_is_watched() {
         check(|_| {}, "a/other", &["a", "a/other"]);
         check(|_| {}, "b/c/file", &["b"]);
     }
@@ -187,10 +189,10 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn links_in_a_circle_end() {
+    fn a_cycle_of_links_ends() {
         let folder = tempfile::tempdir().unwrap();
         let link = folder.path().join("link");
         std::os::unix::fs::symlink("link", &link).unwrap();
-        assert_eq!(places(&link, folder.path()).len(), MOST_LINKS + 1);
+        assert_eq!(entries(&link, folder.path()).len(), MAX_LINKS + 1);
     }
 }

@@ -1,12 +1,12 @@
-//! Where news of the watched files comes from: the system, or looking again and again, or both.
+//! The sources of file events: the system, polling, or both.
 
 use std::path::{Path, PathBuf};
 
 use super::backend::{Backend, Event, Native, Polling, Sink, is_remote};
 use super::list::WatchList;
-use crate::Shown;
+use crate::DisplayPath;
 
-/// What is watched, by whom.
+/// The watched files and the backends that watch them.
 pub(crate) struct Sources {
     list: WatchList,
     backends: Vec<Box<dyn Backend>>,
@@ -15,14 +15,14 @@ pub(crate) struct Sources {
 }
 
 impl Sources {
-    /// Nobody watches.
-    pub(crate) fn none() -> Self {
+    /// Creates sources that watch nothing.
+    pub(crate) fn empty() -> Self {
         Self { list: WatchList::default(), backends: Vec::new(), sink: None, polled: None }
     }
 
-    /// The events of the system, or only looking at the files if `poll` says so.
+    /// Creates sources with the events of the system, or only with polling if `poll` is true.
     pub(crate) fn new(sink: Sink, poll: bool) -> Self {
-        let mut sources = Self { sink: Some(sink.clone()), ..Self::none() };
+        let mut sources = Self { sink: Some(sink.clone()), ..Self::empty() };
         if poll {
             sources.poll("--poll");
             return sources;
@@ -34,7 +34,7 @@ impl Sources {
         sources
     }
 
-    /// Looks at the files, too.
+    /// Adds polling; `why` is the reason, shown to the user.
     fn poll(&mut self, why: &str) {
         if let (Some(sink), None) = (&self.sink, &self.polled) {
             self.backends.push(Box::new(Polling::new(sink.clone())));
@@ -42,19 +42,19 @@ impl Sources {
         }
     }
 
-    /// Why the events of the system do not suffice; none if they do.
-    pub(crate) fn polled(&self) -> Option<&str> {
+    /// Returns the reason why files are polled, or `None` if the events of the system suffice.
+    pub(crate) fn polling_reason(&self) -> Option<&str> {
         self.polled.as_deref()
     }
 
-    /// Watches the list that `make` gives instead of the one before; gives the files that may have changed before they were
-    /// watched. A folder may appear while its parent is not watched yet, so the list is made until it brings no new folder.
+    /// Watches the paths in the list that `make` returns. Returns the files that may have changed before the watch began. `make` is
+    /// called again until the list has no new folder, because a folder may appear before the watch on its parent begins.
     pub(crate) fn update(&mut self, make: impl Fn() -> WatchList) -> Vec<PathBuf> {
         let mut unseen = Vec::new();
         loop {
             self.list = make();
             if let Some(folder) = self.list.folders().iter().find(|folder| is_remote(folder)) {
-                let why = format!("{} may change without events", folder.shown());
+                let why = format!("{} may change without events", folder.for_display());
                 self.poll(&why);
             }
             let new = self.watch();
@@ -62,17 +62,18 @@ impl Sources {
                 return unseen;
             }
             for folder in new {
-                unseen.extend(self.list.touched(&folder).into_iter().map(|file| file.path.clone()));
+                unseen
+                    .extend(self.list.files_at(&folder).into_iter().map(|file| file.path.clone()));
             }
         }
     }
 
-    /// The watched files.
+    /// Returns the paths of the watched files.
     pub(crate) fn paths(&self) -> impl Iterator<Item = &Path> {
         self.list.files().iter().map(|file| file.path.as_path())
     }
 
-    /// Passes the list on; gives the folders that are new to somebody. Who fails is replaced by looking at the files.
+    /// Passes the list to all backends. Returns the folders that a backend did not watch before. Polling replaces a backend that fails.
     fn watch(&mut self) -> Vec<PathBuf> {
         let (mut new, mut failed) = (Vec::new(), None);
         self.backends.retain_mut(|backend| match backend.watch(&self.list) {
@@ -92,8 +93,8 @@ impl Sources {
         new
     }
 
-    /// The files about which an event may say something.
-    pub(crate) fn touched(&mut self, event: &Event) -> Vec<PathBuf> {
+    /// Returns the files that an event may affect.
+    pub(crate) fn affected_files(&mut self, event: &Event) -> Vec<PathBuf> {
         let paths = match event {
             Event::Lost => return self.paths().map(Path::to_owned).collect(),
             Event::Touched(paths) | Event::Growing(paths) | Event::Closed(paths) => paths,
@@ -106,7 +107,7 @@ impl Sources {
         };
         let mut files: Vec<PathBuf> = paths
             .iter()
-            .flat_map(|path| self.list.touched(path))
+            .flat_map(|path| self.list.files_at(path))
             .map(|file| file.path.clone())
             .collect();
         files.sort_unstable();

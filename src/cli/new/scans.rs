@@ -1,4 +1,4 @@
-//! The scans in a folder: what each file holds, and which picture belongs to which scan.
+//! Finds the scans in a folder, and the picture that belongs to each scan.
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
@@ -6,81 +6,81 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use maquette_graph::catalog::Catalog;
-use maquette_value::plain::ending;
+use maquette_value::fs::extension;
 use maquette_value::{AnyValue, Image, Mesh, Points, RangeImage, Value};
 
-use crate::Shown;
-use crate::counted;
+use crate::DisplayPath;
+use crate::format_count;
 
-/// The types of values that are scans, in the order in which a file is tried.
+/// The value types of scans, in the order in which they are tried for a file.
 pub(super) const KINDS: [&str; 3] = [RangeImage::NAME, Mesh::NAME, Points::NAME];
 
-/// So many files of a folder are looked into.
-const MOST: usize = 1000;
+/// The maximum number of examined files in a folder.
+const MAX_FILES: usize = 1000;
 
-/// A scan and what belongs to it.
+/// A scan file and its properties.
 pub(super) struct Scan {
     pub(super) file: PathBuf,
-    /// The type of its value.
+    /// The value type of the scan, one of [`KINDS`].
     pub(super) kind: &'static str,
-    /// The picture beside it.
+    /// The picture that belongs to the scan.
     pub(super) picture: Option<PathBuf>,
-    /// Whether its camera is known: a camera file beside it may be for another grid.
+    /// True if the camera of the scan is known. If a camera file beside the scan belongs to another grid, the camera is unknown.
     has_camera: bool,
-    /// Whether it is so small that its numbers must be meters.
+    /// True if the coordinates are in meters. The file format determines this, or the scan would be too small in millimeters.
     pub(super) in_meters: bool,
-    /// Whether what it shows lies behind the sensor, as in files whose y goes up.
+    /// True if all points have z <= 0, as in files whose y axis points up.
     pub(super) y_up: bool,
 }
 
-/// What there is in a folder.
+/// The scans and other files of a folder.
 pub(super) struct Scans {
     pub(super) folder: PathBuf,
-    /// The captures of one thing, in the order of their names: those whose names differ by numbers alone.
+    /// The scans of one object, sorted by name: files whose names differ only in numbers.
     pub(super) all: Vec<Scan>,
-    /// Other files that could be read, and what they are.
+    /// Other readable files with their value types.
     others: Vec<(PathBuf, &'static str)>,
-    /// Of each file that looks like one of these but cannot be read, which it is, and why not.
+    /// Messages for files that have the extension of a scan or a picture but cannot be read.
     pub(super) unread: Vec<String>,
 }
 
 impl Scans {
-    /// The scans in a folder and the folders in it, or in one file.
+    /// Finds the scans in a folder and its subfolders, or in one file.
     ///
     /// # Errors
-    /// In words: nothing is there.
-    pub(super) fn of(path: &Path, catalog: &Catalog) -> Result<Self, String> {
+    /// A message if the path cannot be read.
+    pub(super) fn find(path: &Path, catalog: &Catalog) -> Result<Self, String> {
         let is_folder = fs::metadata(path)
-            .map_err(|error| format!("cannot read {}: {error}", path.shown()))?
+            .map_err(|error| format!("cannot read {}: {error}", path.for_display()))?
             .is_dir();
         let folder = if is_folder { path.to_owned() } else { path.with_file_name("") };
         let mut files = Vec::new();
         match is_folder {
-            true => collect(path, 2, &mut files),
+            true => collect_files(path, 2, &mut files),
             false => {
-                collect(&folder, 0, &mut files);
+                collect_files(&folder, 0, &mut files);
                 files.retain(|file| file == path || !holds_a_scan(file, catalog));
             }
         }
         let (mut scans, mut pictures, mut unread) = (Vec::new(), Vec::new(), Vec::new());
         for file in files {
-            match Found::of(&file, catalog) {
-                Ok(Some(Found::Scan(scan))) => scans.push(scan),
-                Ok(Some(Found::Picture(size))) => pictures.push((file, size)),
+            match FileContent::read(&file, catalog) {
+                Ok(Some(FileContent::Scan(scan))) => scans.push(scan),
+                Ok(Some(FileContent::Picture(size))) => pictures.push((file, size)),
                 Ok(None) => {}
                 Err(why) => unread.push(why.replace('\n', " ")),
             }
         }
         let mut groups: BTreeMap<(usize, bool, String), Vec<Scan>> = BTreeMap::new();
         for (scan, size) in scans {
-            let name = without_numbers(&scan.file);
+            let name = masked_name(&scan.file);
             let rank = KINDS.iter().position(|kind| *kind == scan.kind).unwrap_or_default();
             let picture = picture_of(&scan.file, size, &pictures);
             let scan = Scan { picture, ..scan };
             groups.entry((rank, scan.picture.is_none(), name)).or_default().push(scan);
         }
         let mut groups = Vec::from_iter(groups);
-        // Of what is of one kind first what has a camera, then the most captures, and of one file each the largest.
+        // Sorts within a value type: scans with pictures first, then scans with a camera, then the most captures, then the largest file.
         groups.sort_by_key(|((rank, is_plain, _), scans)| {
             let bytes = scans.first().and_then(|scan| fs::metadata(&scan.file).ok());
             let bytes = bytes.map_or(0, |metadata| metadata.len());
@@ -98,25 +98,25 @@ impl Scans {
         Ok(Self { folder, all, others, unread })
     }
 
-    /// What is said if no recipe fits.
-    pub(super) fn nothing(&self) -> String {
+    /// Returns the message for a folder without scans that a recipe can use.
+    pub(super) fn no_scan_message(&self) -> String {
         let folder = match self.folder.as_os_str().is_empty() {
             true => ".".into(),
             false => self.folder.display().to_string(),
         };
         let wanted = "a range image, a mesh or points";
         let nothing = match self.others.len() {
-            0 => format!("there is no scan in {folder}: {wanted}"),
+            0 => format!("no scan found in {folder}: expected {wanted}"),
             count => {
-                let pictures = counted(count, "picture");
-                format!("there is no scan in {folder} beside {pictures}: {wanted}")
+                let pictures = format_count(count, "picture");
+                format!("no scan found in {folder} besides {pictures}: expected {wanted}")
             }
         };
         [nothing].iter().chain(&self.unread).map(String::as_str).collect::<Vec<_>>().join("\n")
     }
 
-    /// What there is, for a message.
-    pub(super) fn in_words(&self) -> String {
+    /// Describes the number and type of the scans for a message.
+    pub(super) fn kind_in_words(&self) -> String {
         match self.all.first() {
             None => "no scan".to_owned(),
             Some(scan) => {
@@ -127,8 +127,8 @@ impl Scans {
         }
     }
 
-    /// The files that could be read and are not `used`, and what they are.
-    pub(super) fn unused(&self, used: &[&Scan]) -> Vec<(String, &'static str)> {
+    /// Returns the readable files that are not in `used`, with the type of each value as messages name it.
+    pub(super) fn unused_files(&self, used: &[&Scan]) -> Vec<(String, &'static str)> {
         let left = self.all.iter().filter(|scan| used.iter().all(|it| it.file != scan.file));
         let left = left.map(|scan| (&scan.file, scan.kind));
         let others = self.others.iter().map(|(file, kind)| (file, *kind));
@@ -136,7 +136,7 @@ impl Scans {
     }
 }
 
-/// A type of scans in words.
+/// Returns the name of a value type in messages, as a plural unless `count` is 1.
 pub(super) fn in_words(kind: &str, count: usize) -> &'static str {
     match (kind, count) {
         ("RangeImage", 1) => "range image",
@@ -147,24 +147,24 @@ pub(super) fn in_words(kind: &str, count: usize) -> &'static str {
     }
 }
 
-/// The plain files of a folder in order of their names, and of folders in it; none that are hidden.
-fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) {
+/// Collects the files of a folder and its subfolders down to `depth`, sorted by name, without hidden ones.
+fn collect_files(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) {
     let place = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let Ok(entries) = fs::read_dir(place) else { return };
     let mut names: Vec<_> = entries.flatten().map(|entry| entry.file_name()).collect();
-    names.sort_by_cached_key(|name| by_numbers(&name.to_string_lossy()));
+    names.sort_by_cached_key(|name| natural_sort_key(&name.to_string_lossy()));
     names.retain(|name| !name.to_string_lossy().starts_with('.'));
     for path in names.into_iter().map(|name| folder.join(name)) {
-        if files.len() < MOST && path.is_file() {
+        if files.len() < MAX_FILES && path.is_file() {
             files.push(path);
         } else if 0 < depth && path.is_dir() {
-            collect(&path, depth - 1, files);
+            collect_files(&path, depth - 1, files);
         }
     }
 }
 
-/// A name by which 2 comes before 10: a scanner counts, and so does a turntable.
-fn by_numbers(name: &str) -> String {
+/// Returns a sort key that compares numbers in names as numbers: 2 before 10.
+fn natural_sort_key(name: &str) -> String {
     fn is_digit(c: char) -> bool {
         c.is_ascii_digit()
     }
@@ -180,24 +180,27 @@ fn by_numbers(name: &str) -> String {
     key + rest
 }
 
-/// What a file holds.
-enum Found {
-    /// With its width and height, if it is a grid.
+/// The content of a file: a scan or a picture.
+enum FileContent {
+    /// A scan; with width and height in pixels if the scan is a grid.
     Scan((Scan, Option<[usize; 2]>)),
     Picture([usize; 2]),
 }
 
-impl Found {
-    /// What a file holds, if anything.
+impl FileContent {
+    /// Reads a file. Returns `None` if it is neither a scan nor a picture.
     ///
     /// # Errors
-    /// It should hold something by its ending, but nothing can be read: why.
-    fn of(file: &Path, catalog: &Catalog) -> Result<Option<Self>, String> {
+    /// A message if a file with the extension of a scan or a picture cannot be read.
+    fn read(file: &Path, catalog: &Catalog) -> Result<Option<Self>, String> {
         let readers = catalog.readers();
-        let endings = |kind: &str| readers.endings(Some(kind)).contains(&&ending(file)[..]);
+        let extension = extension(file);
         let (mut is_read, mut why) = (false, None);
         for kind in KINDS.into_iter().chain([Image::NAME]) {
-            let Some(kind) = catalog.value_type(kind).filter(|kind| endings(kind.name)) else {
+            let Some(kind) = catalog
+                .value_type(kind)
+                .filter(|kind| readers.extensions(Some(kind.name)).contains(&&extension[..]))
+            else {
                 continue;
             };
             match readers.open(file, Some(kind)) {
@@ -205,11 +208,12 @@ impl Found {
                     is_read = true;
                     let picture = value.get::<Image>();
                     let picture = picture.map(|it| Self::Picture([it.width(), it.height()]));
-                    if let Some(found) = scan(file, &value).map(Self::Scan).or(picture) {
+                    if let Some(found) = as_scan(file, &value).map(Self::Scan).or(picture) {
                         return Ok(Some(found));
                     }
                 }
-                // What is asked for last, points or a picture, asks for the least.
+                // Keeps the last error: points and pictures are tried last and have the fewest requirements, so their error is the most
+                // useful.
                 Err(error) => why = Some(error),
             }
         }
@@ -221,11 +225,11 @@ impl Found {
 }
 
 fn holds_a_scan(file: &Path, catalog: &Catalog) -> bool {
-    matches!(Found::of(file, catalog), Ok(Some(Found::Scan(_))))
+    matches!(FileContent::read(file, catalog), Ok(Some(FileContent::Scan(_))))
 }
 
-/// A value as a scan, if it is one: a mesh has faces, and a depth map is one beside its camera alone.
-fn scan(file: &Path, value: &AnyValue) -> Option<(Scan, Option<[usize; 2]>)> {
+/// Describes a value as a scan. Returns `None` for a mesh without faces and for a value without points.
+fn as_scan(file: &Path, value: &AnyValue) -> Option<(Scan, Option<[usize; 2]>)> {
     let has_camera = value.get::<RangeImage>().is_some_and(|range| range.camera().is_some());
     let (bounds, size) = if let Some(range) = value.get::<RangeImage>() {
         let there = range.points().iter().filter(|point| point.x.is_finite());
@@ -242,20 +246,20 @@ fn scan(file: &Path, value: &AnyValue) -> Option<(Scan, Option<[usize; 2]>)> {
         kind: value.kind().name,
         picture: None,
         has_camera,
-        // Surveys are in meters by their formats. No scanner has a field of two centimeters, and few see twenty meters.
+        // Survey formats are in meters. A diagonal below 20 mm is implausible for a scanner; 20 m is more likely.
         in_meters: in_meters(file) || (high - low).norm() < 20.0,
         y_up: is_grid && high.z <= 0.0,
     };
     Some((scan, size))
 }
 
-/// Whether numbers are meters by the format of a file.
+/// Returns true if numbers in this file format are in meters.
 pub(crate) fn in_meters(file: &Path) -> bool {
-    ["las", "laz", "e57"].contains(&&ending(file)[..])
+    ["las", "laz", "e57"].contains(&&extension(file)[..])
 }
 
-/// The name of a file with `#` in place of its numbers, so that those of several captures are the same, as they are in several folders.
-fn without_numbers(file: &Path) -> String {
+/// Returns the file name with `#` in place of each number. All captures of one object have the same masked name.
+fn masked_name(file: &Path) -> String {
     let text = file.file_name().unwrap_or_default().to_string_lossy();
     let mut name = String::new();
     for c in text.chars() {
@@ -268,8 +272,8 @@ fn without_numbers(file: &Path) -> String {
     name
 }
 
-/// The picture that belongs to a scan: in its folder, of a name that begins as its own does the longest; of those one that is called after
-/// colors, and one of the grid's size.
+/// Returns the picture that belongs to a scan, among the pictures in the same folder. A longer common beginning of the file names is
+/// preferred, then a color word in the name of the picture, then a picture with the size of the grid.
 fn picture_of(
     scan: &Path,
     size: Option<[usize; 2]>,

@@ -1,116 +1,123 @@
-//! Values as files of plain numbers, and such files as values.
+//! Writes values as files of plain numbers, and reads values from such files.
 
 use std::borrow::Cow;
 use std::collections::{BTreeSet, VecDeque};
 use std::path::Path;
 
-use maquette_engine::writing::Shelf;
+use maquette_engine::writing::ExchangeFolder;
 use maquette_graph::catalog::Catalog;
 use maquette_render::{Look, picture};
-use maquette_value::plain;
+use maquette_value::fs;
 use maquette_value::{
-    AnyValue, Attribute, Axes, Cloud, FactValue, Hash, Image, Items, Layer, Material, Meaning,
-    Mesh, On, Part, Parts, Points, RangeImage, Value, ValueType,
+    AnyValue, Attribute, Axes, Cloud, ElementKind, FactValue, Hash, Image, Items, Layer, Material,
+    Meaning, Mesh, Part, Parts, Points, RangeImage, Value, ValueType,
 };
 use serde_json::{Map, Value as Json, json};
 
 use super::materials::{MaterialMessage, with_materials};
 use super::request::{Form, Input, Numbers};
 
-/// The files that a host may read: each is named by what is in it, so that the same numbers keep their file.
+/// The files of columns that the host may read. Each file is named by the hash of its content, so equal columns share one file.
 pub(super) struct Columns {
-    shelf: Shelf,
-    held: BTreeSet<String>,
-    /// What the last answers of each slot named; the slot that was answered last is the last.
-    last: VecDeque<(String, VecDeque<BTreeSet<String>>)>,
-    /// Cached descriptions of files that take long to make, by their source: edges of faces, and pictures.
+    folder: ExchangeFolder,
+    files: BTreeSet<String>,
+    /// The file names in the last answers, by slot (the series of runs that replace each other). The slot with the newest answer is
+    /// last.
+    recent_answers: VecDeque<(String, VecDeque<BTreeSet<String>>)>,
+    /// Cached descriptions of files that are slow to create: edges of faces, and pictures. The text identifies the value from which the
+    /// files were made.
     descriptions: VecDeque<(String, Vec<Json>)>,
-    /// What the answer that is being made names.
-    named: BTreeSet<String>,
+    /// The file names in the answer that is being created.
+    current_names: BTreeSet<String>,
 }
 
-/// So many answers of a slot keep their files.
-const ANSWERS: usize = 2;
+/// The number of answers per slot whose files are kept.
+const MAX_ANSWERS: usize = 2;
 
-/// So many slots do: those that were answered last.
-const SLOTS: usize = 256;
+/// The maximum number of slots whose files are kept.
+const MAX_SLOTS: usize = 256;
 
-/// Number of cached descriptions.
+/// The maximum number of cached descriptions.
 const MAX_DESCRIPTIONS: usize = 64;
 
 impl Columns {
-    pub(super) fn new(shelf: Shelf) -> Self {
-        let (held, last, descriptions, named) = Default::default();
-        Self { shelf, held, last, descriptions, named }
+    pub(super) fn new(folder: ExchangeFolder) -> Self {
+        Self {
+            folder,
+            files: BTreeSet::new(),
+            recent_answers: VecDeque::new(),
+            descriptions: VecDeque::new(),
+            current_names: BTreeSet::new(),
+        }
     }
 
-    /// Where the files are.
+    /// Returns the folder of the files.
     pub(super) fn folder(&self) -> &Path {
-        self.shelf.path()
+        self.folder.path()
     }
 
-    /// What an answer says of a value.
+    /// Writes the files of a value, and returns its description for the answer.
     pub(super) fn value(
         &mut self,
         value: &AnyValue,
         form: Form,
         catalog: &Catalog,
     ) -> Result<Json, String> {
-        let mut told = json!({ "type": value.kind().name, "hash": value.hash().to_string() });
+        let mut answer = json!({ "type": value.kind().name, "hash": value.hash().to_string() });
         match form {
-            Form::Facts => told["facts"] = facts(&value.parts()),
+            Form::Facts => answer["facts"] = facts_json(&value.parts()),
             Form::Parts => {
                 let parts = value.parts();
-                told["facts"] = facts(&parts);
-                told["row"] = parts.row.into();
-                told["columns"] = self.columns(&parts.columns, false)?.into();
+                answer["facts"] = facts_json(&parts);
+                answer["row"] = parts.row.into();
+                answer["columns"] = self.columns(&parts.columns, false)?.into();
             }
-            Form::Mesh => self.mesh(value, &mut told, catalog)?,
+            Form::Mesh => self.mesh(value, &mut answer, catalog)?,
             Form::Picture => {
-                let image = picture(&value.show(), &Look::own());
-                let image = image.ok_or("it has no picture")?;
-                told["picture"] = self.picture(image, catalog)?;
+                let image = picture(&value.show(), &Look::front());
+                let image = image.ok_or("the value has no picture")?;
+                answer["picture"] = self.picture(image, catalog)?;
             }
         }
-        Ok(told)
+        Ok(answer)
     }
 
-    /// The answer is whole: files that only older ones named go.
-    pub(super) fn answered(&mut self, slot: &str) {
-        let place = self.last.iter().position(|(known, _)| known == slot);
-        let known = place.and_then(|place| self.last.remove(place));
+    /// Ends an answer. Removes the files that no kept answer refers to.
+    pub(super) fn finish_answer(&mut self, slot: &str) {
+        let index = self.recent_answers.iter().position(|(known, _)| known == slot);
+        let known = index.and_then(|index| self.recent_answers.remove(index));
         let (slot, mut answers) = known.unwrap_or_else(|| (slot.to_owned(), VecDeque::new()));
-        answers.push_back(std::mem::take(&mut self.named));
-        if answers.len() > ANSWERS {
+        answers.push_back(std::mem::take(&mut self.current_names));
+        if answers.len() > MAX_ANSWERS {
             answers.pop_front();
         }
-        self.last.push_back((slot, answers));
-        if self.last.len() > SLOTS {
-            self.last.pop_front();
+        self.recent_answers.push_back((slot, answers));
+        if self.recent_answers.len() > MAX_SLOTS {
+            self.recent_answers.pop_front();
         }
-        let answers = self.last.iter().flat_map(|(_, answers)| answers).flatten();
+        let answers = self.recent_answers.iter().flat_map(|(_, answers)| answers).flatten();
         let needed: BTreeSet<&String> = answers.collect();
-        let gone = self.held.iter().filter(|name| !needed.contains(name));
-        for name in gone.cloned().collect::<Vec<_>>() {
-            self.shelf.drop_file(&name);
-            self.held.remove(&name);
+        let unused = self.files.iter().filter(|name| !needed.contains(name));
+        for name in unused.cloned().collect::<Vec<_>>() {
+            self.folder.drop_file(&name);
+            self.files.remove(&name);
         }
-        let held = &self.held;
+        let held = &self.files;
         self.descriptions.retain(|(_, files)| {
             files.iter().all(|file| file["file"].as_str().is_some_and(|it| held.contains(it)))
         });
     }
 
-    /// Puts bytes into a file, if it is not there; gives its name.
+    /// Writes bytes to a file with the extension `ending`, unless the file exists. Returns the name of the file.
     fn keep(&mut self, bytes: &[u8], ending: &str) -> Result<String, String> {
-        let name = format!("{}.{ending}", Hash::of(bytes));
-        if !self.held.contains(&name) {
-            self.shelf
-                .put(&name, bytes)
-                .map_err(|error| format!("{}: {error}", self.shelf.path().join(&name).display()))?;
-            self.held.insert(name.clone());
+        let name = format!("{}.{ending}", Hash::compute(bytes));
+        if !self.files.contains(&name) {
+            self.folder.put(&name, bytes).map_err(|error| {
+                format!("{}: {error}", self.folder.path().join(&name).display())
+            })?;
+            self.files.insert(name.clone());
         }
-        self.named.insert(name.clone());
+        self.current_names.insert(name.clone());
         Ok(name)
     }
 
@@ -132,7 +139,7 @@ impl Columns {
         let file = self.keep(&bytes, numbers)?;
         Ok(json!({
             "name": part.name,
-            "on": part.on.word(),
+            "on": part.element_kind.word(),
             "meaning": part.meaning.word(),
             "width": part.width,
             "type": numbers,
@@ -145,56 +152,62 @@ impl Columns {
         let size = [image.width(), image.height()];
         let image = AnyValue::new(image);
         let source = format!("picture {}", image.hash());
-        if let Some(known) = self.cached(&source) {
+        if let Some(known) = self.find_description(&source) {
             return Ok(known[0].clone());
         }
         let files = catalog.write(&image, "picture.png").map_err(|error| error.to_string())?;
-        let file = files.first().ok_or("the picture gives no file")?;
-        let told = json!({ "file": self.keep(&file.bytes, "png")?, "size": size });
-        self.cache(source, vec![told.clone()]);
-        Ok(told)
+        let file = files.first().ok_or("no picture file was written")?;
+        let answer = json!({ "file": self.keep(&file.bytes, "png")?, "size": size });
+        self.store_description(source, vec![answer.clone()]);
+        Ok(answer)
     }
 
-    /// Returns the cached descriptions of files, and keeps these files for the current answer.
-    fn cached(&mut self, source: &str) -> Option<Vec<Json>> {
+    /// Returns the cached descriptions of the files for `source`, and keeps these files for the current answer.
+    fn find_description(&mut self, source: &str) -> Option<Vec<Json>> {
         let (_, files) = self.descriptions.iter().find(|(known, _)| known == source)?;
         let names = files.iter().filter_map(|file| file["file"].as_str());
-        self.named.extend(names.map(str::to_owned));
+        self.current_names.extend(names.map(str::to_owned));
         Some(files.clone())
     }
 
-    fn cache(&mut self, source: String, files: Vec<Json>) {
+    fn store_description(&mut self, source: String, files: Vec<Json>) {
         self.descriptions.push_back((source, files));
         if self.descriptions.len() > MAX_DESCRIPTIONS {
             self.descriptions.pop_front();
         }
     }
 
-    /// A value as vertices, edges and faces.
-    fn mesh(&mut self, value: &AnyValue, told: &mut Json, catalog: &Catalog) -> Result<(), String> {
+    /// Adds the vertices, edges and faces of a value to an answer.
+    fn mesh(
+        &mut self,
+        value: &AnyValue,
+        answer: &mut Json,
+        catalog: &Catalog,
+    ) -> Result<(), String> {
         if let Some(mesh) = value.get::<Mesh>() {
-            return self.faces(mesh, told, catalog);
+            return self.faces(mesh, answer, catalog);
         }
         if let Some(mesh) = value.as_mesh() {
-            return self.faces(&mesh, told, catalog);
+            return self.faces(&mesh, answer, catalog);
         }
         let layers = layers(value);
-        let axes = layers.iter().find_map(Layer::axes).ok_or("nothing of it lies in space")?;
-        let (mut places, mut edges) = (Vec::new(), Vec::new());
+        let axes =
+            layers.iter().find_map(Layer::axes).ok_or("the value has no position in space")?;
+        let (mut positions, mut edges) = (Vec::new(), Vec::new());
         for layer in &layers {
-            let first = places.len() as u32;
+            let first = positions.len() as u32;
             match layer {
-                Layer::Points(cloud) => places.extend(cloud.points.positions().iter().copied()),
+                Layer::Points(cloud) => positions.extend(cloud.points.positions().iter().copied()),
                 Layer::Lines(lines) => {
-                    places.extend(lines.points.iter().copied());
+                    positions.extend(lines.points.iter().copied());
                     let sides = lines.chains.iter().flat_map(|chain| chain.windows(2));
                     edges.extend(sides.flat_map(|side| [first + side[0], first + side[1]]));
                 }
                 Layer::Arrows(arrows) => {
                     let moves = arrows.from.iter().zip(arrows.to.iter());
                     for (from, to) in moves {
-                        let start = places.len() as u32;
-                        places.extend([*from, *to]);
+                        let start = positions.len() as u32;
+                        positions.extend([*from, *to]);
                         edges.extend([start, start + 1]);
                     }
                 }
@@ -202,46 +215,54 @@ impl Columns {
             }
         }
         let mut parts = Parts::default();
-        parts.push("position", On::Vertex, Meaning::Position, 3, &places[..]);
-        parts.push("edges", On::Edge, Meaning::Index, 2, edges);
+        parts.push("position", ElementKind::Vertex, Meaning::Position, 3, &positions[..]);
+        parts.push("edges", ElementKind::Edge, Meaning::Index, 2, edges);
         if let [Layer::Points(cloud)] = &layers[..] {
             let own = cloud.points.parts().columns.into_iter();
-            let own = own.filter(|part| part.on == On::Point && part.name != "position");
-            parts.columns.extend(own.map(|part| Part { on: On::Vertex, ..part }));
+            let own = own
+                .filter(|part| part.element_kind == ElementKind::Point && part.name != "position");
+            parts
+                .columns
+                .extend(own.map(|part| Part { element_kind: ElementKind::Vertex, ..part }));
         }
-        told["axes"] = word(axes).into();
-        told["sides"] = Json::Null;
-        told["columns"] = self.columns(&parts.columns, true)?.into();
+        answer["axes"] = axes_word(axes).into();
+        answer["sides"] = Json::Null;
+        answer["columns"] = self.columns(&parts.columns, true)?.into();
         Ok(())
     }
 
-    fn faces(&mut self, mesh: &Mesh, told: &mut Json, catalog: &Catalog) -> Result<(), String> {
+    fn faces(&mut self, mesh: &Mesh, answer: &mut Json, catalog: &Catalog) -> Result<(), String> {
         let axes = if mesh.frame().is_some() { Axes::Sensor } else { Axes::Upright };
-        told["axes"] = word(axes).into();
-        told["sides"] = mesh.faces().sides().into();
+        answer["axes"] = axes_word(axes).into();
+        answer["sides"] = mesh.faces().sides().into();
         let corners = &mesh.faces().corners()[..];
         let mut parts = mesh.parts();
         for part in &mut parts.columns {
             if part.name == "corners" {
-                (part.on, part.width) = (On::Corner, 1);
+                (part.element_kind, part.width) = (ElementKind::Corner, 1);
             }
-            let of = format!("{} ", part.on.word());
+            let of = format!("{} ", part.element_kind.word());
             if let Some(name) = part.name.strip_prefix(&of) {
                 part.name = name.to_owned().into();
             }
         }
-        parts.columns.retain(|part| !matches!(part.on, On::Texel | On::Whole));
-        // Programs that draw have texture coordinates at corners.
-        let uv = parts.columns.iter().position(|it| it.on == On::Vertex && it.name == "uv");
+        parts
+            .columns
+            .retain(|part| !matches!(part.element_kind, ElementKind::Texel | ElementKind::Whole));
+        // Hosts expect one texture coordinate for each corner.
+        let uv = parts
+            .columns
+            .iter()
+            .position(|it| it.element_kind == ElementKind::Vertex && it.name == "uv");
         if let Some(Part { items: Items::F64(items), .. }) = uv.map(|uv| parts.columns.remove(uv)) {
             let items: Vec<_> = corners
                 .iter()
                 .flat_map(|&corner| {
-                    let place = 2 * corner as usize;
-                    [items[place], items[place + 1]]
+                    let index = 2 * corner as usize;
+                    [items[index], items[index + 1]]
                 })
                 .collect();
-            parts.push("uv", On::Corner, Meaning::Number, 2, items);
+            parts.push("uv", ElementKind::Corner, Meaning::Number, 2, items);
         }
         let mut columns = self.columns(&parts.columns, true)?;
         let files = columns
@@ -250,14 +271,14 @@ impl Columns {
             .map(|column| column["file"].to_string());
         let faces = format!("{:?} {}", mesh.faces().sides(), Vec::from_iter(files).join(" "));
         columns.extend(self.edges(mesh, faces)?);
-        told["columns"] = columns.into();
+        answer["columns"] = columns.into();
         if let Some(texture) = mesh.texture() {
-            told["texture"] = self.picture(texture.clone(), catalog)?;
+            answer["texture"] = self.picture(texture.clone(), catalog)?;
         }
         let materials = mesh.materials();
         if materials.len() > 1 || !materials.iter().all(Material::is_plain) {
             let materials = materials.iter().map(|material| self.material(material, catalog));
-            told["materials"] = materials.collect::<Result<Vec<Json>, String>>()?.into();
+            answer["materials"] = materials.collect::<Result<Vec<Json>, String>>()?.into();
         }
         Ok(())
     }
@@ -265,50 +286,54 @@ impl Columns {
     fn material(&mut self, material: &Material, catalog: &Catalog) -> Result<Json, String> {
         let message =
             MaterialMessage::new(material, |bytes, extension| self.keep(bytes, extension))?;
-        let mut told = json!(message);
-        if let Some(picture) = material.shown() {
-            told["picture"] = self.picture(picture.clone(), catalog)?;
+        let mut answer = json!(message);
+        if let Some(picture) = material.non_empty_picture() {
+            answer["picture"] = self.picture(picture.clone(), catalog)?;
         }
-        Ok(told)
+        Ok(answer)
     }
 
-    /// The ends of all edges, and the edge at which each corner's side begins.
+    /// Writes two columns: the two vertices of each edge, and for each corner the edge that begins at it. Returns their descriptions.
     fn edges(&mut self, mesh: &Mesh, faces: String) -> Result<Vec<Json>, String> {
-        if let Some(known) = self.cached(&faces) {
+        if let Some(known) = self.find_description(&faces) {
             return Ok(known);
         }
         let edges = mesh.edges();
         let mut parts = Parts::default();
-        parts.push("edges", On::Edge, Meaning::Index, 2, edges.vertices.into_flattened());
-        parts.push("edge of a corner", On::Corner, Meaning::Index, 1, edges.of_corner);
+        parts.push("edges", ElementKind::Edge, Meaning::Index, 2, edges.vertices.into_flattened());
+        parts.push("edge of a corner", ElementKind::Corner, Meaning::Index, 1, edges.of_corner);
         let [ends, of_corner] = &parts.columns[..] else { return Err("no edges".into()) };
         let columns = vec![self.column(ends, true)?, self.column(of_corner, true)?];
-        self.cache(faces, columns.clone());
+        self.store_description(faces, columns.clone());
         Ok(columns)
     }
 
-    /// The value that files make.
+    /// Reads a value of this type from the files that a host has written.
     pub(super) fn read(&self, input: &Input, kind: &ValueType) -> Result<AnyValue, String> {
         let read = |file: &str| {
-            let path = self.shelf.place(file)?;
-            plain::read_own(&path).map_err(|error| format!("{file}: {error}"))
+            let path = self.folder.path_of(file)?;
+            fs::read_no_follow(&path).map_err(|error| format!("{file}: {error}"))
         };
         let contents = input.columns.iter().map(|column| read(&column.file));
         let contents = contents.collect::<Result<Vec<_>, String>>()?;
         let mut parts = Parts { row: input.row, ..Parts::default() };
         for (column, bytes) in input.columns.iter().zip(&contents) {
-            let on = On::named(&column.on)?;
-            let meaning = Meaning::named(&column.meaning)?;
-            let items = items(column.numbers, bytes).ok_or_else(|| {
-                format!("{}: {} bytes are no whole numbers of its type", column.file, bytes.len())
+            let on = ElementKind::from_word(&column.on)?;
+            let meaning = Meaning::from_word(&column.meaning)?;
+            let items = decode_items(column.numbers, bytes).ok_or_else(|| {
+                format!(
+                    "{}: {} bytes are not a multiple of the size of its type",
+                    column.file,
+                    bytes.len()
+                )
             })?;
             if column.width == 0 {
-                return Err(format!("the column `{}` has no number an element", column.name));
+                return Err(format!("the column `{}` has a width of 0", column.name));
             }
             parts.push(&column.name[..], on, meaning, column.width, items);
         }
         for (name, fact) in &input.facts {
-            parts.fact(name.clone(), self::fact(name, fact)?);
+            parts.fact(name.clone(), parse_fact(name, fact)?);
         }
         let value = kind.from_parts(&parts).map_err(|error| error.to_string())?;
         if input.materials.is_empty() {
@@ -320,13 +345,13 @@ impl Columns {
     }
 }
 
-/// What is seen of a value in space: of a range image its points.
+/// Returns the layers with which a value is drawn in space. A range image is drawn as points.
 fn layers(value: &AnyValue) -> Vec<Layer> {
     let Some(range) = value.get::<RangeImage>() else { return value.show() };
     let cells: Vec<_> =
         (0..range.points().len()).filter(|cell| range.point(*cell).is_some()).collect();
-    let places: Vec<_> = cells.iter().map(|&cell| range.points()[cell]).collect();
-    let points = Points::new(places).and_then(|points| match range.colors() {
+    let positions: Vec<_> = cells.iter().map(|&cell| range.points()[cell]).collect();
+    let points = Points::new(positions).and_then(|points| match range.colors() {
         Some(colors) => {
             let colors: Vec<_> = cells.iter().map(|&cell| colors[cell]).collect();
             points.with_attribute("color", Attribute::Color(colors.into()))
@@ -336,14 +361,14 @@ fn layers(value: &AnyValue) -> Vec<Layer> {
     points.map(|points| Layer::Points(Cloud { points, axes: Axes::Sensor })).into_iter().collect()
 }
 
-fn word(axes: Axes) -> &'static str {
+fn axes_word(axes: Axes) -> &'static str {
     match axes {
         Axes::Upright => "upright",
         Axes::Sensor => "sensor",
     }
 }
 
-fn facts(parts: &Parts<'_>) -> Json {
+fn facts_json(parts: &Parts<'_>) -> Json {
     fn fact(fact: &FactValue) -> Json {
         match fact {
             FactValue::Count(count) => json!(count),
@@ -356,7 +381,7 @@ fn facts(parts: &Parts<'_>) -> Json {
     Json::Object(Map::from_iter(facts))
 }
 
-fn fact(name: &str, fact: &Json) -> Result<FactValue, String> {
+fn parse_fact(name: &str, fact: &Json) -> Result<FactValue, String> {
     fn count(number: &Json) -> Option<usize> {
         usize::try_from(number.as_u64()?).ok()
     }
@@ -371,20 +396,22 @@ fn fact(name: &str, fact: &Json) -> Result<FactValue, String> {
         Json::Null | Json::Object(_) => None,
     };
     found.ok_or_else(|| {
-        format!("the fact `{name}` is a count, two counts, true or false, or a text, not {fact}")
+        format!(
+            "expected a count, two counts, true or false, or a text as fact `{name}`, found {fact}"
+        )
     })
 }
 
-/// Numbers, little-endian; none if the last one is cut off.
-fn items(numbers: Numbers, bytes: &[u8]) -> Option<Items<'_>> {
-    fn all<const N: usize, T>(bytes: &[u8], number: fn([u8; N]) -> T) -> Option<Vec<T>> {
+/// Reads little-endian numbers. Returns `None` if the last number is incomplete.
+fn decode_items(numbers: Numbers, bytes: &[u8]) -> Option<Items<'_>> {
+    fn decode<const N: usize, T>(bytes: &[u8], number: fn([u8; N]) -> T) -> Option<Vec<T>> {
         let (whole, rest) = bytes.as_chunks::<N>();
         rest.is_empty().then(|| whole.iter().map(|&bytes| number(bytes)).collect())
     }
     Some(match numbers {
-        Numbers::F64 => all(bytes, f64::from_le_bytes)?.into(),
-        Numbers::F32 => Items::F32(all(bytes, f32::from_le_bytes)?.into()),
-        Numbers::U32 => all(bytes, u32::from_le_bytes)?.into(),
+        Numbers::F64 => decode(bytes, f64::from_le_bytes)?.into(),
+        Numbers::F32 => Items::F32(decode(bytes, f32::from_le_bytes)?.into()),
+        Numbers::U32 => decode(bytes, u32::from_le_bytes)?.into(),
         Numbers::U8 => bytes.into(),
     })
 }

@@ -1,24 +1,23 @@
-//! Where an editor of nodes has put the nodes of a graph: `NAME.layout.ron` beside the graph. Nothing but the editor's view depends on it.
+//! The positions of nodes in a node editor: `NAME.layout.ron` beside the graph. Only the editor's view depends on this file.
 
 use std::collections::BTreeMap;
-use std::fmt::Write;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use maquette_engine::writing::{Destination, Refused, Sources, Turn, rewrite};
-use maquette_syntax::error::Place;
-use maquette_syntax::{parse, read_tree};
-use maquette_value::plain;
+use maquette_engine::writing::{Destination, FolderLock, Sources, WriteError, rewrite};
+use maquette_syntax::error::Position;
+use maquette_syntax::{format_plain_data, parse_plain_data};
+use maquette_value::fs;
 use serde::{Deserialize, Serialize};
 
-use crate::Shown;
+use crate::DisplayPath;
 
 pub(crate) const ENDING: &str = "layout.ron";
 
-/// Column and row of a box, as [`Places`](maquette_diagram::Places) has them, but anywhere in between, too.
+/// The position of a box as (column, row). Like [`RowPositions`](maquette_diagram::RowPositions), but fractions are allowed.
 type Spot = (f64, f64);
 
-/// The spots of the boxes that were put anywhere.
+/// The positions of the boxes that a user has moved.
 #[derive(Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct Layout {
@@ -28,42 +27,33 @@ pub(super) struct Layout {
 }
 
 impl Layout {
-    /// The layout of a graph; None if nobody has kept one.
-    pub(super) fn of(graph: &Path) -> Result<Option<Self>, String> {
-        let path = beside(graph);
-        let text = match plain::read_text(&path) {
+    /// Reads the layout of a graph. Returns `None` if the graph has no layout file.
+    pub(super) fn read(graph: &Path) -> Result<Option<Self>, String> {
+        let path = layout_path(graph);
+        let text = match fs::read_text(&path) {
             Ok(text) => text,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-            Err(error) => return Err(format!("cannot read {}: {error}", path.shown())),
+            Err(error) => return Err(format!("cannot read {}: {error}", path.for_display())),
         };
-        let (tree, mistakes) = parse(&text);
-        let mistake = mistakes.into_iter().next().map(|it| (Some(it.span), it.message));
-        let read = match mistake {
-            Some(mistake) => Err(mistake),
-            None if tree.name().is_none_or(|name| name.text != "Layout") => {
-                Err((Some(tree.span), "it is no `Layout(..)`".to_owned()))
-            }
-            None => read_tree(&tree).map_err(|error| (error.span, error.message)),
-        };
-        read.map(Some).map_err(|(span, message)| {
-            let Place { line, column } = Place::of(&text, span.unwrap_or_default().start);
-            format!("{}:{line}:{column}: {message}; mend or delete the file", path.shown())
+        parse_plain_data(&text).map(Some).map_err(|(span, message)| {
+            let Position { line, column } = Position::from_offset(&text, span.start);
+            format!("{}:{line}:{column}: {message}; fix or delete the file", path.for_display())
         })
     }
 
-    /// Keeps it for a graph. A file that is no layout stays as it is.
-    pub(super) fn keep(&self, graph: &Path) -> Result<(), String> {
+    /// Writes the layout beside a graph. Fails if the existing file is not a layout.
+    pub(super) fn write(&self, graph: &Path) -> Result<(), String> {
         let spots = self.nodes.values().chain(&self.inputs).chain(&self.outputs);
         if let Some(spot) = spots.into_iter().find(|(x, y)| !(x.is_finite() && y.is_finite())) {
-            return Err(format!("{spot:?} is no place"));
+            return Err(format!("expected a finite position, found {spot:?}"));
         }
-        let (path, text) = (beside(graph), self.text(graph));
-        let cannot = |error: Refused| format!("cannot write {}: {error}", path.shown());
-        let _turn = Turn::beside(graph).map_err(|error| cannot(error.into()))?;
-        let known = Self::of(graph)?;
+        let (path, text) = (layout_path(graph), self.round().text(graph));
+        let cannot = |error: WriteError| format!("cannot write {}: {error}", path.for_display());
+        let _turn = FolderLock::acquire(graph).map_err(|error| cannot(error.into()))?;
+        let known = Self::read(graph)?;
         let done = match known {
             Some(known) if known == *self => Ok(()),
-            Some(_) => rewrite(&path, &text).map_err(Refused::from),
+            Some(_) => rewrite(&path, &text).map_err(WriteError::from),
             None => Destination::anywhere(&Sources::default()).put(&path, text.as_bytes()),
         };
         done.map_err(cannot)
@@ -71,27 +61,27 @@ impl Layout {
 
     fn text(&self, graph: &Path) -> String {
         let name = graph.file_name().unwrap_or_default().to_string_lossy();
-        let mut text = format!(
-            "// Where the nodes of {name} stand in an editor. Nothing else depends on it.\nLayout(\n"
+        let comment = format!(
+            "Positions of the nodes of {name} in an editor. Nothing else depends on this file."
         );
-        fn line(text: &mut String, name: &str, spot: &Option<Spot>) {
-            if let Some((x, y)) = spot {
-                let _ = writeln!(text, "    {name}: ({x:.3}, {y:.3}),");
-            }
+        format_plain_data(&comment, "Layout", 2, self)
+    }
+
+    /// Rounds the positions to a thousandth of a row.
+    fn round(&self) -> Self {
+        fn round(&(x, y): &Spot) -> Spot {
+            ((x * 1000.0).round() / 1000.0, (y * 1000.0).round() / 1000.0)
         }
-        line(&mut text, "inputs", &self.inputs);
-        text.push_str("    nodes: {\n");
-        for (name, (x, y)) in &self.nodes {
-            let _ = writeln!(text, "        {name:?}: ({x:.3}, {y:.3}),");
+        let nodes = self.nodes.iter().map(|(name, spot)| (name.clone(), round(spot)));
+        Self {
+            inputs: self.inputs.as_ref().map(round),
+            nodes: nodes.collect(),
+            outputs: self.outputs.as_ref().map(round),
         }
-        text.push_str("    },\n");
-        line(&mut text, "outputs", &self.outputs);
-        text.push_str(")\n");
-        text
     }
 }
 
-/// The file of a graph's layout.
-fn beside(graph: &Path) -> PathBuf {
+/// Returns the path of the layout file of a graph.
+fn layout_path(graph: &Path) -> PathBuf {
     graph.with_extension(ENDING)
 }

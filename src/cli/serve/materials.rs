@@ -1,4 +1,4 @@
-//! Materials of meshes in messages.
+//! Materials of meshes in the messages of `maquette serve`.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 #[serde(default, deny_unknown_fields)]
 pub(super) struct MaterialMessage {
     name: String,
-    /// Red, green, blue and opacity, linear in light.
+    /// Red, green, blue and opacity from 0 to 1, in linear color space.
     base_color: [f64; 4],
     metallic: f64,
     roughness: f64,
@@ -19,37 +19,37 @@ pub(super) struct MaterialMessage {
     transparency: Transparency,
     double_sided: bool,
     vertex_colors: bool,
-    /// Maps by the name of their kind.
+    /// The texture maps, by the name of their kind.
     maps: BTreeMap<String, MapMessage>,
 }
 
 #[derive(Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 struct MapMessage {
-    /// Name of the file in the exchange folder.
+    /// The name of the file in the exchange folder.
     file: String,
-    /// Name of the original file.
+    /// The name of the file from which the map was read.
     #[serde(default)]
     name: String,
-    #[serde(default = "one")]
+    #[serde(default = "default_strength")]
     strength: f64,
     #[serde(default)]
     channel: Option<u8>,
-    #[serde(default = "uv")]
+    #[serde(default = "default_uv")]
     uv: String,
     #[serde(default)]
     wrap: [Wrap; 2],
 }
 
-fn one() -> f64 {
+fn default_strength() -> f64 {
     1.0
 }
 
-fn uv() -> String {
+fn default_uv() -> String {
     "uv".to_owned()
 }
 
-/// Returns a copy of the mesh with these materials; `read` reads a file of the exchange folder.
+/// Returns a copy of the mesh with these materials; `read` returns the content of a file in the exchange folder.
 pub(super) fn with_materials(
     mesh: &Mesh,
     materials: &[MaterialMessage],
@@ -70,14 +70,14 @@ impl Default for MaterialMessage {
 }
 
 impl MaterialMessage {
-    /// Describes a material; `keep` writes the file of a map with this extension and returns its name.
+    /// Describes a material for a message. `keep` writes the file of a map with the given extension and returns the file's name.
     pub(super) fn new(
         material: &Material,
         mut keep: impl FnMut(&[u8], &'static str) -> Result<String, String>,
     ) -> Result<Self, String> {
         let maps = material.maps.iter().map(|(kind, map)| {
             let message = MapMessage {
-                file: keep(&map.bytes, Kind::of(&map.bytes).map_or("map", Kind::extension))?,
+                file: keep(&map.bytes, Kind::detect(&map.bytes).map_or("map", Kind::extension))?,
                 name: map.file.clone(),
                 strength: map.strength,
                 channel: map.channel,
@@ -110,7 +110,7 @@ impl MaterialMessage {
         }
         let mut maps = BTreeMap::new();
         for (kind, map) in &self.maps {
-            maps.insert(MapKind::of(kind.clone()), map.to_map(&read)?);
+            maps.insert(MapKind::from_name(kind.clone()), map.to_map(&read)?);
         }
         let [red, green, blue, _] = self.base_color;
         Ok(Material {
@@ -139,7 +139,7 @@ impl MaterialMessage {
 impl MapMessage {
     fn to_map(&self, read: impl Fn(&str) -> Result<Vec<u8>, String>) -> Result<Map, String> {
         let bytes = read(&self.file)?;
-        if Kind::of(&bytes).is_none() {
+        if Kind::detect(&bytes).is_none() {
             return Err(format!("expected a picture in {}", self.file));
         }
         if self.channel.is_some_and(|channel| channel > 2) || !self.strength.is_finite() {

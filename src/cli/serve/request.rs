@@ -1,4 +1,4 @@
-//! What a host may ask for.
+//! The requests of a host.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -11,45 +11,46 @@ use serde_json::Value as Json;
 use super::layout::Layout;
 use super::materials::MaterialMessage;
 
-/// One line of a host: what it wants, and the number or text by which the answer is known.
+/// One line from a host: a request with its id. The id is a number or text that the answer repeats.
 pub(super) struct Line {
     pub(super) id: Json,
-    pub(super) wish: Result<Wish, String>,
+    pub(super) request: Result<Request, String>,
 }
 
-/// What a host wants.
+/// A request of a host.
 #[derive(Deserialize)]
 #[serde(tag = "do", rename_all = "lowercase", deny_unknown_fields)]
-pub(super) enum Wish {
-    /// All types of nodes.
+pub(super) enum Request {
+    /// Requests all node types.
     Catalog {},
-    /// What a graph takes and gives, and its problems.
+    /// Requests inputs, outputs and diagnostics of a graph.
     Load(Load),
-    /// What stands in a graph's text, part by part.
+    /// Requests the parts of a graph's text.
     Outline(Outline),
-    /// Keeps where an editor has put a graph's nodes.
+    /// Stores the positions of a graph's nodes in an editor.
     Layout { graph: PathBuf, layout: Layout },
-    /// Values of a graph.
+    /// Requests values of a graph.
     Run(Run),
-    /// No more of a run.
+    /// Cancels a run.
     Cancel {
-        /// The id of its request.
+        /// The id of the run's request.
         run: Json,
     },
-    /// A value for an input, made of files.
+    /// Creates a value for an input from files.
     Input(Input),
-    /// Another text of a graph's file.
-    Edit(EditWish),
-    /// A text in place of another one: who knows what an edit found and left can take it back.
+    /// Edits a graph file.
+    Edit(EditRequest),
+    /// Replaces the text of a graph file, for instance to undo an edit.
     Put {
         graph: PathBuf,
-        /// The text that is expected in the file.
+        /// The text that the file must have.
         was: String,
         text: String,
-        /// What others changed since the file had `text`, in order: the text before and after each change. All of it is kept.
+        /// The changes that others made since the file had the text `text`, in order; each is the text before and after the change. All
+        /// are merged into the result.
         theirs: Option<Vec<[String; 2]>>,
     },
-    /// Why a node would run, or why not.
+    /// Asks why a node would run, or why not.
     Why {
         graph: PathBuf,
         #[serde(default)]
@@ -58,7 +59,7 @@ pub(super) enum Wish {
         set: BTreeMap<String, String>,
         #[serde(default)]
         draft: bool,
-        #[serde(default = "yes")]
+        #[serde(default = "default_true")]
         pins: bool,
         #[serde(default)]
         locked: bool,
@@ -66,23 +67,23 @@ pub(super) enum Wish {
     },
 }
 
-/// A graph, and how it is read.
+/// A graph and the options for loading it.
 #[derive(Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Load {
     pub(super) graph: PathBuf,
     #[serde(default)]
     pub(super) roots: Vec<PathBuf>,
-    /// Values in place of defaults and fields, as RON.
+    /// Values of parameters and fields, as RON.
     #[serde(default)]
     pub(super) set: BTreeMap<String, String>,
-    /// Whether each `Draft` stands for its draft.
+    /// True if the draft value of each `Draft` is used.
     #[serde(default)]
     pub(super) draft: bool,
-    /// Whether pinned results stand in for their nodes.
-    #[serde(default = "yes")]
+    /// True if pinned results replace their nodes.
+    #[serde(default = "default_true")]
     pub(super) pins: bool,
-    /// Whether used graphs must be what the lock file says.
+    /// True if used graphs must match the lock file.
     #[serde(default)]
     pub(super) locked: bool,
 }
@@ -93,7 +94,7 @@ pub(super) struct Outline {
     pub(super) graph: PathBuf,
     #[serde(default)]
     pub(super) roots: Vec<PathBuf>,
-    /// What stands, or will stand, in the file; what is in it if this is left out.
+    /// The text of the graph; read from the file if omitted.
     pub(super) text: Option<String>,
 }
 
@@ -107,21 +108,21 @@ pub(super) struct Run {
     pub(super) set: BTreeMap<String, String>,
     #[serde(default)]
     pub(super) draft: bool,
-    #[serde(default = "yes")]
+    #[serde(default = "default_true")]
     pub(super) pins: bool,
     #[serde(default)]
     pub(super) locked: bool,
-    /// The hashes of values for inputs, by the inputs' names.
+    /// The hashes of values for inputs, by the names of the inputs.
     #[serde(default)]
     pub(super) inputs: BTreeMap<String, String>,
-    /// What the run is for: those that have not begun make way for a later one of the same slot. The graph's path if it is left out.
+    /// The slot of the run: a later run with the same slot replaces a run that has not begun. The default is the path of the graph.
     slot: Option<String>,
-    /// What is wanted; all outputs if it is left out.
-    pub(super) want: Option<Vec<Want>>,
+    /// The requested values; all outputs if omitted.
+    pub(super) want: Option<Vec<ValueRequest>>,
 }
 
 impl Run {
-    /// What it is for.
+    /// Returns the slot of the run.
     pub(super) fn slot(&self) -> Cow<'_, str> {
         match &self.slot {
             Some(slot) => slot.into(),
@@ -130,28 +131,28 @@ impl Run {
     }
 }
 
-/// A value that is wanted.
+/// A requested value.
 #[derive(Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Want {
+pub(super) struct ValueRequest {
     /// An output, a node or an output of a node.
     pub(super) value: String,
     #[serde(default, rename = "as")]
     pub(super) form: Form,
 }
 
-/// The form in which a value is given.
+/// The form of a value in an answer.
 #[derive(Clone, Copy, Default, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Form {
-    /// Its type, hash and facts alone.
+    /// Only the type, hash and facts of the value.
     Facts,
-    /// All that it is made of, exactly.
+    /// All data columns, with all digits.
     #[default]
     Parts,
-    /// Vertices, edges and faces as programs draw them, in single precision.
+    /// Vertices, edges and faces for drawing, in single precision.
     Mesh,
-    /// A picture, as PNG.
+    /// A picture as PNG.
     Picture,
 }
 
@@ -164,7 +165,7 @@ pub(super) struct Input {
     #[serde(default)]
     pub(super) facts: BTreeMap<String, Json>,
     pub(super) columns: Vec<InputColumn>,
-    /// Elements in a row, where they are pixels or control points.
+    /// The number of elements in a row, for values that are grids of pixels or control points.
     pub(super) row: Option<usize>,
     /// The materials of a mesh.
     #[serde(default)]
@@ -177,23 +178,23 @@ pub(super) struct InputColumn {
     pub(super) name: String,
     pub(super) on: String,
     pub(super) meaning: String,
-    #[serde(default = "one")]
+    #[serde(default = "default_width")]
     pub(super) width: usize,
     #[serde(rename = "type")]
     pub(super) numbers: Numbers,
-    /// Its name in the folder.
+    /// The name of the file in the exchange folder.
     pub(super) file: String,
 }
 
-fn one() -> usize {
+fn default_width() -> usize {
     1
 }
 
-fn yes() -> bool {
+fn default_true() -> bool {
     true
 }
 
-/// Kinds of numbers, little-endian.
+/// Types of little-endian numbers.
 #[derive(Clone, Copy, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Numbers {
@@ -205,33 +206,37 @@ pub(super) enum Numbers {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct EditWish {
+pub(super) struct EditRequest {
     pub(super) graph: PathBuf,
     #[serde(default)]
     pub(super) roots: Vec<PathBuf>,
     pub(super) edits: Vec<Edit>,
-    /// Whether nothing is written.
+    /// True if the edit is only computed and nothing is written.
     #[serde(default)]
     pub(super) dry: bool,
 }
 
 impl Line {
-    /// What a line says. The id is there even if nothing else can be understood, if the line has one.
+    /// Parses a line. The id is kept even if the rest of the request is invalid.
     pub(super) fn read(line: &[u8]) -> Self {
         let document: Json = match serde_json::from_slice(line) {
             Ok(document) => document,
-            Err(error) => return Self { id: Json::Null, wish: Err(format!("no JSON: {error}")) },
+            Err(error) => {
+                return Self { id: Json::Null, request: Err(format!("expected JSON: {error}")) };
+            }
         };
         let Json::Object(mut fields) = document else {
-            let wish = Err("a request is an object: {\"id\": 1, \"do\": \"catalog\"}".into());
-            return Self { id: Json::Null, wish };
+            let request =
+                Err("expected an object as request: {\"id\": 1, \"do\": \"catalog\"}".into());
+            return Self { id: Json::Null, request };
         };
         let id = fields.remove("id").unwrap_or_default();
         if !(id.is_number() || id.is_string()) {
-            let why = "a request has an `id`, a number or a text, by which its answer is known";
-            return Self { id: Json::Null, wish: Err(why.into()) };
+            let why = "expected a number or a text as `id` of the request";
+            return Self { id: Json::Null, request: Err(why.into()) };
         }
-        let wish = serde_json::from_value(Json::Object(fields)).map_err(|error| error.to_string());
-        Self { id, wish }
+        let request =
+            serde_json::from_value(Json::Object(fields)).map_err(|error| error.to_string());
+        Self { id, request }
     }
 }

@@ -1,11 +1,11 @@
-//! Hands a batch over to a farm's engine: each job is one call of this program, `maquette batch SWEEP --handover HASH --task I`, so that there
-//! is one way to run it. A first call, `--warm`, leaves in the cache what the tasks have in common.
+//! Writes job files for engines of farms. Each job is one call of this program, `maquette batch SWEEP --handover HASH --task I`. A first
+//! call with `--warm` fills the cache with the shared parts of the tasks.
 
 mod openjd;
 
 use std::time::Duration;
 
-use maquette_syntax::shell;
+use maquette_syntax::quote_for_shell;
 use serde_json::json;
 
 use super::job_parameters::JobParameter;
@@ -13,71 +13,72 @@ use super::job_parameters::JobParameter;
 /// An engine that runs tasks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub(crate) enum Engine {
-    /// A job template of Open Job Description, as JSON, to be kept in the current folder.
+    /// A job template of Open Job Description as JSON; keep the file in the current folder.
     Openjd,
-    /// A script that hands the tasks to Slurm as an array.
+    /// A script that submits the tasks to Slurm as a job array.
     Slurm,
-    /// A Python script that hands the tasks to HyperQueue.
+    /// A Python script that submits the tasks to HyperQueue.
     Hq,
-    /// A makefile, which runs the tasks and makes the contact sheet.
+    /// A makefile that runs the tasks and writes the contact sheet.
     Make,
-    /// A command of a shell on each line, for GNU parallel, xargs or a shell.
+    /// One shell command per line, for GNU parallel, xargs or a shell.
     Lines,
 }
 
-/// Slurm's own limit of an array, unless somebody has changed it.
-const LONGEST_ARRAY: usize = 1000;
+/// The default maximum size of a Slurm job array.
+const MAX_ARRAY: usize = 1000;
 
-/// An engine stops a job this much later than the program stops its tasks, so that the program can say why.
-const GRACE: Duration = Duration::from_secs(60);
+/// The time between the program's own time limit and the limit that the engine enforces. It lets the program report that the time is
+/// over.
+const GRACE_PERIOD: Duration = Duration::from_secs(60);
 
 /// Resources and limits of each job.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Resources {
-    /// The number of tasks that a job runs, one after the other.
+    /// The number of tasks that a job runs in sequence.
     pub(crate) chunk: usize,
-    /// The number of jobs that may run at a time.
+    /// The maximum number of jobs that run at the same time.
     pub(crate) at_once: Option<usize>,
-    /// The longest time for one task.
+    /// The maximum time for one task.
     pub(crate) time_limit: Option<Duration>,
-    /// The number of threads; `None` if nothing was said.
+    /// The number of threads of a job; `None` if the user gave no number.
     pub(crate) threads: Option<usize>,
-    /// The limit of memory for results and nodes, in bytes.
+    /// The memory limit for results and running nodes, in bytes.
     pub(crate) memory: Option<u64>,
 }
 
 impl Resources {
-    /// The memory to ask for, in MiB: files that are read and the program itself come on top of the limit.
+    /// Returns the memory to request from the engine, in MiB: the memory limit plus a quarter for input files and the program itself.
     fn mebibytes(self) -> Option<u64> {
         self.memory.map(|bytes| (bytes + bytes / 4).div_ceil(1 << 20))
     }
 
-    /// The time after which an engine stops a job.
+    /// Returns the time after which the engine stops a job.
     fn job_limit(self) -> Option<Duration> {
         let tasks = u32::try_from(self.chunk.max(1)).unwrap_or(u32::MAX);
-        self.time_limit.map(|limit| limit.saturating_mul(tasks).saturating_add(GRACE))
+        self.time_limit.map(|limit| limit.saturating_mul(tasks).saturating_add(GRACE_PERIOD))
     }
 }
 
-/// What is handed over.
+/// A batch that is handed over to an engine.
 pub(crate) struct Handover<'a> {
     /// The name of the batch.
     pub(crate) name: &'a str,
-    /// The program, and its words up to those that name a task.
+    /// The command line, without the arguments that select a task.
     pub(crate) words: &'a [String],
-    /// What who submits a job of Open Job Description may choose.
+    /// The parameters that the submitter of a job of Open Job Description may set.
     pub(crate) parameters: &'a [JobParameter],
-    /// How many tasks there are.
+    /// The number of tasks.
     pub(crate) tasks: usize,
-    /// The current folder, that paths are relative to.
+    /// The current folder, to which paths are relative.
     pub(crate) folder: &'a str,
-    /// The folder of logs, from the current one.
+    /// The folder of logs, relative to the current folder.
     pub(crate) logs: &'a str,
     pub(crate) resources: Resources,
 }
 
 impl Handover<'_> {
-    pub(crate) fn to(&self, engine: Engine) -> String {
+    pub(crate) fn to_text(&self, engine: Engine) -> String {
         match engine {
             Engine::Openjd => self.openjd(),
             Engine::Slurm => self.slurm(),
@@ -88,10 +89,10 @@ impl Handover<'_> {
     }
 
     fn command(&self) -> String {
-        self.words.iter().map(|word| shell(word)).collect::<Vec<_>>().join(" ")
+        self.words.iter().map(|word| quote_for_shell(word)).collect::<Vec<_>>().join(" ")
     }
 
-    /// The number of jobs, and the words that say how many tasks each has.
+    /// Returns the number of jobs, and the argument that sets the number of tasks of each job (empty for one).
     fn jobs(&self) -> (usize, String) {
         match self.resources.chunk {
             0 | 1 => (self.tasks, String::new()),
@@ -99,7 +100,8 @@ impl Handover<'_> {
         }
     }
 
-    /// Commands that also a shell may run one after the other: it goes on behind one that fails, and ends as the last of those did.
+    /// Returns one command per line. A shell that runs the lines continues after a failed command. The exit code of the shell is that
+    /// of the last failed command.
     fn lines(&self) -> String {
         let (command, (jobs, chunk)) = (self.command(), self.jobs());
         (0..jobs)
@@ -107,28 +109,28 @@ impl Handover<'_> {
             .collect()
     }
 
-    /// A makefile whose jobs make goes on behind, whatever comes of them: the contact sheet's command fails if one of them did.
+    /// Returns a makefile. make continues after failed jobs; the command of the contact sheet fails if a job failed.
     fn make(&self) -> String {
         let (jobs, chunk) = self.jobs();
         let names = (0..jobs).map(|job| job.to_string()).collect::<Vec<_>>().join(" ");
         let at_once = self.resources.at_once;
         let at_once = at_once.map_or(String::new(), |jobs| format!("MAKEFLAGS += -j{jobs}\n"));
-        filled(
+        fill_template(
             include_str!("emit/make.mk"),
             &[
                 ("TASKS", &self.tasks.to_string()),
                 ("JOBS", &names),
                 ("AT-ONCE", &at_once),
                 ("CHUNK", &chunk),
-                ("FOLDER", &shell(self.folder).replace('$', "$$")),
+                ("FOLDER", &quote_for_shell(self.folder).replace('$', "$$")),
                 ("COMMAND", &self.command().replace('$', "$$")),
             ],
         )
     }
 
-    /// A script that submits an array. Its jobs take several tasks if there would be too many.
+    /// Returns a script that submits a job array. If there are more tasks than Slurm allows jobs, each job runs several tasks.
     fn slurm(&self) -> String {
-        let chunk = self.resources.chunk.max(self.tasks.div_ceil(LONGEST_ARRAY)).max(1);
+        let chunk = self.resources.chunk.max(self.tasks.div_ceil(MAX_ARRAY)).max(1);
         let resources = Resources { chunk, ..self.resources };
         let (jobs, chunk) = Handover { resources, ..*self }.jobs();
         let Resources { at_once, threads, .. } = resources;
@@ -137,14 +139,14 @@ impl Handover<'_> {
             resources.mebibytes().map(|memory| format!("--mem={memory}M")),
             resources.job_limit().map(|limit| format!("--time={}", limit.as_secs().div_ceil(60))),
         ];
-        // A job has the processors that Slurm gives it.
+        // Without --threads a job uses the processors that Slurm allocates.
         let threads = if threads.is_none() { "--threads ${SLURM_CPUS_ON_NODE:-0}" } else { "" };
-        filled(
+        fill_template(
             include_str!("emit/slurm.sh"),
             &[
-                ("NAME", &shell(self.name)),
-                ("FOLDER", &shell(self.folder)),
-                ("LOGS", &shell(self.logs)),
+                ("NAME", &quote_for_shell(self.name)),
+                ("FOLDER", &quote_for_shell(self.folder)),
+                ("LOGS", &quote_for_shell(self.logs)),
                 ("COMMAND", &self.command()),
                 ("TASKS", &self.tasks.to_string()),
                 ("LAST", &jobs.saturating_sub(1).to_string()),
@@ -160,25 +162,25 @@ impl Handover<'_> {
         let (jobs, chunk) = self.jobs();
         let Resources { at_once, threads, .. } = self.resources;
         let memory = self.resources.mebibytes();
-        // A job has one processor there, unless it asks for more.
+        // HyperQueue allocates one processor to a job by default, so the job uses one thread.
         let mut words = self.words.to_vec();
         if threads.is_none() {
             words.extend(["--threads", "1"].map(str::to_owned));
         }
-        let (import, asked) = match (threads, memory) {
+        let (import, request) = match (threads, memory) {
             (None, None) => ("", "None".to_owned()),
             (threads, memory) => {
                 let memory = memory.map_or(json!({}), |memory| json!({ "mem": memory }));
                 let threads = threads.unwrap_or(1);
-                // A worker that is started here has processors alone.
+                // A worker that the script starts locally has no memory resource, so `HERE` omits the request for memory.
                 let memory = format!("{{}} if HERE else {memory}");
-                let asked = format!("ResourceRequest(cpus={threads}, resources={memory})");
-                ("from hyperqueue.ffi.protocol import ResourceRequest\n", asked)
+                let request = format!("ResourceRequest(cpus={threads}, resources={memory})");
+                ("from hyperqueue.ffi.protocol import ResourceRequest\n", request)
             }
         };
         let chunk: Vec<_> = chunk.split_whitespace().collect();
-        // Texts of JSON are texts of Python.
-        filled(
+        // JSON strings are valid Python strings.
+        fill_template(
             include_str!("emit/hq.py"),
             &[
                 ("NAME", &json!(self.name).to_string()),
@@ -187,7 +189,7 @@ impl Handover<'_> {
                 ("COMMAND", &json!(words).to_string()),
                 ("CHUNK", &json!(chunk).to_string()),
                 ("IMPORT", import),
-                ("RESOURCES", &asked),
+                ("RESOURCES", &request),
                 ("TASKS", &self.tasks.to_string()),
                 ("JOBS", &jobs.to_string()),
                 ("AT-ONCE", &at_once.unwrap_or(jobs).max(1).to_string()),
@@ -196,8 +198,8 @@ impl Handover<'_> {
     }
 }
 
-/// A text with something in the place of each mark, `@NAME@`, that is in the text itself.
-fn filled(text: &str, values: &[(&str, &str)]) -> String {
+/// Replaces each mark `@NAME@` in a template by its value. Marks inside of values are not replaced.
+fn fill_template(text: &str, values: &[(&str, &str)]) -> String {
     let mut full = String::with_capacity(text.len());
     let mut rest = text;
     while let Some((before, behind)) = rest.split_once('@') {
@@ -224,34 +226,34 @@ fn filled(text: &str, values: &[(&str, &str)]) -> String {
 mod tests {
     use super::*;
 
-    fn handed(engine: Engine, tasks: usize, resources: Resources) -> String {
+    fn handover_text(engine: Engine, tasks: usize, resources: Resources) -> String {
         let words = ["maquette", "batch", "it's.ron", "--set", "a=$x"].map(str::to_owned);
         let (name, folder, logs) = ("it's", "/a b", "out/100%");
         let parameters = &[];
-        Handover { name, words: &words, parameters, tasks, folder, logs, resources }.to(engine)
+        Handover { name, words: &words, parameters, tasks, folder, logs, resources }.to_text(engine)
     }
 
     #[test]
-    fn lines_are_commands_whatever_the_words() {
+    fn lines_are_shell_commands_for_any_arguments() {
         fn line(task: &str) -> String {
             format!(
                 "maquette batch 'it'\\''s.ron' --set 'a=$x' --task {task} || trap \"exit $?\" 0\n"
             )
         }
-        let lines = handed(Engine::Lines, 2, Resources::default());
+        let lines = handover_text(Engine::Lines, 2, Resources::default());
         assert_eq!(lines, line("0") + &line("1"));
     }
 
     #[test]
-    fn a_long_array_takes_several_tasks_at_a_time() {
-        let script = handed(Engine::Slurm, 2500, Resources::default());
+    fn jobs_of_a_long_array_run_several_tasks() {
+        let script = handover_text(Engine::Slurm, 2500, Resources::default());
         assert!(script.contains(" 0-833 ") && script.contains("--chunk 3 "), "{script}");
-        let script = handed(Engine::Slurm, 6, Resources::default());
+        let script = handover_text(Engine::Slurm, 6, Resources::default());
         assert!(script.contains(" 0-5 ") && !script.contains("--chunk"), "{script}");
     }
 
     #[test]
-    fn each_engine_is_asked_for_what_a_job_needs() {
+    fn each_engine_gets_the_resources_of_a_job() {
         let resources = Resources {
             chunk: 4,
             at_once: Some(3),
@@ -260,7 +262,7 @@ mod tests {
             memory: Some(4_000_000_000),
         };
         fn has(engine: Engine, wanted: &[&str], resources: &Resources) {
-            let job = handed(engine, 10, *resources);
+            let job = handover_text(engine, 10, *resources);
             for wanted in wanted {
                 assert!(job.contains(wanted), "`{wanted}` in {job}");
             }
@@ -285,8 +287,8 @@ mod tests {
     }
 
     #[test]
-    fn a_job_template_is_json_with_a_task_for_each() {
-        let job = handed(Engine::Openjd, 6, Resources::default());
+    fn a_job_template_is_json_with_all_tasks() {
+        let job = handover_text(Engine::Openjd, 6, Resources::default());
         let job: serde_json::Value = serde_json::from_str(&job).unwrap();
         let step = &job["steps"][1];
         assert_eq!(step["parameterSpace"]["taskParameterDefinitions"][0]["range"], "0-5");

@@ -1,4 +1,4 @@
-//! The parameters of a graph as those of a job of Open Job Description: who submits the job may choose their values.
+//! The parameters of a graph as parameters of an Open Job Description job, which the submitter may set.
 
 use std::collections::BTreeSet;
 
@@ -8,35 +8,36 @@ use serde_json::{Value as Json, json};
 /// A parameter of a job.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct JobParameter {
-    /// As the job's template declares it.
+    /// The declaration in the job template.
     pub(super) definition: Json,
-    /// The word of a command that gives the graph its value.
+    /// The `--set` argument that passes the value of the job parameter to the graph.
     pub(super) assignment: String,
 }
 
-/// Open Job Description's limits of a job, whose first parameter is the project's folder, and of letters.
+/// Limits of Open Job Description. `MAX_PARAMETERS` is the number of parameters besides the project folder, `MAX_NAME` the number of
+/// characters in a name.
 const MAX_PARAMETERS: usize = 49;
 const MAX_NAME: usize = 64;
 const MAX_TEXT: usize = 1024;
 const MAX_DESCRIPTION: usize = 2048;
 
 impl JobParameter {
-    /// Returns the parameters of a graph but those that are `set` already, and those that no template can hold.
-    pub(crate) fn all(graph: &Graph, set: &BTreeSet<&str>, is_draft: bool) -> Vec<Self> {
+    /// Returns the parameters of a graph, except those in `set` and those that a job template cannot represent.
+    pub(crate) fn from_graph(graph: &Graph, set: &BTreeSet<&str>, is_draft: bool) -> Vec<Self> {
         let declared = graph.schema()["properties"].as_object().into_iter().flatten();
         let open = declared.filter(|(name, _)| !set.contains(&name[..]));
         let all = open.filter_map(|(name, schema)| Self::new(name, schema, is_draft));
         all.take(MAX_PARAMETERS).collect()
     }
 
-    /// The parameter of this name; none if it is an input, or has a default that no template can hold.
+    /// Returns the parameter with this name. Returns `None` if it is an input of the graph or a template cannot represent its default.
     fn new(name: &str, schema: &Json, is_draft: bool) -> Option<Self> {
         let side = if is_draft { "draft" } else { "final" };
         let default = match &schema["draft"][side] {
             Json::Null => schema.get("default")?,
             default => default,
         };
-        // Names there have no hyphens.
+        // Hyphens are not allowed in names of job parameters.
         let own = name.replace('-', "_");
         if own.len() > MAX_NAME {
             return None;
@@ -76,7 +77,7 @@ impl JobParameter {
                 definition["default"] = text.into();
                 match schema.get("enum") {
                     Some(choices) => definition["allowedValues"] = choices.clone(),
-                    // Quotes make it a text whatever it is, and cannot be in it.
+                    // The value is passed in quotes, so that any value is text; the text itself must not contain quotes.
                     None if text.contains(['"', '\\', '{']) => return None,
                     None => value = format!("\"{value}\""),
                 }
@@ -107,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn each_type_of_parameters_has_one_of_jobs() {
+    fn each_parameter_type_becomes_a_job_parameter() {
         check(
             json!({ "type": "number", "default": 1.5, "minimum": 0.0, "unit": "mm", "description": "How far." }),
             json!({ "name": "a_b", "type": "FLOAT", "default": 1.5, "minValue": 0.0, "description": "How far. (mm)" }),
@@ -141,20 +142,20 @@ mod tests {
     }
 
     #[test]
-    fn what_no_template_holds_is_no_parameter_or_cut() {
+    fn unsupported_parameters_are_skipped_and_long_descriptions_are_cut() {
         fn text(default: &str, doc: &str) -> Json {
             json!({ "type": "string", "default": default, "description": doc })
         }
-        fn none(name: &str, default: &str) {
+        fn check_no_parameter(name: &str, default: &str) {
             assert_eq!(
                 JobParameter::new(name, &text(default, ""), false),
                 None,
                 "{name} {default}"
             );
         }
-        none(&"a".repeat(65), "x");
-        none("a", &"x".repeat(1025));
-        none("a", "a\tb");
+        check_no_parameter(&"a".repeat(65), "x");
+        check_no_parameter("a", &"x".repeat(1025));
+        check_no_parameter("a", "a\tb");
         let doc = "\u{e4}\u{7}\n".repeat(2000);
         let found = JobParameter::new("a", &text("x", &doc), false).unwrap();
         let found = found.definition["description"].as_str().unwrap().to_owned();
@@ -166,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn an_input_is_no_parameter() {
+    fn an_input_is_not_a_job_parameter() {
         assert_eq!(JobParameter::new("mesh", &json!({ "type": "string" }), false), None);
     }
 }

@@ -1,8 +1,8 @@
-//! The log of each task that a farm runs: what it does, until it ends or its process is killed.
+//! The logs of tasks that a farm runs.
 //!
-//! The program writes the log itself, beside the list of tasks: engines keep the output of a job in different places or nowhere, and a
-//! command line has no names of tasks. The job that finds that all tasks have ended makes the contact sheet, because lines for GNU parallel
-//! have no last step.
+//! The program writes the logs itself, beside the list of tasks, because engines store the output of jobs in different places or not at
+//! all, and because command lines contain no task names. The job that ends last writes the contact sheet, because plain command lines (for
+//! GNU parallel) have no final step.
 
 use std::fs::{self, File};
 use std::io::{self, Read, Seek, SeekFrom, Write};
@@ -15,23 +15,23 @@ use maquette_engine::writing;
 use maquette_golden::sweep::Task;
 
 use super::Batch;
-use super::record::{Record, State};
-use crate::events::does_not_stop;
+use super::record::{Record, State, text_field};
+use crate::events::unresponsive_message;
 
-/// The last line of a task that has ended begins with one of these.
-const ENDS: [&str; 3] = ["done", "failed", "not run"];
+/// The words with which the last line of a log begins if the task has ended.
+const END_WORDS: [&str; 3] = ["done", "failed", "not run"];
 
 /// The open log of a task.
 pub(super) struct Log {
     start: Instant,
-    /// Nothing is written after an error: a log is worth no result.
+    /// `None` after a write error: a missing log must not fail the task.
     file: Mutex<Option<File>>,
 }
 
 impl Log {
     fn write(&self, text: &str) {
         let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
-        // One call, so that the text is there whole if the process is killed.
+        // A single write call, so the text is complete even if the process is killed.
         if file.as_mut().is_some_and(|file| file.write_all(text.as_bytes()).is_err()) {
             *file = None;
         }
@@ -41,18 +41,23 @@ impl Log {
         self.write(&format!("{:9.2} s  {words}\n", self.start.elapsed().as_secs_f64()));
     }
 
-    /// Writes how the task ended; `None` if it was stopped.
+    /// Writes the end of the task into the log. `record` is `None` if the task was stopped.
     pub(super) fn end(&self, record: Option<&Record>) {
         let Some(record) = record else { return self.line("stopped") };
         for problem in &record.problems {
-            let text = |name: &str| problem[name].as_str().unwrap_or_default();
             let numbers = ["line", "column"].iter().filter_map(|name| problem[*name].as_u64());
-            let place =
-                numbers.fold(text("file").to_owned(), |place, number| format!("{place}:{number}"));
-            let place = if place.is_empty() { place } else { format!("{place}: ") };
-            self.write(&format!("{}: {place}{}\n", text("severity"), text("message")));
-            if !text("help").is_empty() {
-                self.write(&format!("  = help: {}\n", text("help")));
+            let position = numbers
+                .fold(text_field(problem, "file").to_owned(), |position, number| {
+                    format!("{position}:{number}")
+                });
+            let position = if position.is_empty() { position } else { format!("{position}: ") };
+            self.write(&format!(
+                "{}: {position}{}\n",
+                text_field(problem, "severity"),
+                text_field(problem, "message")
+            ));
+            if !text_field(problem, "help").is_empty() {
+                self.write(&format!("  = help: {}\n", text_field(problem, "help")));
             }
         }
         for output in &record.outputs {
@@ -67,21 +72,21 @@ impl Log {
 }
 
 impl Observer for Log {
-    fn started(&self, node: &str) {
+    fn on_start(&self, node: &str) {
         self.line(&format!("computing {node}"));
     }
 
-    fn does_not_stop(&self, node: &str, kind: &str, pack: &str) {
-        self.line(&does_not_stop(node, kind, pack));
+    fn on_unresponsive(&self, node: &str, kind: &str, pack: &str) {
+        self.line(&unresponsive_message(node, kind, pack));
     }
 
-    fn finished(&self, node: &str, state: NodeState, seconds: f64) {
+    fn on_finish(&self, node: &str, state: NodeState, seconds: f64) {
         self.line(&format!("{} {node} ({seconds:.2} s)", state.word()));
     }
 }
 
 impl Batch<'_> {
-    /// Begins the log of a task that was handed over; of others there is none.
+    /// Begins the log of a task that was handed over to a farm. Returns `None` for other tasks, which have no log.
     pub(super) fn begin_log(&self, task: &Task) -> Option<Log> {
         let path = self.log_path(task)?;
         let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
@@ -100,17 +105,17 @@ impl Batch<'_> {
         Some(log)
     }
 
-    /// Notes that a task need not be run.
-    pub(super) fn note_unchanged(&self, task: &Task, state: State) {
+    /// Records in the log that a task was not run, because it is up to date.
+    pub(super) fn log_up_to_date(&self, task: &Task, state: State) {
         let Some(path) = self.log_path(task) else { return };
-        // It is of no use but for people.
+        // Errors are ignored, because only people read the logs.
         let _ = writing::open_log(&path).and_then(|mut file| {
             writeln!(file, "not run: {}, and nothing has changed", state.word())
         });
     }
 
-    /// Returns true if all tasks that were handed over have ended. What is asked most often is answered by one file: farms run tasks
-    /// in order.
+    /// Returns true if all tasks that were handed over have ended. The last task is checked first: farms run tasks in order, so it
+    /// usually ends last.
     pub(crate) fn have_all_ended(&self) -> bool {
         let mut tasks = self.sweep.tasks.iter().rev();
         tasks.all(|task| self.log_path(task).is_some_and(|path| has_ended(&path).unwrap_or(false)))
@@ -118,13 +123,13 @@ impl Batch<'_> {
 }
 
 fn has_ended(log: &Path) -> io::Result<bool> {
-    const LONGEST: u64 = 80;
+    const MAX_LENGTH: u64 = 80;
     let mut file = File::open(log)?;
     let length = file.metadata()?.len();
-    file.seek(SeekFrom::Start(length.saturating_sub(LONGEST)))?;
+    file.seek(SeekFrom::Start(length.saturating_sub(MAX_LENGTH)))?;
     let mut end = Vec::new();
     file.read_to_end(&mut end)?;
     let end = String::from_utf8_lossy(&end);
     let line = end.trim_end().lines().last().unwrap_or_default();
-    Ok(end.ends_with('\n') && ENDS.iter().any(|word| line.starts_with(word)))
+    Ok(end.ends_with('\n') && END_WORDS.iter().any(|word| line.starts_with(word)))
 }

@@ -1,31 +1,31 @@
-//! What a task leaves: one file that says which values it had, what came of it and what it was made of.
+//! The record of a task: a file with its values, its results and the hashes of its inputs.
 //!
-//! A record is valid as long as its `key` and the hashes of its `files` are unchanged, whatever is in the cache. So machines of a farm need
-//! no common cache, and a changed comment runs nothing.
+//! A record is up to date as long as its `key` and the hashes of its `files` are unchanged. The cache does not matter, so the machines
+//! of a farm need no common cache. A changed comment in the graph does not change the `key`, so no task runs again.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use maquette_engine::session::Left;
-use maquette_engine::writing::{Destination, Refused};
+use maquette_engine::session::VerifiedStamp;
+use maquette_engine::writing::{Destination, WriteError};
 use maquette_graph::files::KnownFile;
 use maquette_value::Hash;
-use maquette_value::plain;
+use maquette_value::fs;
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 
-use crate::Shown;
+use crate::DisplayPath;
 
-/// The folder of records in that of a batch.
+/// The folder of records in the folder of a batch.
 pub(super) const FOLDER: &str = "tasks";
 
-/// Says that a file of a batch cannot be written, and what to do.
-pub(super) fn unwritten(path: &Path, why: &dyn std::fmt::Display) -> String {
+/// Returns the message for a file of a batch that cannot be written.
+pub(super) fn write_error(path: &Path, why: &dyn std::fmt::Display) -> String {
     let help = "make the folder writable, or choose another one with --out";
-    format!("cannot write {}: {why}\n  = help: {help}", path.shown())
+    format!("cannot write {}: {why}\n  = help: {help}", path.for_display())
 }
 
-/// How a task ended.
+/// The final state of a task.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum State {
@@ -42,67 +42,79 @@ impl State {
     }
 }
 
-/// What a task leaves. It is written when all else of the task is there: who finds it finds a task that came to its end.
+/// The record of a task. It is written after all other files of the task, so a task with a record is complete.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub(crate) struct Record {
-    /// 1.
+    /// The version of the format: 1.
     pub(crate) format: u32,
     pub(crate) name: String,
     pub(crate) state: State,
-    /// What was swept, by name, as its author writes it.
+    /// The swept values by name, as written in the sweep.
     pub(crate) values: Vec<(String, String)>,
     pub(crate) seconds: f64,
-    /// Whether it failed for want of time, memory or disk space, or because a file could not be read or written: then it is tried again.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub(crate) may_pass: bool,
-    /// How many nodes came to which end.
+    /// True if the task failed because time, memory or disk space was insufficient, or because a file could not be read or written.
+    /// Then the next batch runs the task again.
+    #[serde(rename = "may_pass", default, skip_serializing_if = "std::ops::Not::not")]
+    pub(crate) may_succeed_later: bool,
+    /// The number of nodes by state.
     pub(crate) nodes: BTreeMap<String, usize>,
     pub(crate) outputs: Vec<Output>,
-    /// What the contact sheet shows, beside this file.
+    /// The picture of the task for the contact sheet, a file beside the record.
     pub(crate) picture: Option<Output>,
-    /// As `--json` tells them.
+    /// Diagnostics in the form of `--json`.
     pub(crate) problems: Vec<Json>,
-    /// The hash of the graph with these values, of what is shown, and of the program; none where the graph could not be read.
+    /// The hash of the graph with the values of the task, of the picture options and of the program. `None` if the graph could not be
+    /// read.
     pub(crate) key: Option<Hash>,
-    /// The files that were read, by their paths in the project.
+    /// The hashes of the input files by their paths in the project; `None` for a missing file.
     pub(crate) files: BTreeMap<String, Option<Hash>>,
-    /// What the system said of them.
+    /// The metadata that the input files had when they were read.
     pub(crate) as_read: Vec<KnownFile>,
 }
 
-/// A file that a task has written, or its picture.
+/// An output file or the picture of a task.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub(crate) struct Output {
     /// The name of the output.
     pub(crate) name: String,
-    /// In the batch's folder.
+    /// The path in the folder of the batch.
     pub(crate) path: String,
     pub(crate) bytes: usize,
     pub(crate) hash: Hash,
-    /// The file as it was left.
-    pub(super) left: Option<Left>,
+    /// The metadata that the file had after it was written.
+    #[serde(rename = "left")]
+    pub(super) stamp: Option<VerifiedStamp>,
 }
 
 impl Record {
-    /// The record of a task; none if there is none that can be read.
+    /// Reads the record of a task. Returns `None` if no valid record exists.
     pub(crate) fn read(out: &Path, task: &str) -> Option<Self> {
-        let bytes = plain::read_own(&path(out, task)).ok()?;
+        let bytes = fs::read_no_follow(&record_path(out, task)).ok()?;
         serde_json::from_slice(&bytes).ok().filter(|it: &Self| it.format == 1 && it.name == task)
     }
 
-    pub(super) fn write(&self, out: &Path, destination: &Destination<'_>) -> Result<(), Refused> {
+    pub(super) fn write(
+        &self,
+        out: &Path,
+        destination: &Destination<'_>,
+    ) -> Result<(), WriteError> {
         let mut bytes = serde_json::to_vec_pretty(self).map_err(std::io::Error::from)?;
         bytes.push(b'\n');
-        destination.write(&path(out, &self.name), &bytes).map(drop)
+        destination.write(&record_path(out, &self.name), &bytes).map(drop)
     }
 }
 
-/// Where the record of a task is.
-pub(super) fn path(out: &Path, task: &str) -> PathBuf {
+/// Returns the path of the record of a task.
+pub(super) fn record_path(out: &Path, task: &str) -> PathBuf {
     out.join(FOLDER).join(format!("{task}.json"))
 }
 
-/// Where the picture of a task is.
+/// Returns a text field of a diagnostic in the form of `--json`, empty if it is missing.
+pub(crate) fn text_field<'p>(problem: &'p Json, name: &str) -> &'p str {
+    problem[name].as_str().unwrap_or_default()
+}
+
+/// Returns the path of the picture of a task.
 pub(super) fn picture_path(out: &Path, task: &str) -> PathBuf {
     out.join(FOLDER).join(format!("{task}.jpg"))
 }

@@ -1,4 +1,4 @@
-//! Runs tasks, and knows which need not be run: those with a record that still holds.
+//! Runs tasks, except those whose record is up to date.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -7,99 +7,102 @@ use std::time::{Duration, Instant};
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use maquette_engine::eval::{Forecast, Observer, RunTrace, State as NodeState};
-use maquette_engine::session::{Finished, Left, OutputFolder, ReadFiles, Run, Session, Wanted};
+use maquette_engine::session::{
+    OutputFolder, ReadFiles, Run, RunResult, Session, Targets, VerifiedStamp,
+};
 use maquette_engine::writing::{Destination, Sources};
-use maquette_golden::sweep::file::with;
+use maquette_golden::sweep::file::options_with;
 use maquette_golden::sweep::{Picture, Sweep, Task};
 use maquette_graph::{Graph, Options};
 use maquette_node::CancelToken;
-use maquette_render::{Kind, Look, View, picture};
-use maquette_syntax::error::{Problem, Severity, Span, code, with_those_of_run};
+use maquette_render::{Look, Representation, View, picture};
+use maquette_syntax::error::{Diagnostic, Severity, Span, code, merge_diagnostics};
 use maquette_value::Hash;
 
-use super::record::{Output, Record, State, picture_path, unwritten};
-use super::time_limit::{TimeLimit, in_words};
+use super::record::{Output, Record, State, picture_path, write_error};
+use super::time_limit::{TimeLimit, format_time};
+use crate::has_errors;
 
-/// How good the pictures of tasks are, of a hundred: noise of the compression cannot be seen at their size.
+/// The JPEG quality of pictures, from 1 to 100. At the size of the pictures, artifacts of this quality are invisible.
 const QUALITY: u8 = 88;
 
-/// The tasks of a sweep, in a folder of results.
+/// The tasks of a sweep with a folder for results.
 pub(crate) struct Batch<'a> {
     pub(crate) sweep: &'a Sweep,
-    /// Where results go.
+    /// The folder into which results are written.
     pub(crate) out: &'a Path,
-    /// Whether the user named that folder.
-    pub(crate) is_named: bool,
-    /// How graphs are read.
+    /// True if the user chose the folder.
+    pub(crate) is_chosen_folder: bool,
+    /// The options for loading graphs.
     pub(crate) options: &'a Options,
-    /// Whether outputs tell where they came from.
-    pub(crate) signs: bool,
-    /// Whether what failed is run again though nothing has changed.
-    pub(crate) retries: bool,
-    /// How long a task may take.
+    /// True if outputs contain their provenance.
+    pub(crate) has_provenance: bool,
+    /// True if failed tasks run again even if nothing changed.
+    pub(crate) retries_failures: bool,
+    /// The maximum time of a task.
     pub(crate) time_limit: Option<Duration>,
-    /// The hash of the list by which the tasks were handed over.
+    /// The hash of the list of tasks that was handed over to a farm.
     pub(crate) handover: Option<&'a str>,
-    /// Whether nothing is run: then no large files are read to know what would be.
+    /// True if tasks are only checked, not run. Then large files are not read.
     pub(crate) is_forecast: bool,
 }
 
-/// What is to be done for a task.
-pub(crate) enum Standing {
-    /// Nothing: this is what came of it.
+/// The state of a task before it is run.
+pub(crate) enum TaskStatus {
+    /// The task is up to date, with this record.
     Holds(Box<Record>),
-    /// It is run.
-    Due(Box<Due>),
+    /// The task must be run.
+    Due(Box<DueTask>),
 }
 
 /// A task that must be run.
-pub(crate) struct Due {
-    /// Why.
+pub(crate) struct DueTask {
+    /// The reason for running the task.
     pub(crate) reason: String,
-    /// Its graph, if that was read to find out.
-    loaded: Option<Loaded>,
+    /// The graph of the task, if it had to be loaded to determine the state.
+    loaded: Option<LoadedTask>,
 }
 
-/// A task's graph, or why there is none.
-struct Loaded {
+/// The graph of a task, or the errors because of which it cannot be loaded.
+struct LoadedTask {
     graph: Option<Graph>,
-    problems: Vec<Problem>,
-    /// What it would be made of; none if a file cannot be read.
-    made_of: Option<(Hash, ReadFiles)>,
+    diagnostics: Vec<Diagnostic>,
+    /// The hash of the task and its input files, `None` if a file cannot be read.
+    identity: Option<(Hash, ReadFiles)>,
 }
 
 impl Batch<'_> {
-    fn load(&self, session: &Session, task: &Task) -> Loaded {
-        let checked = session.load(&self.sweep.graph, &with(&task.row.set, self.options));
+    fn load(&self, session: &Session, task: &Task) -> LoadedTask {
+        let checked = session.load(&self.sweep.graph, &options_with(&task.row.set, self.options));
         let checked = checked.without_missing_files();
         let graph = checked.graph.or(checked.partial);
         let made_of = graph.as_ref().and_then(|graph| {
             let files = session.files_of(graph, &task.row.inputs, self.is_forecast)?;
             let Picture { output, camera, zoom, size } = &self.sweep.picture;
-            let shown = format!("{output:?} {camera:?} {zoom:?} {size:?} {}", self.signs);
-            let key = format!("{} {} {shown}", session.build(), session.made_of(graph));
-            Some((Hash::of(key.as_bytes()), files))
+            let shown = format!("{output:?} {camera:?} {zoom:?} {size:?} {}", self.has_provenance);
+            let key = format!("{} {} {shown}", session.build(), session.graph_identity(graph));
+            Some((Hash::compute(key.as_bytes()), files))
         });
-        Loaded { graph, problems: checked.problems, made_of }
+        LoadedTask { graph, diagnostics: checked.diagnostics, identity: made_of }
     }
 
-    /// Whether a task must be run, and why.
-    pub(crate) fn standing(&self, session: &Session, task: &Task) -> Standing {
+    /// Returns whether a task is up to date or must be run.
+    pub(crate) fn status(&self, session: &Session, task: &Task) -> TaskStatus {
         let Some(mut record) = Record::read(self.out, &task.name) else {
             let reason = "it has not been run".to_owned();
-            return Standing::Due(Due { reason, loaded: None }.into());
+            return TaskStatus::Due(DueTask { reason, loaded: None }.into());
         };
-        session.know(std::mem::take(&mut record.as_read));
+        session.remember_files(std::mem::take(&mut record.as_read));
         let loaded = self.load(session, task);
-        match self.change(&mut record, &loaded) {
-            Some(reason) => Standing::Due(Due { reason, loaded: Some(loaded) }.into()),
-            None => Standing::Holds(record.into()),
+        match self.find_change(&mut record, &loaded) {
+            Some(reason) => TaskStatus::Due(DueTask { reason, loaded: Some(loaded) }.into()),
+            None => TaskStatus::Holds(record.into()),
         }
     }
 
-    /// Why a task's record does not hold any more, if it does not.
-    fn change(&self, record: &mut Record, loaded: &Loaded) -> Option<String> {
-        let Some((key, files)) = &loaded.made_of else {
+    /// Returns the reason why the record of a task is outdated, `None` if it is up to date.
+    fn find_change(&self, record: &mut Record, loaded: &LoadedTask) -> Option<String> {
+        let Some((key, files)) = &loaded.identity else {
             return Some("a file cannot be read".to_owned());
         };
         if Some(*key) != record.key {
@@ -110,112 +113,116 @@ impl Batch<'_> {
         if let Some((name, _)) = changed {
             return Some(format!("`{name}` changed"));
         }
-        if let Some(name) = &files.unread {
+        if let Some(name) = &files.first_unread {
             return Some(format!("`{name}` may have changed and was not read"));
         }
         if record.state == State::Failed {
-            let why = match (self.retries, record.may_pass) {
+            let why = match (self.retries_failures, record.may_succeed_later) {
                 (_, true) => {
-                    "it failed for want of memory or disk space, of time, or of access to a file"
+                    "it failed because memory, disk space, time or access to a file was missing"
                 }
                 (true, false) => "it failed",
                 (false, false) => return None,
             };
             return Some(why.to_owned());
         }
-        record.as_read.clone_from(&files.as_read);
-        let what = self.changed_file(record)?;
-        Some(format!("{what} is not as it was left"))
+        record.as_read.clone_from(&files.stamps);
+        let what = self.find_changed_file(record)?;
+        Some(format!("{what} was changed after the run"))
     }
 
-    /// The first output, or the picture, that is not as it was left. If all are, and some were too young before to be believed without a
-    /// look at their content, the record says that they are not any more.
-    fn changed_file(&self, record: &mut Record) -> Option<String> {
+    /// Returns a description of the first file, an output or the picture, that was changed after the run. If no file was changed,
+    /// updates modification times in the record that were too recent to be reliable before. So the next check need not read the contents.
+    fn find_changed_file(&self, record: &mut Record) -> Option<String> {
         let mut is_better_known = false;
         let outputs = record.outputs.iter_mut().map(|output| (false, output));
         let picture = record.picture.iter_mut().map(|picture| (true, picture));
         for (is_picture, output) in outputs.chain(picture) {
             let path = self.out.join(&output.path);
-            let before = output.left.as_ref().is_some_and(Left::is_settled);
-            if !output.left.as_mut().is_some_and(|left| left.holds(&path, output.hash)) {
+            let before = output.stamp.as_ref().is_some_and(VerifiedStamp::is_settled);
+            if !output.stamp.as_mut().is_some_and(|left| left.holds(&path, output.hash)) {
                 return Some(match is_picture {
                     true => "its picture".into(),
                     false => format!("its output `{}`", output.name),
                 });
             }
-            is_better_known |= !before && output.left.as_ref().is_some_and(Left::is_settled);
+            is_better_known |=
+                !before && output.stamp.as_ref().is_some_and(VerifiedStamp::is_settled);
         }
         if is_better_known {
-            // Only time is lost if it cannot be written.
+            // If the write fails, the next check only takes longer.
             let _ = record.write(self.out, &self.destination(&Sources::default()));
         }
         None
     }
 
-    /// Looks at the outputs of a task that was run a moment ago, so that the next batch need not.
-    pub(super) fn settle(&self, task: &Task) {
+    /// Verifies the outputs of a task some time after its run, when their modification times are reliable. Then the next batch need not
+    /// read the outputs.
+    pub(super) fn verify_outputs(&self, task: &Task) {
         if let Some(mut record) = Record::read(self.out, &task.name) {
-            // One that somebody has changed is found by the next batch.
-            let _ = self.changed_file(&mut record);
+            // If an output was changed, the next batch notices that.
+            let _ = self.find_changed_file(&mut record);
         }
     }
 
-    /// What each node of a task would do now, with the hash of what it is made of.
+    /// Returns the forecast for each node of a task, each with the hash of the node's inputs.
     pub(crate) fn forecast(&self, session: &mut Session, task: &Task) -> Vec<(Hash, Forecast)> {
-        let Loaded { graph: Some(graph), .. } = self.load(session, task) else { return Vec::new() };
+        let LoadedTask { graph: Some(graph), .. } = self.load(session, task) else {
+            return Vec::new();
+        };
         let known = session.known_inputs(&graph, &task.row.inputs);
-        let graph = known.and_then(|(known, _)| session.fed_with_known(&graph, &known));
+        let graph = known.and_then(|(known, _)| session.bind_known_inputs(&graph, &known));
         let Ok(graph) = graph else { return Vec::new() };
-        let graph = session.as_last_known(&graph);
-        let made = session.made_of_nodes(&graph);
+        let graph = session.with_last_counts(&graph);
+        let made = session.node_identities(&graph);
         let folder = self.folder_of(task);
         session.recall(&folder);
         let forecasts = session.dry_run(&graph, &[], &folder).unwrap_or_default();
         forecasts.into_iter().map(|it| (made[it.index], it)).collect()
     }
 
-    fn fed(
+    fn bind_inputs(
         &self,
         session: &Session,
         graph: &Graph,
         task: &Task,
-    ) -> Result<(Graph, Vec<Problem>), Vec<Problem>> {
+    ) -> Result<(Graph, Vec<Diagnostic>), Vec<Diagnostic>> {
         let (values, warnings) = session.read_inputs(graph, &task.row.inputs)?;
-        Ok((session.fed(graph, &values)?, warnings))
+        Ok((session.bind_inputs(graph, &values)?, warnings))
     }
 
-    /// Runs a task and writes its outputs, its picture and, last, its record; none if it was cancelled.
+    /// Runs a task and writes outputs, picture and record. Returns `None` if it was cancelled.
     ///
     /// # Errors
-    /// In words, if the record cannot be written.
+    /// A message if the record cannot be written.
     pub(super) fn run(
         &self,
         session: &mut Session,
         task: &Task,
-        due: Due,
+        due: DueTask,
         observer: &dyn Observer,
         limit: &TimeLimit,
     ) -> Result<Option<Record>, String> {
         let cancel = limit.token();
         let start = Instant::now();
         let loaded = due.loaded.unwrap_or_else(|| self.load(session, task));
-        let Loaded { graph, mut problems, made_of } = loaded;
+        let LoadedTask { graph, mut diagnostics, identity: made_of } = loaded;
         let (key, files) = made_of.unzip();
         let files = files.unwrap_or_default();
-        let sources = graph.as_ref().map(Sources::of).unwrap_or_default();
-        let fed = graph.map(|graph| self.fed(session, &graph, task));
-        let mut done = Done::default();
+        let sources = graph.as_ref().map(Sources::of_graph).unwrap_or_default();
+        let fed = graph.map(|graph| self.bind_inputs(session, &graph, task));
+        let mut done = TaskResult::default();
         match fed {
             None => {}
-            Some(Err(wrong)) => problems.extend(wrong),
+            Some(Err(wrong)) => diagnostics.extend(wrong),
             Some(Ok((graph, warnings))) => {
-                problems.extend(warnings);
-                done = self.produced(session, task, &graph, observer, cancel);
-                problems = with_those_of_run(problems, std::mem::take(&mut done.problems));
+                diagnostics.extend(warnings);
+                done = self.produce(session, task, &graph, observer, cancel);
+                diagnostics = merge_diagnostics(diagnostics, std::mem::take(&mut done.diagnostics));
             }
         }
         if limit.is_over() {
-            problems = vec![self.too_late()];
+            diagnostics = vec![self.timeout_error()];
             (done.picture, done.may_pass) = (None, true);
         } else if cancel.is_cancelled() {
             return Ok(None);
@@ -223,11 +230,12 @@ impl Batch<'_> {
         let destination = self.destination(&sources);
         let path = picture_path(self.out, &task.name);
         if let Some(picture) = &done.picture {
-            destination.write(&path, picture).map_err(|why| unwritten(&path, &why))?;
+            destination.write(&path, picture).map_err(|why| write_error(&path, &why))?;
         }
-        let picture =
-            done.picture.map(|bytes| self.left("picture", &path, bytes.len(), Hash::of(&bytes)));
-        let has_error = problems.iter().any(|problem| problem.severity == Severity::Error);
+        let picture = done
+            .picture
+            .map(|bytes| self.written_output("picture", &path, bytes.len(), Hash::compute(&bytes)));
+        let has_error = has_errors(&diagnostics);
         let names = self.sweep.names.iter().cloned();
         let record = Record {
             format: 1,
@@ -235,62 +243,66 @@ impl Batch<'_> {
             state: if has_error { State::Failed } else { State::Done },
             values: names.zip(task.row.values.iter().cloned()).collect(),
             seconds: start.elapsed().as_secs_f64(),
-            may_pass: has_error && done.may_pass,
+            may_succeed_later: has_error && done.may_pass,
             nodes: counts(&done.trace),
             outputs: done.outputs,
             picture,
-            problems: problems.iter().map(Problem::to_json).collect(),
+            problems: diagnostics.iter().map(Diagnostic::to_json).collect(),
             key,
             files: files.by_name,
-            as_read: files.as_read,
+            as_read: files.stamps,
         };
-        let path = super::record::path(self.out, &task.name);
-        record.write(self.out, &destination).map_err(|why| unwritten(&path, &why))?;
+        let path = super::record::record_path(self.out, &task.name);
+        record.write(self.out, &destination).map_err(|why| write_error(&path, &why))?;
         Ok(Some(record))
     }
 
-    /// The error of a task whose time is over.
-    fn too_late(&self) -> Problem {
-        let limit = in_words(self.time_limit.unwrap_or_default());
-        let place = (self.sweep.source.clone(), Span::default());
+    /// Returns the error of a task that exceeded its time limit.
+    fn timeout_error(&self) -> Diagnostic {
+        let limit = format_time(self.time_limit.unwrap_or_default());
+        let location = (self.sweep.source.clone(), Span::default());
         let message = format!("the task took longer than {limit}, its limit");
         let help = "raise --time-limit, or make the graph faster";
-        Problem { help: help.into(), ..Problem::new(Severity::Error, code::FAILED, place, message) }
+        Diagnostic {
+            help: help.into(),
+            ..Diagnostic::new(Severity::Error, code::FAILED, location, message)
+        }
     }
 
-    fn produced(
+    fn produce(
         &self,
         session: &mut Session,
         task: &Task,
         graph: &Graph,
         observer: &dyn Observer,
         cancel: &CancelToken,
-    ) -> Done {
+    ) -> TaskResult {
         let folder = self.folder_of(task);
         session.recall(&folder);
         let produced = match session.produce(graph, &[], &folder, observer, cancel) {
             Ok(produced) => produced,
-            // Nothing was named.
-            Err(_) => return Done::default(),
+            // The only possible error is an unknown output name, and no output is named here.
+            Err(_) => return TaskResult::default(),
         };
         let picture = self.picture(session, graph, cancel);
         let written = produced.written.iter();
         let outputs = written
-            .map(|file| self.left(&file.output, &file.path, file.bytes, file.hash))
+            .map(|file| self.written_output(&file.output, &file.path, file.bytes, file.hash))
             .collect();
-        let (trace, may_pass, problems) = (produced.trace(), produced.may_pass, produced.problems);
-        Done { outputs, picture, trace, may_pass, problems }
+        let (trace, may_pass, diagnostics) =
+            (produced.trace(), produced.may_succeed_later, produced.diagnostics);
+        TaskResult { outputs, picture, trace, may_pass, diagnostics }
     }
 
-    /// The folder of a task's outputs.
+    /// Returns the folder for the outputs of a task.
     fn folder_of(&self, task: &Task) -> OutputFolder {
         let inputs = task.row.inputs.iter().map(|(_, file)| &**file);
         let folder = self.out.join(&task.name);
-        OutputFolder::of_task(&folder, self.is_named, self.signs).keeping(inputs)
+        OutputFolder::of_task(&folder, self.is_chosen_folder, self.has_provenance).keeping(inputs)
     }
 
-    /// A file that was just written.
-    fn left(&self, name: &str, path: &Path, bytes: usize, hash: Hash) -> Output {
+    /// Describes a file that was just written.
+    fn written_output(&self, name: &str, path: &Path, bytes: usize, hash: Hash) -> Output {
         let own = path.strip_prefix(self.out).unwrap_or(path);
         let parts = own.components().map(|part| part.as_os_str().to_string_lossy());
         Output {
@@ -298,11 +310,11 @@ impl Batch<'_> {
             path: Vec::from_iter(parts).join("/"),
             bytes,
             hash,
-            left: Left::at(path),
+            stamp: VerifiedStamp::read(path),
         }
     }
 
-    /// The picture of a task for the contact sheet; none if nothing can be seen.
+    /// Renders the picture of a task for the contact sheet. Returns `None` if nothing is visible.
     fn picture(
         &self,
         session: &mut Session,
@@ -311,17 +323,18 @@ impl Batch<'_> {
     ) -> Option<Vec<u8>> {
         let Picture { output, camera: (yaw, pitch), zoom, size: (width, height) } =
             &self.sweep.picture;
-        let wanted = match output.is_empty() {
+        let targets = match output.is_empty() {
             true => graph.output_names().map(str::to_owned).collect(),
             false => vec![output.clone()],
         };
-        let names: Vec<_> = wanted.iter().cloned().collect();
-        let run = Run { wanted: Wanted::Named(wanted), cancel: cancel.clone(), ..Run::default() };
+        let names: Vec<_> = targets.to_vec();
+        let run =
+            Run { targets: Targets::Named(targets), cancel: cancel.clone(), ..Run::default() };
         let finished = session.run(graph, &run).ok()?;
-        let layers = shown(&finished, &names)?;
+        let layers = visible_layers(&finished, &names)?;
         let size = [width.0 as usize, height.0 as usize];
         let view = View { size, yaw: *yaw, pitch: *pitch, zoom: *zoom, ..View::front() };
-        let look = Look { view, kind: Kind::Fitted, below: None };
+        let look = Look { view, representation: Representation::Fitted, backdrop: None };
         let image = session.install(|| picture(&layers, &look))?;
         let mut bytes = Vec::new();
         let encoder = JpegEncoder::new_with_quality(&mut bytes, QUALITY);
@@ -330,7 +343,8 @@ impl Batch<'_> {
         Some(bytes)
     }
 
-    /// Removes what killed processes left among the records: once, because there may be many.
+    /// Removes temporary files that killed processes left among the records. This is called once per batch, because there may be many
+    /// records.
     pub(super) fn sweep_records(&self) {
         let (root, sources) = (self.out.join(super::record::FOLDER), Sources::default());
         let destination = self.destination(&sources);
@@ -340,25 +354,25 @@ impl Batch<'_> {
     }
 
     pub(super) fn destination<'s>(&self, sources: &'s Sources) -> Destination<'s> {
-        match self.is_named {
+        match self.is_chosen_folder {
             true => Destination::folder(self.out, sources),
-            false => Destination::inside(Path::new("."), self.out, sources),
+            false => Destination::folder_inside(Path::new("."), self.out, sources),
         }
     }
 }
 
-/// What came of a task.
+/// The results of a task.
 #[derive(Default)]
-struct Done {
+struct TaskResult {
     outputs: Vec<Output>,
     picture: Option<Vec<u8>>,
     trace: RunTrace,
     may_pass: bool,
-    problems: Vec<Problem>,
+    diagnostics: Vec<Diagnostic>,
 }
 
-/// What the first of these values shows that has faces; without one, the first that shows anything.
-fn shown(finished: &Finished, names: &[String]) -> Option<Vec<maquette_value::Layer>> {
+/// Returns the layers to draw: those of the first value with faces, otherwise those of the first visible value.
+fn visible_layers(finished: &RunResult, names: &[String]) -> Option<Vec<maquette_value::Layer>> {
     let values = || names.iter().filter_map(|name| finished.value(name));
     let solid = values().find(|value| value.as_mesh().is_some()).map(|value| value.show());
     solid.or_else(|| values().map(|value| value.show()).find(|layers| !layers.is_empty()))
@@ -376,7 +390,7 @@ fn counts(trace: &RunTrace) -> BTreeMap<String, usize> {
     counts.filter(|(_, count)| 0 < *count).collect()
 }
 
-/// `out/doll.sweep` for `graphs/doll.sweep.ron`, and `out/doll.sweep-draft` for what are only drafts of it.
+/// Returns the default folder for results: `out/doll.sweep` for `graphs/doll.sweep.ron`, or `out/doll.sweep-draft` for drafts.
 pub(crate) fn default_folder(sweep: &Path, is_draft: bool) -> PathBuf {
     let mut name = sweep.file_stem().unwrap_or_default().to_owned();
     if is_draft {

@@ -1,4 +1,4 @@
-//! The contact sheet of a batch: one page with a picture of each task, made of records alone.
+//! The contact sheet of a batch: one page with a picture of each task, generated only from records.
 
 use std::path::{Path, PathBuf};
 
@@ -6,18 +6,18 @@ use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
 use maquette_engine::writing::Sources;
 use maquette_golden::sweep::Sweep;
-use maquette_syntax::telling::escaped;
-use maquette_value::plain;
+use maquette_syntax::diagnostics::escape_json;
+use maquette_value::fs;
 use serde_json::{Value as Json, json};
 
 use super::Batch;
-use super::record::{Record, State, unwritten};
+use super::record::{Record, State, text_field, write_error};
 
-/// The page, in which `@@style@@`, `@@data@@` and `@@script@@` stand for what belongs there.
+/// The template of the page, with the placeholders `@@style@@`, `@@data@@` and `@@script@@`.
 const PAGE: &str = include_str!("sheet/sheet.html");
 const STYLE: &str = include_str!("sheet/sheet.css");
 
-/// The modules of its script, each behind those that it takes something from at the start.
+/// The modules of the page's script. Each module comes after those that it needs while it is loaded.
 const SCRIPTS: [&str; 9] = [
     include_str!("sheet/element.js"),
     include_str!("sheet/data.js"),
@@ -31,24 +31,24 @@ const SCRIPTS: [&str; 9] = [
 ];
 
 impl Batch<'_> {
-    /// Makes the page of the records that are there, and says where it is.
+    /// Writes the page from the existing records and returns the path of the page.
     ///
     /// # Errors
-    /// In words, if it cannot be written.
+    /// A message if the page cannot be written.
     pub(crate) fn write_sheet(&self) -> Result<PathBuf, String> {
         let path = self.out.join("index.html");
         let page = page(self.sweep, self.out, self.options.draft);
-        // Where nothing has changed the folder may be one that can only be read.
-        if plain::read_own(&path).is_ok_and(|there| there == page.as_bytes()) {
+        // An unchanged page is not written, because the folder may be read-only.
+        if fs::read_no_follow(&path).is_ok_and(|there| there == page.as_bytes()) {
             return Ok(path);
         }
         let written = self.destination(&Sources::default()).put(&path, page.as_bytes());
-        written.map_err(|why| unwritten(&path, &why))?;
+        written.map_err(|why| write_error(&path, &why))?;
         Ok(path)
     }
 }
 
-/// The page of a sweep whose records lie in this folder. Tasks without a record are missing.
+/// Returns the page of a sweep with the records in this folder. Tasks without a record have the state `missing`.
 fn page(sweep: &Sweep, out: &Path, is_draft: bool) -> String {
     let title = sweep.source.name.file_name().unwrap_or_default().to_string_lossy();
     let graph = sweep.graph.file_name().unwrap_or_default().to_string_lossy();
@@ -56,7 +56,7 @@ fn page(sweep: &Sweep, out: &Path, is_draft: bool) -> String {
     let tasks = sweep.tasks.iter().map(|task| {
         let values = &task.row.values;
         match Record::read(out, &task.name) {
-            Some(record) => of_record(&record, values, out),
+            Some(record) => task_json(&record, values, out),
             None => json!({
                 "name": task.name, "state": "missing", "values": values, "seconds": null, "nodes": null,
                 "picture": null, "files": [], "problems": [],
@@ -70,8 +70,8 @@ fn page(sweep: &Sweep, out: &Path, is_draft: bool) -> String {
         "size": [width.0, height.0],
         "tasks": Vec::from_iter(tasks),
     });
-    // No text in it ends the script that it stands in.
-    let data = escaped(&data.to_string()).replace('<', "\\u003c");
+    // `<` is escaped, because text in the data must not end the script element.
+    let data = escape_json(&data.to_string()).replace('<', "\\u003c");
     let script = script();
     let mut page = String::with_capacity(PAGE.len() + script.len() + STYLE.len() + data.len());
     for (index, piece) in PAGE.split("@@").enumerate() {
@@ -85,7 +85,7 @@ fn page(sweep: &Sweep, out: &Path, is_draft: bool) -> String {
     page
 }
 
-/// All modules as one, in which what one takes from another is there already.
+/// Joins all modules into one script without imports and exports.
 fn script() -> String {
     let lines = SCRIPTS.iter().flat_map(|script| script.lines());
     let lines = lines.filter(|line| !line.starts_with("import "));
@@ -93,21 +93,11 @@ fn script() -> String {
     Vec::from_iter(lines).join("\n")
 }
 
-fn of_record(record: &Record, values: &[String], out: &Path) -> Json {
+fn task_json(record: &Record, values: &[String], out: &Path) -> Json {
     let picture = record.picture.as_ref();
-    let picture = picture.and_then(|picture| plain::read_own(&out.join(&picture.path)).ok());
+    let picture = picture.and_then(|picture| fs::read_no_follow(&out.join(&picture.path)).ok());
     let picture =
         picture.map(|bytes| format!("data:image/jpeg;base64,{}", BASE64_STANDARD.encode(&bytes)));
-    let file = |output: &super::record::Output| json!({ "name": output.name, "path": output.path, "bytes": output.bytes });
-    let problem = |problem: &Json| {
-        let text = |name: &str| problem[name].as_str().unwrap_or_default();
-        // A problem of the whole task has a file, but no line, or neither.
-        let file = problem["file"].as_str().filter(|file| !file.is_empty()).map(str::to_owned);
-        let numbers = ["line", "column"].iter().map_while(|name| problem[*name].as_u64());
-        let place =
-            file.map(|file| numbers.fold(file, |place, number| format!("{place}:{number}")));
-        json!({ "severity": text("severity"), "message": text("message"), "place": place, "help": text("help") })
-    };
     json!({
         "name": record.name,
         "state": match record.state { State::Done => "done", State::Failed => "failed" },
@@ -115,8 +105,26 @@ fn of_record(record: &Record, values: &[String], out: &Path) -> Json {
         "seconds": record.seconds,
         "nodes": record.nodes,
         "picture": picture,
-        "files": record.outputs.iter().map(file).collect::<Vec<_>>(),
-        "problems": record.problems.iter().map(problem).collect::<Vec<_>>(),
+        "files": record.outputs.iter().map(file_json).collect::<Vec<_>>(),
+        "problems": record.problems.iter().map(problem_json).collect::<Vec<_>>(),
+    })
+}
+
+fn file_json(output: &super::record::Output) -> Json {
+    json!({ "name": output.name, "path": output.path, "bytes": output.bytes })
+}
+
+fn problem_json(problem: &Json) -> Json {
+    // A diagnostic about a whole task has a file without a line, or no file at all.
+    let file = problem["file"].as_str().filter(|file| !file.is_empty()).map(str::to_owned);
+    let numbers = ["line", "column"].iter().map_while(|name| problem[*name].as_u64());
+    let position =
+        file.map(|file| numbers.fold(file, |position, number| format!("{position}:{number}")));
+    json!({
+        "severity": text_field(problem, "severity"),
+        "message": text_field(problem, "message"),
+        "place": position,
+        "help": text_field(problem, "help"),
     })
 }
 
@@ -127,7 +135,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_task_is_told_with_all_fields_and_a_problem_with_the_place_that_it_has() {
+    fn a_task_has_all_fields_and_a_problem_has_its_position() {
         let record = Record {
             format: 1,
             name: "a".into(),
@@ -146,9 +154,9 @@ mod tests {
             key: None,
             files: BTreeMap::new(),
             as_read: Vec::new(),
-            may_pass: false,
+            may_succeed_later: false,
         };
-        let told = of_record(&record, &[], Path::new("nowhere"));
+        let told = task_json(&record, &[], Path::new("nowhere"));
         let places = told["problems"].as_array().unwrap().iter().map(|it| &it["place"]);
         let expected = [json!("g.ron:3:7"), json!("g.ron"), Json::Null, Json::Null];
         assert_eq!(Vec::from_iter(places), Vec::from_iter(&expected));

@@ -1,5 +1,5 @@
-//! The list of tasks that is handed over to a farm. Its jobs name a task by its number and the list by its hash, so that no name that a user
-//! gave is part of a command line. A job whose list is not that of the sweep any more runs nothing.
+//! The list of tasks that is handed over to a farm. A job identifies a task by its index and the list by its hash, so command lines
+//! contain no user-defined names. If the list no longer matches the sweep, the job runs nothing.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -9,46 +9,45 @@ use maquette_engine::writing::{self, Sources};
 use maquette_golden::sweep::{Sweep, Task};
 use maquette_syntax::paths::{folder_of_new, path_between};
 use maquette_value::Hash;
-use maquette_value::plain;
 use serde::{Deserialize, Serialize};
 
 use super::Batch;
-use super::record::{FOLDER, Record, unwritten};
-use crate::Shown;
+use super::record::{FOLDER, Record, write_error};
+use crate::DisplayPath;
 
-/// The folder of lists in that of records. No task has a name with an `@`.
+/// The folder of task lists, in the folder of records. No record can have this name, because task names contain no `@`.
 const LISTS: &str = "@handovers";
 
-/// The number of digits of a hash that name a list.
-pub(crate) const DIGITS: usize = 16;
+/// The number of digits of the hash in the name of a list.
+pub(crate) const HASH_DIGITS: usize = 16;
 
-/// At most this many changes of one kind are named.
+/// The maximum number of names that a message lists for each kind of change.
 const MAX_NAMED: usize = 4;
 
-/// All tasks of a sweep as they were handed over.
+/// All tasks of a sweep at the time of the handover.
 #[derive(Debug, Deserialize, PartialEq, Serialize)]
 struct TaskList {
-    /// 1.
+    /// The version of the format: 1.
     format: u32,
-    /// The path of the graph from the sweep.
+    /// The path of the graph, relative to the sweep.
     graph: String,
-    tasks: Vec<Listed>,
+    tasks: Vec<ListedTask>,
 }
 
-/// A task of a list: all by which it differs from others.
+/// A task in a list, with all values in which it can differ from other tasks.
 #[derive(Debug, Deserialize, PartialEq, Serialize)]
-struct Listed {
+struct ListedTask {
     name: String,
-    /// What is swept, by name, as its author writes it.
+    /// The swept values by name, as written in the sweep.
     values: Vec<(String, String)>,
-    /// What is set, by its target.
+    /// The values that the task sets, by the parameter or field that is set.
     set: Vec<(String, String)>,
-    /// The files of inputs, by paths from the sweep.
+    /// The input files, by the name of the graph's input; the paths are relative to the sweep.
     inputs: Vec<(String, String)>,
 }
 
 impl TaskList {
-    fn of(sweep: &Sweep) -> Self {
+    fn from_sweep(sweep: &Sweep) -> Self {
         let folder = folder_of_new(&sweep.source.name);
         let graph = folder_of_new(&sweep.graph).join(sweep.graph.file_name().unwrap_or_default());
         let listed = |task: &Task| {
@@ -56,16 +55,16 @@ impl TaskList {
             let set = task.row.set.iter().map(|set| (set.target.clone(), set.text.clone()));
             let inputs = task.row.inputs.iter();
             let inputs = inputs.map(|(name, file)| (name.clone(), path_between(&folder, file)));
-            // In which order they are written changes nothing.
-            fn sorted(mut all: Vec<(String, String)>) -> Vec<(String, String)> {
+            // The order of the pairs has no meaning; sorting makes lists comparable.
+            fn sort_pairs(mut all: Vec<(String, String)>) -> Vec<(String, String)> {
                 all.sort();
                 all
             }
-            Listed {
+            ListedTask {
                 name: task.name.clone(),
-                values: sorted(values.collect()),
-                set: sorted(set.collect()),
-                inputs: sorted(inputs.collect()),
+                values: sort_pairs(values.collect()),
+                set: sort_pairs(set.collect()),
+                inputs: sort_pairs(inputs.collect()),
             }
         };
         let tasks = sweep.tasks.iter().map(listed).collect();
@@ -73,27 +72,27 @@ impl TaskList {
     }
 
     fn read(path: &Path) -> Option<Self> {
-        let bytes = plain::read_own(path).ok()?;
+        let bytes = maquette_value::fs::read_no_follow(path).ok()?;
         serde_json::from_slice(&bytes).ok().filter(|it: &Self| it.format == 1)
     }
 
-    /// The list as it is written, and the hash that names it.
-    fn written(&self) -> (Vec<u8>, String) {
+    /// Returns the bytes of the list and its hash.
+    fn to_bytes(&self) -> (Vec<u8>, String) {
         let mut bytes = serde_json::to_vec_pretty(self).unwrap_or_default();
         bytes.push(b'\n');
-        let mut hash = Hash::of(&bytes).to_string();
-        hash.truncate(DIGITS);
+        let mut hash = Hash::compute(&bytes).to_string();
+        hash.truncate(HASH_DIGITS);
         (bytes, hash)
     }
 
-    fn by_name(&self) -> BTreeMap<&str, &Listed> {
+    fn by_name(&self) -> BTreeMap<&str, &ListedTask> {
         self.tasks.iter().map(|task| (&task.name[..], task)).collect()
     }
 
-    /// Says in words what is different now.
+    /// Describes the differences between this list and the present list, `now`.
     fn changes(&self, now: &Self) -> String {
         let (before, after) = (self.by_name(), now.by_name());
-        let is_new = |task: &&Listed| !before.contains_key(&task.name[..]);
+        let is_new = |task: &&ListedTask| !before.contains_key(&task.name[..]);
         let mut new: BTreeMap<_, _> =
             now.tasks.iter().filter(is_new).map(|task| (task.content(), &task.name[..])).collect();
         let (mut removed, mut renamed, mut changed) = (Vec::new(), Vec::new(), Vec::new());
@@ -118,40 +117,41 @@ impl TaskList {
             [(added, "added"), (removed, "removed"), (renamed, "renamed"), (changed, "changed")];
         let mut words = Vec::new();
         if self.graph != now.graph {
-            words.push(format!("the graph is `{}` in place of `{}`", now.graph, self.graph));
+            words.push(format!("the graph is `{}` instead of `{}`", now.graph, self.graph));
         }
         for (names, kind) in kinds.iter().filter(|(names, _)| !names.is_empty()) {
-            words.push(format!("{} {kind} ({})", names.len(), named(names)));
+            words.push(format!("{} {kind} ({})", names.len(), join_names(names)));
         }
         if words.is_empty() { "their order has changed".into() } else { words.join(", ") }
     }
 }
 
-impl Listed {
-    /// All but the name.
+impl ListedTask {
+    /// Returns all fields except the name.
     fn content(&self) -> [&[(String, String)]; 3] {
         [&self.values, &self.set, &self.inputs]
     }
 
-    /// The first value that another task of this name has in place of its own.
+    /// Describes the first value that differs between this task and another task with the same name.
     fn difference(&self, other: &Self) -> String {
-        let told = self.content().into_iter().zip(other.content()).find_map(|(own, others)| {
-            fn text(all: &[(String, String)], name: &str) -> Option<String> {
-                all.iter().find(|it| it.0 == name).map(|it| it.1.clone())
-            }
-            let names = own.iter().chain(others).map(|(name, _)| &name[..]);
-            let (name, own, other) = names
-                .map(|name| (name, text(own, name), text(others, name)))
-                .find(|(_, own, other)| own != other)?;
-            let [own, other] = [own, other].map(|it| it.unwrap_or_else(|| "not set".into()));
-            Some(format!("`{}`: {name} was {own}, is {other}", self.name))
-        });
-        told.unwrap_or_else(|| format!("`{}`", self.name))
+        let difference =
+            self.content().into_iter().zip(other.content()).find_map(|(own, others)| {
+                fn text(all: &[(String, String)], name: &str) -> Option<String> {
+                    all.iter().find(|it| it.0 == name).map(|it| it.1.clone())
+                }
+                let names = own.iter().chain(others).map(|(name, _)| &name[..]);
+                let (name, own, other) = names
+                    .map(|name| (name, text(own, name), text(others, name)))
+                    .find(|(_, own, other)| own != other)?;
+                let [own, other] = [own, other].map(|it| it.unwrap_or_else(|| "not set".into()));
+                Some(format!("`{}`: {name} was {own}, is {other}", self.name))
+            });
+        difference.unwrap_or_else(|| format!("`{}`", self.name))
     }
 }
 
-/// The first few of some names.
-fn named(names: &[String]) -> String {
+/// Joins the names of a list for a message. Of a long list, joins only the first names.
+fn join_names(names: &[String]) -> String {
     let shown = names.iter().take(MAX_NAMED).cloned();
     let rest = names.len().saturating_sub(MAX_NAMED);
     let rest = (0 < rest).then(|| format!("and {rest} more"));
@@ -167,26 +167,26 @@ impl Batch<'_> {
         self.lists().join(format!("{hash}.json"))
     }
 
-    /// The folder of logs of tasks that were handed over by this list.
+    /// Returns the folder with the logs of the tasks in the list with this hash.
     pub(crate) fn logs(&self, hash: &str) -> PathBuf {
         self.lists().join(hash)
     }
 
-    /// The log of a task, if it was handed over.
+    /// Returns the path of the log of a task, `None` if it was not handed over.
     pub(super) fn log_path(&self, task: &Task) -> Option<PathBuf> {
         Some(self.logs(self.handover?).join(format!("{}.log", task.name)))
     }
 
-    /// Writes the list of tasks, with which each job compares its own, and returns its hash.
+    /// Writes the list of tasks and returns its hash. Each job compares the list with its own tasks.
     ///
     /// # Errors
-    /// In words, if it cannot be written.
+    /// A message if the list cannot be written.
     pub(crate) fn hand_over(&self) -> Result<String, String> {
-        let (bytes, hash) = TaskList::of(self.sweep).written();
+        let (bytes, hash) = TaskList::from_sweep(self.sweep).to_bytes();
         let path = self.list_path(&hash);
         let written = self.destination(&Sources::default()).put(&path, &bytes);
-        written.map_err(|why| unwritten(&path, &why))?;
-        // Logs of the same tasks that were handed over before are of another run.
+        written.map_err(|why| write_error(&path, &why))?;
+        // Logs of an earlier handover of the same tasks are removed.
         writing::remove_logs(&self.logs(&hash));
         Ok(hash)
     }
@@ -194,44 +194,47 @@ impl Batch<'_> {
     /// Compares the tasks with those that were handed over.
     ///
     /// # Errors
-    /// In words, if they are not the same.
+    /// A message with the differences.
     pub(crate) fn check_handover(&self, hash: &str) -> Result<(), String> {
-        let now = TaskList::of(self.sweep);
-        if now.written().1 == hash {
+        let now = TaskList::from_sweep(self.sweep);
+        if now.to_bytes().1 == hash {
             return Ok(());
         }
         let path = self.list_path(hash);
-        // A list whose hash is another one was changed by somebody.
-        let before = TaskList::read(&path).filter(|list| list.written().1 == hash);
+        // If the list has another hash than its name says, someone has modified it.
+        let before = TaskList::read(&path).filter(|list| list.to_bytes().1 == hash);
         let changes = match before {
             Some(before) => before.changes(&now),
             None => {
-                format!("what they were is unknown, since {} is missing or damaged", path.shown())
+                format!(
+                    "the old list is unknown, because {} is missing or damaged",
+                    path.for_display()
+                )
             }
         };
         Err(format!(
             "the tasks of {} are not those that were handed over: {changes}; hand them over again, with `--emit` (tasks that are done do not run \
              again)",
-            self.sweep.source.name.shown()
+            self.sweep.source.name.for_display()
         ))
     }
 
-    /// Names the tasks that are in no list, if any was handed over, and that have not been run here either.
+    /// Returns the names of tasks that are in no list and have not been run on this machine. Returns an empty list if no list exists.
     pub(crate) fn never_handed_over(&self) -> Vec<String> {
         let files = fs::read_dir(self.lists()).into_iter().flatten().flatten();
         let lists: Vec<_> = files.filter_map(|file| TaskList::read(&file.path())).collect();
         if lists.is_empty() {
             return Vec::new();
         }
-        let now = TaskList::of(self.sweep);
+        let now = TaskList::from_sweep(self.sweep);
         let by_name: Vec<_> =
             lists.iter().filter(|list| list.graph == now.graph).map(TaskList::by_name).collect();
         let known: BTreeSet<_> =
             lists.iter().flat_map(|list| &list.tasks).map(|task| &task.name[..]).collect();
         let is_listed =
-            |task: &Listed| by_name.iter().any(|list| list.get(&task.name[..]) == Some(&task));
-        // The record of a task that had other values before may be of those.
-        fn was_run(task: &Listed, known: &BTreeSet<&str>, out: &Path) -> bool {
+            |task: &ListedTask| by_name.iter().any(|list| list.get(&task.name[..]) == Some(&task));
+        // A record with other values belongs to a former task of the same name.
+        fn was_run(task: &ListedTask, known: &BTreeSet<&str>, out: &Path) -> bool {
             let record = Record::read(out, &task.name);
             !known.contains(&task.name[..])
                 && record.is_some_and(|mut record| {
@@ -245,13 +248,13 @@ impl Batch<'_> {
     }
 }
 
-/// Says in words that some of this many tasks were never handed over.
-pub(crate) fn never_handed_over_in_words(missing: &[String], all: usize) -> String {
+/// Returns the message for tasks that were never handed over; `all` is the number of all tasks.
+pub(crate) fn never_handed_over_message(missing: &[String], all: usize) -> String {
     let names: Vec<_> = missing.iter().map(|name| format!("`{name}`")).collect();
     format!(
         "{} of {all} tasks never handed over: {}; hand them over again, with `--emit` (tasks that are done do not run again)",
         missing.len(),
-        named(&names)
+        join_names(&names)
     )
 }
 
@@ -267,7 +270,7 @@ mod tests {
                 .iter()
                 .map(|(name, value)| {
                     let pairs = vec![("growth".to_owned(), (*value).to_owned())];
-                    Listed {
+                    ListedTask {
                         name: (*name).to_owned(),
                         values: pairs.clone(),
                         set: pairs,
@@ -279,12 +282,12 @@ mod tests {
     }
 
     #[test]
-    fn each_change_of_a_list_is_told() {
+    fn each_change_of_a_list_is_described() {
         let before = list(&[("a", "1"), ("b", "2"), ("c", "3")]);
-        fn check(after: &[(&str, &str)], told: &str, before: &TaskList) {
+        fn check(after: &[(&str, &str)], difference: &str, before: &TaskList) {
             let after = list(after);
-            assert_ne!(before.written().1, after.written().1);
-            assert_eq!(before.changes(&after), told);
+            assert_ne!(before.to_bytes().1, after.to_bytes().1);
+            assert_eq!(before.changes(&after), difference);
         }
         check(&[("0", "0"), ("a", "1"), ("b", "2"), ("c", "3")], "1 added (`0`)", &before);
         check(&[("a", "1"), ("c", "3")], "1 removed (`b`)", &before);
@@ -298,20 +301,20 @@ mod tests {
         check(&[("d", "4"), ("b", "2")], "1 added (`d`), 2 removed (`a`, `c`)", &before);
         let other =
             TaskList { graph: "face.ron".into(), ..list(&[("a", "1"), ("b", "2"), ("c", "3")]) };
-        assert_eq!(before.changes(&other), "the graph is `face.ron` in place of `doll.ron`");
+        assert_eq!(before.changes(&other), "the graph is `face.ron` instead of `doll.ron`");
     }
 
     #[test]
-    fn a_list_comes_back_as_it_was_written() {
+    fn a_written_list_is_read_unchanged() {
         let list = list(&[("Mü-ller/\u{1f600}", "\"a\nb\""), ("b", "{{x}}")]);
-        let (bytes, hash) = list.written();
+        let (bytes, hash) = list.to_bytes();
         let read: TaskList = serde_json::from_slice(&bytes).unwrap();
-        assert_eq!((read.written().1, read), (hash, list));
+        assert_eq!((read.to_bytes().1, read), (hash, list));
     }
 
     #[test]
-    fn many_names_are_cut() {
+    fn long_lists_of_names_are_shortened() {
         let names: Vec<_> = (0..6).map(|name| name.to_string()).collect();
-        assert_eq!(named(&names), "0, 1, 2, 3, and 2 more");
+        assert_eq!(join_names(&names), "0, 1, 2, 3, and 2 more");
     }
 }

@@ -1,4 +1,4 @@
-//! The time that a task may take.
+//! The time limit of a task.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -7,17 +7,17 @@ use std::time::{Duration, Instant};
 
 use maquette_node::CancelToken;
 
-/// Stops a task when its time is over, or when all are stopped.
+/// Cancels a task when its time is over or all tasks are cancelled.
 pub(super) struct TimeLimit {
     token: CancelToken,
     is_over: Arc<AtomicBool>,
-    /// The clock stops with it.
+    /// Connects to the thread that measures the time; the thread ends when this sender is dropped.
     _clock: Option<Sender<()>>,
 }
 
 impl TimeLimit {
-    /// How often the clock looks whether all are stopped.
-    const PERIOD: Duration = Duration::from_millis(20);
+    /// The interval at which the thread checks if all tasks are cancelled.
+    const CHECK_INTERVAL: Duration = Duration::from_millis(20);
 
     pub(super) fn start(limit: Option<Duration>, all: &CancelToken) -> Self {
         let is_over = Arc::<AtomicBool>::default();
@@ -29,7 +29,7 @@ impl TimeLimit {
         let of_clock = (token.clone(), is_over.clone(), all.clone());
         std::thread::spawn(move || {
             let ((token, is_over, all), start) = (of_clock, Instant::now());
-            while stopped.recv_timeout(Self::PERIOD) == Err(RecvTimeoutError::Timeout) {
+            while stopped.recv_timeout(Self::CHECK_INTERVAL) == Err(RecvTimeoutError::Timeout) {
                 let is_late = limit <= start.elapsed();
                 if is_late || all.is_cancelled() {
                     is_over.store(is_late && !all.is_cancelled(), Ordering::Relaxed);
@@ -40,23 +40,23 @@ impl TimeLimit {
         Self { token, is_over, _clock: Some(clock) }
     }
 
-    /// Stops the task.
+    /// Returns the token that cancels the task.
     pub(super) fn token(&self) -> &CancelToken {
         &self.token
     }
 
-    /// Returns true if the task was stopped because its time was over.
+    /// Returns true if the task was cancelled because its time was over.
     pub(super) fn is_over(&self) -> bool {
         self.is_over.load(Ordering::Relaxed)
     }
 }
 
-/// Reads a time: `90s`, `30min`, `1h 30min`.
+/// Parses a time: `90s`, `30min`, `1h 30min`.
 ///
 /// # Errors
-/// In words, if it is none, or no time at all.
-pub(crate) fn time(text: &str) -> Result<Duration, String> {
-    let wrong = || format!("expected a time as 90s, 30min or 2h, found `{text}`");
+/// A message if the text is not a time, or if the time is zero.
+pub(crate) fn parse_time(text: &str) -> Result<Duration, String> {
+    let wrong = || format!("expected a time such as 90s, 30min or 2h, found `{text}`");
     let (mut seconds, mut rest) = (0.0, text.trim());
     while !rest.is_empty() {
         let digits = rest.find(|c: char| !c.is_ascii_digit() && c != '.').ok_or_else(wrong)?;
@@ -76,8 +76,8 @@ pub(crate) fn time(text: &str) -> Result<Duration, String> {
     Duration::try_from_secs_f64(seconds).ok().filter(|time| !time.is_zero()).ok_or_else(wrong)
 }
 
-/// A time as people read it, which is also one that [`time`] reads.
-pub(crate) fn in_words(time: Duration) -> String {
+/// Formats a time in the form that [`parse_time`] parses.
+pub(crate) fn format_time(time: Duration) -> String {
     let seconds = time.as_secs();
     if time.subsec_nanos() != 0 {
         return format!("{}s", time.as_secs_f64());
@@ -92,7 +92,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn times_are_read_as_they_are_written() {
+    fn formatted_times_can_be_parsed() {
         for (text, seconds, words) in [
             ("90s", 90.0, "1min 30s"),
             ("30min", 1800.0, "30min"),
@@ -101,17 +101,17 @@ mod tests {
             ("0.5 s", 0.5, "0.5s"),
             ("1d", 86400.0, "24h"),
         ] {
-            let found = time(text).unwrap();
-            assert_eq!((found.as_secs_f64(), &in_words(found)[..]), (seconds, words));
-            assert_eq!(time(words).unwrap(), found);
+            let found = parse_time(text).unwrap();
+            assert_eq!((found.as_secs_f64(), &format_time(found)[..]), (seconds, words));
+            assert_eq!(parse_time(words).unwrap(), found);
         }
         for wrong in ["", "5", "h", "0s", "-1s", "5 parsecs", "1e999h", "1..2s"] {
-            assert!(time(wrong).unwrap_err().starts_with("expected a time"), "{wrong}");
+            assert!(parse_time(wrong).unwrap_err().starts_with("expected a time"), "{wrong}");
         }
     }
 
     #[test]
-    fn a_task_stops_with_all_or_at_its_limit() {
+    fn a_task_is_cancelled_with_all_tasks_or_at_its_limit() {
         let all = CancelToken::default();
         fn wait(limit: &TimeLimit) -> bool {
             while !limit.token().is_cancelled() {

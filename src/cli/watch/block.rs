@@ -1,170 +1,171 @@
-//! The one block of text that a watch shows on a terminal: problems above, the status of the last run below.
+//! The block of text that a watch shows on a terminal: diagnostics above, the status of the last run below.
 
 use std::path::Path;
 
 use maquette_engine::eval::State;
-use maquette_syntax::error::{Problem, Severity};
-use maquette_syntax::telling::harmless;
-use maquette_syntax::telling::in_full;
+use maquette_syntax::diagnostics::{render, sanitize};
+use maquette_syntax::error::{Diagnostic, Severity};
 
 use super::worker::Report;
-use crate::Shown;
-use crate::column_width;
-use crate::terminal::wrapped;
-use crate::{counted, in_bytes};
+use crate::DisplayPath;
+use crate::terminal::wrap;
+use crate::{column_width, count_severity};
+use crate::{format_count, in_bytes};
 
-/// A list of names in the status takes at most so many rows; the problems need the room.
-const MOST_ROWS: usize = 3;
+/// The maximum number of rows for a list of names in the status. It leaves room for diagnostics.
+const MAX_ROWS: usize = 3;
 
-/// Everything that the block tells.
+/// The content of the block.
 #[derive(Default)]
 pub(super) struct Block {
-    /// The graph's file, as given.
+    /// The path of the graph, as given by the user.
     pub(super) graph: String,
     pub(super) folder: String,
-    /// The link of the live page, if there is one.
+    /// The link to the live page, if a page is served.
     pub(super) link: Option<String>,
-    /// Why it was not opened in a browser.
-    pub(super) not_opened: Option<String>,
-    pub(super) watched: usize,
-    /// Why files are polled; none if the system reports changes.
-    pub(super) polled: Option<String>,
-    /// What is wrong now.
-    pub(super) problems: Vec<Problem>,
-    /// Which run or attempt this is about.
+    /// The reason why the page was not opened in a browser.
+    pub(super) browser_failure: Option<String>,
+    pub(super) watched_files: usize,
+    /// The reason why files are polled, or `None` if the system reports changes.
+    pub(super) polling_reason: Option<String>,
+    /// The present diagnostics.
+    pub(super) diagnostics: Vec<Diagnostic>,
+    /// The number of the current run, counted from 1.
     pub(super) run: usize,
-    /// The last evaluation that came to its end.
+    /// The last completed evaluation.
     pub report: Option<Report>,
-    /// The last run without errors.
-    pub(super) good: Option<usize>,
-    /// Whether run `run` is under way.
-    pub(super) running: bool,
-    /// The node under way, and its share if it is known.
+    /// The number of the last run without errors.
+    pub(super) last_good_run: Option<usize>,
+    /// True while run `run` is in progress.
+    pub(super) is_running: bool,
+    /// The name of the running node, and the completed fraction of its work if it is known.
     pub(super) node: Option<(String, Option<f64>)>,
-    /// The nodes that go on though they were told to stop, in words.
-    pub(super) stubborn: Vec<String>,
-    /// What became of the user's command, if it failed.
-    pub(super) command: Option<String>,
-    pub(super) profile: bool,
+    /// Messages about nodes that continue to run after a cancellation.
+    pub(super) unresponsive: Vec<String>,
+    /// The error of the user's last command.
+    pub(super) command_failure: Option<String>,
+    pub(super) shows_profile: bool,
 }
 
-/// Colors, or none.
+/// Formats text for a terminal: with colors if the field is true, otherwise plain.
 #[derive(Clone, Copy)]
 struct Paint(bool);
 
 impl Paint {
-    fn with(self, style: &str, text: &str) -> String {
-        let text = harmless(text);
+    fn style(self, style: &str, text: &str) -> String {
+        let text = sanitize(text);
         if self.0 { format!("\x1b[{style}m{text}\x1b[0m") } else { text.into_owned() }
     }
 
     fn bold(self, text: &str) -> String {
-        self.with("1", text)
+        self.style("1", text)
     }
 
     fn dim(self, text: &str) -> String {
-        self.with("2", text)
+        self.style("2", text)
     }
 
     fn red(self, text: &str) -> String {
-        self.with("1;31", text)
+        self.style("1;31", text)
     }
 
     fn green(self, text: &str) -> String {
-        self.with("32", text)
+        self.style("32", text)
     }
 }
 
 impl Block {
-    /// The block in rows that fit into a terminal.
+    /// Returns the rows of the block for a terminal of this size.
     pub(super) fn rows(&self, (width, height): (usize, usize), color: bool) -> Vec<String> {
         let paint = Paint(color);
-        let mut status = vec![self.head(paint)];
-        // Of a graph that cannot run, what ran before would be stale.
+        let mut status = vec![self.head_row(paint)];
+        // The report is shown only if it belongs to the current run.
         match self.report.as_ref().filter(|report| report.run == self.run) {
-            Some(report) if self.profile => status.extend(profile(report, width, paint)),
-            Some(report) => status.extend(summary(report, &self.folder, width, paint)),
+            Some(report) if self.shows_profile => status.extend(profile_rows(report, width, paint)),
+            Some(report) => status.extend(summary_rows(report, &self.folder, width, paint)),
             None => {}
         }
-        status.extend(self.stubborn.iter().map(|words| paint.red(words)));
-        status.extend(self.command.as_ref().map(|text| paint.red(text)));
+        status.extend(self.unresponsive.iter().map(|words| paint.red(words)));
+        status.extend(self.command_failure.as_ref().map(|text| paint.red(text)));
         status.extend(self.link.as_ref().map(|link| paint.dim(&format!("live page: {link}"))));
-        status.extend(self.not_opened.as_ref().map(|why| paint.dim(why)));
-        if let Some(why) = &self.polled {
-            status.push(paint.dim(&format!("looking at the files twice a second: {why}")));
+        status.extend(self.browser_failure.as_ref().map(|why| paint.dim(why)));
+        if let Some(why) = &self.polling_reason {
+            status.push(paint.dim(&format!("polling files twice a second: {why}")));
         }
-        status.push(self.foot(paint));
-        let mut status: Vec<String> = status.iter().flat_map(|row| wrapped(row, width)).collect();
+        status.push(self.foot_row(paint));
+        let mut status: Vec<String> = status.iter().flat_map(|row| wrap(row, width)).collect();
         if status.len() > height {
-            // The first row, which says how it went, and the last one, which tells the keys, stay longest.
+            // If the terminal is too low, rows in the middle are dropped; the first row (result) and the last row (keys) stay as long as
+            // possible.
             let too_many = status.len() - height;
             let last = status.len() - 1;
             status.drain(last.saturating_sub(too_many).max(1).min(last)..last);
             status.truncate(height);
         }
-        let mut rows = self.problem_rows(width, height - status.len(), color);
+        let mut rows = self.diagnostic_rows(width, height - status.len(), color);
         rows.extend(status);
         rows
     }
 
-    fn head(&self, paint: Paint) -> String {
+    fn head_row(&self, paint: Paint) -> String {
         let graph = paint.bold(&self.graph);
-        if self.running {
+        if self.is_running {
             let node = self.node.as_ref().map(|(node, share)| match share {
-                Some(share) => format!("computing {}, {:.0} %", harmless(node), share * 100.0),
-                None => format!("computing {}, progress unknown", harmless(node)),
+                Some(share) => format!("computing {}, {:.0} %", sanitize(node), share * 100.0),
+                None => format!("computing {}, progress unknown", sanitize(node)),
             });
             let node = node.unwrap_or_else(|| "running".into());
             return format!("{graph}  run {}: {node}", self.run);
         }
-        let errors =
-            self.problems.iter().filter(|problem| problem.severity == Severity::Error).count();
+        let errors = count_severity(&self.diagnostics, Severity::Error);
         if errors > 0 {
-            let errors = paint.red(&counted(errors, "error"));
+            let errors = paint.red(&format_count(errors, "error"));
             let ran = self.report.as_ref().is_some_and(|report| report.run == self.run);
-            let stays = match self.good {
-                Some(good) if ran => format!("; outputs that are not made stay as in run {good}"),
+            let stays = match self.last_good_run {
+                Some(good) if ran => {
+                    format!("; outputs that were not written stay as in run {good}")
+                }
                 Some(good) => format!("; the outputs stay as in run {good}"),
                 None => String::new(),
             };
             return format!("{graph}  run {}: {errors}{stays}", self.run);
         }
         let Some(report) = &self.report else { return format!("{graph}  run {}", self.run) };
-        let warnings = match self.problems.len() {
+        let warnings = match self.diagnostics.len() {
             0 => String::new(),
-            count => format!(", {}", counted(count, "warning")),
+            count => format!(", {}", format_count(count, "warning")),
         };
         let (done, time) = (paint.green("up to date"), milliseconds(report.seconds));
         format!("{graph}  run {}: {done}, {time}{warnings}", self.run)
     }
 
-    fn foot(&self, paint: Paint) -> String {
+    fn foot_row(&self, paint: Paint) -> String {
         let keys = "r run  f recompute  p profile  q quit";
-        paint.dim(&format!("watching {}   {keys}", counted(self.watched, "file")))
+        paint.dim(&format!("watching {}   {keys}", format_count(self.watched_files, "file")))
     }
 
-    /// As many problems as there is room for, and how many more there are; then an empty row.
-    fn problem_rows(&self, width: usize, height: usize, color: bool) -> Vec<String> {
+    /// Returns as many diagnostics as fit into `height` rows, then the number of diagnostics that do not fit, and an empty row.
+    fn diagnostic_rows(&self, width: usize, height: usize, color: bool) -> Vec<String> {
         let mut rows = Vec::new();
-        for (index, problem) in self.problems.iter().enumerate() {
-            let mut problem = wrapped(&in_full(problem, color, Some(width)), width);
-            problem.push(String::new());
-            let rest = self.problems.len() - index - 1;
+        for (index, diagnostic) in self.diagnostics.iter().enumerate() {
+            let mut lines = wrap(&render(diagnostic, color, Some(width)), width);
+            lines.push(String::new());
+            let rest = self.diagnostics.len() - index - 1;
             let room = height.saturating_sub(rows.len() + usize::from(rest > 0) * 2);
-            if problem.len() > room {
+            if lines.len() > room {
                 let shown = if index == 0 { room.saturating_sub(2) } else { 0 };
-                rows.extend(problem.into_iter().take(shown));
+                rows.extend(lines.into_iter().take(shown));
                 let more = rest + usize::from(shown == 0);
                 let more = match (more, shown) {
                     (0, _) => "...".to_owned(),
                     (more, 0) => format!("... and {more} more; `maquette check` lists all"),
                     (more, _) => format!("...\n... and {more} more; `maquette check` lists all"),
                 };
-                rows.extend(more.lines().flat_map(|line| wrapped(line, width)));
+                rows.extend(more.lines().flat_map(|line| wrap(line, width)));
                 rows.push(String::new());
                 break;
             }
-            rows.extend(problem);
+            rows.extend(lines);
         }
         rows.truncate(height);
         rows
@@ -175,18 +176,19 @@ fn milliseconds(seconds: f64) -> String {
     if seconds < 10.0 { format!("{:.0} ms", seconds * 1e3) } else { format!("{seconds:.1} s") }
 }
 
-/// What ran, what did not, what was written: a few rows.
-fn summary(report: &Report, folder: &str, width: usize, paint: Paint) -> Vec<String> {
+/// Summarizes a run: the number of nodes by state, and the written files.
+fn summary_rows(report: &Report, folder: &str, width: usize, paint: Paint) -> Vec<String> {
     let nodes = |state: State| report.trace.0.iter().filter(move |node| node.state == state);
     let names = |state| nodes(state).map(|node| node.name.clone()).collect::<Vec<_>>();
     let computed = nodes(State::Computed).map(|node| {
-        let unchanged = if node.unchanged { " (the same)" } else { "" };
+        let unchanged = if node.unchanged { " (unchanged)" } else { "" };
         format!("{} {:.1} ms{unchanged}", node.name, node.seconds * 1e3)
     });
     let files = |unchanged: bool| {
         let files = report.written.iter().filter(move |file| file.unchanged == unchanged);
         files.map(move |file| {
-            let name = Path::new(&file.path).strip_prefix(folder).unwrap_or(&file.path).shown();
+            let name =
+                Path::new(&file.path).strip_prefix(folder).unwrap_or(&file.path).for_display();
             if unchanged { name.to_string() } else { format!("{name} {}", in_bytes(file.bytes)) }
         })
     };
@@ -198,22 +200,22 @@ fn summary(report: &Report, folder: &str, width: usize, paint: Paint) -> Vec<Str
         ("failed", names(State::Failed)),
         ("skipped", names(State::Skipped)),
         ("wrote", Vec::from_iter(files(false))),
-        ("the same", Vec::from_iter(files(true))),
+        ("unchanged", Vec::from_iter(files(true))),
     ] {
-        rows.extend(list(label, &items, width, paint));
+        rows.extend(list_rows(label, &items, width, paint));
     }
     rows
 }
 
-/// `label  one, two, three`, with how many more there are where the room ends.
-fn list(label: &str, items: &[String], width: usize, paint: Paint) -> Vec<String> {
+/// Formats a list as `label  one, two, three`. If some items do not fit, their number follows.
+fn list_rows(label: &str, items: &[String], width: usize, paint: Paint) -> Vec<String> {
     const INDENT: usize = 10;
     let room = width.saturating_sub(INDENT + " and 1000 more".len()).max(1);
-    let items: Vec<_> = items.iter().map(|item| harmless(item)).collect();
+    let items: Vec<_> = items.iter().map(|item| sanitize(item)).collect();
     let Some((first, rest)) = items.split_first() else { return Vec::new() };
     let mut rows = vec![first.clone().into_owned()];
     for (index, item) in rest.iter().enumerate() {
-        let full = rows.len() == MOST_ROWS;
+        let full = rows.len() == MAX_ROWS;
         let row = rows.last_mut().expect("there is a row");
         if row.chars().count() + item.chars().count() + 2 <= room {
             *row += ", ";
@@ -226,13 +228,13 @@ fn list(label: &str, items: &[String], width: usize, paint: Paint) -> Vec<String
             break;
         }
     }
-    let label = |index| if index == 0 { label } else { "" };
-    let label = |index| paint.dim(&format!("{:<INDENT$}", label(index)));
-    rows.iter().enumerate().map(|(index, row)| label(index) + row).collect()
+    let labels = std::iter::once(label).chain(std::iter::repeat(""));
+    let labels = labels.map(|label| paint.dim(&format!("{label:<INDENT$}")));
+    labels.zip(&rows).map(|(label, row)| label + row).collect()
 }
 
-/// Every node with its time, its memory and its reason.
-fn profile(report: &Report, width: usize, paint: Paint) -> Vec<String> {
+/// Formats a table of nodes with time, memory and the reason why each was run.
+fn profile_rows(report: &Report, width: usize, paint: Paint) -> Vec<String> {
     let nodes = &report.trace.0;
     let longest = column_width(nodes.iter().map(|node| node.name.len()));
     let mut rows = vec![paint.dim(&format!(
@@ -245,12 +247,12 @@ fn profile(report: &Report, width: usize, paint: Paint) -> Vec<String> {
             _ => String::new(),
         };
         let (state, name, memory) = (node.state.word(), &node.name, in_bytes(node.bytes));
-        let unchanged = if node.unchanged { "; came out the same" } else { "" };
+        let unchanged = if node.unchanged { "; same result" } else { "" };
         let row = format!(
             "{state:<8}  {name:<longest$}  {time:>9}  {memory:>9}  {}{unchanged}",
             node.reason
         );
-        rows.push(harmless(&row).chars().take(width).collect());
+        rows.push(sanitize(&row).chars().take(width).collect());
     }
     rows
 }
@@ -262,7 +264,7 @@ mod tests {
 
     use expect_test::{Expect, expect};
     use maquette_engine::eval::{NodeTrace, RunTrace};
-    use maquette_engine::session::Written;
+    use maquette_engine::session::OutputFile;
     use maquette_syntax::error::{Source, Span, code};
     use maquette_value::Hash;
 
@@ -286,12 +288,12 @@ mod tests {
     }
 
     fn after_a_run() -> Block {
-        fn written(name: &str, unchanged: bool) -> Written {
-            Written {
+        fn written_file(name: &str, unchanged: bool) -> OutputFile {
+            OutputFile {
                 output: name.into(),
                 path: PathBuf::from("out/doll").join(name),
                 bytes: 5_200_000,
-                hash: Hash::of(b""),
+                hash: Hash::compute(b""),
                 unchanged,
                 seconds: 0.0,
             }
@@ -305,8 +307,8 @@ mod tests {
                 node("knots", State::Computed, "input `net` changed"),
                 node("grid", State::Equal, "its inputs came out the same"),
             ]),
-            problems: Vec::new(),
-            written: vec![written("model.ply", false), written("nose.png", true)],
+            diagnostics: Vec::new(),
+            written: vec![written_file("model.ply", false), written_file("nose.png", true)],
             unwritten: None,
             seconds: 0.0381,
             purpose: Purpose::Outputs,
@@ -314,24 +316,24 @@ mod tests {
         Block {
             graph: "doll.ron".into(),
             folder: "out/doll".into(),
-            watched: 5,
+            watched_files: 5,
             run: 12,
-            good: Some(12),
+            last_good_run: Some(12),
             report: Some(report),
             ..Block::default()
         }
     }
 
-    fn broken() -> Block {
+    fn block_with_errors() -> Block {
         let text = "Graph(\n    format: 1,\n    nodes: { \"a\": Treshold() },\n)\n";
         let source = Arc::new(Source { name: "doll.ron".into(), text: text.into() });
         let place = (source, Span { start: 40, end: 48 });
         let message = "there is no node type `Treshold`";
-        let problem = Problem {
+        let diagnostic = Diagnostic {
             help: "did you mean `Threshold`?".into(),
-            ..Problem::new(Severity::Error, code::UNKNOWN_NODE, place, message)
+            ..Diagnostic::new(Severity::Error, code::UNKNOWN_NODE, place, message)
         };
-        Block { run: 13, problems: vec![problem; 3], ..after_a_run() }
+        Block { run: 13, diagnostics: vec![diagnostic; 3], ..after_a_run() }
     }
 
     fn check(block: &Block, size: (usize, usize), expected: Expect) {
@@ -339,31 +341,31 @@ mod tests {
     }
 
     #[test]
-    fn a_run_is_told_in_a_few_rows() {
+    fn a_run_is_summarized_in_a_few_rows() {
         check(
             &after_a_run(),
             (80, 24),
             expect![[r#"
             doll.ron  run 12: up to date, 38 ms
-            computed  raised 12.3 ms, knots 12.3 ms (the same)
+            computed  raised 12.3 ms, knots 12.3 ms (unchanged)
             equal     grid
             cached    scan
             wrote     model.ply 5.2 MB
-            the same  nose.png
+            unchanged nose.png
             watching 5 files   r run  f recompute  p profile  q quit"#]],
         );
     }
 
     #[test]
-    fn the_link_of_the_live_page_stands_above_the_keys() {
+    fn the_link_of_the_live_page_is_above_the_keys() {
         let block = Block { link: Some("http://127.0.0.1:1/#0".into()), ..after_a_run() };
         let rows = block.rows((80, 24), false);
         assert_eq!(rows[rows.len() - 2], "live page: http://127.0.0.1:1/#0");
     }
 
     #[test]
-    fn a_profile_tells_times_memory_and_reasons() {
-        let block = Block { profile: true, ..after_a_run() };
+    fn a_profile_shows_times_memory_and_reasons() {
+        let block = Block { shows_profile: true, ..after_a_run() };
         check(
             &block,
             (80, 24),
@@ -372,16 +374,16 @@ mod tests {
             state     node         time     memory  why
             cached    scan                  4.1 MB  nothing that it depends on changed
             computed  raised    12.3 ms     4.1 MB  parameter `steps` changed
-            computed  knots     12.3 ms     4.1 MB  input `net` changed; came out the same
+            computed  knots     12.3 ms     4.1 MB  input `net` changed; same result
             equal     grid                  4.1 MB  its inputs came out the same
             watching 5 files   r run  f recompute  p profile  q quit"#]],
         );
     }
 
     #[test]
-    fn problems_stand_above_and_those_without_room_are_counted() {
+    fn diagnostics_are_above_and_those_that_do_not_fit_are_counted() {
         check(
-            &broken(),
+            &block_with_errors(),
             (80, 14),
             expect![[r#"
                 error[G003]: there is no node type `Treshold`
@@ -401,7 +403,9 @@ mod tests {
 
     #[test]
     fn the_block_fits_into_every_terminal() {
-        for block in [after_a_run(), broken(), Block { profile: true, ..after_a_run() }] {
+        for block in
+            [after_a_run(), block_with_errors(), Block { shows_profile: true, ..after_a_run() }]
+        {
             for width in 1..90 {
                 for height in 1..30 {
                     let rows = block.rows((width, height), true);

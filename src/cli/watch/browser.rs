@@ -1,15 +1,16 @@
-//! `--open`: the user's browser at the live page.
+//! `--open`: opens the live page in the user's browser.
 
 use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use super::launch::{find, start, words};
+use super::launch::{find, split_words, start};
 
-/// What ends with an error sooner than this has opened nothing.
-const SOON: Duration = Duration::from_secs(5);
+/// If a browser command fails within this time, it has not opened the page.
+const MIN_FAILURE_TIME: Duration = Duration::from_secs(5);
 
-/// Opens a file in the browser of `$BROWSER`, or the system's. Does not wait for it; if there is none `failed` is told why.
+/// Opens a file in the browser of `$BROWSER` or in the default browser, without waiting for the browser. Calls `failed` with the reason
+/// if the file cannot be opened.
 pub(super) fn open(file: &Path, failed: impl FnOnce(&str) + Send + 'static) {
     let commands = commands(file);
     std::thread::spawn(move || {
@@ -19,20 +20,20 @@ pub(super) fn open(file: &Path, failed: impl FnOnce(&str) + Send + 'static) {
     });
 }
 
-/// What may open a file, the best first.
+/// Returns the commands that may open a file, in the order in which they are tried.
 fn commands(file: &Path) -> Result<Vec<Command>, String> {
     match std::env::var("BROWSER") {
-        Ok(named) if !named.trim().is_empty() => Ok(of_variable(&named, file)),
+        Ok(named) if !named.trim().is_empty() => Ok(browser_commands(&named, file)),
         _ if !has_display() => Err("there is no display".into()),
         _ => Ok(open::commands(file)),
     }
 }
 
-/// Those that `$BROWSER` names, as `xdg-open` and others read it: with `:` between them, and `%s` for what to open.
-fn of_variable(named: &str, file: &Path) -> Vec<Command> {
+/// Parses `$BROWSER` in the form of `xdg-open`: commands separated by `:`, with `%s` for the file.
+fn browser_commands(named: &str, file: &Path) -> Vec<Command> {
     let separator = if cfg!(windows) { '\n' } else { ':' };
-    let command = |text: &str| {
-        let words = words(text);
+    fn parse_command(text: &str, file: &Path) -> Option<Command> {
+        let words = split_words(text);
         let (program, arguments) = words.split_first()?;
         let mut command = Command::new(find(program).unwrap_or_else(|| program.into()));
         for word in arguments {
@@ -45,11 +46,11 @@ fn of_variable(named: &str, file: &Path) -> Vec<Command> {
             command.arg(file);
         }
         Some(command)
-    };
-    named.split(separator).filter_map(command).collect()
+    }
+    named.split(separator).filter_map(|text| parse_command(text, file)).collect()
 }
 
-/// Whether a window can be opened. Where the system has no browser with windows, one in the watch's terminal is not wanted.
+/// Returns true if a graphical browser can open a window. A text browser would use the terminal of the watch.
 fn has_display() -> bool {
     let names = ["DISPLAY", "WAYLAND_DISPLAY", "WSL_DISTRO_NAME"];
     cfg!(any(windows, target_os = "macos"))
@@ -59,12 +60,12 @@ fn has_display() -> bool {
 }
 
 fn first_that_works(commands: Vec<Command>) -> Result<(), String> {
-    let mut why = "none is named".to_owned();
+    let mut why = "no browser command is set".to_owned();
     for mut command in commands {
         let began = Instant::now();
         let program = command.get_program().to_string_lossy().into_owned();
         match start(&mut command).and_then(|mut child| child.wait()) {
-            Ok(status) if status.success() || began.elapsed() > SOON => return Ok(()),
+            Ok(status) if status.success() || began.elapsed() > MIN_FAILURE_TIME => return Ok(()),
             Ok(status) => why = format!("{program}: {status}"),
             Err(error) => why = format!("{program}: {error}"),
         }
@@ -77,10 +78,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_variable_names_browsers_and_where_the_file_stands() {
+    fn the_variable_contains_browsers_and_the_position_of_the_file() {
         let separator = if cfg!(windows) { '\n' } else { ':' };
         let named = format!("no-such --new{separator}no-such-either %s -x{separator}");
-        let commands = of_variable(&named, Path::new("/a b.html"));
+        let commands = browser_commands(&named, Path::new("/a b.html"));
         let lines: Vec<_> = commands
             .iter()
             .map(|command| {

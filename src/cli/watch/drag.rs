@@ -1,99 +1,101 @@
-//! A drag on the live page: which values are evaluated next, and when an evaluation of older ones is given up. Logic alone, without a
-//! clock.
+//! A drag of a parameter on the live page. Decides which values are evaluated next, and when a running evaluation of older values is
+//! abandoned. This module uses no clock.
 //!
-//! While values keep coming each evaluation under way may come to its end, so that a steady hand sees results throughout. When the
-//! hand rests on another value than the one under way, that one is of no use any more.
+//! While new values arrive, each running evaluation is completed, so the user sees results during the drag. When the pointer rests and
+//! the running evaluation is of an older value, that evaluation is abandoned.
 
 use std::time::{Duration, Instant};
 
-/// Parameters or fields, and RON.
+/// Parameters or fields with their values as RON.
 pub(super) type Values = Vec<(String, String)>;
 
-/// A hand that gives no newer value for so long rests. A steady one gives one every 8 to 30 ms; who waits longer waits for the result.
-const REST: Duration = Duration::from_millis(120);
+/// The time without new values after which the pointer counts as resting. While the pointer moves, the page sends a value every 8 to 30
+/// ms.
+const REST_TIME: Duration = Duration::from_millis(120);
 
-/// A drag, if there is one.
+/// The state of drags on live pages. At most one drag is active at a time.
 #[derive(Debug, Default)]
 pub(super) struct Drag {
-    hand: Option<Hand>,
-    /// The page whose drag was ended by something else: what it says until it lets go is of that drag.
+    state: Option<DragState>,
+    /// The page whose drag ended because the file changed. Values from that page are ignored until the user releases the pointer.
     ended: Option<u64>,
 }
 
 #[derive(Debug)]
-struct Hand {
+struct DragState {
     page: u64,
     /// The newest values.
     values: Values,
-    /// When they came.
+    /// The time of the newest values.
     moved: Instant,
-    /// Whether they have to be evaluated.
-    due: bool,
-    /// Whether it was told that such values are refused.
+    /// True if the newest values have not been evaluated yet.
+    is_due: bool,
+    /// True if the user was notified that the values are invalid.
     refused: bool,
-    /// The text of the graph's file in which the last values were tried.
+    /// The text of the graph file for which the last values were found valid.
     text: Option<String>,
 }
 
 impl Drag {
-    /// A page moves its hand to these values.
-    pub(super) fn moved(&mut self, page: u64, values: Values, now: Instant) {
+    /// Records new values from a page.
+    pub(super) fn move_to(&mut self, page: u64, values: Values, now: Instant) {
         if self.ended == Some(page) {
             return;
         }
-        let before = self.hand.take().filter(|hand| hand.page == page);
+        let before = self.state.take().filter(|hand| hand.page == page);
         let (refused, text) = before.map_or((false, None), |hand| (hand.refused, hand.text));
-        self.hand = Some(Hand { page, values, moved: now, due: true, refused, text });
+        self.state = Some(DragState { page, values, moved: now, is_due: true, refused, text });
     }
 
-    pub(super) fn is_on(&self) -> bool {
-        self.hand.is_some()
+    pub(super) fn is_active(&self) -> bool {
+        self.state.is_some()
     }
 
-    /// The values to be evaluated now that nothing else is; they need not be again.
+    /// Takes the values to evaluate.
     pub(super) fn take(&mut self) -> Option<Values> {
-        let hand = self.hand.as_mut().filter(|hand| hand.due)?;
-        hand.due = false;
+        let hand = self.state.as_mut().filter(|hand| hand.is_due)?;
+        hand.is_due = false;
         Some(hand.values.clone())
     }
 
-    /// The newest values have to be evaluated again.
-    pub(super) fn again(&mut self) {
-        if let Some(hand) = &mut self.hand {
-            hand.due = true;
+    /// Marks the newest values as not evaluated, so they are evaluated once more.
+    pub(super) fn mark_due(&mut self) {
+        if let Some(hand) = &mut self.state {
+            hand.is_due = true;
         }
     }
 
-    /// When an evaluation under way is given up for newer values, if there are such and no newer ones come.
-    pub(super) fn gives_up(&self) -> Option<Instant> {
-        self.hand.as_ref().filter(|hand| hand.due).map(|hand| hand.moved + REST)
+    /// Returns the time at which the running evaluation is abandoned, unless further values arrive before. Returns `None` if the
+    /// running evaluation is of the newest values.
+    pub(super) fn abandon_at(&self) -> Option<Instant> {
+        self.state.as_ref().filter(|hand| hand.is_due).map(|hand| hand.moved + REST_TIME)
     }
 
-    /// The last values that were taken fit into this text of the graph's file.
-    pub(super) fn fits(&mut self, text: String) {
-        if let Some(hand) = &mut self.hand {
+    /// Records that the last values are valid for the graph file with this text.
+    pub(super) fn accept_text(&mut self, text: String) {
+        if let Some(hand) = &mut self.state {
             (hand.refused, hand.text) = (false, Some(text));
         }
     }
 
-    /// The last values that were taken do not do; whether that is news.
-    pub(super) fn refused(&mut self) -> bool {
-        let hand = self.hand.as_mut();
+    /// Records that the last values are invalid. Returns true if the user has not been notified of that yet.
+    pub(super) fn note_refusal(&mut self) -> bool {
+        let hand = self.state.as_mut();
         hand.is_some_and(|hand| !std::mem::replace(&mut hand.refused, true))
     }
 
-    /// A page lets go; whether it was the one that dragged.
-    pub(super) fn let_go(&mut self, page: u64) -> bool {
+    /// Ends the drag if it belongs to this page. Returns true if it does.
+    pub(super) fn release(&mut self, page: u64) -> bool {
         self.ended = self.ended.filter(|ended| *ended != page);
-        self.hand.take_if(|hand| hand.page == page).is_some()
+        self.state.take_if(|hand| hand.page == page).is_some()
     }
 
-    /// The graph's file has this text now; whether that ends a drag that began with another one. The page's hand is ignored until it
-    /// lets go.
-    pub(super) fn ends_by(&mut self, text: &str) -> bool {
+    /// Ends the drag if the text of the graph file has changed; returns true if it has. The page is then ignored until the user
+    /// releases the pointer.
+    pub(super) fn end_on_change(&mut self, text: &str) -> bool {
         let ended = self
-            .hand
-            .take_if(|hand: &mut Hand| hand.text.as_ref().is_some_and(|known| known != text));
+            .state
+            .take_if(|hand: &mut DragState| hand.text.as_ref().is_some_and(|known| known != text));
         self.ended = ended.as_ref().map(|hand| hand.page).or(self.ended);
         ended.is_some()
     }
@@ -107,20 +109,20 @@ mod tests {
         vec![("growth".into(), format!("{value}.0"))]
     }
 
-    /// What a page says on the way, by milliseconds; each evaluation takes this long, or as long as it takes until it is given up.
-    /// Gives the values that were evaluated, each with the time of its end, and a `!` if it was given up.
+    /// Simulates a drag. `moves` are values with their times in milliseconds, `takes` is the duration of an evaluation in milliseconds.
+    /// `expected` are the evaluated values with the end times of their evaluations; `!` marks an abandoned evaluation.
     fn check(takes: u64, moves: &[(u64, u32)], expected: &[(u64, &str)]) {
         let start = Instant::now();
-        fn at(now: u64, start: &Instant) -> Instant {
+        fn instant_at(now: u64, start: &Instant) -> Instant {
             *start + Duration::from_millis(now)
         }
         let (mut drag, mut running, mut ends) = (Drag::default(), None, Vec::new());
         let mut moves = moves.iter().peekable();
         for now in 0..3000 {
             while let Some((_, value)) = moves.next_if(|(when, _)| *when == now) {
-                drag.moved(0, growth(*value), at(now, &start));
+                drag.move_to(0, growth(*value), instant_at(now, &start));
             }
-            let given_up = drag.gives_up().is_some_and(|due| due <= at(now, &start));
+            let given_up = drag.abandon_at().is_some_and(|due| due <= instant_at(now, &start));
             if let Some((_, value)) =
                 running.take_if(|(since, _): &mut (u64, String)| given_up || *since + takes == now)
             {
@@ -135,82 +137,82 @@ mod tests {
     }
 
     #[test]
-    fn a_quick_graph_follows_the_hand() {
+    fn a_fast_graph_evaluates_every_value() {
         check(5, &[(0, 1), (16, 2), (32, 3)], &[(5, "1.0"), (21, "2.0"), (37, "3.0")]);
     }
 
     #[test]
-    fn the_latest_value_wins_and_the_last_one_always_arrives() {
+    fn older_values_are_skipped_and_the_last_one_is_evaluated() {
         let moves = [(0, 1), (16, 2), (32, 3), (48, 4)];
         check(40, &moves, &[(40, "1.0"), (80, "3.0"), (120, "4.0")]);
     }
 
     #[test]
-    fn a_steady_hand_sees_results_of_a_slow_graph_throughout() {
+    fn a_moving_pointer_gets_results_of_a_slow_graph() {
         let moves: Vec<_> = (0..100).map(|k| (u64::from(k) * 16, k)).collect();
         let seen = [(500, "0.0"), (1000, "31.0"), (1500, "62.0")];
-        // When it rests, what is under way is given up for the last value.
+        // When the pointer rests, the running evaluation of an older value is abandoned for the last value.
         check(500, &moves, &[&seen[..], &[(1704, "93.0!"), (2204, "99.0")]].concat());
     }
 
     #[test]
-    fn a_hand_that_rests_gives_up_the_older_value() {
+    fn a_resting_pointer_abandons_the_older_value() {
         check(1000, &[(0, 1), (50, 2)], &[(170, "1.0!"), (1170, "2.0")]);
-        // Not if it rests on the value that is under way.
+        // An evaluation of the value on which the pointer rests is not abandoned.
         check(1000, &[(0, 1)], &[(1000, "1.0")]);
     }
 
     #[test]
-    fn who_lets_go_drags_no_more_and_nobody_else_lets_go_for_them() {
+    fn only_the_dragging_page_ends_its_drag() {
         let (mut drag, now) = (Drag::default(), Instant::now());
-        drag.moved(3, growth(1), now);
-        assert!(!drag.let_go(4) && drag.is_on());
-        assert!(drag.let_go(3) && !drag.is_on());
-        assert_eq!((drag.take(), drag.gives_up()), (None, None));
-        drag.moved(3, growth(2), now);
+        drag.move_to(3, growth(1), now);
+        assert!(!drag.release(4) && drag.is_active());
+        assert!(drag.release(3) && !drag.is_active());
+        assert_eq!((drag.take(), drag.abandon_at()), (None, None));
+        drag.move_to(3, growth(2), now);
         assert_eq!(drag.take(), Some(growth(2)));
-        // Another hand takes over.
-        drag.moved(4, growth(5), now);
-        assert!(!drag.let_go(3));
+        // The user of another page takes over the drag.
+        drag.move_to(4, growth(5), now);
+        assert!(!drag.release(3));
         assert_eq!(drag.take(), Some(growth(5)));
         assert_eq!(drag.take(), None);
-        drag.again();
+        drag.mark_due();
         assert_eq!(drag.take(), Some(growth(5)));
     }
 
     #[test]
-    fn the_file_wins_until_the_hand_lets_go() {
+    fn a_change_of_the_file_ends_the_drag_until_the_page_releases() {
         let (mut drag, now) = (Drag::default(), Instant::now());
-        drag.moved(0, growth(1), now);
-        // What was there before the first value was tried is what it is tried in.
-        assert!(!drag.ends_by("a"));
-        drag.fits("a".into());
-        assert!(!drag.ends_by("a") && drag.is_on());
-        assert!(drag.ends_by("b") && !drag.is_on());
-        assert!(!drag.ends_by("c"));
-        drag.moved(0, growth(2), now);
-        assert!(!drag.is_on());
-        drag.moved(1, growth(3), now);
-        assert!(drag.is_on());
-        drag.let_go(0);
-        drag.moved(0, growth(2), now);
+        drag.move_to(0, growth(1), now);
+        // Before the first values are evaluated, the text of the file is unknown, so no text ends the drag.
+        assert!(!drag.end_on_change("a"));
+        drag.accept_text("a".into());
+        assert!(!drag.end_on_change("a") && drag.is_active());
+        assert!(drag.end_on_change("b") && !drag.is_active());
+        assert!(!drag.end_on_change("c"));
+        drag.move_to(0, growth(2), now);
+        assert!(!drag.is_active());
+        drag.move_to(1, growth(3), now);
+        assert!(drag.is_active());
+        drag.release(0);
+        drag.move_to(0, growth(2), now);
         assert_eq!(drag.take(), Some(growth(2)));
     }
 
     #[test]
-    fn one_refusal_is_told_until_a_value_does() {
+    fn an_invalid_value_is_reported_once_until_a_valid_one() {
         let (mut drag, now) = (Drag::default(), Instant::now());
         let mut told = [true, true, false, true].map(|is_wrong| {
-            drag.moved(0, growth(1), now);
+            drag.move_to(0, growth(1), now);
             if !is_wrong {
-                drag.fits("a".into());
+                drag.accept_text("a".into());
             }
-            is_wrong && drag.refused()
+            is_wrong && drag.note_refusal()
         });
         assert_eq!(told, [true, false, false, true]);
-        drag.let_go(0);
-        drag.moved(0, growth(1), now);
-        told[0] = drag.refused();
+        drag.release(0);
+        drag.move_to(0, growth(1), now);
+        told[0] = drag.note_refusal();
         assert!(told[0]);
     }
 }

@@ -1,25 +1,25 @@
-//! The user's editor at a place in a file: `$MAQUETTE_EDITOR`, `$VISUAL`, or `code`.
+//! Opens the user's editor at a position in a file: `$MAQUETTE_EDITOR`, `$VISUAL`, or `code`.
 //!
-//! Editors are told a place in different ways: those that many people use are known by their names, and a template says it for the
-//! others. No shell is involved, whatever a file is called.
+//! Common editors are known by name, with the arguments that open a position. For other editors the user must give a template. The
+//! editor is started without a shell, so file names need no quoting.
 
 use std::path::Path;
 use std::process::Command;
 
 use maquette_preview::Location;
 
-use super::launch::{find, start, words};
+use super::launch::{find, split_words, start};
 
 const VARIABLE: &str = "MAQUETTE_EDITOR";
 
-/// How an editor is told a place.
+/// The arguments with which an editor opens a file at a position.
 #[derive(Clone, Copy)]
 enum Form {
-    /// These arguments.
+    /// The arguments of an editor that has its own window.
     Arguments(&'static [&'static str]),
-    /// The same, of an editor that runs in a terminal.
+    /// The arguments of an editor that runs in a terminal.
     Terminal(&'static [&'static str]),
-    /// The same, of one that runs in a terminal only if one of these words is among its own arguments.
+    /// The arguments of an editor that has its own window, unless one of the options in the second list makes it run in a terminal.
     Asked(&'static [&'static str], &'static [&'static str]),
 }
 
@@ -31,7 +31,7 @@ const NO_WINDOW: &[&str] = &["-nw", "--no-window-system", "-t", "--tty", "-tty"]
 const LINE: Form = Form::Arguments(&["+{line}", "{file}"]);
 const LONG: Form = Form::Arguments(&["--line", "{line}", "--column", "{column}", "{file}"]);
 
-/// Editors by the names of their programs.
+/// Known editors by program name.
 const EDITORS: &[(&str, Form)] = &[
     ("code", GOTO),
     ("code-insiders", GOTO),
@@ -75,7 +75,7 @@ const EDITORS: &[(&str, Form)] = &[
     ("notepad++", Form::Arguments(&["-n{line}", "-c{column}", "{file}"])),
 ];
 
-/// Opens the editor at a place. Does not wait for it; if that is not possible `failed` is told why.
+/// Opens the editor at a position without waiting for the editor. Calls `failed` with the reason if the editor cannot be started.
 pub(super) fn open(place: &Location, failed: impl FnOnce(String) + Send + 'static) {
     fn variable(name: &str) -> Option<String> {
         std::env::var(name).ok().filter(|text| !text.trim().is_empty())
@@ -84,11 +84,11 @@ pub(super) fn open(place: &Location, failed: impl FnOnce(String) + Send + 'stati
     let text = named.or_else(|| find("code").map(|_| "code".to_owned()));
     let Some(text) = text else {
         return failed(format!(
-            "no editor is known: set {VARIABLE}, for example to code, or to edit {{file}} --line {{line}}"
+            "no editor found: set {VARIABLE}, for example to code, or to edit {{file}} --line {{line}}"
         ));
     };
-    let command = line(&words(&text), place).and_then(|words| {
-        let found = find(&words[0]).ok_or_else(|| format!("there is no program {}", words[0]))?;
+    let command = command_words(&split_words(&text), place).and_then(|words| {
+        let found = find(&words[0]).ok_or_else(|| format!("program not found: {}", words[0]))?;
         let mut command = Command::new(found);
         command.args(&words[1..]);
         Ok(command)
@@ -104,25 +104,22 @@ pub(super) fn open(place: &Location, failed: impl FnOnce(String) + Send + 'stati
     });
 }
 
-/// The words of the command that opens an editor at a place, or why it must not be started.
-fn line(editor: &[String], place: &Location) -> Result<Vec<String>, String> {
+/// Returns the command line that opens an editor at a position, or the reason why the editor cannot be used.
+fn command_words(editor: &[String], place: &Location) -> Result<Vec<String>, String> {
     let Some(program) = editor.first() else { return Err("the editor has no name".into()) };
-    // Never one that an editor takes for an option.
+    // The path is made absolute, because a path that begins with `-` would be read as an option.
     let file = std::path::absolute(&place.file).unwrap_or_else(|_| place.file.clone());
-    fn filled(word: &str, file: &Path, place_line: usize, place_column: usize) -> String {
-        // The file's name last: it may have braces of its own.
+    fn fill(word: &str, file: &Path, place_line: usize, place_column: usize) -> String {
+        // `{file}` is replaced last, because the name of the file may contain braces.
         let word = word.replace("{line}", &place_line.to_string());
         word.replace("{column}", &place_column.to_string())
             .replace("{file}", &file.to_string_lossy())
     }
     if editor.iter().any(|word| word.contains("{file}")) {
-        return Ok(editor
-            .iter()
-            .map(|word| filled(word, &file, place.line, place.column))
-            .collect());
+        return Ok(editor.iter().map(|word| fill(word, &file, place.line, place.column)).collect());
     }
-    // `xterm -e vim` is vim in a terminal of its own.
-    let known = editor.iter().rev().find_map(|word| form(word).map(|form| (word, form)));
+    // In `xterm -e vim` the known editor is the last word; it runs in a terminal of its own.
+    let known = editor.iter().rev().find_map(|word| find_form(word).map(|form| (word, form)));
     let is_alone = known.is_some_and(|(word, _)| word == program);
     let arguments = match known {
         Some((_, Form::Terminal(_))) if is_alone => return Err(needs_a_terminal(program)),
@@ -140,12 +137,12 @@ fn line(editor: &[String], place: &Location) -> Result<Vec<String>, String> {
     Ok(editor
         .iter()
         .cloned()
-        .chain(arguments.iter().map(|word| filled(word, &file, place.line, place.column)))
+        .chain(arguments.iter().map(|word| fill(word, &file, place.line, place.column)))
         .collect())
 }
 
-/// How a program is told a place, if it is one of the known editors.
-fn form(program: &str) -> Option<Form> {
+/// Returns the arguments of an editor that is known by its program name.
+fn find_form(program: &str) -> Option<Form> {
     let name = Path::new(program).file_name()?.to_string_lossy().to_lowercase();
     let name =
         [".exe", ".cmd", ".bat"].iter().find_map(|end| name.strip_suffix(end)).unwrap_or(&name);
@@ -163,18 +160,18 @@ fn needs_a_terminal(program: &str) -> String {
 mod tests {
     use super::*;
 
-    /// The command for line 3, column 5 of a file, with ` | ` between its words.
+    /// Returns the command that opens line 3, column 5 of a file, with ` | ` between its words.
     fn command(editor: &str) -> String {
         let file = if cfg!(windows) { "C:\\a b.ron" } else { "/a b.ron" };
         let place = Location { file: file.into(), line: 3, column: 5 };
-        match line(&words(editor), &place) {
+        match command_words(&split_words(editor), &place) {
             Ok(words) => words.join(" | ").replace(file, "FILE"),
             Err(why) => format!("refused: {why}"),
         }
     }
 
     #[test]
-    fn known_editors_are_told_the_place_in_their_own_way() {
+    fn known_editors_get_the_position_in_their_own_syntax() {
         for (editor, expected) in [
             ("code", "code | -g | FILE:3:5"),
             ("code --wait", "code | --wait | -g | FILE:3:5"),
@@ -211,10 +208,10 @@ mod tests {
     }
 
     #[test]
-    fn a_file_is_one_word_and_no_option_whatever_it_is_called() {
+    fn a_file_with_a_strange_name_is_one_argument() {
         let name = "-x; rm {line} $(y).ron";
         let place = Location { file: name.into(), line: 1, column: 2 };
-        let words = line(&words("edit {line} {file}"), &place).unwrap();
+        let words = command_words(&split_words("edit {line} {file}"), &place).unwrap();
         assert_eq!(words.len(), 3);
         assert!(Path::new(&words[2]).is_absolute() && words[2].ends_with(name), "{words:?}");
     }

@@ -1,19 +1,19 @@
-//! Programs of the user's that the watch starts beside itself: a browser, an editor.
+//! Starts programs of the user, such as a browser or an editor.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-/// Starts a program that goes on when the watch ends, without the watch's terminal.
+/// Starts a program that does not depend on the watch and its terminal.
 pub(super) fn start(command: &mut Command) -> std::io::Result<Child> {
     #[cfg(unix)]
-    // Ctrl-C in the terminal of the watch is not for it.
+    // The new process group does not receive Ctrl-C from the terminal of the watch.
     std::os::unix::process::CommandExt::process_group(command, 0);
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn()
 }
 
-/// The words of a command, as a shell would part them: by spaces that do not stand between quotes. A command that is the path of a
-/// file is one word, whatever is in it.
-pub(super) fn words(text: &str) -> Vec<String> {
+/// Splits a command line at spaces outside of quotes, as a shell does. If the text is the path of an existing file, it is one word,
+/// even with spaces.
+pub(super) fn split_words(text: &str) -> Vec<String> {
     if Path::new(text).is_file() {
         return vec![text.to_owned()];
     }
@@ -33,18 +33,18 @@ pub(super) fn words(text: &str) -> Vec<String> {
     words
 }
 
-/// Where a program is: at its path, or where the system looks for programs.
+/// Finds a program by its path or in `$PATH`.
 pub(super) fn find(program: &str) -> Option<PathBuf> {
     let endings: &[&str] = if cfg!(windows) { &["", ".exe", ".cmd", ".bat"] } else { &[""] };
-    fn named(folder: &Path, program: &str, endings: &[&str]) -> Option<PathBuf> {
+    fn find_in_folder(folder: &Path, program: &str, endings: &[&str]) -> Option<PathBuf> {
         let paths = endings.iter().map(|ending| folder.join(format!("{program}{ending}")));
         paths.into_iter().find(|path| is_program(path))
     }
     if Path::new(program).components().count() > 1 {
-        return named(Path::new(""), program, endings);
+        return find_in_folder(Path::new(""), program, endings);
     }
     let folders = std::env::var_os("PATH")?;
-    std::env::split_paths(&folders).find_map(|folder| named(&folder, program, endings))
+    std::env::split_paths(&folders).find_map(|folder| find_in_folder(&folder, program, endings))
 }
 
 fn is_program(path: &Path) -> bool {
@@ -61,7 +61,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_command_is_parted_like_in_a_shell() {
+    fn a_command_is_split_as_in_a_shell() {
         let cases: [(&str, &[&str]); 6] = [
             ("code --wait", &["code", "--wait"]),
             ("  code\t-g  ", &["code", "-g"]),
@@ -71,12 +71,12 @@ mod tests {
             ("", &[]),
         ];
         for (text, expected) in cases {
-            assert_eq!(words(text), expected, "{text}");
+            assert_eq!(split_words(text), expected, "{text}");
         }
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("my code");
         std::fs::write(&path, "").unwrap();
         let path = path.to_str().unwrap();
-        assert_eq!(words(path), [path]);
+        assert_eq!(split_words(path), [path]);
     }
 }

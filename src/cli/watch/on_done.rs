@@ -1,7 +1,7 @@
-//! `--on-done`: a command of the user's after each successful run.
+//! `--on-done`: runs a command of the user after each successful run.
 //!
-//! The watch never waits for it. Only one runs at a time: if the next run is done while it still runs, it is started once more
-//! when it ends, however many runs that were.
+//! The watch does not wait for the command. Only one instance of the command runs at a time: if further runs of the graph end
+//! meanwhile, the command is started once more after it has ended.
 
 use std::path::PathBuf;
 use std::process::{Command, ExitStatus, Stdio};
@@ -11,45 +11,45 @@ use super::Message;
 pub(super) struct OnDone {
     command: String,
     folder: PathBuf,
-    /// Whether what it prints is kept for the status instead of going to stderr.
-    quiet: bool,
-    running: bool,
-    again: bool,
+    /// True if the output of the command is captured for the status display, false if it is written to stderr.
+    captures_output: bool,
+    is_running: bool,
+    must_restart: bool,
 }
 
-/// What became of the command.
-pub(super) struct Ended {
+/// The result of the command.
+pub(super) struct CommandResult {
     pub(super) status: std::io::Result<ExitStatus>,
-    /// The last line that it printed, if that was kept.
+    /// The last line that the command printed, if its output was captured.
     pub(super) last_line: String,
 }
 
 impl OnDone {
     pub(super) fn new(command: String, folder: PathBuf, quiet: bool) -> Self {
         let folder = std::path::absolute(&folder).unwrap_or(folder);
-        Self { command, folder, quiet, running: false, again: false }
+        Self { command, folder, captures_output: quiet, is_running: false, must_restart: false }
     }
 
-    /// Starts the command, or notes that it is to be started again.
+    /// Starts the command. If the command is still running, records that it must be started again.
     pub(super) fn start(&mut self, sink: impl FnOnce(Message) + Send + 'static) {
-        if self.running {
-            self.again = true;
+        if self.is_running {
+            self.must_restart = true;
             return;
         }
-        self.running = true;
-        let (mut command, quiet) = (self.command(), self.quiet);
+        self.is_running = true;
+        let (mut command, quiet) = (self.command(), self.captures_output);
         std::thread::spawn(move || sink(Message::CommandEnded(run(&mut command, quiet))));
     }
 
-    /// Takes note that it has ended; whether it has to be started again.
-    pub(super) fn ended(&mut self) -> bool {
-        self.running = false;
-        std::mem::take(&mut self.again)
+    /// Records that the command has ended. Returns true if the command must be started again.
+    pub(super) fn finish(&mut self) -> bool {
+        self.is_running = false;
+        std::mem::take(&mut self.must_restart)
     }
 
-    /// Runs it and waits for it: whether it succeeded.
-    pub(super) fn run_to_the_end(&self) -> Ended {
-        run(&mut self.command(), self.quiet)
+    /// Runs the command and waits for it.
+    pub(super) fn run_and_wait(&self) -> CommandResult {
+        run(&mut self.command(), self.captures_output)
     }
 
     fn command(&self) -> Command {
@@ -63,7 +63,7 @@ impl OnDone {
         let mut command = {
             use std::os::windows::process::CommandExt;
             let mut command = Command::new("cmd");
-            // `cmd` has rules of its own for quotes.
+            // `cmd` does not parse quotes as other programs do, so the command is passed unchanged.
             command.arg("/C").raw_arg(&self.command);
             command
         };
@@ -72,24 +72,24 @@ impl OnDone {
     }
 }
 
-fn run(command: &mut Command, quiet: bool) -> Ended {
+fn run(command: &mut Command, quiet: bool) -> CommandResult {
     if !quiet {
-        // Stdout is for results of the watch alone.
+        // The command writes to stderr, because stdout is reserved for the watch.
         let status = command.stdout(std::io::stderr()).status();
-        return Ended { status, last_line: String::new() };
+        return CommandResult { status, last_line: String::new() };
     }
     match command.output() {
         Ok(output) => {
             let text = if output.stderr.is_empty() { &output.stdout } else { &output.stderr };
             let last = String::from_utf8_lossy(text).lines().last().unwrap_or_default().to_owned();
-            Ended { status: Ok(output.status), last_line: last }
+            CommandResult { status: Ok(output.status), last_line: last }
         }
-        Err(error) => Ended { status: Err(error), last_line: String::new() },
+        Err(error) => CommandResult { status: Err(error), last_line: String::new() },
     }
 }
 
-impl Ended {
-    /// Why it failed; none if it did not.
+impl CommandResult {
+    /// Returns a message if the command failed, `None` if it succeeded.
     pub(super) fn failure(&self) -> Option<String> {
         let why = match &self.status {
             Ok(status) if status.success() => return None,

@@ -1,8 +1,8 @@
-//! A watch under way: one thread listens and decides, one evaluates.
+//! A running watch. One thread handles messages, and another thread evaluates.
 //!
-//! A change of the graph is checked at once; the evaluation waits until the change is complete ([`Batch`]). A newer change stops an
-//! evaluation under way, unless it means the same. Outputs are written, and the user's command is started, when no more changes
-//! come ([`Series`]): pages show values before.
+//! A changed graph is checked at once; the evaluation waits until the change is complete ([`Batch`]). A newer change cancels the
+//! running evaluation, unless the change leaves the meaning of the graph unchanged. Outputs are written and the user's command is started
+//! after a time without changes ([`Series`]); live pages show values before that.
 
 use std::collections::BTreeSet;
 use std::iter;
@@ -13,77 +13,78 @@ use std::time::{Duration, Instant};
 
 use maquette_engine::writing::is_writable;
 use maquette_graph::catalog::Catalog;
-use maquette_graph::{Checked, Graph, ReadFile};
+use maquette_graph::{CheckedGraph, Graph, ReadFile};
 use maquette_node::CancelToken;
-use maquette_preview::{Views, Wish};
-use maquette_syntax::error::{Problem, Severity, code};
+use maquette_preview::{PageRequest, Views};
+use maquette_syntax::error::{Diagnostic, Severity, code};
 use maquette_value::Hash;
 
 use super::drag::Drag;
-use super::on_done::{Ended, OnDone};
+use super::on_done::{CommandResult, OnDone};
 use super::view::View;
-use super::worker::{Job, News, Purpose, Report, Sight, Worker};
+use super::worker::{Job, Purpose, Report, ViewUpdate, Worker, WorkerEvent};
 use super::{Message, Watch, editor, reads_outside};
 use crate::listen::{Batch, Contents, Series, Sources};
 use crate::terminal::Input;
-use crate::{Exit, stdout_is_closed};
+use crate::{Exit, has_errors, stdout_is_closed};
 
 mod files;
 mod page;
 mod state;
 
 use page::Change;
-use state::{Check, Running, is_part, return_to};
+use state::{Check, Running, is_partial, return_to};
 
-/// A watch under way.
+/// A running watch.
 pub(super) struct Session<'a> {
     command: &'a Watch,
     catalog: &'a Catalog,
     sources: Sources,
-    /// The files that the graph reads, as of the last time that they could be found out.
+    /// The input files of the graph, as of the last time when the graph was readable.
     files: Vec<ReadFile>,
-    /// The graphs that it uses.
+    /// The graphs that the watched graph uses.
     subgraphs: Vec<PathBuf>,
-    /// Whether it wants to read files outside of its project.
-    outside: bool,
-    /// The files that were last reported as watched, and why they are polled.
-    told: Option<(Vec<PathBuf>, Option<String>)>,
+    /// True if the graph reads files outside of its project.
+    has_outside_files: bool,
+    /// The files that were last reported as watched, and the reason for polling.
+    reported_files: Option<(Vec<PathBuf>, Option<String>)>,
     contents: Contents,
     batch: Batch,
     series: Series,
     /// The folder in which the watch was started.
-    here: PathBuf,
-    /// Whether it is yet to be said that a run with errors in the graph is over.
-    is_broken: bool,
-    /// When the user's command is to be started, if no newer change comes.
-    command_due: Option<Instant>,
-    /// Whether the graph has been without unknown nodes: pages go on to show it as it was then while the name of a type is typed.
-    was_whole: bool,
+    start_folder: PathBuf,
+    /// True if the graph has errors and the end of that run has not been reported yet.
+    has_unreported_errors: bool,
+    /// The time at which the user's command is started, unless a newer change arrives.
+    command_time: Option<Instant>,
+    /// True if the graph once had no nodes of unknown types. Then pages keep showing the complete graph while the user types the name
+    /// of a node type.
+    was_complete: bool,
     check: Check,
-    /// Whether the next run has to compute everything.
+    /// True if the next run must compute all nodes, without cached results.
     recompute: bool,
-    /// A run has to be made, because these files changed.
-    wanted: Option<Vec<PathBuf>>,
-    /// The run under way.
+    /// The changed files because of which a run must be started; `None` if no run is requested.
+    requested: Option<Vec<PathBuf>>,
+    /// The running evaluation.
     running: Option<Running>,
-    /// What somebody looks at on the live page.
+    /// The values that the live pages show.
     views: Views,
-    /// Whether values for them have to be found.
-    look: bool,
-    /// What somebody drags there. What is not of the drag waits for its end.
+    /// True if the values that live pages show must be evaluated.
+    has_due_views: bool,
+    /// The drag on a live page. Other evaluations wait until it ends.
     drag: Drag,
-    /// What was put into the graph's file for pages, the last change last.
+    /// The changes that live pages made to the graph file, the latest last.
     changes: Vec<Change>,
-    /// The identity of the graph that pages show.
-    shown: Option<Hash>,
-    /// The last graph that could be run, and when it was; one without unknown nodes if there has been such.
-    good: Option<(usize, Arc<Graph>)>,
-    /// How many runs there have been.
+    /// The identity of the graph that live pages show.
+    shown_graph: Option<Hash>,
+    /// The last graph that could run, and the number of its run. A graph without nodes of unknown types is preferred.
+    last_good: Option<(usize, Arc<Graph>)>,
+    /// The number of runs.
     runs: usize,
-    /// Whether the last run had errors.
-    failed: bool,
-    /// The folder that the last run could not write to, and when to try it again.
-    unwritten: Option<(PathBuf, Instant)>,
+    /// True if the last run had errors.
+    has_failed: bool,
+    /// The folder that the last run could not write to, and the time at which the folder is checked again.
+    failed_folder: Option<(PathBuf, Instant)>,
     on_done: Option<OnDone>,
     worker: Worker,
     view: Box<dyn View>,
@@ -94,14 +95,14 @@ fn is_stop(message: &Message) -> bool {
     matches!(message, Message::Input(Input::Stop | Input::Key('q')))
 }
 
-/// How often a folder that could not be written to is tried again.
-const RETRY: Duration = Duration::from_secs(1);
+/// The interval at which an unwritable folder is checked again.
+const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 
-/// How often a run under way is drawn.
-const FRAME: Duration = Duration::from_millis(100);
+/// The interval at which the display is updated during an evaluation.
+const FRAME_INTERVAL: Duration = Duration::from_millis(100);
 
-/// An evaluation that was cancelled has this long to end before the program ends without it.
-const PATIENCE: Duration = Duration::from_secs(2);
+/// The time that a cancelled evaluation gets to end before the program exits.
+const STOP_TIMEOUT: Duration = Duration::from_secs(2);
 
 impl<'a> Session<'a> {
     pub(super) fn new(
@@ -119,28 +120,28 @@ impl<'a> Session<'a> {
             sources,
             files: Vec::new(),
             subgraphs: Vec::new(),
-            outside: false,
-            told: None,
+            has_outside_files: false,
+            reported_files: None,
             contents: Contents::default(),
             batch: Batch::default(),
             series: Series::default(),
-            here: std::env::current_dir().unwrap_or_default(),
-            is_broken: false,
-            command_due: None,
-            was_whole: false,
+            start_folder: std::env::current_dir().unwrap_or_default(),
+            has_unreported_errors: false,
+            command_time: None,
+            was_complete: false,
             check: Check::Due,
             recompute: false,
-            wanted: None,
+            requested: None,
             running: None,
             views: Views::new(),
-            look: false,
+            has_due_views: false,
             drag: Drag::default(),
             changes: Vec::new(),
-            shown: None,
-            good: None,
+            shown_graph: None,
+            last_good: None,
             runs: 0,
-            failed: false,
-            unwritten: None,
+            has_failed: false,
+            failed_folder: None,
             on_done,
             worker,
             view,
@@ -151,50 +152,50 @@ impl<'a> Session<'a> {
     pub(super) fn run(mut self, receiver: &Receiver<Message>) -> Exit {
         self.rewatch();
         self.check_graph();
-        self.settle(Vec::new());
+        self.apply_changes(Vec::new());
         loop {
-            if self.command.once && self.running.is_none() && self.wanted.is_none() {
+            if self.command.once && self.running.is_none() && self.requested.is_none() {
                 return self.end_once();
             }
             let now = Instant::now();
-            let frame = self.running.as_ref().map(|_| now + FRAME);
-            let retry = self.unwritten.as_ref().map(|(_, due)| *due);
-            let rest = self.gives_up();
+            let frame = self.running.as_ref().map(|_| now + FRAME_INTERVAL);
+            let retry = self.failed_folder.as_ref().map(|(_, due)| *due);
+            let rest = self.abandon_at();
             let growth = self.series.growth_due();
-            let broken = self.series.settles().filter(|_| self.is_broken);
-            let command = self.command_due.filter(|_| self.is_idle());
+            let broken = self.series.outputs_due().filter(|_| self.has_unreported_errors);
+            let command = self.command_time.filter(|_| self.is_idle());
             let due = [self.batch.due(), frame, retry, rest, growth, broken, command];
             let due = due.into_iter().flatten().min();
-            let heard = match due {
+            let received = match due {
                 None => receiver.recv().map_err(|_| RecvTimeoutError::Disconnected),
                 Some(due) => receiver.recv_timeout(due.saturating_duration_since(now)),
             };
-            match heard {
+            match received {
                 Ok(message) => {
-                    // All that came meanwhile is heard at once: a thousand files saved together are one change.
+                    // All pending messages are handled together, so a thousand files that are saved at once are one change.
                     let messages: Vec<_> = iter::once(message).chain(receiver.try_iter()).collect();
                     if messages.iter().any(is_stop) {
                         return self.stop(receiver);
                     }
-                    self.hear(messages);
+                    self.handle_messages(messages);
                 }
                 Err(RecvTimeoutError::Timeout) if self.running.is_some() => self.view.refresh(),
                 Err(_) => {}
             }
             let grown = self.series.take_grown(Instant::now());
-            self.files_changed(&BTreeSet::from_iter(grown), false);
+            self.reread_files(&BTreeSet::from_iter(grown), false);
             if let Some(touched) = self.batch.take(Instant::now()) {
-                let changed = self.contents.act_on(touched);
-                if !changed.is_empty() || self.wanted.is_some() {
-                    self.settle(changed);
+                let changed = self.contents.take_changed(touched);
+                if !changed.is_empty() || self.requested.is_some() {
+                    self.apply_changes(changed);
                 }
             }
-            self.try_to_write_again();
-            if self.gives_up().is_some_and(|due| due <= Instant::now()) {
-                self.leave();
+            self.retry_writing();
+            if self.abandon_at().is_some_and(|due| due <= Instant::now()) {
+                self.abandon_view();
             }
             self.start();
-            self.worker.hold.set(self.series.settles());
+            self.worker.write_delay.set(self.series.outputs_due());
             self.end_broken();
             self.start_command();
             if stdout_is_closed() {
@@ -203,7 +204,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    fn hear(&mut self, messages: Vec<Message>) {
+    fn handle_messages(&mut self, messages: Vec<Message>) {
         let (mut events, mut others) = (Vec::new(), Vec::new());
         for message in messages {
             match message {
@@ -211,71 +212,71 @@ impl<'a> Session<'a> {
                 other => others.push(other),
             }
         }
-        // Files come first: a run whose files have changed is not the last one.
-        self.files_touched(&events);
-        others.into_iter().for_each(|message| self.hear_one(message));
+        // File events are handled first. Otherwise a run whose files have changed could be taken for the last one.
+        self.handle_events(&events);
+        others.into_iter().for_each(|message| self.handle_message(message));
     }
 
-    fn hear_one(&mut self, message: Message) {
+    fn handle_message(&mut self, message: Message) {
         match message {
             Message::Input(Input::Key('r')) => self.run_again(false),
             Message::Input(Input::Key('f')) => self.run_again(true),
             Message::Input(Input::Key('p')) => self.view.toggle_profile(),
-            Message::Input(Input::Resized) => self.view.resized(),
+            Message::Input(Input::Resized) => self.view.redraw(),
             Message::Input(_) | Message::Files(_) => {}
-            Message::Page(Wish::Look(views)) => {
-                self.look = !views.is_empty();
+            Message::Page(PageRequest::SetViews(views)) => {
+                self.has_due_views = !views.is_empty();
                 self.views = views;
             }
-            Message::Page(Wish::Set(page, values)) => self.set(page, &values),
-            Message::Page(Wish::Undo) => self.undo(),
-            Message::Page(Wish::Drag(page, values)) => self.dragged(page, values),
-            Message::Page(Wish::Drop(page)) => {
-                if self.drag.let_go(page) {
+            Message::Page(PageRequest::Set(page, values)) => self.set(page, &values),
+            Message::Page(PageRequest::Undo) => self.undo(),
+            Message::Page(PageRequest::Drag(page, values)) => self.drag_to(page, values),
+            Message::Page(PageRequest::EndDrag(page)) => {
+                if self.drag.release(page) {
                     self.show_file();
                 }
             }
-            Message::Page(Wish::Open(place)) => {
+            Message::Page(PageRequest::Open(place)) => {
                 let sender = self.sender.clone();
                 editor::open(&place, move |why| drop(sender.send(Message::Refused(why))));
             }
-            Message::Refused(why) => self.view.refused(&why),
-            Message::NotOpened(why) => self.view.not_opened(&why),
-            Message::Evaluation(News::Sight(sight)) => self.seen(sight),
-            Message::Evaluation(News::Report(report)) => self.evaluated(report),
+            Message::Refused(why) => self.view.show_refusal(&why),
+            Message::NotOpened(why) => self.view.show_browser_failure(&why),
+            Message::Evaluation(WorkerEvent::View(update)) => self.show_values(update),
+            Message::Evaluation(WorkerEvent::Report(report)) => self.finish_run(report),
             Message::CommandEnded(ended) => {
                 if let Some(why) = ended.failure() {
-                    self.view.command_failed(&why);
+                    self.view.show_command_failure(&why);
                 }
-                if self.on_done.as_mut().is_some_and(OnDone::ended) {
-                    self.command_due.get_or_insert_with(Instant::now);
+                if self.on_done.as_mut().is_some_and(OnDone::finish) {
+                    self.command_time.get_or_insert_with(Instant::now);
                 }
             }
         }
     }
 
-    /// Stops the run under way; another one has to be made for it.
+    /// Cancels the running evaluation and requests another one.
     fn cancel(&mut self) {
         if let Some(running) = &self.running {
             running.cancel.cancel();
-            self.wanted.get_or_insert_default();
+            self.requested.get_or_insert_default();
         }
     }
 
-    /// Reads and checks the graph; shows its errors at once, unless it may be half a file.
+    /// Reads and checks the graph. Shows errors at once, unless the file may still be incomplete.
     fn check_graph(&mut self) {
-        return_to(&self.here);
-        let Checked { graph, partial, problems, files, subgraphs } =
+        return_to(&self.start_folder);
+        let CheckedGraph { graph, partial, diagnostics, files, subgraphs } =
             self.command.options.load(&self.command.graph, self.catalog).without_missing_files();
-        let readable = !problems
+        let readable = !diagnostics
             .iter()
-            .any(|problem| problem.code == code::SYNTAX || problem.source.text.is_empty());
+            .any(|diagnostic| diagnostic.code == code::SYNTAX || diagnostic.source.text.is_empty());
         if readable {
             self.files = files;
             self.subgraphs = subgraphs;
-            self.outside = reads_outside(&problems);
+            self.has_outside_files = reads_outside(&diagnostics);
         } else {
-            // Half a graph may be one that it uses: then its next save has to be noticed.
+            // A new used graph may be incomplete, so its next save must be noticed.
             let new = subgraphs.into_iter().filter(|path| !self.subgraphs.contains(path));
             let new = Vec::from_iter(new);
             self.subgraphs.extend(new);
@@ -283,15 +284,15 @@ impl<'a> Session<'a> {
         let is_whole = graph.is_some();
         self.check = match graph.or(partial) {
             Some(graph) => {
-                if is_whole || !self.was_whole {
-                    self.view.graph(&graph);
-                    self.shown = Some(graph.shape().identity);
+                if is_whole || !self.was_complete {
+                    self.view.show_graph(&graph);
+                    self.shown_graph = Some(graph.topology().identity);
                 }
-                self.was_whole |= is_whole;
-                self.view.checked(self.runs + 1, &problems);
-                Check::Good { graph: Arc::new(graph), problems }
+                self.was_complete |= is_whole;
+                self.view.show_check(self.runs + 1, &diagnostics);
+                Check::Good { graph: Arc::new(graph), diagnostics }
             }
-            None => Check::Bad { problems, shown: false },
+            None => Check::Bad { diagnostics, shown: false },
         };
         self.rewatch();
         if readable {
@@ -300,218 +301,223 @@ impl<'a> Session<'a> {
     }
 
     fn show_errors(&mut self) {
-        if let Check::Bad { problems, shown: shown @ false } = &mut self.check {
+        if let Check::Bad { diagnostics, shown: shown @ false } = &mut self.check {
             *shown = true;
-            self.view.checked(self.runs + 1, problems);
-            // If the change is taken back the errors have to go away, too.
-            self.wanted.get_or_insert_default();
+            self.view.show_check(self.runs + 1, diagnostics);
+            // A run is requested, so the errors disappear even if the user undoes the change.
+            self.requested.get_or_insert_default();
         }
     }
 
-    /// The changes are complete: evaluates, or says why not.
-    fn settle(&mut self, changed: Vec<PathBuf>) {
+    /// Starts the evaluation of complete changes. If the graph has errors, reports the errors.
+    fn apply_changes(&mut self, changed: Vec<PathBuf>) {
         if matches!(self.check, Check::Due) {
             self.check_graph();
         }
-        self.tell_watched();
+        self.report_watch_list();
         self.show_errors();
         match &self.check {
             Check::Good { .. } => {
-                self.wanted.get_or_insert_default().extend(changed);
+                self.requested.get_or_insert_default().extend(changed);
                 self.start();
             }
             Check::Bad { .. } => {
                 self.cancel();
-                self.wanted = None;
-                self.is_broken = true;
+                self.requested = None;
+                self.has_unreported_errors = true;
                 self.end_broken();
             }
             Check::Due => {}
         }
     }
 
-    /// Says that a run with errors in the graph is over, as soon as the changes have settled.
+    /// Reports the end of a run whose graph has errors, after a time without changes.
     fn end_broken(&mut self) {
-        if !self.is_broken || self.series.settles().is_some_and(|due| Instant::now() < due) {
+        if !self.has_unreported_errors
+            || self.series.outputs_due().is_some_and(|due| Instant::now() < due)
+        {
             return;
         }
-        self.is_broken = false;
-        if let Check::Bad { problems, .. } = &self.check {
+        self.has_unreported_errors = false;
+        if let Check::Bad { diagnostics, .. } = &self.check {
             self.runs += 1;
-            self.view.end_broken(self.runs, problems);
-            self.failed = true;
-            self.command_due = None;
+            self.view.show_broken(self.runs, diagnostics);
+            self.has_failed = true;
+            self.command_time = None;
             self.series.end();
         }
     }
 
-    /// Starts the run that is wanted, if nothing else runs and nothing more is about to change; or finds what somebody looks at, in
-    /// the last graph that could be run. While somebody drags only the values of the drag are evaluated.
+    /// Starts the requested run if nothing is running and no change is pending. If no run is requested, evaluates the values that live
+    /// pages show, with the last graph that could run. During a drag only the values of the drag are evaluated.
     fn start(&mut self) {
         if self.running.is_some() || self.batch.due().is_some() {
             return;
         }
-        if self.drag.is_on() {
+        if self.drag.is_active() {
             return self.start_drag();
         }
-        if let Check::Good { graph, problems } = &self.check
-            && let Some(changed) = self.wanted.take()
+        if let Check::Good { graph, diagnostics } = &self.check
+            && let Some(changed) = self.requested.take()
         {
-            let (graph, problems) = (graph.clone(), problems.clone());
+            let (graph, diagnostics) = (graph.clone(), diagnostics.clone());
             self.runs += 1;
-            self.view.begin(self.runs, &changed);
-            if !(self.was_whole && is_part(&problems)) {
-                self.good = Some((self.runs, graph.clone()));
+            self.view.show_begin(self.runs, &changed);
+            if !(self.was_complete && is_partial(&diagnostics)) {
+                self.last_good = Some((self.runs, graph.clone()));
             }
-            self.is_broken = false;
-            self.worker.hold.set(self.series.settles());
+            self.has_unreported_errors = false;
+            self.worker.write_delay.set(self.series.outputs_due());
             let recompute = std::mem::take(&mut self.recompute);
-            self.give(self.runs, graph, problems, recompute, Purpose::Outputs);
-        } else if self.look
-            && let Some((run, graph)) = self.good.clone()
+            self.start_job(self.runs, graph, diagnostics, recompute, Purpose::Outputs);
+        } else if self.has_due_views
+            && let Some((run, graph)) = self.last_good.clone()
         {
-            self.give(run, graph, Vec::new(), false, Purpose::Look);
+            self.start_job(run, graph, Vec::new(), false, Purpose::View);
         }
     }
 
-    /// Gives the worker something to do.
-    fn give(
+    /// Starts an evaluation in the worker thread.
+    fn start_job(
         &mut self,
         run: usize,
         graph: Arc<Graph>,
-        problems: Vec<Problem>,
+        diagnostics: Vec<Diagnostic>,
         recompute: bool,
         purpose: Purpose,
     ) {
         let cancel = CancelToken::default();
-        let is_part = is_part(&problems);
+        let is_part = is_partial(&diagnostics);
         let (of, stop) = (graph.clone(), cancel.clone());
-        self.running = Some(Running { graph: of, cancel: stop, purpose, is_part });
-        self.look = false;
+        self.running = Some(Running { graph: of, cancel: stop, purpose, is_partial: is_part });
+        self.has_due_views = false;
         let views = self.views.clone();
-        self.worker.start(Job { run, graph, problems, cancel, recompute, purpose, views });
+        self.worker.start(Job { run, graph, diagnostics, cancel, recompute, purpose, views });
     }
 
-    /// Whether pages show this graph, with as many elements as it has.
+    /// Returns true if live pages already show a graph with the same topology, which includes the number of elements.
     fn is_shown(&self, graph: &Graph) -> bool {
-        self.shown == Some(graph.shape().identity)
+        self.shown_graph == Some(graph.topology().identity)
     }
 
-    /// Shows what somebody looks at, before all else of a run is done.
-    fn seen(&mut self, sight: Sight) {
-        let Some(running) = self.running.as_ref().filter(|running| !running.is_left()) else {
+    /// Shows the values for live pages before the rest of the run is done.
+    fn show_values(&mut self, update: ViewUpdate) {
+        let Some(running) = self.running.as_ref().filter(|running| !running.is_abandoned()) else {
             return;
         };
-        let stays = self.was_whole && running.is_part;
-        if let Some(graph) = sight.graph.as_ref().filter(|it| !stays && !self.is_shown(it)) {
-            self.view.graph(graph);
-            self.shown = Some(graph.shape().identity);
+        let stays = self.was_complete && running.is_partial;
+        if let Some(graph) = update.graph.as_ref().filter(|it| !stays && !self.is_shown(it)) {
+            self.view.show_graph(graph);
+            self.shown_graph = Some(graph.topology().identity);
         }
-        self.view.values(sight.run, running.purpose == Purpose::Drag, &sight.values);
+        self.view.show_values(update.run, running.purpose == Purpose::Drag, &update.values);
     }
 
-    fn evaluated(&mut self, report: Report) {
-        let left = self.running.take().is_some_and(|running| running.is_left());
-        if report.cancelled || left {
-            // Of a drag that is over the file is shown, or about to change.
-            if report.purpose != Purpose::Drag || self.drag.is_on() {
-                self.look = !self.views.is_empty();
+    fn finish_run(&mut self, report: Report) {
+        let is_abandoned = self.running.take().is_some_and(|running| running.is_abandoned());
+        if report.cancelled || is_abandoned {
+            // If a drag has ended, the values of the graph file are shown by another evaluation.
+            if report.purpose != Purpose::Drag || self.drag.is_active() {
+                self.has_due_views = !self.views.is_empty();
             }
             match report.purpose {
-                Purpose::Outputs => self.view.cancelled(report.run),
-                Purpose::Look | Purpose::Drag => self.view.left(report.run),
+                Purpose::Outputs => self.view.show_cancel(report.run),
+                Purpose::View | Purpose::Drag => self.view.show_abandon(report.run),
             }
             return;
         }
         match report.purpose {
             Purpose::Outputs => {}
-            Purpose::Look => return,
+            Purpose::View => return,
             Purpose::Drag => {
-                let failed = report.problems.iter().find(|p| p.severity == Severity::Error);
-                if failed.is_some() && self.drag.refused() {
-                    failed.into_iter().for_each(|problem| self.view.refused(&problem.message));
+                let failed = report.diagnostics.iter().find(|p| p.severity == Severity::Error);
+                if failed.is_some() && self.drag.note_refusal() {
+                    failed
+                        .into_iter()
+                        .for_each(|diagnostic| self.view.show_refusal(&diagnostic.message));
                 }
                 return;
             }
         }
-        let failed = report.problems.iter().any(|problem| problem.severity == Severity::Error);
-        // If it can be written to, something else was wrong, and would be again.
+        let failed = has_errors(&report.diagnostics);
+        // A folder that is writable is not checked again, because the error had another cause.
         let folder = report.unwritten.clone().filter(|folder| !is_writable(folder));
-        self.unwritten = folder.map(|folder| (folder, Instant::now() + RETRY));
-        self.view.end(&report);
-        self.failed = failed;
+        self.failed_folder = folder.map(|folder| (folder, Instant::now() + RETRY_INTERVAL));
+        self.view.show_end(&report);
+        self.has_failed = failed;
         let due = self.series.command_due().unwrap_or_else(Instant::now);
-        self.command_due = (!failed && !self.command.once).then_some(due);
-        if self.wanted.is_none() && self.batch.due().is_none() {
+        self.command_time = (!failed && !self.command.once).then_some(due);
+        if self.requested.is_none() && self.batch.due().is_none() {
             self.series.end();
         }
     }
 
-    /// Makes a run as soon as files can be written again where the last one could not: no event tells of it.
-    fn try_to_write_again(&mut self) {
+    /// Requests a run as soon as the folder of a failed write is writable. The folder is checked regularly, because the system has no
+    /// event for this.
+    fn retry_writing(&mut self) {
         let now = Instant::now();
-        match &mut self.unwritten {
+        match &mut self.failed_folder {
             Some((folder, due)) if *due <= now => {
                 if is_writable(folder) {
-                    self.unwritten = None;
-                    self.wanted.get_or_insert_default();
+                    self.failed_folder = None;
+                    self.requested.get_or_insert_default();
                 } else {
-                    *due = now + RETRY;
+                    *due = now + RETRY_INTERVAL;
                 }
             }
             _ => {}
         }
     }
 
-    /// Returns true if neither a run nor a change is under way.
+    /// Returns true if no run is in progress or requested, and no change is pending.
     fn is_idle(&self) -> bool {
-        let is_changing = self.batch.due().is_some() || self.is_broken;
-        self.running.is_none() && self.wanted.is_none() && !is_changing
+        let is_changing = self.batch.due().is_some() || self.has_unreported_errors;
+        self.running.is_none() && self.requested.is_none() && !is_changing
     }
 
-    /// Starts the user's command if it is due, and no newer change is there.
+    /// Starts the user's command if its time has come and no newer change is pending.
     fn start_command(&mut self) {
-        let is_due = self.command_due.is_some_and(|due| due <= Instant::now());
+        let is_due = self.command_time.is_some_and(|due| due <= Instant::now());
         if !is_due || !self.is_idle() {
             return;
         }
-        self.command_due = None;
+        self.command_time = None;
         if let Some(on_done) = &mut self.on_done {
             let sender = self.sender.clone();
             on_done.start(move |message| drop(sender.send(message)));
         }
     }
 
-    /// The user wants a run.
+    /// Starts a run because the user asked for it.
     fn run_again(&mut self, recompute: bool) {
         self.recompute |= recompute;
         self.check = Check::Due;
         self.cancel();
-        self.settle(Vec::new());
+        self.apply_changes(Vec::new());
     }
 
-    /// The only run is over.
+    /// Ends the watch after its only run (`--once`).
     fn end_once(mut self) -> Exit {
-        if self.failed {
+        if self.has_failed {
             return Exit::Failed;
         }
-        let ended = self.on_done.as_ref().map(OnDone::run_to_the_end);
-        match ended.as_ref().and_then(Ended::failure) {
+        let ended = self.on_done.as_ref().map(OnDone::run_and_wait);
+        match ended.as_ref().and_then(CommandResult::failure) {
             None => Exit::Done,
             Some(why) => {
-                self.view.command_failed(&why);
+                self.view.show_command_failure(&why);
                 Exit::Failed
             }
         }
     }
 
-    /// Ends the watch; the evaluation under way leaves nothing half-written if it has the time to end.
+    /// Ends the watch. The running evaluation gets time to end, so it leaves no incomplete files.
     fn stop(mut self, receiver: &Receiver<Message>) -> Exit {
         self.cancel();
-        let end = Instant::now() + PATIENCE;
+        let end = Instant::now() + STOP_TIMEOUT;
         while self.running.is_some() {
             match receiver.recv_timeout(end.saturating_duration_since(Instant::now())) {
-                Ok(Message::Evaluation(News::Report(_))) => self.running = None,
+                Ok(Message::Evaluation(WorkerEvent::Report(_))) => self.running = None,
                 Ok(Message::Input(Input::Stop)) | Err(_) => break,
                 Ok(_) => {}
             }

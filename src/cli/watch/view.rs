@@ -1,4 +1,4 @@
-//! What a watch tells: on a terminal, to a pipe, or to a program.
+//! The output of a watch: on a terminal, as lines, or as events.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -9,195 +9,197 @@ use maquette_engine::eval::{Observer, State};
 use maquette_graph::Graph;
 use maquette_graph::catalog::Catalog;
 use maquette_preview::Page;
-use maquette_syntax::error::{Problem, Severity};
+use maquette_syntax::error::{Diagnostic, Severity};
 use serde_json::json;
 
 use super::block::Block;
-use super::worker::{Observe, Report, Seen};
-use crate::events::{Both, Ending, Events, Listener, does_not_stop};
+use super::worker::{ObserverFactory, Report, ViewedValues};
+use crate::events::{BothObservers, Events, Listener, RunEnd, unresponsive_message};
 use crate::run::counts;
 use crate::terminal::{Input, Screen};
-use crate::{counted, eprint, print, print_as_it_is, report, shows_color};
+use crate::{
+    count_severity, eprint, format_count, has_errors, print, print_as_it_is, report, shows_color,
+};
 
-/// Tells the user, or a program, how the watch goes.
+/// Shows the progress of a watch to the user or a program.
 pub(super) trait View {
-    /// What follows the evaluations.
-    fn observe(&self) -> Observe {
-        Box::new(|_| Box::new(Stubborn))
+    /// Returns a factory of observers for evaluations.
+    fn observe(&self) -> ObserverFactory {
+        Box::new(|_| Box::new(UnresponsiveReporter))
     }
 
-    /// These many files are watched from now on; `polled` says why the system's events do not suffice.
-    fn watching(&mut self, files: &[PathBuf], polled: Option<&str>);
+    /// Shows the watched files; `polled` is the reason why files are polled, if they are.
+    fn show_watch_list(&mut self, files: &[PathBuf], polled: Option<&str>);
 
-    /// A run begins.
-    fn begin(&mut self, run: usize, changed: &[PathBuf]);
+    /// Shows that a run begins.
+    fn show_begin(&mut self, run: usize, changed: &[PathBuf]);
 
-    /// The graph can be evaluated, and will be.
-    fn graph(&mut self, _: &Graph) {}
+    /// Shows a graph that can be evaluated.
+    fn show_graph(&mut self, _: &Graph) {}
 
-    /// The graph was checked. If there are errors no node is run.
-    fn checked(&mut self, run: usize, problems: &[Problem]);
+    /// Shows the diagnostics of the check. If they contain errors, no node runs.
+    fn show_check(&mut self, run: usize, diagnostics: &[Diagnostic]);
 
-    /// A run with errors in the graph is over: nothing was evaluated.
-    fn end_broken(&mut self, run: usize, problems: &[Problem]);
+    /// Shows the end of a run whose graph has errors, so nothing was evaluated.
+    fn show_broken(&mut self, run: usize, diagnostics: &[Diagnostic]);
 
-    /// A run was stopped by a newer change.
-    fn cancelled(&mut self, run: usize);
+    /// Shows that a run was cancelled by a newer change.
+    fn show_cancel(&mut self, run: usize);
 
-    /// A run is over.
-    fn end(&mut self, report: &Report);
+    /// Shows the end of a run.
+    fn show_end(&mut self, report: &Report);
 
-    /// Values that somebody looks at; `live` ones are of values that are not in the graph's file.
-    fn values(&mut self, _run: usize, _live: bool, _: &Seen) {}
+    /// Shows the values for live pages. `live` is true during a drag, when the parameters are not those of the graph file.
+    fn show_values(&mut self, _run: usize, _live: bool, _: &ViewedValues) {}
 
-    /// What was evaluated only to be looked at, as of a run, was given up.
-    fn left(&mut self, _run: usize) {}
+    /// Shows that an evaluation for live pages was abandoned.
+    fn show_abandon(&mut self, _run: usize) {}
 
-    /// Values were not put into the graph's file.
-    fn refused(&mut self, _why: &str) {}
+    /// Shows the reason why values could not be set in the graph file.
+    fn show_refusal(&mut self, _why: &str) {}
 
-    /// The user's command failed.
-    fn command_failed(&mut self, why: &str) {
+    /// Shows the error of the user's command.
+    fn show_command_failure(&mut self, why: &str) {
         eprint(&format!("{why}\n"));
     }
 
-    /// The live page was not opened in a browser.
-    fn not_opened(&mut self, why: &str) {
+    /// Shows the reason why the live page was not opened in a browser.
+    fn show_browser_failure(&mut self, why: &str) {
         eprint(&format!("{why}\n"));
     }
 
-    /// Time passes while a run is under way.
+    /// Updates the display during a run.
     fn refresh(&mut self) {}
 
-    /// The terminal has another size.
-    fn resized(&mut self) {}
+    /// Redraws after the terminal was resized.
+    fn redraw(&mut self) {}
 
-    /// More or less detail.
+    /// Switches between the summary and the profile of a run.
     fn toggle_profile(&mut self) {}
 }
 
-/// Events, for a program or the live page.
-pub(super) struct Program(pub(super) Listener);
+/// A view that sends events to a program or the live page.
+pub(super) struct EventView(pub(super) Listener);
 
-impl View for Program {
-    fn observe(&self) -> Observe {
+impl View for EventView {
+    fn observe(&self) -> ObserverFactory {
         let listener = self.0.clone();
         Box::new(move |cancel| Box::new(Events::new(listener.clone(), cancel.clone())))
     }
 
-    fn watching(&mut self, files: &[PathBuf], polled: Option<&str>) {
-        self.0.tell("watching", json!({ "files": files, "polled": polled }));
+    fn show_watch_list(&mut self, files: &[PathBuf], polled: Option<&str>) {
+        self.0.send("watching", json!({ "files": files, "polled": polled }));
     }
 
-    fn begin(&mut self, run: usize, changed: &[PathBuf]) {
-        self.0.tell("run", json!({ "run": run, "changed": changed }));
+    fn show_begin(&mut self, run: usize, changed: &[PathBuf]) {
+        self.0.send("run", json!({ "run": run, "changed": changed }));
     }
 
-    fn checked(&mut self, _: usize, problems: &[Problem]) {
-        self.0.tell_problems(problems);
+    fn show_check(&mut self, _: usize, diagnostics: &[Diagnostic]) {
+        self.0.send_problems(diagnostics);
     }
 
-    fn end_broken(&mut self, run: usize, problems: &[Problem]) {
-        self.0.tell_end(&Ending { run, trace: None, written: &[], problems, seconds: 0.0 });
+    fn show_broken(&mut self, run: usize, diagnostics: &[Diagnostic]) {
+        self.0.send_end(&RunEnd { run, trace: None, written: &[], diagnostics, seconds: 0.0 });
     }
 
-    fn cancelled(&mut self, run: usize) {
-        self.0.tell("cancelled", json!({ "run": run }));
+    fn show_cancel(&mut self, run: usize) {
+        self.0.send("cancelled", json!({ "run": run }));
     }
 
-    fn end(&mut self, report: &Report) {
-        let Report { run, trace, problems, written, seconds, .. } = report;
-        self.0.tell_problems(problems);
+    fn show_end(&mut self, report: &Report) {
+        let Report { run, trace, diagnostics, written, seconds, .. } = report;
+        self.0.send_problems(diagnostics);
         let (trace, seconds) = (Some(trace), *seconds);
-        self.0.tell_end(&Ending { run: *run, trace, written, problems, seconds });
+        self.0.send_end(&RunEnd { run: *run, trace, written, diagnostics, seconds });
     }
 
-    /// What is heard besides is not for programs.
-    fn command_failed(&mut self, _: &str) {}
+    /// Does nothing: the protocol has no event for the user's command.
+    fn show_command_failure(&mut self, _: &str) {}
 }
 
-/// The live page beside another view.
-pub(super) struct WithPage {
+/// A view that shows everything on live pages and in another view.
+pub(super) struct PageView {
     page: Page,
-    program: Program,
+    program: EventView,
     catalog: Arc<Catalog>,
     other: Box<dyn View>,
 }
 
-impl WithPage {
+impl PageView {
     pub(super) fn new(page: Page, catalog: Arc<Catalog>, other: Box<dyn View>) -> Self {
-        let program = Program(Listener::new(page.teller()));
+        let program = EventView(Listener::new(page.message_sender()));
         Self { page, program, catalog, other }
     }
 }
 
-impl View for WithPage {
-    fn observe(&self) -> Observe {
+impl View for PageView {
+    fn observe(&self) -> ObserverFactory {
         let (page, other) = (self.program.observe(), self.other.observe());
-        Box::new(move |cancel| Box::new(Both(page(cancel), other(cancel))))
+        Box::new(move |cancel| Box::new(BothObservers(page(cancel), other(cancel))))
     }
 
-    fn watching(&mut self, files: &[PathBuf], polled: Option<&str>) {
-        self.program.watching(files, polled);
-        self.other.watching(files, polled);
+    fn show_watch_list(&mut self, files: &[PathBuf], polled: Option<&str>) {
+        self.program.show_watch_list(files, polled);
+        self.other.show_watch_list(files, polled);
     }
 
-    fn begin(&mut self, run: usize, changed: &[PathBuf]) {
-        self.program.begin(run, changed);
-        self.other.begin(run, changed);
+    fn show_begin(&mut self, run: usize, changed: &[PathBuf]) {
+        self.program.show_begin(run, changed);
+        self.other.show_begin(run, changed);
     }
 
-    fn graph(&mut self, graph: &Graph) {
+    fn show_graph(&mut self, graph: &Graph) {
         self.page.show(graph, &self.catalog);
-        self.other.graph(graph);
+        self.other.show_graph(graph);
     }
 
-    fn checked(&mut self, run: usize, problems: &[Problem]) {
-        self.program.checked(run, problems);
-        self.other.checked(run, problems);
+    fn show_check(&mut self, run: usize, diagnostics: &[Diagnostic]) {
+        self.program.show_check(run, diagnostics);
+        self.other.show_check(run, diagnostics);
     }
 
-    fn end_broken(&mut self, run: usize, problems: &[Problem]) {
-        self.program.end_broken(run, problems);
-        self.other.end_broken(run, problems);
+    fn show_broken(&mut self, run: usize, diagnostics: &[Diagnostic]) {
+        self.program.show_broken(run, diagnostics);
+        self.other.show_broken(run, diagnostics);
     }
 
-    fn cancelled(&mut self, run: usize) {
-        self.program.cancelled(run);
-        self.other.cancelled(run);
+    fn show_cancel(&mut self, run: usize) {
+        self.program.show_cancel(run);
+        self.other.show_cancel(run);
     }
 
-    fn end(&mut self, report: &Report) {
-        self.program.end(report);
-        self.other.end(report);
+    fn show_end(&mut self, report: &Report) {
+        self.program.show_end(report);
+        self.other.show_end(report);
     }
 
-    fn values(&mut self, run: usize, live: bool, values: &Seen) {
+    fn show_values(&mut self, run: usize, live: bool, values: &ViewedValues) {
         self.page.show_values(run, live, values);
     }
 
-    fn left(&mut self, run: usize) {
-        self.program.cancelled(run);
+    fn show_abandon(&mut self, run: usize) {
+        self.program.show_cancel(run);
     }
 
-    fn refused(&mut self, why: &str) {
-        self.program.0.tell("refused", json!({ "why": why }));
+    fn show_refusal(&mut self, why: &str) {
+        self.program.0.send("refused", json!({ "why": why }));
     }
 
-    fn command_failed(&mut self, why: &str) {
-        self.other.command_failed(why);
+    fn show_command_failure(&mut self, why: &str) {
+        self.other.show_command_failure(why);
     }
 
-    fn not_opened(&mut self, why: &str) {
-        self.other.not_opened(why);
+    fn show_browser_failure(&mut self, why: &str) {
+        self.other.show_browser_failure(why);
     }
 
     fn refresh(&mut self) {
         self.other.refresh();
     }
 
-    fn resized(&mut self) {
-        self.other.resized();
+    fn redraw(&mut self) {
+        self.other.redraw();
     }
 
     fn toggle_profile(&mut self) {
@@ -205,33 +207,34 @@ impl View for WithPage {
     }
 }
 
-/// Says nothing but which nodes do not stop.
-struct Stubborn;
+/// An observer that reports only nodes that continue to run after a cancellation.
+struct UnresponsiveReporter;
 
-impl Observer for Stubborn {
-    fn does_not_stop(&self, node: &str, kind: &str, pack: &str) {
-        eprint(&format!("{}\n", does_not_stop(node, kind, pack)));
+impl Observer for UnresponsiveReporter {
+    fn on_unresponsive(&self, node: &str, kind: &str, pack: &str) {
+        eprint(&format!("{}\n", unresponsive_message(node, kind, pack)));
     }
 }
 
-/// One line a run, for pipes and files.
+/// A view that prints one line per run, for pipes and files.
 #[derive(Default)]
-pub(super) struct Lines {
-    /// What the warnings of the last run say.
-    warned: Vec<String>,
+pub(super) struct LineView {
+    /// The messages of all warnings in the last run.
+    last_warnings: Vec<String>,
 }
 
-impl Lines {
-    /// The problems of a run without the warnings that the last run had, too, and how many these are.
-    fn news(&mut self, problems: Vec<Problem>) -> (Vec<Problem>, usize) {
-        let warnings = problems.iter().filter(|problem| problem.severity == Severity::Warning);
-        let now: Vec<_> = warnings.map(|problem| problem.message.clone()).collect();
-        let before = std::mem::replace(&mut self.warned, now);
-        let count = problems.len();
-        let new: Vec<_> = problems
+impl LineView {
+    /// Splits the diagnostics of a run. Returns those that are not warnings of the last run, too, and the number of repeated warnings.
+    fn split_known_warnings(&mut self, diagnostics: Vec<Diagnostic>) -> (Vec<Diagnostic>, usize) {
+        let warnings =
+            diagnostics.iter().filter(|diagnostic| diagnostic.severity == Severity::Warning);
+        let now: Vec<_> = warnings.map(|diagnostic| diagnostic.message.clone()).collect();
+        let before = std::mem::replace(&mut self.last_warnings, now);
+        let count = diagnostics.len();
+        let new: Vec<_> = diagnostics
             .into_iter()
-            .filter(|problem| {
-                problem.severity == Severity::Error || !before.contains(&problem.message)
+            .filter(|diagnostic| {
+                diagnostic.severity == Severity::Error || !before.contains(&diagnostic.message)
             })
             .collect();
         let known = count - new.len();
@@ -239,78 +242,74 @@ impl Lines {
     }
 }
 
-impl View for Lines {
-    fn watching(&mut self, files: &[PathBuf], polled: Option<&str>) {
-        eprint(&format!("watching {}\n", counted(files.len(), "file")));
+impl View for LineView {
+    fn show_watch_list(&mut self, files: &[PathBuf], polled: Option<&str>) {
+        eprint(&format!("watching {}\n", format_count(files.len(), "file")));
         if let Some(why) = polled {
-            eprint(&format!("looking at the files twice a second: {why}\n"));
+            eprint(&format!("polling files twice a second: {why}\n"));
         }
     }
 
-    fn begin(&mut self, _: usize, _: &[PathBuf]) {}
+    fn show_begin(&mut self, _: usize, _: &[PathBuf]) {}
 
-    /// Problems are printed with the run that they belong to.
-    fn checked(&mut self, _: usize, _: &[Problem]) {}
+    /// Does nothing: diagnostics are printed at the end of the run.
+    fn show_check(&mut self, _: usize, _: &[Diagnostic]) {}
 
-    fn end_broken(&mut self, run: usize, problems: &[Problem]) {
-        report(problems);
-        let errors = problems.iter().filter(|problem| problem.severity == Severity::Error).count();
-        let errors = counted(errors, "error");
+    fn show_broken(&mut self, run: usize, diagnostics: &[Diagnostic]) {
+        report(diagnostics);
+        let errors = count_severity(diagnostics, Severity::Error);
+        let errors = format_count(errors, "error");
         print(&format!("run {run}: {errors}; the outputs stay as they are\n"));
     }
 
-    fn cancelled(&mut self, _: usize) {}
+    fn show_cancel(&mut self, _: usize) {}
 
-    fn end(&mut self, done: &Report) {
-        let (news, known) = self.news(done.problems.clone());
+    fn show_end(&mut self, done: &Report) {
+        let (news, known) = self.split_known_warnings(done.diagnostics.clone());
         report(&news);
         let written = done.written.iter().filter(|file| !file.unchanged).count();
         let (counts, seconds) = (counts(&done.trace), done.seconds);
-        let written = counted(written, "file");
+        let written = format_count(written, "file");
         let known = match known {
             0 => String::new(),
-            known => format!("; {} as before", counted(known, "warning")),
+            known => format!("; {} (unchanged)", format_count(known, "warning")),
         };
         print(&format!("run {}: {counts}; {written} written; {seconds:.3} s{known}\n", done.run));
     }
 }
 
-fn has_errors(problems: &[Problem]) -> bool {
-    problems.iter().any(|problem| problem.severity == Severity::Error)
-}
+/// The running nodes by name, each with its completed fraction.
+type RunningNodes = Arc<Mutex<BTreeMap<String, Option<f64>>>>;
 
-/// The nodes under way, in the order of their names, each with its share.
-type UnderWay = Arc<Mutex<BTreeMap<String, Option<f64>>>>;
+/// Messages about nodes that continue to run after a cancellation.
+type UnresponsiveNodes = Arc<Mutex<Vec<String>>>;
 
-/// The nodes that do not stop, in words.
-type Unheeding = Arc<Mutex<Vec<String>>>;
+/// The time after which the display names the running node.
+const NODE_DELAY: Duration = Duration::from_millis(300);
 
-/// An evaluation that takes longer than this shows which node it is at.
-const PATIENCE: Duration = Duration::from_millis(300);
-
-/// One block on a terminal.
-pub(super) struct Terminal {
+/// A view that shows one block on a terminal.
+pub(super) struct TerminalView {
     screen: Screen,
     color: bool,
     block: Block,
-    under_way: UnderWay,
-    unheeding: Unheeding,
-    began: Option<Instant>,
+    running_nodes: RunningNodes,
+    unresponsive: UnresponsiveNodes,
+    started_at: Option<Instant>,
 }
 
-impl Terminal {
+impl TerminalView {
     pub(super) fn open(
         graph: &Path,
         folder: &Path,
         link: Option<String>,
         sink: impl Fn(Input) + Send + 'static,
     ) -> std::io::Result<Self> {
-        let screen = Screen::open(sink)?;
+        let screen = Screen::is_open(sink)?;
         let color = shows_color(&std::io::stdout());
         let (graph, folder) = (graph.display().to_string(), folder.display().to_string());
         let block = Block { graph, folder, link, ..Block::default() };
-        let (under_way, unheeding) = (UnderWay::default(), Unheeding::default());
-        Ok(Self { screen, color, block, under_way, unheeding, began: None })
+        let (running_nodes, unresponsive) = (RunningNodes::default(), UnresponsiveNodes::default());
+        Ok(Self { screen, color, block, running_nodes, unresponsive, started_at: None })
     }
 
     fn draw(&self) {
@@ -318,8 +317,8 @@ impl Terminal {
     }
 }
 
-impl Drop for Terminal {
-    /// Leaves the last block on the terminal's own screen, where it can still be read, and without the keys.
+impl Drop for TerminalView {
+    /// Prints the last block, without the keys, on the normal screen.
     fn drop(&mut self) {
         let mut rows = self.block.rows(self.screen.size(), self.color);
         rows.pop();
@@ -328,120 +327,122 @@ impl Drop for Terminal {
     }
 }
 
-impl View for Terminal {
-    fn observe(&self) -> Observe {
-        let (under_way, unheeding) = (self.under_way.clone(), self.unheeding.clone());
+impl View for TerminalView {
+    fn observe(&self) -> ObserverFactory {
+        let (running_nodes, unresponsive) = (self.running_nodes.clone(), self.unresponsive.clone());
         Box::new(move |_| {
-            unheeding.lock().unwrap_or_else(|broken| broken.into_inner()).clear();
-            Box::new(Follow(under_way.clone(), unheeding.clone()))
+            unresponsive.lock().unwrap_or_else(|broken| broken.into_inner()).clear();
+            Box::new(NodeTracker(running_nodes.clone(), unresponsive.clone()))
         })
     }
 
-    fn watching(&mut self, files: &[PathBuf], polled: Option<&str>) {
-        self.block.watched = files.len();
-        self.block.polled = polled.map(str::to_owned);
+    fn show_watch_list(&mut self, files: &[PathBuf], polled: Option<&str>) {
+        self.block.watched_files = files.len();
+        self.block.polling_reason = polled.map(str::to_owned);
         self.draw();
     }
 
-    /// Draws nothing yet: most runs are over before anybody could read that they began.
-    fn begin(&mut self, run: usize, _: &[PathBuf]) {
+    /// Draws nothing yet, because most runs end so soon that nobody could read it.
+    fn show_begin(&mut self, run: usize, _: &[PathBuf]) {
         self.block.run = run;
-        self.block.problems.clear();
-        self.block.running = true;
+        self.block.diagnostics.clear();
+        self.block.is_running = true;
         self.block.node = None;
-        self.began = Some(Instant::now());
+        self.started_at = Some(Instant::now());
     }
 
-    /// Of a good graph the run says more.
-    fn checked(&mut self, run: usize, problems: &[Problem]) {
-        if !has_errors(problems) {
+    /// Draws only errors. Warnings are drawn at the end of the run.
+    fn show_check(&mut self, run: usize, diagnostics: &[Diagnostic]) {
+        if !has_errors(diagnostics) {
             return;
         }
         self.block.run = run;
-        self.block.running = false;
-        self.block.problems = problems.to_vec();
+        self.block.is_running = false;
+        self.block.diagnostics = diagnostics.to_vec();
         self.draw();
     }
 
-    fn end_broken(&mut self, _: usize, _: &[Problem]) {
+    fn show_broken(&mut self, _: usize, _: &[Diagnostic]) {
         self.draw();
     }
 
-    fn cancelled(&mut self, _: usize) {
-        self.began = None;
-        self.block.stubborn.clear();
+    fn show_cancel(&mut self, _: usize) {
+        self.started_at = None;
+        self.block.unresponsive.clear();
     }
 
-    fn end(&mut self, report: &Report) {
-        self.began = None;
-        self.block.stubborn.clear();
-        self.block.running = false;
-        self.block.command = None;
+    fn show_end(&mut self, report: &Report) {
+        self.started_at = None;
+        self.block.unresponsive.clear();
+        self.block.is_running = false;
+        self.block.command_failure = None;
         self.block.run = report.run;
-        self.block.problems = report.problems.clone();
-        if !has_errors(&self.block.problems) {
-            self.block.good = Some(report.run);
+        self.block.diagnostics = report.diagnostics.clone();
+        if !has_errors(&self.block.diagnostics) {
+            self.block.last_good_run = Some(report.run);
         }
         self.block.report = Some(report.clone());
         self.draw();
     }
 
-    fn command_failed(&mut self, why: &str) {
-        self.block.command = Some(why.to_owned());
+    fn show_command_failure(&mut self, why: &str) {
+        self.block.command_failure = Some(why.to_owned());
         self.draw();
     }
 
-    fn not_opened(&mut self, why: &str) {
-        self.block.not_opened = Some(why.to_owned());
+    fn show_browser_failure(&mut self, why: &str) {
+        self.block.browser_failure = Some(why.to_owned());
         self.draw();
     }
 
     fn refresh(&mut self) {
-        if self.began.is_some_and(|began| began.elapsed() > PATIENCE) {
-            let under_way = self.under_way.lock().unwrap_or_else(|broken| broken.into_inner());
-            let first = under_way.iter().next();
+        if self.started_at.is_some_and(|started_at| started_at.elapsed() > NODE_DELAY) {
+            let running_nodes =
+                self.running_nodes.lock().unwrap_or_else(|broken| broken.into_inner());
+            let first = running_nodes.iter().next();
             self.block.node = first.map(|(node, share)| (node.clone(), *share));
-            drop(under_way);
-            let unheeding = self.unheeding.lock().unwrap_or_else(|broken| broken.into_inner());
-            self.block.stubborn.clone_from(&unheeding);
-            drop(unheeding);
+            drop(running_nodes);
+            let unresponsive =
+                self.unresponsive.lock().unwrap_or_else(|broken| broken.into_inner());
+            self.block.unresponsive.clone_from(&unresponsive);
+            drop(unresponsive);
             self.draw();
         }
     }
 
-    fn resized(&mut self) {
+    fn redraw(&mut self) {
         self.draw();
     }
 
     fn toggle_profile(&mut self) {
-        self.block.profile = !self.block.profile;
+        self.block.shows_profile = !self.block.shows_profile;
         self.draw();
     }
 }
 
-/// Notes which nodes are under way.
-struct Follow(UnderWay, Unheeding);
+/// An observer that records the running nodes.
+struct NodeTracker(RunningNodes, UnresponsiveNodes);
 
-impl Observer for Follow {
-    fn started(&self, node: &str) {
+impl Observer for NodeTracker {
+    fn on_start(&self, node: &str) {
         self.note(|nodes| nodes.insert(node.to_owned(), None));
     }
 
-    fn progress(&self, node: &str, share: f64) {
+    fn on_progress(&self, node: &str, share: f64) {
         self.note(|nodes| nodes.get_mut(node).map(|known| known.replace(share)));
     }
 
-    fn does_not_stop(&self, node: &str, kind: &str, pack: &str) {
-        let words = does_not_stop(node, kind, pack);
+    fn on_unresponsive(&self, node: &str, kind: &str, pack: &str) {
+        let words = unresponsive_message(node, kind, pack);
         self.1.lock().unwrap_or_else(|broken| broken.into_inner()).push(words);
     }
 
-    fn finished(&self, node: &str, _: State, _: f64) {
+    fn on_finish(&self, node: &str, _: State, _: f64) {
         self.note(|nodes| nodes.remove(node));
     }
 }
 
-impl Follow {
+impl NodeTracker {
     fn note<T>(&self, change: impl FnOnce(&mut BTreeMap<String, Option<f64>>) -> T) {
         change(&mut self.0.lock().unwrap_or_else(|broken| broken.into_inner()));
     }
@@ -454,31 +455,31 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_warning_is_told_when_it_comes_and_not_again_while_it_stays() {
+    fn an_unchanged_warning_is_reported_once() {
         let source = Arc::new(Source { name: "a.ron".into(), text: String::new() });
-        fn problem(severity: Severity, message: &str, source: &Arc<Source>) -> Problem {
-            Problem::new(severity, code::WARNING, (source.clone(), Span::default()), message)
+        fn diagnostic(severity: Severity, message: &str, source: &Arc<Source>) -> Diagnostic {
+            Diagnostic::new(severity, code::WARNING, (source.clone(), Span::default()), message)
         }
-        fn warning(source: &Arc<Source>) -> Problem {
-            problem(Severity::Warning, "it is thin", source)
+        fn warning(source: &Arc<Source>) -> Diagnostic {
+            diagnostic(Severity::Warning, "it is thin", source)
         }
-        fn error(source: &Arc<Source>) -> Problem {
-            problem(Severity::Error, "it is torn", source)
+        fn error(source: &Arc<Source>) -> Diagnostic {
+            diagnostic(Severity::Error, "it is torn", source)
         }
-        let mut lines = Lines::default();
-        fn told(problems: Vec<Problem>, lines: &mut Lines) -> (Vec<String>, usize) {
-            let (news, known) = lines.news(problems);
-            (news.into_iter().map(|problem| problem.message).collect::<Vec<_>>(), known)
+        let mut lines = LineView::default();
+        fn split(diagnostics: Vec<Diagnostic>, lines: &mut LineView) -> (Vec<String>, usize) {
+            let (news, known) = lines.split_known_warnings(diagnostics);
+            (news.into_iter().map(|diagnostic| diagnostic.message).collect::<Vec<_>>(), known)
         }
         assert_eq!(
-            told(vec![warning(&source), error(&source)], &mut lines),
+            split(vec![warning(&source), error(&source)], &mut lines),
             (vec!["it is thin".into(), "it is torn".into()], 0)
         );
         assert_eq!(
-            told(vec![warning(&source), error(&source)], &mut lines),
+            split(vec![warning(&source), error(&source)], &mut lines),
             (vec!["it is torn".into()], 1)
         );
-        assert_eq!(told(vec![], &mut lines), (vec![], 0));
-        assert_eq!(told(vec![warning(&source)], &mut lines), (vec!["it is thin".into()], 0));
+        assert_eq!(split(vec![], &mut lines), (vec![], 0));
+        assert_eq!(split(vec![warning(&source)], &mut lines), (vec!["it is thin".into()], 0));
     }
 }

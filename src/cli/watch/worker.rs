@@ -1,6 +1,7 @@
-//! The thread that evaluates while the watch listens.
+//! The thread that evaluates graphs while the main thread of the watch handles messages.
 //!
-//! Its evaluator lives as long as the watch. Nothing tracks which results are still valid, because keys do.
+//! The session of the thread exists as long as the watch. Its cached results never become invalid, because their keys contain all
+//! inputs.
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -10,219 +11,234 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use maquette_engine::eval::{Observer, RunTrace};
-use maquette_engine::session::{Finished, OutputFolder, Run, Session, Wanted, Written};
+use maquette_engine::session::{OutputFile, OutputFolder, Run, RunResult, Session, Targets};
 use maquette_graph::Graph;
 use maquette_node::CancelToken;
-use maquette_preview::{Shown, Viewed, Views};
-use maquette_render::picture_of;
-use maquette_syntax::error::{Problem, Severity, code, in_words, with_those_of_run};
+use maquette_preview::{ViewedOutput, ViewedValue, Views};
+use maquette_render::picture_layer;
+use maquette_syntax::error::{Diagnostic, code, merge_diagnostics, panic_message};
 use maquette_value::AnyValue;
 
+use crate::has_errors;
 use crate::inputs::InputOptions;
-use crate::look::Source;
+use crate::viewpoint::ValueSource;
 
-/// Results of several runs are kept, so that a change that is taken back costs nothing; but no more than this many times what
-/// one run needs, so that a day of changes does not fill the memory.
-const RUNS_KEPT: usize = 4;
+/// The number of runs whose results are kept in memory. So undoing a recent change costs nothing, and a day of changes does not fill
+/// the memory.
+const KEPT_RUNS: usize = 4;
 
-/// Small graphs keep this many bytes of results in any case.
-const KEPT: usize = 192 << 20;
+/// The minimum number of bytes for results that are kept in memory.
+const MIN_KEPT_BYTES: usize = 192 << 20;
 
-/// What is to be evaluated.
+/// An evaluation, as requested by the watch.
 pub(super) struct Job {
     pub(super) run: usize,
     pub(super) graph: Arc<Graph>,
-    /// The warnings of the check.
-    pub(super) problems: Vec<Problem>,
+    /// The warnings from checking the graph.
+    pub(super) diagnostics: Vec<Diagnostic>,
     pub(super) cancel: CancelToken,
-    /// Whether to compute everything, whatever is known.
+    /// True if all nodes are computed, without cached results.
     pub(super) recompute: bool,
     pub(super) purpose: Purpose,
-    /// What somebody looks at.
+    /// The values that live pages show.
     pub(super) views: Views,
 }
 
-/// What a job is for.
+/// The purpose of a job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Purpose {
-    /// The outputs, and what somebody looks at.
+    /// Write outputs, and evaluate the values that live pages show.
     Outputs,
-    /// What somebody looks at.
-    Look,
-    /// The same with values that are not in the graph's file: nothing is kept on disk.
+    /// Evaluate only the values that live pages show.
+    View,
+    /// Evaluate the values that live pages show, with parameters that are not in the graph file. Nothing is stored on disk.
     Drag,
 }
 
-/// What became of a job.
+/// The result of a job.
 #[derive(Clone)]
 pub(super) struct Report {
     pub(super) run: usize,
-    /// It was stopped; the other fields mean nothing then.
+    /// True if the job was cancelled. Then the other fields have no meaning.
     pub(super) cancelled: bool,
     pub(super) trace: RunTrace,
-    pub(super) problems: Vec<Problem>,
-    pub(super) written: Vec<Written>,
-    /// The folder of the outputs, if a file could not be written.
+    pub(super) diagnostics: Vec<Diagnostic>,
+    pub(super) written: Vec<OutputFile>,
+    /// The folder of the outputs, if a file in it could not be written.
     pub(super) unwritten: Option<PathBuf>,
     pub(super) seconds: f64,
-    /// Without outputs all but the problems means nothing.
+    /// The purpose of the job. If no outputs were written, only the diagnostics have a meaning.
     pub(super) purpose: Purpose,
 }
 
-/// What a job has found for who looks. It is told before files are written: eyes wait, files do not.
-pub(super) struct Sight {
+/// The values of a job for live pages. They are sent before files are written, so the user sees them sooner.
+pub(super) struct ViewUpdate {
     pub(super) run: usize,
-    /// The graph with the elements of its data, if it has such.
+    /// The graph with the elements of each `ForEach` over data, if it has such loops.
     pub(super) graph: Option<Arc<Graph>>,
-    pub(super) values: Seen,
+    pub(super) values: ViewedValues,
 }
 
-/// What is heard of a job: first what somebody looks at, if there is such, and at last what became of it.
-pub(super) enum News {
-    Sight(Sight),
+/// An event of a job: first the values for live pages, last the result of the job.
+pub(super) enum WorkerEvent {
+    View(ViewUpdate),
     Report(Report),
 }
 
-/// What somebody looks at, as it is shown.
-pub(super) type Seen = BTreeMap<Viewed, Arc<Shown>>;
+/// The values that live pages show, in the form in which they are displayed.
+pub(super) type ViewedValues = BTreeMap<ViewedOutput, Arc<ViewedValue>>;
 
-/// What every run of the watch is to make.
-pub(super) struct Wishes {
+/// Options for outputs, which apply to all runs of a watch.
+pub(super) struct OutputOptions {
     pub(super) folder: OutputFolder,
-    /// The names of outputs; all if there are none.
+    /// The names of the outputs to write, or an empty list for all outputs.
     pub(super) only: Vec<String>,
     pub(super) inputs: InputOptions,
 }
 
-/// Makes what follows the evaluation that a token stops.
-pub(super) type Observe = Box<dyn Fn(&CancelToken) -> Box<dyn Observer> + Send>;
+/// Creates an observer for an evaluation; the token is the one that cancels the evaluation.
+pub(super) type ObserverFactory = Box<dyn Fn(&CancelToken) -> Box<dyn Observer> + Send>;
 
-/// Until when outputs are not written.
+/// The time before which outputs must not be written; `None` if they may be written.
 #[derive(Default)]
-pub(super) struct Hold(Mutex<Option<Instant>>);
+pub(super) struct WriteDelay(Mutex<Option<Instant>>);
 
-impl Hold {
-    /// An evaluation that was cancelled notices it after this.
-    const PAUSE: Duration = Duration::from_millis(10);
+impl WriteDelay {
+    /// The interval at which an evaluation that waits to write checks if it was cancelled.
+    const CHECK_INTERVAL: Duration = Duration::from_millis(10);
 
     pub(super) fn set(&self, until: Option<Instant>) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = until;
     }
 
-    /// Waits until outputs may be written, or the evaluation is cancelled.
+    /// Waits until outputs may be written, or until the evaluation is cancelled.
     fn wait(&self, cancel: &CancelToken) {
         while !cancel.is_cancelled() {
             let until = *self.0.lock().unwrap_or_else(PoisonError::into_inner);
             let now = Instant::now();
             match until {
-                Some(until) if now < until => std::thread::sleep(Self::PAUSE.min(until - now)),
+                Some(until) if now < until => {
+                    std::thread::sleep(Self::CHECK_INTERVAL.min(until - now));
+                }
                 _ => return,
             }
         }
     }
 }
 
-/// Evaluates one job after the other, always with the same evaluator, whose cache knows what is still valid.
+/// Runs jobs in sequence with one session. The session's cache contains the results of earlier jobs.
 pub(super) struct Worker {
     jobs: Sender<Job>,
-    wishes: Arc<Wishes>,
-    pub(super) hold: Arc<Hold>,
+    output_options: Arc<OutputOptions>,
+    pub(super) write_delay: Arc<WriteDelay>,
 }
 
 impl Worker {
     pub(super) fn new(
         mut session: Session,
-        wishes: Wishes,
-        observe: Observe,
-        sink: impl Fn(News) + Send + 'static,
+        wishes: OutputOptions,
+        observe: ObserverFactory,
+        sink: impl Fn(WorkerEvent) + Send + 'static,
     ) -> Self {
         session.recall(&wishes.folder);
         let wishes = Arc::new(wishes);
         let (jobs, receiver) = channel::<Job>();
-        let hold = Arc::<Hold>::default();
+        let hold = Arc::<WriteDelay>::default();
         let (of_all, until) = (wishes.clone(), hold.clone());
         std::thread::spawn(move || {
-            let mut last = Seen::new();
-            let mut kept = session.memory();
+            let mut last = ViewedValues::new();
+            let mut kept_bytes = session.memory();
             for job in receiver {
                 if job.recompute {
                     session.forget();
                 }
                 let report = catch_unwind(AssertUnwindSafe(|| {
                     let observer = observe(&job.cancel);
-                    let tell = |sight| sink(News::Sight(sight));
-                    let wait = || until.wait(&job.cancel);
-                    let tell = Tell { sight: &tell, wait: &wait };
-                    evaluate(&job, &mut session, &mut kept, &of_all, &*observer, &mut last, &tell)
+                    let hooks = JobHooks {
+                        send_view: &|view| sink(WorkerEvent::View(view)),
+                        wait: &|| until.wait(&job.cancel),
+                    };
+                    evaluate(
+                        &job,
+                        &mut session,
+                        &mut kept_bytes,
+                        &of_all,
+                        &*observer,
+                        &mut last,
+                        &hooks,
+                    )
                 }));
-                sink(News::Report(report.unwrap_or_else(|panic| {
-                    // What it was about to remember may be half of something.
+                sink(WorkerEvent::Report(report.unwrap_or_else(|panic| {
+                    // After a panic the session may contain incomplete results.
                     session.forget();
-                    panicked(&job, &in_words(&*panic))
+                    panic_report(&job, &panic_message(&*panic))
                 })));
             }
-            // The process ends here; giving the memory back piece by piece would only take time.
+            // The process ends here; freeing the memory would only take time.
             std::mem::forget(session);
         });
-        Self { jobs, wishes, hold }
+        Self { jobs, output_options: wishes, write_delay: hold }
     }
 
     pub(super) fn start(&self, job: Job) {
-        // The thread lives as long as this.
+        // Sending cannot fail: the thread runs until the sender is dropped.
         let _ = self.jobs.send(job);
     }
 }
 
-/// The thread ends with the process, and does not get to it.
+/// Removes the recycled files of this process. The thread cannot do that, because the end of the process ends it.
 impl Drop for Worker {
     fn drop(&mut self) {
-        self.wishes.folder.let_go();
+        self.output_options.folder.drop_recycled_files();
     }
 }
 
-/// What a job does before it writes.
-struct Tell<'a> {
-    /// Tells what is seen now.
-    sight: &'a dyn Fn(Sight),
+/// Functions that a job calls before it writes outputs.
+struct JobHooks<'a> {
+    /// Sends the values for live pages.
+    send_view: &'a dyn Fn(ViewUpdate),
     /// Waits until outputs may be written.
     wait: &'a dyn Fn(),
 }
 
-/// Does a job. `kept` is how many bytes of results stay behind it, `last` what was seen last.
+/// Runs a job. `kept_bytes` is the number of bytes of results to keep in memory afterwards; `last` are the values for live pages from
+/// the last job.
 fn evaluate(
     job: &Job,
     session: &mut Session,
-    kept: &mut usize,
-    wishes: &Wishes,
+    kept_bytes: &mut usize,
+    wishes: &OutputOptions,
     observer: &dyn Observer,
-    last: &mut Seen,
-    tell: &Tell<'_>,
+    last: &mut ViewedValues,
+    hooks: &JobHooks<'_>,
 ) -> Report {
     let start = Instant::now();
     let mut waited = Duration::ZERO;
     let folder = &wishes.folder;
-    let mut problems = job.problems.clone();
-    let mut seen = None;
-    session.use_memory(session.memory());
-    session.keep_on_disk(job.purpose != Purpose::Drag);
-    let produced = wishes.inputs.fed(session, &job.graph).and_then(|(graph, warnings)| {
-        problems.extend(warnings);
+    let mut diagnostics = job.diagnostics.clone();
+    let mut viewed_run = None;
+    session.set_memory(session.memory());
+    session.set_keeping_on_disk(job.purpose != Purpose::Drag);
+    let produced = wishes.inputs.feed(session, &job.graph).and_then(|(graph, warnings)| {
+        diagnostics.extend(warnings);
         let mut names: Vec<_> = job.views.iter().map(|viewed| &viewed.node[..]).collect();
         if job.purpose == Purpose::Outputs {
             names.extend(graph.output_names());
         }
-        let graph = session.resolved_for(&graph, &names, observer, &job.cancel);
+        let graph = session.resolve_for(&graph, &names, observer, &job.cancel);
         let mut see = |session: &mut Session| {
-            seen = look(&graph, job, session, observer);
-            let values = seen.as_ref().map(|seen| viewed(&graph, seen, &job.views, session, last));
+            viewed_run = evaluate_views(&graph, job, session, observer);
+            let values = viewed_run
+                .as_ref()
+                .map(|viewed_run| collect_values(&graph, viewed_run, &job.views, session, last));
             let resolved = (!graph.loops().is_empty()).then(|| Arc::new(graph.clone()));
             if !job.cancel.is_cancelled() {
                 let values = values.unwrap_or_default();
-                (tell.sight)(Sight { run: job.run, graph: resolved, values });
+                (hooks.send_view)(ViewUpdate { run: job.run, graph: resolved, values });
             }
             if job.purpose == Purpose::Outputs {
                 let start = Instant::now();
-                (tell.wait)();
+                (hooks.wait)();
                 waited = start.elapsed();
             }
         };
@@ -230,52 +246,53 @@ fn evaluate(
             let (only, cancel) = (&wishes.only, &job.cancel);
             session.produce_after(&graph, only, folder, observer, cancel, &mut see)
         });
-        // Without outputs, or without one of a wanted name, somebody looks all the same.
+        // Live pages need values even if the graph has no outputs or an output name is unknown.
         if !matches!(produced, Some(Ok(_))) {
             see(session);
         }
-        produced.transpose().map_err(|why| vec![graph.problem(code::UNKNOWN_LINK, why)])
+        produced.transpose().map_err(|why| vec![graph.diagnostic(code::UNKNOWN_LINK, why)])
     });
     let (trace, written, complete) = match produced {
         Ok(Some(produced)) => {
             let trace = produced.trace();
-            problems = with_those_of_run(problems, produced.problems);
+            diagnostics = merge_diagnostics(diagnostics, produced.diagnostics);
             (trace, produced.written, produced.complete)
         }
         Ok(None) => Default::default(),
         Err(wrong) => {
-            problems.extend(wrong);
+            diagnostics.extend(wrong);
             (RunTrace::default(), Vec::new(), true)
         }
     };
-    problems.extend(session.warnings(&job.graph));
+    diagnostics.extend(session.warnings(&job.graph));
     let cancelled = job.cancel.is_cancelled();
-    fn enough(trace: &RunTrace, session: &Session) -> usize {
+    fn memory_to_keep(trace: &RunTrace, session: &Session) -> usize {
         let bytes: usize = trace.0.iter().map(|node| node.bytes).sum();
-        bytes.saturating_mul(RUNS_KEPT).max(KEPT).min(session.memory())
+        bytes.saturating_mul(KEPT_RUNS).max(MIN_KEPT_BYTES).min(session.memory())
     }
-    match (job.purpose, &seen) {
+    match (job.purpose, &viewed_run) {
         _ if cancelled => {}
-        // What hangs on a node whose name is being typed will be wanted again.
-        (Purpose::Outputs, _) if job.problems.iter().any(|p| p.severity == Severity::Error) => {
-            *kept = enough(&trace, session).max(*kept);
+        // While the user types the name of a node type, results that depend on that node are missing but will be needed again. So the
+        // memory does not shrink.
+        (Purpose::Outputs, _) if has_errors(&job.diagnostics) => {
+            *kept_bytes = memory_to_keep(&trace, session).max(*kept_bytes);
         }
-        (Purpose::Outputs, _) => *kept = enough(&trace, session),
-        // A hand makes many results of which the outputs need nothing.
-        (Purpose::Drag, Some(seen)) => {
-            *kept = enough(&seen.trace(), session).max(*kept);
-            problems.extend(seen.problems());
+        (Purpose::Outputs, _) => *kept_bytes = memory_to_keep(&trace, session),
+        // A drag creates many results in addition to those of the outputs. So the memory may grow but does not shrink.
+        (Purpose::Drag, Some(viewed_run)) => {
+            *kept_bytes = memory_to_keep(&viewed_run.trace(), session).max(*kept_bytes);
+            diagnostics.extend(viewed_run.diagnostics());
         }
-        (Purpose::Drag | Purpose::Look, _) => {}
+        (Purpose::Drag | Purpose::View, _) => {}
     }
-    if job.purpose != Purpose::Look && !cancelled {
-        session.use_memory(*kept);
+    if job.purpose != Purpose::View && !cancelled {
+        session.set_memory(*kept_bytes);
     }
     Report {
         run: job.run,
         cancelled,
         trace,
-        problems,
+        diagnostics,
         written,
         unwritten: (!complete).then(|| folder.path().to_owned()),
         seconds: start.elapsed().saturating_sub(waited).as_secs_f64(),
@@ -283,31 +300,31 @@ fn evaluate(
     }
 }
 
-/// Evaluates what somebody looks at, as far as there is such. What the outputs needed, too, is known already.
-fn look(
+/// Evaluates the values for live pages that exist in the graph. If the outputs need the same values, they are then cached.
+fn evaluate_views(
     graph: &Graph,
     job: &Job,
     session: &mut Session,
     observer: &dyn Observer,
-) -> Option<Finished> {
+) -> Option<RunResult> {
     let names = job.views.iter().map(|viewed| &viewed.node);
     let there: Vec<_> = names.filter(|name| !graph.nodes_of(name).is_empty()).cloned().collect();
     if there.is_empty() || job.cancel.is_cancelled() {
         return None;
     }
-    let (wanted, cancel) = (Wanted::Nodes(there), job.cancel.clone());
-    session.run(graph, &Run { wanted, observer, cancel, ..Run::default() }).ok()
+    let (targets, cancel) = (Targets::Nodes(there), job.cancel.clone());
+    session.run(graph, &Run { targets, observer, cancel, ..Run::default() }).ok()
 }
 
-/// The values that somebody looks at. What has not changed since it was last seen is not made anew.
-fn viewed(
+/// Returns the values for live pages. A value that is unchanged is taken from `last`.
+fn collect_values(
     graph: &Graph,
-    finished: &Finished,
+    finished: &RunResult,
     views: &Views,
     session: &mut Session,
-    last: &mut Seen,
-) -> Seen {
-    let mut all = Seen::new();
+    last: &mut ViewedValues,
+) -> ViewedValues {
+    let mut all = ViewedValues::new();
     for viewed in views {
         let Some(value) = finished.value_of(&viewed.node, &viewed.output) else { continue };
         let shown = show(graph, viewed, value, session, last.get(viewed));
@@ -317,46 +334,48 @@ fn viewed(
     all
 }
 
-/// A value as it is shown: as the `last` time if that is the same.
+/// Returns a value in the form in which it is displayed; `last` is reused if the value is unchanged.
 fn show(
     graph: &Graph,
-    viewed: &Viewed,
+    viewed: &ViewedOutput,
     value: &AnyValue,
     session: &mut Session,
-    last: Option<&Arc<Shown>>,
-) -> Arc<Shown> {
-    let place = graph.value_named(&format!("{}.{}", viewed.node, viewed.output));
-    let asked = place.map_or(Vec::new(), |target| graph.asked_of(target));
+    last: Option<&Arc<ViewedValue>>,
+) -> Arc<ViewedValue> {
+    let target = graph.find_value(&format!("{}.{}", viewed.node, viewed.output));
+    let requirements = target.map_or(Vec::new(), |target| graph.requirements_of(target));
     let same = last.filter(|last| last.value.hash() == value.hash());
     let layers = if same.is_some() { Vec::new() } else { value.show() };
     let picture = match same {
         Some(same) => same.picture.as_ref(),
-        None => picture_of(&layers),
+        None => picture_layer(&layers),
     };
-    let ground = picture.zip(place).and_then(|(picture, (node, _))| {
-        let found = Source { graph, node, session }.ground_or(picture, None);
-        // Without what it was made from a value is shown alone.
+    let ground = picture.zip(target).and_then(|(picture, (node, _))| {
+        let found = ValueSource { graph, node, session }.backdrop_of(picture, None);
+        // If the background cannot be computed, the value is shown without it.
         found.unwrap_or_default()
     });
     let layers = match same {
-        Some(same) if same.lies_on(ground.as_ref()) && same.asked == asked => return same.clone(),
+        Some(same) if same.looks_same_on(ground.as_ref()) && same.required == requirements => {
+            return same.clone();
+        }
         Some(_) => value.show(),
         None => layers,
     };
-    Shown::new(value.clone(), layers, asked, ground, last.map(|last| &**last)).into()
+    ViewedValue::new(value.clone(), layers, requirements, ground, last.map(|last| &**last)).into()
 }
 
-/// The report of a run that a fault of the engine ended.
-fn panicked(job: &Job, words: &str) -> Report {
+/// Returns the report of a run that panicked.
+fn panic_report(job: &Job, words: &str) -> Report {
     let message = format!("the evaluation panicked: {words}");
-    let mut problem = job.graph.problem(code::PANIC, message);
-    problem.help =
-        "this is a bug; please report it with the graph. The next run starts anew".into();
+    let mut diagnostic = job.graph.diagnostic(code::PANIC, message);
+    diagnostic.help =
+        "this is a bug; please report it with the graph. The next run starts without cached results".into();
     Report {
         run: job.run,
         cancelled: false,
         trace: RunTrace::default(),
-        problems: vec![problem],
+        diagnostics: vec![diagnostic],
         written: Vec::new(),
         unwritten: None,
         seconds: 0.0,
@@ -372,9 +391,9 @@ mod tests {
 
     use super::*;
 
-    fn reports_to(sender: Sender<Report>) -> impl Fn(News) + Send + 'static {
+    fn reports_to(sender: Sender<Report>) -> impl Fn(WorkerEvent) + Send + 'static {
         move |news| {
-            if let News::Report(report) = news {
+            if let WorkerEvent::Report(report) = news {
                 let _ = sender.send(report);
             }
         }
@@ -388,14 +407,14 @@ mod tests {
         let graph = Graph::load(&path, &Catalog::new(&[]), &Options::default()).graph.unwrap();
         let graph = Arc::new(graph);
         let first = std::sync::atomic::AtomicBool::new(true);
-        let observe: Observe = Box::new(move |_| {
+        let observe: ObserverFactory = Box::new(move |_| {
             assert!(!first.swap(false, std::sync::atomic::Ordering::Relaxed), "out of order");
             Box::new(())
         });
         let (sender, reports) = channel();
         let settings = Settings { threads: 1, memory: 0, ..Settings::in_memory() };
         let session = Session::new(&[], &settings).unwrap();
-        let wishes = Wishes {
+        let wishes = OutputOptions {
             folder: OutputFolder::new(Some(&folder.path().join("out")), &path),
             only: Vec::new(),
             inputs: InputOptions::default(),
@@ -403,16 +422,16 @@ mod tests {
         let sink = reports_to(sender);
         let worker = Worker::new(session, wishes, observe, sink);
         let messages = [1, 2].map(|run| {
-            let (graph, problems, cancel) = (graph.clone(), Vec::new(), CancelToken::default());
+            let (graph, diagnostics, cancel) = (graph.clone(), Vec::new(), CancelToken::default());
             let (recompute, purpose, views) = (false, Purpose::Outputs, Views::new());
-            worker.start(Job { run, graph, problems, cancel, recompute, purpose, views });
+            worker.start(Job { run, graph, diagnostics, cancel, recompute, purpose, views });
             let report: Report = reports.recv().unwrap();
-            report.problems.into_iter().map(|problem| problem.message).collect::<Vec<_>>()
+            report.diagnostics.into_iter().map(|diagnostic| diagnostic.message).collect::<Vec<_>>()
         });
         assert_eq!(messages, [vec!["the evaluation panicked: out of order".to_owned()], vec![]]);
     }
 
-    /// A picture, or a panic.
+    /// A test node that returns a picture, or panics.
     #[derive(serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
     struct Faulty {
         panics: bool,
@@ -438,32 +457,32 @@ mod tests {
     };
 
     #[test]
-    fn what_somebody_looks_at_is_told_before_files_are_written() {
+    fn viewed_values_are_sent_before_files_are_written() {
         let folder = tempfile::tempdir().unwrap();
         let (path, file) = (folder.path().join("graph.ron"), folder.path().join("out/mask.png"));
         let catalog = Arc::new(Catalog::new(&[&maquette_format::PACK, &FAULTY]));
         let text = "Graph(format: 1, nodes: { \"mask\": Faulty(panics: false) }, outputs: { \"mask.png\": \"mask\" })";
         std::fs::write(&path, text).unwrap();
         let graph = Arc::new(Graph::load(&path, &catalog, &Options::default()).graph.unwrap());
-        let viewed = Viewed { node: "mask".into(), output: "mask".into() };
-        // How many values are seen, or none at the end, and whether there is a file by then.
+        let viewed = ViewedOutput { node: "mask".into(), output: "mask".into() };
+        // For both events, returns the number of values for live pages (`None` for the report), and whether the output file exists.
         let told = |only: Vec<String>| {
             let session = Session::with_catalog(catalog.clone(), &Settings::in_memory()).unwrap();
             let outputs = OutputFolder::new(Some(&folder.path().join("out")), &path);
-            let wishes = Wishes { folder: outputs, only, inputs: InputOptions::default() };
+            let wishes = OutputOptions { folder: outputs, only, inputs: InputOptions::default() };
             let (sender, news) = channel();
             let file = file.clone();
             let worker = Worker::new(session, wishes, Box::new(|_| Box::new(())), move |it| {
-                let seen = match it {
-                    News::Sight(sight) => Some(sight.values.len()),
-                    News::Report(_) => None,
+                let viewed_run = match it {
+                    WorkerEvent::View(sight) => Some(sight.values.len()),
+                    WorkerEvent::Report(_) => None,
                 };
-                let _ = sender.send((seen, file.exists()));
+                let _ = sender.send((viewed_run, file.exists()));
             });
             worker.start(Job {
                 run: 1,
                 graph: graph.clone(),
-                problems: Vec::new(),
+                diagnostics: Vec::new(),
                 cancel: CancelToken::default(),
                 recompute: false,
                 purpose: Purpose::Outputs,
@@ -476,7 +495,7 @@ mod tests {
     }
 
     #[test]
-    fn a_node_that_panics_is_red_the_rest_is_written_and_the_next_run_works() {
+    fn a_panic_of_a_node_fails_only_its_outputs() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("graph.ron");
         let catalog = Arc::new(Catalog::new(&[&maquette_format::PACK, &FAULTY]));
@@ -490,7 +509,7 @@ mod tests {
         }
         let (sender, reports) = channel();
         let session = Session::with_catalog(catalog.clone(), &Settings::in_memory()).unwrap();
-        let wishes = Wishes {
+        let wishes = OutputOptions {
             folder: OutputFolder::new(Some(&folder.path().join("out")), &path),
             only: Vec::new(),
             inputs: InputOptions::default(),
@@ -498,12 +517,13 @@ mod tests {
         let sink = reports_to(sender);
         let worker = Worker::new(session, wishes, Box::new(|_| Box::new(())), sink);
         let run = |run: usize, panics: bool| {
-            let (graph, problems, cancel) =
+            let (graph, diagnostics, cancel) =
                 (graph(panics, &path, &catalog), Vec::new(), CancelToken::default());
             let (recompute, purpose, views) = (false, Purpose::Outputs, Views::new());
-            worker.start(Job { run, graph, problems, cancel, recompute, purpose, views });
+            worker.start(Job { run, graph, diagnostics, cancel, recompute, purpose, views });
             let report: Report = reports.recv().unwrap();
-            let codes: Vec<_> = report.problems.iter().map(|problem| problem.code).collect();
+            let codes: Vec<_> =
+                report.diagnostics.iter().map(|diagnostic| diagnostic.code).collect();
             let written: Vec<_> = report.written.iter().map(|file| file.output.clone()).collect();
             (codes, written)
         };

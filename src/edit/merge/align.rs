@@ -1,10 +1,11 @@
-//! Which items of one sequence are those of another.
+//! Alignment of two sequences, which finds the items that they have in common.
 
-/// Longer sequences are matched at their ends alone.
-const MOST_PAIRS: usize = 4_000_000;
+/// The maximum size of the table for the longest common subsequence. If the sequences are longer, only their common beginning and end are
+/// matched.
+const MAX_PAIRS: usize = 4_000_000;
 
-/// For each item of `new`, its place in `old`: as many as can be, in the order of both (the longest common subsequence).
-pub(super) fn matched<T: PartialEq>(old: &[T], new: &[T]) -> Vec<Option<usize>> {
+/// For each item of `new`, returns its index in `old`, by the longest common subsequence.
+pub(super) fn match_items<T: PartialEq>(old: &[T], new: &[T]) -> Vec<Option<usize>> {
     let shorter = old.len().min(new.len());
     let first = (0..shorter).take_while(|&k| old[k] == new[k]).count();
     let last = (0..shorter - first)
@@ -12,19 +13,19 @@ pub(super) fn matched<T: PartialEq>(old: &[T], new: &[T]) -> Vec<Option<usize>> 
         .count();
     let (a, b) = (&old[first..old.len() - last], &new[first..new.len() - last]);
     let mut found: Vec<_> = (0..first).map(Some).collect();
-    found.extend(longest(a, b).into_iter().map(|place| place.map(|place| place + first)));
+    found.extend(match_middle(a, b).into_iter().map(|place| place.map(|place| place + first)));
     found.extend((old.len() - last..old.len()).map(Some));
     found
 }
 
-/// The same without what both begin and end with.
-fn longest<T: PartialEq>(old: &[T], new: &[T]) -> Vec<Option<usize>> {
+/// The items between the common beginning and the common end are matched by a table.
+fn match_middle<T: PartialEq>(old: &[T], new: &[T]) -> Vec<Option<usize>> {
     let mut found = vec![None; new.len()];
-    if old.len() * new.len() > MOST_PAIRS {
+    if old.len() * new.len() > MAX_PAIRS {
         return found;
     }
     let width = new.len() + 1;
-    // How many the rests have in common.
+    // The length of the longest common subsequence of the remaining items.
     let mut common = vec![0u32; (old.len() + 1) * width];
     for i in (0..old.len()).rev() {
         for j in (0..new.len()).rev() {
@@ -48,9 +49,9 @@ fn longest<T: PartialEq>(old: &[T], new: &[T]) -> Vec<Option<usize>> {
     found
 }
 
-/// The same, and what stands between two matches on both sides counts as changed, in order.
-pub(super) fn paired<T: PartialEq>(old: &[T], new: &[T]) -> Vec<Option<usize>> {
-    let mut found = matched(old, new);
+/// Aligns sequences as [`match_items`] does, and then pairs the items between two matches in order, as changed items.
+pub(super) fn pair_items<T: PartialEq>(old: &[T], new: &[T]) -> Vec<Option<usize>> {
+    let mut found = match_items(old, new);
     let mut next = 0;
     for k in 0..found.len() {
         let end = found[k..].iter().flatten().next().map_or(old.len(), |&end| end);
@@ -67,13 +68,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_the_same_is_matched_in_order_and_what_is_between_is_paired() {
+    fn equal_items_are_matched_in_order_and_those_between_are_paired() {
         fn letters(text: &str) -> Vec<char> {
             text.chars().collect::<Vec<_>>()
         }
         fn check(old: &str, new: &str, found: &[Option<usize>], pairs: &[Option<usize>]) {
-            assert_eq!(matched(&letters(old), &letters(new)), found, "{old} {new}");
-            assert_eq!(paired(&letters(old), &letters(new)), pairs, "{old} {new}");
+            assert_eq!(match_items(&letters(old), &letters(new)), found, "{old} {new}");
+            assert_eq!(pair_items(&letters(old), &letters(new)), pairs, "{old} {new}");
         }
         check("abc", "abc", &[Some(0), Some(1), Some(2)], &[Some(0), Some(1), Some(2)]);
         check("abc", "axc", &[Some(0), None, Some(2)], &[Some(0), Some(1), Some(2)]);

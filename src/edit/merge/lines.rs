@@ -1,11 +1,11 @@
-//! Three texts merged line by line: what is no graph is merged as git would.
+//! Merges texts by lines, as git does. It is used for texts that cannot be parsed.
 
-use maquette_syntax::error::Problem;
+use maquette_syntax::error::Diagnostic;
 
 use super::Merge;
 
-/// What both made of a text, with conflicts marked as git marks them.
-pub(super) fn by_lines(texts: [&str; 3], problems: Vec<Problem>) -> Merge {
+/// Merges texts by lines, with conflict markers as in git.
+pub(super) fn merge_lines(texts: [&str; 3], diagnostics: Vec<Diagnostic>) -> Merge {
     let [base, ours, theirs] = texts.map(|text| match text.is_empty() || text.ends_with('\n') {
         true => text.to_owned(),
         false => format!("{text}\n"),
@@ -14,5 +14,5 @@ pub(super) fn by_lines(texts: [&str; 3], problems: Vec<Problem>) -> Merge {
         Ok(text) => (text, Vec::new()),
         Err(text) => (text, vec![String::new()]),
     };
-    Merge { text, conflicts, problems, by_lines: true }
+    Merge { text, conflicts, diagnostics, by_lines: true }
 }

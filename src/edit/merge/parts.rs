@@ -1,50 +1,50 @@
-//! A value of a text as the parts that it is made of, each with what stands around it, and parts put together again.
+//! Splits values into parts with the space around them, and joins such parts to values.
 
 use std::collections::BTreeSet;
 
-use maquette_graph::meaning::plain;
+use maquette_graph::canonical::canonical_value;
 use maquette_graph::tree::show;
-use maquette_graph::{opened, parts as places};
+use maquette_graph::{content_start, parts as places};
 use maquette_syntax::{Body, Kind, Token, Tree, tokens};
 
-use super::notes::is_open;
-use super::units::Plain;
+use super::comments::ends_in_line_comment;
+use super::units::PlainNumbers;
 
-/// A value, and the text in which it stands.
+/// A value, with the text that contains it.
 #[derive(Clone, Copy)]
 pub(super) struct Value<'t> {
     pub(super) text: &'t str,
     pub(super) tree: &'t Tree,
-    pub(super) means: &'t Means,
+    pub(super) interpretation: &'t Interpretation,
 }
 
-/// What parts of a text say beside their words.
-pub(super) struct Means {
-    /// Where the fields begin that would say the same if they were left out.
+/// Data about the parts of a text that their tokens do not show.
+pub(super) struct Interpretation {
+    /// The offsets of those fields whose values equal their defaults.
     pub(super) defaults: BTreeSet<usize>,
-    /// What values with units say.
-    pub(super) numbers: Plain,
+    /// The values with units, converted to plain numbers.
+    pub(super) numbers: PlainNumbers,
 }
 
 impl<'t> Value<'t> {
-    /// It as it is written.
-    pub(super) fn written(self) -> &'t str {
+    /// Returns the text of the value.
+    pub(super) fn source_text(self) -> &'t str {
         &self.text[self.tree.span.start..self.tree.span.end]
     }
 
-    /// Whether both say the same.
-    pub(super) fn says(self, other: Self) -> bool {
-        self.said() == other.said()
+    /// Returns true if both values have the same meaning.
+    pub(super) fn means_same(self, other: Self) -> bool {
+        self.normal_form() == other.normal_form()
     }
 
-    /// What it says, in plain numbers, and without values that would be the same if they were left out.
-    fn said(self) -> Tree {
+    /// Returns the value for comparison: with plain numbers, and without fields that equal their defaults.
+    fn normal_form(self) -> Tree {
         let mut tree = self.tree.clone();
-        self.means.of(&mut tree);
-        plain(&tree)
+        self.interpretation.normalize(&mut tree);
+        canonical_value(&tree)
     }
 
-    /// The items of a list or a tuple.
+    /// Returns the items of a list or a tuple.
     fn items(self) -> Option<&'t [Tree]> {
         match &self.tree.kind {
             Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => Some(items),
@@ -52,14 +52,19 @@ impl<'t> Value<'t> {
         }
     }
 
-    /// What each item of a list or a tuple says.
-    pub(super) fn said_by_items(self) -> Option<Vec<String>> {
-        Some(self.items()?.iter().map(|item| show(&Self { tree: item, ..self }.said())).collect())
+    /// Returns the normalized text of each item of a list or a tuple.
+    pub(super) fn normalized_items(self) -> Option<Vec<String>> {
+        Some(
+            self.items()?
+                .iter()
+                .map(|item| show(&Self { tree: item, ..self }.normal_form()))
+                .collect(),
+        )
     }
 }
 
-impl Means {
-    fn of(&self, tree: &mut Tree) {
+impl Interpretation {
+    fn normalize(&self, tree: &mut Tree) {
         if let Some(plain) = self.numbers.get(&tree.span.start)
             && matches!(tree.kind, Kind::Call { .. })
         {
@@ -67,64 +72,65 @@ impl Means {
         }
         match &mut tree.kind {
             Kind::List(items) | Kind::Call { body: Body::Items(items), .. } => {
-                items.iter_mut().for_each(|item| self.of(item));
+                items.iter_mut().for_each(|item| self.normalize(item));
             }
             Kind::Call { body: Body::Fields(fields), .. } => {
                 fields.retain(|field| !self.defaults.contains(&field.name.span.start));
-                fields.iter_mut().for_each(|field| self.of(&mut field.value));
+                fields.iter_mut().for_each(|field| self.normalize(&mut field.value));
             }
-            Kind::Map(entries) => entries.iter_mut().for_each(|(_, value)| self.of(value)),
+            Kind::Map(entries) => entries.iter_mut().for_each(|(_, value)| self.normalize(value)),
             _ => {}
         }
     }
 }
 
-/// A field or an entry of a value, or an item of a list.
+/// A part of a value: a field, an entry or an item.
 #[derive(Clone, Copy)]
 pub(super) struct Part<'t> {
-    /// What stands before it: space and comments.
+    /// The spaces and comments before the part.
     pub(super) before: &'t str,
-    /// Its name with the colon; empty for an item.
+    /// The name of the part with its colon. Empty for an item.
     pub(super) name: &'t str,
     pub(super) value: Value<'t>,
-    pub behind: Behind<'t>,
-    /// Whether it would say the same if it were left out.
+    pub trailing: Trailing<'t>,
+    /// True if the value of the part equals its default.
     pub(super) is_default: bool,
 }
 
 impl Part<'_> {
-    /// It as it is written.
+    /// Returns the text of the part.
     pub(super) fn piece(&self) -> Piece {
         Piece {
             before: self.before.to_owned(),
-            own: format!("{}{}", self.name, self.value.written()),
-            comma: self.behind.comma.to_owned(),
-            line: self.behind.line.to_owned(),
+            own: format!("{}{}", self.name, self.value.source_text()),
+            comma: self.trailing.comma.to_owned(),
+            line: self.trailing.line.to_owned(),
         }
     }
 }
 
-/// What belongs to a part behind it: what stands before its comma, and the comment on its line.
+/// The text after the part that belongs to it: the text before its comma, and the comment on its line.
 #[derive(Clone, Copy, Default)]
-pub(super) struct Behind<'t> {
+pub(super) struct Trailing<'t> {
     pub(super) comma: &'t str,
     pub(super) line: &'t str,
 }
 
-/// A value that is made of parts.
+/// A value that is split into its parts.
 pub(super) struct Parts<'t> {
-    /// The text up to and with the bracket.
+    /// The text up to and including the opening bracket.
     pub(super) open: &'t str,
     pub(super) all: Vec<(String, Part<'t>)>,
-    /// The text behind the last part, with the bracket.
+    /// The text after the last part, with the closing bracket.
     pub(super) close: &'t str,
-    /// Whether a comma follows the last part.
+    /// True if a comma follows the last part of the value.
     pub(super) comma: bool,
 }
 
 impl<'t> Parts<'t> {
-    /// The parts of a map or of a call with fields, whose names are all different; with `lists`, of a list by what its items say.
-    pub(super) fn of(value: Value<'t>, lists: bool) -> Option<Self> {
+    /// Splits a map, or a call with fields, if all names in it are different. If `lists` is set, also splits a list, whose items get their
+    /// canonical texts as names.
+    pub(super) fn read(value: Value<'t>, lists: bool) -> Option<Self> {
         let named: Vec<(String, &Tree)> = match &value.tree.kind {
             Kind::Map(entries) => entries
                 .iter()
@@ -135,7 +141,7 @@ impl<'t> Parts<'t> {
             }
             Kind::Call { body: Body::Empty, .. } => Vec::new(),
             Kind::List(items) if lists => {
-                items.iter().map(|item| (show(&plain(item)), item)).collect()
+                items.iter().map(|item| (show(&canonical_value(item)), item)).collect()
             }
             _ => return None,
         };
@@ -146,18 +152,18 @@ impl<'t> Parts<'t> {
         {
             return None;
         }
-        Some(Self::named(value, named))
+        Some(Self::from_entries(value, named))
     }
 
-    /// The items of a list or a tuple, under these names.
-    pub(super) fn numbered(value: Value<'t>, names: Vec<String>) -> Option<Self> {
+    /// Splits a list or a tuple. The names of the items are given.
+    pub(super) fn from_items(value: Value<'t>, names: Vec<String>) -> Option<Self> {
         let items = value.items()?;
-        Some(Self::named(value, names.into_iter().zip(items).collect()))
+        Some(Self::from_entries(value, names.into_iter().zip(items).collect()))
     }
 
-    fn named(value: Value<'t>, named: Vec<(String, &'t Tree)>) -> Self {
-        let Value { text, tree, means } = value;
-        let start = opened(text, tree.span);
+    fn from_entries(value: Value<'t>, named: Vec<(String, &'t Tree)>) -> Self {
+        let Value { text, tree, interpretation: means } = value;
+        let start = content_start(text, tree.span);
         let (mut at, mut comma, mut before) = (start, false, "");
         let mut all: Vec<(String, Part<'_>)> = Vec::with_capacity(named.len());
         let ends = places(tree).into_iter().map(Some).chain([None]);
@@ -167,16 +173,19 @@ impl<'t> Parts<'t> {
             let gap = &text[at..end];
             match all.last_mut() {
                 Some((_, part)) => {
-                    let Gap { behind, rest, has_comma } = Gap::of(gap);
-                    (part.behind, before, comma) = (behind, rest, has_comma);
+                    let Gap { trailing: behind, rest, has_comma } = Gap::parse(gap);
+                    (part.trailing, before, comma) = (behind, rest, has_comma);
                 }
                 None => before = gap,
             }
             let (Some(place), Some((key, value))) = (place, named.next()) else { break };
             let name = &text[place.start..value.span.start];
             let is_default = !name.is_empty() && means.defaults.contains(&place.start);
-            let value = Value { text, tree: value, means };
-            all.push((key, Part { before, name, value, behind: Behind::default(), is_default }));
+            let value = Value { text, tree: value, interpretation: means };
+            all.push((
+                key,
+                Part { before, name, value, trailing: Trailing::default(), is_default },
+            ));
             at = place.end;
         }
         let rest = before.len() + 1;
@@ -184,20 +193,25 @@ impl<'t> Parts<'t> {
         Self { open: &text[tree.span.start..start], all, close, comma }
     }
 
+    /// Returns true if this value has a part for each part of `other`.
+    pub(super) fn has_all(&self, other: &Parts<'_>) -> bool {
+        other.all.iter().all(|(key, _)| self.get(key).is_some())
+    }
+
     pub(super) fn get(&self, key: &str) -> Option<Part<'t>> {
         self.all.iter().find(|(known, _)| known == key).map(|(_, part)| *part)
     }
 }
 
-/// What stands between two parts.
+/// The text that separates two parts.
 struct Gap<'t> {
-    behind: Behind<'t>,
+    trailing: Trailing<'t>,
     rest: &'t str,
     has_comma: bool,
 }
 
 impl<'t> Gap<'t> {
-    fn of(gap: &'t str) -> Self {
+    fn parse(gap: &'t str) -> Self {
         let (mut comma, mut line) = (None, 0);
         for (token, span) in tokens(gap) {
             match token {
@@ -216,12 +230,12 @@ impl<'t> Gap<'t> {
         }
         let start = comma.map_or(0, |comma| comma + 1);
         let behind =
-            Behind { comma: &gap[..comma.unwrap_or(0)], line: &gap[start..line.max(start)] };
-        Self { behind, rest: &gap[line.max(start)..], has_comma: comma.is_some() }
+            Trailing { comma: &gap[..comma.unwrap_or(0)], line: &gap[start..line.max(start)] };
+        Self { trailing: behind, rest: &gap[line.max(start)..], has_comma: comma.is_some() }
     }
 }
 
-/// A part as it will be written.
+/// A part to be written.
 #[derive(Clone)]
 pub(super) struct Piece {
     pub(super) before: String,
@@ -230,69 +244,69 @@ pub(super) struct Piece {
     pub(super) line: String,
 }
 
-/// A part, or what both sides make of it if they do not agree.
-pub(super) enum Merged {
+/// A part to be written; if the sides conflict, the versions of both sides.
+pub(super) enum MergedPart {
     Piece(Piece),
     Conflict(Option<Piece>, Option<Piece>),
 }
 
-/// Parts put together between `open` and `close`, as the value that they were made of stands on one line or on several.
-pub(super) fn put_together(
+/// Writes parts between `open` and `close`. The layout is that of the original value, on one line or on several lines.
+pub(super) fn join_parts(
     parts: &Parts<'_>,
     (open, close): &(String, String),
-    pieces: &[Merged],
+    pieces: &[MergedPart],
 ) -> String {
-    let mut writer = Writer { text: open.clone(), must_end: is_open(open) };
+    let mut writer = Writer { text: open.clone(), must_end: ends_in_line_comment(open) };
     let first = parts.all.first().map_or("", |(_, part)| part.before);
     for (index, piece) in pieces.iter().enumerate() {
         let is_last = index + 1 == pieces.len();
         match piece {
-            Merged::Piece(piece) => {
+            MergedPart::Piece(piece) => {
                 let is_plain = piece.before.trim().is_empty() && !piece.before.contains('\n');
                 let before = match (is_plain, index) {
                     (true, 0) if !first.contains('\n') => first,
                     (true, 1..) => " ",
                     _ => &piece.before,
                 };
-                writer.put(before);
-                writer.put(&piece.own);
-                writer.put(&piece.comma);
+                writer.push(before);
+                writer.push(&piece.own);
+                writer.push(&piece.comma);
                 if !is_last || parts.comma {
-                    writer.put(",");
+                    writer.push(",");
                 }
-                writer.put(&piece.line);
+                writer.push(&piece.line);
             }
-            Merged::Conflict(ours, theirs) => {
+            MergedPart::Conflict(ours, theirs) => {
                 let before = ours.as_ref().or(theirs.as_ref()).map_or("", |piece| &piece.before);
                 let (above, indent) = before.rsplit_once('\n').unwrap_or(("", before));
-                fn side(piece: &Option<Piece>, indent: &str) -> String {
+                fn conflict_side(piece: &Option<Piece>, indent: &str) -> String {
                     match piece {
                         Some(Piece { own, comma, line, .. }) => {
-                            let end = if is_open(comma) { "\n" } else { "" };
+                            let end = if ends_in_line_comment(comma) { "\n" } else { "" };
                             format!("{indent}{own}{comma}{end},{line}\n")
                         }
                         None => String::new(),
                     }
                 }
-                let (ours, theirs) = (side(ours, indent), side(theirs, indent));
-                writer.put(above);
+                let (ours, theirs) = (conflict_side(ours, indent), conflict_side(theirs, indent));
+                writer.push(above);
                 writer.text += &format!("\n<<<<<<< ours\n{ours}=======\n{theirs}>>>>>>> theirs");
                 writer.must_end = true;
             }
         }
     }
-    writer.put(close);
+    writer.push(close);
     writer.text
 }
 
-/// Writes a text piece by piece. Behind a comment that runs to the end of its line, and behind a mark, comes a new line.
+/// Writes a text piece by piece. After each line comment and each conflict marker it writes a line break.
 struct Writer {
     text: String,
     must_end: bool,
 }
 
 impl Writer {
-    fn put(&mut self, piece: &str) {
+    fn push(&mut self, piece: &str) {
         if piece.is_empty() {
             return;
         }
@@ -300,6 +314,6 @@ impl Writer {
             self.text.push('\n');
         }
         self.text += piece;
-        self.must_end = is_open(piece);
+        self.must_end = ends_in_line_comment(piece);
     }
 }

@@ -1,222 +1,256 @@
-//! Three texts of one value: what two people made of a third, as one.
+//! Three-way merge of one value: the base version and the versions of two sides.
 
 use std::collections::BTreeSet;
 
-use super::align::paired;
-use super::notes::{around, comments};
-use super::parts::{Merged, Part, Parts, Piece, Value, put_together};
+use super::align::pair_items;
+use super::comments::{comments, merge_gaps};
+use super::parts::{MergedPart, Part, Parts, Piece, Value, join_parts};
 
-/// What both made of a value. Both texts are the same if they agree.
-pub(super) struct Both {
+/// The merged text of a value, for each side. If there is no conflict, both texts are equal.
+pub(super) struct MergedSides {
     pub(super) ours: String,
     pub(super) theirs: String,
 }
 
-impl Both {
-    fn agreed(text: &str) -> Self {
+impl MergedSides {
+    fn equal(text: &str) -> Self {
         Self { ours: text.to_owned(), theirs: text.to_owned() }
     }
 }
 
-/// What both renamed, differently.
+/// A name that both sides have changed in different ways.
 pub(super) struct RenamedTwice {
     pub(super) section: &'static str,
     pub(super) old: String,
-    /// Their name, which it has in all texts now.
+    /// The name that the entry has in all three texts for the merge.
     pub(super) theirs: String,
     pub(super) ours: String,
 }
 
-/// Puts two people's versions of a value together.
+/// Merges two versions of a value.
 pub(super) struct Merger<'r> {
     pub(super) renamed_twice: &'r [RenamedTwice],
-    /// Entries that are not put together even where that could be done: `nodes.red`.
-    pub(super) kept_apart: &'r BTreeSet<String>,
-    /// The comments of the text that both began with.
+    /// The entries, such as `nodes.red`, that become conflicts even if they could be merged.
+    pub(super) kept_separate: &'r BTreeSet<String>,
+    /// The comments of the base text.
     pub(super) known: BTreeSet<&'r str>,
-    /// Where they do not agree: `nodes.red.select.distance`.
+    /// The paths of the conflicts, such as `nodes.red.select.distance`.
     pub(super) conflicts: Vec<String>,
 }
 
-/// Where a value stands.
+/// The position of a value in the graph.
 #[derive(Clone, Copy)]
-struct Place<'p> {
+struct Location<'p> {
     path: &'p str,
-    /// Whether conflicts are marked around its parts, not around what it is a part of.
-    marks: bool,
-    /// How far it is from the whole.
+    /// True if conflicts are marked around the parts of the value. False if a conflict is marked around a larger value.
+    marks_parts: bool,
+    /// The depth of the value below the root.
     depth: usize,
 }
 
-/// The value before, in our text, and in theirs.
+impl Location<'_> {
+    /// Returns true for the graph, and for the section itself that has the entry.
+    fn is_around(&self, section: &str) -> bool {
+        self.path.is_empty() || self.depth == 1 && self.path == section
+    }
+}
+
+/// The three versions of a value: in the base text, in our text and in their text.
 #[derive(Clone, Copy)]
-struct Three<'t> {
+struct Versions<'t> {
     base: Option<Value<'t>>,
     ours: Value<'t>,
     theirs: Value<'t>,
 }
 
+impl Versions<'_> {
+    /// Returns true if the version of a side differs from the base version in meaning.
+    fn is_changed(&self, side: Value<'_>) -> bool {
+        self.base.is_none_or(|base| !base.means_same(side))
+    }
+}
+
 impl Merger<'_> {
-    /// The whole of three texts.
-    pub(super) fn whole(&mut self, base: Value<'_>, ours: Value<'_>, theirs: Value<'_>) -> String {
-        let three = Three { base: Some(base), ours, theirs };
-        let place = Place { path: "", marks: true, depth: 0 };
-        let Both { ours: left, theirs: right } = self.value(three, place);
+    /// Merges three whole texts.
+    pub(super) fn merge_root(
+        &mut self,
+        base: Value<'_>,
+        ours: Value<'_>,
+        theirs: Value<'_>,
+    ) -> String {
+        let versions = Versions { base: Some(base), ours, theirs };
+        let place = Location { path: "", marks_parts: true, depth: 0 };
+        let MergedSides { ours: left, theirs: right } = self.merge_value(versions, place);
         match left == right {
             true => left,
-            // Not even what they are is the same.
+            // The outermost values are of different kinds.
             false => format!("<<<<<<< ours\n{left}\n=======\n{right}\n>>>>>>> theirs"),
         }
     }
 
-    fn value(&mut self, three: Three<'_>, place: Place<'_>) -> Both {
-        let Three { base, ours, theirs } = three;
-        let (left, right) = (ours.written(), theirs.written());
-        let before = base.map(Value::written);
-        // All texts may be alike around what is marked all the same.
-        let is_around =
-            |section: &str| place.path.is_empty() || place.depth == 1 && place.path == section;
-        if (self.renamed_twice.iter().any(|it| is_around(it.section))
-            || self.kept_apart.iter().any(|entry| entry.split('.').next().is_some_and(is_around)))
-            && let Some(merged) = self.parts(three, place)
+    fn merge_value(&mut self, versions: Versions<'_>, place: Location<'_>) -> MergedSides {
+        let Versions { base, ours, theirs } = versions;
+        let (left, right) = (ours.source_text(), theirs.source_text());
+        let before = base.map(Value::source_text);
+        // The entries to be kept separate are conflicts, even if all three texts are equal.
+        let mut sections_apart = self
+            .kept_separate
+            .iter()
+            .filter_map(|entry| entry.split('.').next())
+            .chain(self.renamed_twice.iter().map(|it| it.section));
+        if sections_apart.any(|section| place.is_around(section))
+            && let Some(merged) = self.merge_named_parts(versions, place)
         {
             return merged;
         }
         if left == right || before == Some(right) {
-            return Both::agreed(left);
+            return MergedSides::equal(left);
         }
         if before == Some(left) {
-            return Both::agreed(right);
+            return MergedSides::equal(right);
         }
-        if let Some(merged) = self.parts(three, place) {
+        if let Some(merged) = self.merge_named_parts(versions, place) {
             return merged;
         }
-        let says = |value: Value<'_>| base.is_some_and(|base| base.says(value));
-        let (by_us, by_them) = (!says(ours), !says(theirs));
-        let is_agreed = ours.says(theirs) || !by_us || !by_them;
+        let (by_us, by_them) = (versions.is_changed(ours), versions.is_changed(theirs));
+        let is_agreed = ours.means_same(theirs) || !by_us || !by_them;
         if is_agreed {
-            if let Some(merged) = self.items(three, by_us, by_them, place) {
+            if let Some(merged) = self.merge_items(versions, by_us, by_them, place) {
                 return merged;
             }
             let (kept, gone) = if by_us || !by_them { (left, right) } else { (right, left) };
-            if !self.has_news(gone) {
-                return Both::agreed(kept);
+            if !self.has_new_comment(gone) {
+                return MergedSides::equal(kept);
             }
         }
         self.conflicts.push(place.path.to_owned());
-        Both { ours: left.to_owned(), theirs: right.to_owned() }
+        MergedSides { ours: left.to_owned(), theirs: right.to_owned() }
     }
 
-    /// Whether a text has a comment that was not there before.
-    fn has_news(&self, text: &str) -> bool {
+    /// Returns true if a text has a comment that does not occur in the base text.
+    fn has_new_comment(&self, text: &str) -> bool {
         comments(text).iter().any(|comment| !self.known.contains(comment))
     }
 
-    /// The same part by part, if all are made of parts with names.
-    fn parts(&mut self, three: Three<'_>, place: Place<'_>) -> Option<Both> {
-        if name(three.ours) != name(three.theirs) {
+    /// Merges a value part by part. `None` if one of the versions has no parts with names.
+    fn merge_named_parts(
+        &mut self,
+        versions: Versions<'_>,
+        place: Location<'_>,
+    ) -> Option<MergedSides> {
+        if name(versions.ours) != name(versions.theirs) {
             return None;
         }
-        // What is expected hangs on no order.
-        let is_changed = |side: Value<'_>| three.base.is_none_or(|base| !base.says(side));
-        let lists = place.path == "expect" && is_changed(three.ours) && is_changed(three.theirs);
-        let (ours, theirs) = (Parts::of(three.ours, lists)?, Parts::of(three.theirs, lists)?);
-        let base = three.base.filter(|base| is_like(*base, three.ours));
-        let base = base.and_then(|base| Parts::of(base, lists));
+        // The order of expectations does not matter.
+        let lists = place.path == "expect"
+            && versions.is_changed(versions.ours)
+            && versions.is_changed(versions.theirs);
+        let (ours, theirs) =
+            (Parts::read(versions.ours, lists)?, Parts::read(versions.theirs, lists)?);
+        let base = versions.base.filter(|base| has_same_form(*base, versions.ours));
+        let base = base.and_then(|base| Parts::read(base, lists));
         let base = base.as_ref();
-        if lists {
-            let lacks = |parts: &Parts<'_>| {
-                base.is_some_and(|base| base.all.iter().any(|(key, _)| parts.get(key).is_none()))
-            };
-            if lacks(&ours) && lacks(&theirs) {
-                return None;
-            }
+        if lists && base.is_some_and(|base| !ours.has_all(base) && !theirs.has_all(base)) {
+            return None;
         }
-        Some(self.all_parts(base, &ours, &theirs, place))
+        Some(self.merge_parts(base, &ours, &theirs, place))
     }
 
-    /// The same item by item, of lists or tuples of which at most one says something else than before, or both the same.
-    fn items(
+    /// Merges lists or tuples item by item, if at most one side changed their meaning, or if both sides changed it in the same way.
+    fn merge_items(
         &mut self,
-        three: Three<'_>,
+        versions: Versions<'_>,
         by_us: bool,
         by_them: bool,
-        place: Place<'_>,
-    ) -> Option<Both> {
-        if name(three.ours) != name(three.theirs) || !is_like(three.theirs, three.ours) {
+        place: Location<'_>,
+    ) -> Option<MergedSides> {
+        if name(versions.ours) != name(versions.theirs)
+            || !has_same_form(versions.theirs, versions.ours)
+        {
             return None;
         }
-        let base = three.base.filter(|base| is_like(*base, three.ours));
-        let before = base.and_then(Value::said_by_items);
+        let base = versions.base.filter(|base| has_same_form(*base, versions.ours));
+        let before = base.and_then(Value::normalized_items);
         let (before, count) = match &before {
             Some(before) => (&before[..], before.len()),
             None => (&[][..], 0),
         };
         let numbers = |value: Value<'_>, is_changed: bool| {
-            let said = value.said_by_items()?;
+            let said = value.normalized_items()?;
             let places = match is_changed {
-                true => paired(before, &said),
+                true => pair_items(before, &said),
                 false => (0..said.len()).map(Some).collect(),
             };
-            // What both added is the same.
-            let number =
-                |(k, place): (usize, Option<usize>)| place.unwrap_or(count + k).to_string();
-            Some(places.into_iter().enumerate().map(number).collect::<Vec<_>>())
+            // Both sides have added the same items.
+            let numbered = places.into_iter().enumerate();
+            Some(
+                numbered
+                    .map(|(k, place)| place.unwrap_or(count + k).to_string())
+                    .collect::<Vec<_>>(),
+            )
         };
-        let ours = Parts::numbered(three.ours, numbers(three.ours, by_us)?)?;
-        let theirs = Parts::numbered(three.theirs, numbers(three.theirs, by_them)?)?;
-        let base = base.and_then(|base| Parts::numbered(base, numbers(base, false)?));
-        Some(self.all_parts(base.as_ref(), &ours, &theirs, place))
+        let ours = Parts::from_items(versions.ours, numbers(versions.ours, by_us)?)?;
+        let theirs = Parts::from_items(versions.theirs, numbers(versions.theirs, by_them)?)?;
+        let base = base.and_then(|base| Parts::from_items(base, numbers(base, false)?));
+        Some(self.merge_parts(base.as_ref(), &ours, &theirs, place))
     }
 
-    /// What becomes of all parts, put together.
-    fn all_parts(
+    /// Merges all parts and joins them.
+    fn merge_parts(
         &mut self,
         base: Option<&Parts<'_>>,
         ours: &Parts<'_>,
         theirs: &Parts<'_>,
-        place: Place<'_>,
-    ) -> Both {
+        place: Location<'_>,
+    ) -> MergedSides {
         let (mut left, mut right, mut marked) = (Vec::new(), Vec::new(), Vec::new());
-        for key in order(base, ours, theirs) {
+        for key in merged_order(base, ours, theirs) {
             let before = base.and_then(|base| base.get(&key));
             let known = self.conflicts.len();
             let path = match place.path {
                 "" => key.clone(),
                 path => format!("{path}.{key}"),
             };
-            // The entries of the sections of a graph are marked, and the other fields of it.
-            let inside = Place { path: &path, marks: place.depth == 0, depth: place.depth + 1 };
+            // In the sections of a graph, conflicts are marked around entries. In the graph itself, they are marked around its other
+            // fields.
+            let inside =
+                Location { path: &path, marks_parts: place.depth == 0, depth: place.depth + 1 };
             let sides = (ours.get(&key), theirs.get(&key));
-            let is_kept_apart = inside.depth == 2 && self.kept_apart.contains(&path);
+            let is_kept_apart = inside.depth == 2 && self.kept_separate.contains(&path);
             let (mine, other) = match is_kept_apart {
                 true => {
                     self.conflicts.push(path.clone());
                     (sides.0.map(|part| part.piece()), sides.1.map(|part| part.piece()))
                 }
-                false => self.part(before, sides, inside),
+                false => self.merge_part(before, sides, inside),
             };
-            let mine = self.by_our_name(&place, &key, mine);
+            let mine = self.with_our_name(&place, &key, mine);
             let is_open = self.conflicts.len() > known;
-            let is_section = place.depth == 0 && mine.as_ref().is_some_and(|it| is_marked(&it.own));
-            left.extend(mine.clone().map(Merged::Piece));
-            right.extend(other.clone().map(Merged::Piece));
-            marked.extend(match (place.marks && is_open && !is_section, mine) {
-                (true, mine) => Some(Merged::Conflict(mine, other)),
-                (false, mine) => mine.map(Merged::Piece),
+            let is_section =
+                place.depth == 0 && mine.as_ref().is_some_and(|it| has_conflict_marks(&it.own));
+            left.extend(mine.clone().map(MergedPart::Piece));
+            right.extend(other.clone().map(MergedPart::Piece));
+            marked.extend(match (place.marks_parts && is_open && !is_section, mine) {
+                (true, mine) => Some(MergedPart::Conflict(mine, other)),
+                (false, mine) => mine.map(MergedPart::Piece),
             });
         }
-        let close = around(base.map_or("", |base| base.close), ours.close, theirs.close);
-        let ends = (around(base.map_or("", |base| base.open), ours.open, theirs.open), close);
-        if place.marks {
-            return Both::agreed(&put_together(ours, &ends, &marked));
+        let close = merge_gaps(base.map_or("", |base| base.close), ours.close, theirs.close);
+        let ends = (merge_gaps(base.map_or("", |base| base.open), ours.open, theirs.open), close);
+        if place.marks_parts {
+            return MergedSides::equal(&join_parts(ours, &ends, &marked));
         }
-        let (left, right) = (put_together(ours, &ends, &left), put_together(ours, &ends, &right));
-        Both { ours: left, theirs: right }
+        let (left, right) = (join_parts(ours, &ends, &left), join_parts(ours, &ends, &right));
+        MergedSides { ours: left, theirs: right }
     }
 
-    /// A part that both gave another name, under ours.
-    fn by_our_name(&mut self, place: &Place<'_>, key: &str, mine: Option<Piece>) -> Option<Piece> {
+    /// Returns a part that both sides have renamed, with the name that our side gave it.
+    fn with_our_name(
+        &mut self,
+        place: &Location<'_>,
+        key: &str,
+        mine: Option<Piece>,
+    ) -> Option<Piece> {
         let twice = self
             .renamed_twice
             .iter()
@@ -229,37 +263,39 @@ impl Merger<'_> {
         Some(Piece { own, ..mine.clone() })
     }
 
-    /// What becomes of a part on both sides; nothing if it goes.
-    fn part(
+    /// Merges a part, for both sides. `None` if the merge removes the part.
+    fn merge_part(
         &mut self,
         base: Option<Part<'_>>,
         sides: (Option<Part<'_>>, Option<Part<'_>>),
-        place: Place<'_>,
+        place: Location<'_>,
     ) -> (Option<Piece>, Option<Piece>) {
         match sides {
             (Some(ours), Some(theirs)) => {
-                let Both { ours: left, theirs: right } = match (base, ours, theirs) {
-                    // One of them wrote out what was meant anyway.
+                let MergedSides { ours: left, theirs: right } = match (base, ours, theirs) {
+                    // One side wrote the default of the field explicitly.
                     (None, Part { is_default: true, .. }, _) => {
-                        Both::agreed(theirs.value.written())
+                        MergedSides::equal(theirs.value.source_text())
                     }
-                    (None, _, Part { is_default: true, .. }) => Both::agreed(ours.value.written()),
+                    (None, _, Part { is_default: true, .. }) => {
+                        MergedSides::equal(ours.value.source_text())
+                    }
                     _ => {
                         let base = base.map(|it| it.value);
-                        let three = Three { base, ours: ours.value, theirs: theirs.value };
-                        self.value(three, place)
+                        let versions = Versions { base, ours: ours.value, theirs: theirs.value };
+                        self.merge_value(versions, place)
                     }
                 };
                 let around = |of: fn(&Part<'_>) -> String| {
                     let before = base.as_ref().map(of).unwrap_or_default();
-                    around(&before, &of(&ours), &of(&theirs))
+                    merge_gaps(&before, &of(&ours), &of(&theirs))
                 };
                 let name = around(|part| part.name.to_owned());
                 let piece = Piece {
                     before: around(|part| part.before.to_owned()),
                     own: format!("{name}{left}"),
-                    comma: around(|part| part.behind.comma.to_owned()),
-                    line: around(|part| part.behind.line.to_owned()),
+                    comma: around(|part| part.trailing.comma.to_owned()),
+                    line: around(|part| part.trailing.line.to_owned()),
                 };
                 let theirs = Piece { own: format!("{name}{right}"), ..piece.clone() };
                 (Some(piece), Some(theirs))
@@ -267,14 +303,14 @@ impl Merger<'_> {
             (Some(only), None) | (None, Some(only)) => {
                 let piece = only.piece();
                 let texts = [&piece.before, &piece.own, &piece.comma, &piece.line];
-                let is_news = texts.into_iter().any(|text| self.has_news(text));
-                let is_same = base.is_some_and(|base| base.value.says(only.value));
+                let has_new = texts.into_iter().any(|text| self.has_new_comment(text));
+                let is_same = base.is_some_and(|base| base.value.means_same(only.value));
                 match base {
-                    // One of them added it.
+                    // Only one side has the part, because it added the part.
                     None => (Some(piece.clone()), Some(piece)),
-                    // One of them took it away, and the other one left it as it was.
-                    Some(_) if is_same && !is_news => (None, None),
-                    // It says the same without it.
+                    // One side removed the part, and the other side did not change it.
+                    Some(_) if is_same && !has_new => (None, None),
+                    // The value equals its default, so removing the part has no effect.
                     Some(base) if base.is_default => (Some(piece.clone()), Some(piece)),
                     Some(_) => {
                         self.conflicts.push(place.path.to_owned());
@@ -287,24 +323,24 @@ impl Merger<'_> {
     }
 }
 
-/// The name before the parentheses of a value.
+/// Returns the name before the parentheses of a value.
 fn name(value: Value<'_>) -> Option<String> {
     value.tree.name().map(|name| name.text)
 }
 
-/// Whether values are of one kind and name.
-fn is_like(value: Value<'_>, other: Value<'_>) -> bool {
-    let kind = |value: Value<'_>| std::mem::discriminant(&value.tree.kind);
-    name(value) == name(other) && kind(value) == kind(other)
+/// Returns true if both values have the same kind and name.
+fn has_same_form(value: Value<'_>, other: Value<'_>) -> bool {
+    name(value) == name(other)
+        && std::mem::discriminant(&value.tree.kind) == std::mem::discriminant(&other.tree.kind)
 }
 
-/// Whether conflicts are marked in a text.
-fn is_marked(text: &str) -> bool {
+/// Returns true if a text contains conflict markers.
+fn has_conflict_marks(text: &str) -> bool {
     text.contains("\n<<<<<<< ours\n")
 }
 
-/// The names of all parts: in our order, and what they added behind what it stands behind there.
-fn order(base: Option<&Parts<'_>>, ours: &Parts<'_>, theirs: &Parts<'_>) -> Vec<String> {
+/// Returns the names of all parts, in our order. A part that the other side added follows the part that precedes it in their text.
+fn merged_order(base: Option<&Parts<'_>>, ours: &Parts<'_>, theirs: &Parts<'_>) -> Vec<String> {
     let mut order: Vec<_> = ours.all.iter().map(|(key, _)| key.clone()).collect();
     let mut before: Option<&String> = None;
     for (key, _) in &theirs.all {

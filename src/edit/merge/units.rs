@@ -1,29 +1,42 @@
-//! Numbers with units as the plain ones that they stand for, so that two ways to write one length are the same.
+//! Converts numbers with units to plain numbers, so that two spellings of one length are equal.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
 use maquette_graph::catalog::{Catalog, Entry};
-use maquette_graph::fitting::{declaration_in_own_unit, in_plain_numbers};
+use maquette_graph::constants::{declaration_in_own_unit, in_plain_numbers};
 use maquette_graph::tree::entries;
 use maquette_graph::{Expectation, Files, Graph, Options};
 use maquette_syntax::{Body, Kind, Tree, unit_names};
 
-/// What the values with units say, by where they begin in a graph's text.
-pub(super) fn plain_numbers(path: &Path, text: &str, tree: &Tree, catalog: &Catalog) -> Plain {
+/// Returns the values with units in the text of a graph as plain numbers, by their offsets in the text.
+pub(super) fn plain_numbers(
+    path: &Path,
+    text: &str,
+    tree: &Tree,
+    catalog: &Catalog,
+) -> PlainNumbers {
     let options = Options { files: Files::Ignored, ..Options::default() };
     let fields = tree.fields().unwrap_or_default();
-    let mut plain = Plain::new();
+    let mut plain = PlainNumbers::new();
     if !has_units(tree) {
         return plain;
     }
     for (name, declared) in entries(fields, "params") {
-        note(declared, &declaration_in_own_unit(declared, name, &mut Vec::new()), &mut plain);
+        collect_differences(
+            declared,
+            &declaration_in_own_unit(declared, name, &mut Vec::new()),
+            &mut plain,
+        );
     }
     for field in fields.iter().filter(|field| field.name.text == "expect") {
-        note(&field.value, &Expectation::in_plain_numbers(&field.value).0, &mut plain);
+        collect_differences(
+            &field.value,
+            &Expectation::in_plain_numbers(&field.value).0,
+            &mut plain,
+        );
     }
-    // Only where a graph uses others must these be read.
+    // The used graphs are read only if the text has numbers with units.
     let uses = entries(fields, "use").next().is_some();
     let graphs = match uses {
         true => Graph::subgraphs_of(path, text.to_owned(), catalog, &options).0,
@@ -38,16 +51,16 @@ pub(super) fn plain_numbers(path: &Path, text: &str, tree: &Tree, catalog: &Cata
     for (_, node) in entries(fields, "nodes") {
         let kind = node.name().map(|name| name.text).unwrap_or_default();
         if let Some(schema) = schema(&kind) {
-            note(node, &in_plain_numbers(node, schema), &mut plain);
+            collect_differences(node, &in_plain_numbers(node, schema), &mut plain);
         }
     }
     plain
 }
 
-/// Values in plain numbers, by where they begin in the text.
-pub(super) type Plain = BTreeMap<usize, Tree>;
+/// Values with units as plain numbers, by their offsets in the text.
+pub(super) type PlainNumbers = BTreeMap<usize, Tree>;
 
-/// Whether a number in a value has a unit.
+/// Returns true if a number in the value is written with a unit.
 fn has_units(tree: &Tree) -> bool {
     match &tree.kind {
         Kind::List(items) => items.iter().any(has_units),
@@ -63,27 +76,36 @@ fn has_units(tree: &Tree) -> bool {
     }
 }
 
-/// Notes where a value differs from the same one in plain numbers.
-fn note(tree: &Tree, plain: &Tree, found: &mut Plain) {
+/// Collects those parts of a value that change when it is converted to plain numbers.
+fn collect_differences(tree: &Tree, plain: &Tree, found: &mut PlainNumbers) {
     match (&tree.kind, &plain.kind) {
         (Kind::List(items), Kind::List(others)) => {
-            items.iter().zip(others).for_each(|(item, other)| note(item, other, found));
+            items
+                .iter()
+                .zip(others)
+                .for_each(|(item, other)| collect_differences(item, other, found));
         }
         (Kind::Map(entries), Kind::Map(others)) => {
-            entries.iter().zip(others).for_each(|(entry, other)| note(&entry.1, &other.1, found));
+            entries
+                .iter()
+                .zip(others)
+                .for_each(|(entry, other)| collect_differences(&entry.1, &other.1, found));
         }
         (
             Kind::Call { name: a, body: Body::Items(items) },
             Kind::Call { name: b, body: Body::Items(others) },
         ) if a == b => {
-            items.iter().zip(others).for_each(|(item, other)| note(item, other, found));
+            items
+                .iter()
+                .zip(others)
+                .for_each(|(item, other)| collect_differences(item, other, found));
         }
         (
             Kind::Call { name: a, body: Body::Fields(fields) },
             Kind::Call { name: b, body: Body::Fields(others) },
         ) if a == b => {
             let both = fields.iter().zip(others);
-            both.for_each(|(field, other)| note(&field.value, &other.value, found));
+            both.for_each(|(field, other)| collect_differences(&field.value, &other.value, found));
         }
         (Kind::Call { .. }, _) if tree.kind != plain.kind => {
             found.insert(tree.span.start, plain.clone());

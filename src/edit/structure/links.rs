@@ -1,21 +1,26 @@
-//! Links of ports: made, changed and taken away.
+//! Adds, changes and removes the links of ports.
 
-use maquette_graph::Refusal;
-use maquette_graph::place::{Found, field, find};
-use maquette_graph::splice::{Splice, added, apply, behind, parts, put_entry};
-use maquette_graph::top::field_of;
+use maquette_graph::EditError;
+use maquette_graph::header::field_of;
+use maquette_graph::place::{PathEnd, field, find};
+use maquette_graph::splice::{Splice, add_field, apply, insert_after, parts, put_entry};
 use maquette_syntax::error::{Span, code};
-use maquette_syntax::{Kind, Tree, nearest_or_all, parse, quoted};
+use maquette_syntax::{Kind, Tree, nearest_or_all, parse, quote};
 
-use super::{Gone, Structure, call_of, one, refusal};
+use super::{Removals, Structure, call_of, edit_error, to_errors};
 use crate::references::References;
 
 impl Structure<'_> {
-    /// A node, and the way to a port in its call, as the text has it.
-    fn port<'p>(&self, given: &'p str) -> Result<(&'p str, &Tree, Vec<&'p str>), Refusal> {
+    /// Returns a node and the path to a port in its call.
+    fn find_port<'p>(&self, given: &'p str) -> Result<(&'p str, &Tree, Vec<&'p str>), EditError> {
         let Some((node, port)) = given.split_once('.') else {
-            let message = format!("`{given}` is no port");
-            return Err(refusal(code::UNKNOWN_FIELD, Span::default(), message, "write NODE.PORT"));
+            let message = format!("`{given}` is not a port");
+            return Err(edit_error(
+                code::UNKNOWN_FIELD,
+                Span::default(),
+                message,
+                "write NODE.PORT",
+            ));
         };
         let call = self.node(node)?;
         let mut steps: Vec<_> = port.split('.').collect();
@@ -37,38 +42,38 @@ impl Structure<'_> {
         Ok((node, call, steps))
     }
 
-    pub(super) fn link(&self, port: &str, to: &str) -> Result<String, Refusal> {
-        let (node, call, steps) = self.port(port)?;
-        let (splices, way) = self.linked(node, call, &steps, &quoted(to))?;
+    pub(super) fn link(&self, port: &str, to: &str) -> Result<String, EditError> {
+        let (node, call, steps) = self.find_port(port)?;
+        let (splices, way) = self.link_splices(node, call, &steps, &quote(to))?;
         let text = apply(self.text, splices);
-        // Only the check knows which texts are links.
+        // Only a check of the graph can tell which texts are links.
         let (tree, _) = parse(&text);
-        let references = References::of(self.judge, &text);
+        let references = References::read(self.editor, &text);
         let way: Vec<_> = way.iter().map(String::as_str).collect();
         let is_link = match call_of(&tree, node).map(|call| find(call, &way, None)) {
-            Some(Ok(Found::Value(link))) => references.is_ok_and(|all| all.is_link(link.span)),
+            Some(Ok(PathEnd::Value(link))) => references.is_ok_and(|all| all.is_link(link.span)),
             _ => false,
         };
-        if is_link { Ok(text) } else { Err(self.no_port(node, call, port)) }
+        if is_link { Ok(text) } else { Err(self.unknown_port(node, call, port)) }
     }
 
-    fn no_port(&self, node: &str, call: &Tree, given: &str) -> Refusal {
+    fn unknown_port(&self, node: &str, call: &Tree, given: &str) -> EditError {
         let ports = self.references.ports.get(node).into_iter().flatten();
         let ports: Vec<_> = ports.map(|port| &port.name[..]).collect();
         let port = given.split_once('.').map_or(given, |(_, port)| port);
         let message = format!("`{node}` has no port `{port}`");
         let help = nearest_or_all(port, "its ports", &ports);
-        refusal(code::UNKNOWN_FIELD, call.span, message, help)
+        edit_error(code::UNKNOWN_FIELD, call.span, message, help)
     }
 
-    /// The edits that put a link to a port, and the way to it in the new text.
-    fn linked(
+    /// Returns the edits that put a link at a port, and the path of the link in the new text.
+    fn link_splices(
         &self,
         node: &str,
         call: &Tree,
         steps: &[&str],
         link: &str,
-    ) -> Result<(Vec<Splice>, Vec<String>), Refusal> {
+    ) -> Result<(Vec<Splice>, Vec<String>), EditError> {
         let (steps, index) = match steps.split_last() {
             Some((last, before)) if !before.is_empty() && before != ["cases"] => {
                 let index = last.parse::<usize>().ok();
@@ -76,7 +81,7 @@ impl Structure<'_> {
             }
             _ => (steps, None),
         };
-        fn way(index: Option<usize>, steps: &[&str]) -> Vec<String> {
+        fn link_path(index: Option<usize>, steps: &[&str]) -> Vec<String> {
             let index = index.map(|index| index.to_string());
             steps.iter().map(|&step| step.to_owned()).chain(index).collect::<Vec<_>>()
         }
@@ -86,9 +91,9 @@ impl Structure<'_> {
             && entries.iter().all(|(key, _)| key.text() != Some(case))
             && let Some(cases) = field(call, "cases")
         {
-            let entry = format!("{}: {link}", quoted(case));
+            let entry = format!("{}: {link}", quote(case));
             let splices = put_entry(self.text, &cases.value, None, false, |_| entry.clone());
-            return Ok((splices, way(None, steps)));
+            return Ok((splices, link_path(None, steps)));
         }
         let port = steps.last().copied().unwrap_or_default();
         let known = self.references.ports.get(node).into_iter().flatten();
@@ -100,73 +105,78 @@ impl Structure<'_> {
                 (true, 0) => "it has none: the first one has the number 0".to_owned(),
                 (true, count) => format!("the next one has the number {count}"),
             };
-            refusal(code::UNKNOWN_FIELD, span, message, help)
+            edit_error(code::UNKNOWN_FIELD, span, message, help)
         };
         fn insert(at: usize, text: String) -> (Span, String) {
             (Span { start: at, end: at }, text)
         }
-        fn listed(link: &str) -> String {
+        fn list_of(link: &str) -> String {
             format!("[{link}]")
         }
         match find(call, steps, None)? {
-            Found::Value(list @ Tree { kind: Kind::List(items), .. }) => {
+            PathEnd::Value(list @ Tree { kind: Kind::List(items), .. }) => {
                 let index = index.unwrap_or(items.len());
                 let places = parts(list);
                 let splices = match places.get(index) {
                     Some(&place) => vec![(place, link.to_owned())],
                     None if index > items.len() => return Err(no_item(list.span, items.len())),
                     None => match &places[..] {
-                        [] => vec![(list.span, listed(link))],
+                        [] => vec![(list.span, list_of(link))],
                         [before @ .., last] => {
                             let before = before.last().map(|before| before.end);
-                            behind(self.text, list.span, before, *last, link)
+                            insert_after(self.text, list.span, before, *last, link)
                         }
                     },
                 };
-                Ok((splices, way(Some(index), steps)))
+                Ok((splices, link_path(Some(index), steps)))
             }
-            Found::Value(value) if many => {
+            PathEnd::Value(value) if many => {
                 let one = matches!(value.kind, Kind::Text(_));
                 match index {
-                    Some(0) if one => Ok((vec![(value.span, link.to_owned())], way(None, steps))),
+                    Some(0) if one => {
+                        Ok((vec![(value.span, link.to_owned())], link_path(None, steps)))
+                    }
                     None | Some(1) if one => {
                         let open = insert(value.span.start, "[".into());
                         let close = insert(value.span.end, format!(", {link}]"));
-                        Ok((vec![open, close], way(Some(1), steps)))
+                        Ok((vec![open, close], link_path(Some(1), steps)))
                     }
-                    None | Some(0) => Ok((vec![(value.span, listed(link))], way(Some(0), steps))),
+                    None | Some(0) => {
+                        Ok((vec![(value.span, list_of(link))], link_path(Some(0), steps)))
+                    }
                     Some(_) => Err(no_item(value.span, usize::from(one))),
                 }
             }
-            Found::Value(value) => match index {
-                None => Ok((vec![(value.span, link.to_owned())], way(None, steps))),
+            PathEnd::Value(value) => match index {
+                None => Ok((vec![(value.span, link.to_owned())], link_path(None, steps))),
                 Some(_) => Err(no_item(value.span, 1)),
             },
-            Found::Missing(owner, rest) => {
+            PathEnd::Missing(owner, rest) => {
                 if index.is_some_and(|index| index > 0 || !many) {
                     return Err(no_item(owner.span, 0));
                 }
-                let value = if many { listed(link) } else { link.to_owned() };
+                let value = if many { list_of(link) } else { link.to_owned() };
                 let value =
                     rest[1..].iter().rev().fold(value, |value, name| format!("({name}: {value})"));
-                let splices = added(self.text, owner, &rest[0], &value);
-                Ok((splices, way(many.then_some(0), steps)))
+                let splices = add_field(self.text, owner, &rest[0], &value);
+                Ok((splices, link_path(many.then_some(0), steps)))
             }
         }
     }
 
-    pub(super) fn unlink(&self, given: &str) -> Result<Vec<Splice>, Vec<Refusal>> {
-        let (node, call, steps) = self.port(given).map_err(one)?;
-        let is_link = |tree: &Tree| self.references.is_link(tree.span);
-        let found = find(call, &steps, None).map_err(one)?;
+    pub(super) fn unlink(&self, given: &str) -> Result<Vec<Splice>, Vec<EditError>> {
+        let (node, call, steps) = self.find_port(given).map_err(to_errors)?;
+        let found = find(call, &steps, None).map_err(to_errors)?;
         let value = match found {
-            Found::Value(value) => value.call_of("Some").unwrap_or(value),
-            Found::Missing(owner, _) => owner,
+            PathEnd::Value(value) => value.call_of("Some").unwrap_or(value),
+            PathEnd::Missing(owner, _) => owner,
         };
         let has_links = match (&found, &value.kind) {
-            (Found::Missing(..), _) => false,
-            (_, Kind::List(items)) => !items.is_empty() && items.iter().all(is_link),
-            _ => is_link(value),
+            (PathEnd::Missing(..), _) => false,
+            (_, Kind::List(items)) => {
+                !items.is_empty() && items.iter().all(|item| self.references.is_link(item.span))
+            }
+            _ => self.references.is_link(value.span),
         };
         if !has_links {
             let port = given.split_once('.').map_or(given, |(_, port)| port);
@@ -177,12 +187,12 @@ impl Structure<'_> {
                 }
                 false => String::new(),
             };
-            let refused = refusal(code::UNKNOWN_FIELD, value.span, message, help);
-            return Err(one(refused));
+            let error = edit_error(code::UNKNOWN_FIELD, value.span, message, help);
+            return Err(to_errors(error));
         }
-        let mut gone = Gone::new();
-        self.let_link_go(&self.holders(value.span), value.span, &mut gone).map_err(one)?;
-        let refusals = self.let_lists_go(&mut gone);
-        if refusals.is_empty() { Ok(self.spliced(&gone)) } else { Err(refusals) }
+        let mut gone = Removals::new();
+        self.remove_link(&self.ancestors(value.span), value.span, &mut gone).map_err(to_errors)?;
+        let errors = self.remove_empty_lists(&mut gone);
+        if errors.is_empty() { Ok(self.removal_splices(&gone)) } else { Err(errors) }
     }
 }

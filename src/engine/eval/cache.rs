@@ -1,4 +1,4 @@
-//! Results in memory, by key, the least recently used ones dropped first.
+//! Results in memory, by key. If there are too many, the least recently used ones are dropped first.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
@@ -14,34 +14,34 @@ use super::lock;
 /// The values of a node's outputs.
 pub(super) type Values = Arc<[AnyValue]>;
 
-/// What a node gave: always what the values are, and the values themselves as long as there is memory for them.
+/// The result of a node. It always contains the hashes of the values, and the values themselves while there is memory for them.
 pub(super) struct Outcome {
     /// The type and the hash of each output.
     pub(super) outputs: Box<[(&'static str, Hash)]>,
     pub(super) warnings: Box<[String]>,
-    /// What the values are in a few words, such as their counts; empty where that is not known.
-    pub(super) shapes: Box<[String]>,
-    /// How much memory the values need.
+    /// A short description of each value, such as its counts. It is empty if it is unknown.
+    pub(super) descriptions: Box<[String]>,
+    /// The memory for the values, in bytes.
     pub(super) bytes: usize,
-    /// How long it took to compute them.
+    /// The time that the computation of the values took, in seconds.
     pub(super) seconds: f64,
     values: Mutex<Option<Values>>,
-    used: AtomicU64,
-    /// Whether it is not on disk only because nothing was to be put there when it was made.
-    owed: AtomicBool,
+    last_use: AtomicU64,
+    /// True if the result is missing on disk only because writing was turned off when the result was computed.
+    is_unsaved: AtomicBool,
 }
 
 impl Outcome {
     pub(super) fn new(values: &Values, warnings: Vec<String>, seconds: f64) -> Self {
         let outputs = values.iter().map(|value| (value.kind().name, value.hash())).collect();
         let bytes = values.iter().map(AnyValue::size).sum();
-        let shapes = values.iter().map(shape).collect();
-        let known = Self::known(outputs, warnings, bytes, seconds);
-        Self { values: Mutex::new(Some(values.clone())), shapes, ..known }
+        let shapes = values.iter().map(description).collect();
+        let outcome = Self::without_values(outputs, warnings, bytes, seconds);
+        Self { values: Mutex::new(Some(values.clone())), descriptions: shapes, ..outcome }
     }
 
-    /// An outcome without its values.
-    pub(super) fn known(
+    /// Creates an outcome without its values.
+    pub(super) fn without_values(
         outputs: Box<[(&'static str, Hash)]>,
         warnings: Vec<String>,
         bytes: usize,
@@ -51,21 +51,21 @@ impl Outcome {
         Self {
             outputs,
             warnings,
-            shapes: Box::default(),
+            descriptions: Box::default(),
             bytes,
             seconds,
             values: Mutex::default(),
-            used: AtomicU64::new(0),
-            owed: AtomicBool::new(false),
+            last_use: AtomicU64::new(0),
+            is_unsaved: AtomicBool::new(false),
         }
     }
 
-    /// The same, with what its values are in a few words.
-    pub(super) fn shaped(self, shapes: Vec<String>) -> Self {
-        Self { shapes: shapes.into(), ..self }
+    /// Adds short descriptions of the values.
+    pub(super) fn with_descriptions(self, shapes: Vec<String>) -> Self {
+        Self { descriptions: shapes.into(), ..self }
     }
 
-    /// The values, if they are in memory.
+    /// Returns the values if they are in memory.
     pub(super) fn values(&self) -> Option<Values> {
         lock(&self.values).clone()
     }
@@ -74,29 +74,34 @@ impl Outcome {
         lock(&self.values).is_some()
     }
 
-    /// It would be on disk if something were put there.
-    pub(super) fn owe(&self) {
-        self.owed.store(true, Ordering::Relaxed);
+    /// Marks the result to be written when writing is turned on again.
+    pub(super) fn mark_unsaved(&self) {
+        self.is_unsaved.store(true, Ordering::Relaxed);
     }
 
-    /// Whether it should be put on disk now; from then on it need not.
-    pub(super) fn settle(&self) -> bool {
-        self.owed.load(Ordering::Relaxed) && self.owed.swap(false, Ordering::Relaxed)
+    /// Returns true if the result is marked to be written to disk, and clears the mark.
+    pub(super) fn take_unsaved(&self) -> bool {
+        self.is_unsaved.load(Ordering::Relaxed) && self.is_unsaved.swap(false, Ordering::Relaxed)
     }
 
-    /// Whether another outcome has the same values.
+    fn last_use(&self) -> u64 {
+        self.last_use.load(Ordering::Relaxed)
+    }
+
+    /// Returns true if another outcome has the same values.
     pub(super) fn equals(&self, other: &Self) -> bool {
         self.outputs == other.outputs
     }
 }
 
-/// `1024 x 768`, `12 vertices, 20 faces`: the first facts of a value; empty if its type cannot say them.
-fn shape(value: &AnyValue) -> String {
+/// Returns the first facts of a value, such as `1024 x 768` or `12 vertices, 20 faces`. Returns an empty text if the code of the value's
+/// type panics.
+fn description(value: &AnyValue) -> String {
     std::panic::catch_unwind(AssertUnwindSafe(|| facts(value))).unwrap_or_default()
 }
 
 fn facts(value: &AnyValue) -> String {
-    const MOST: usize = 3;
+    const MAX_FACTS: usize = 3;
     fn fact(fact: Fact) -> Option<String> {
         match fact.value {
             FactValue::Flag(false) => None,
@@ -112,13 +117,13 @@ fn facts(value: &AnyValue) -> String {
             FactValue::Size(_) => Some(fact.value.to_string()),
         }
     }
-    let facts = value.parts().facts.into_iter().filter_map(fact).take(MOST);
+    let facts = value.parts().facts.into_iter().filter_map(fact).take(MAX_FACTS);
     Vec::from_iter(facts).join(", ")
 }
 
-/// Outcomes by key, whose values are at most `limit` bytes together.
+/// Outcomes by key. All their values together take at most `limit` bytes.
 ///
-/// A column that two values share is counted twice, so that the true size is never above the counted one.
+/// A column that two values share is counted twice, so the counted size is at least the true size.
 pub(super) struct Cache {
     limit: usize,
     clock: AtomicU64,
@@ -131,7 +136,7 @@ struct State {
     bytes: usize,
 }
 
-/// Keys are hashes already: their first bytes will do.
+/// A hasher that returns the first bytes of a key. Keys are hashes already, so nothing has to be hashed.
 #[derive(Default)]
 pub(super) struct FirstBytes(u64);
 
@@ -149,7 +154,7 @@ impl Hasher for FirstBytes {
     fn write_usize(&mut self, _: usize) {}
 }
 
-/// What an entry needs beside its values.
+/// The number of bytes that an entry needs in addition to its values.
 const OVERHEAD: usize = 512;
 
 impl Cache {
@@ -157,19 +162,19 @@ impl Cache {
         Self { limit, clock: AtomicU64::new(0), state: Mutex::default() }
     }
 
-    /// Allows so many bytes from now on.
+    /// Sets the limit, in bytes.
     pub(super) fn set_limit(&mut self, limit: usize) {
         self.limit = limit;
         lock(&self.state).shrink(limit);
     }
 
-    /// How many bytes are allowed.
+    /// Returns the limit, in bytes.
     pub(super) fn limit(&self) -> usize {
         self.limit
     }
 
-    /// Drops values that nobody else holds until those left of them are at most this many bytes; those used longest ago go first.
-    pub(super) fn make_way(&self, most: u64) {
+    /// Drops values that only the cache refers to, the least recently used first, until at most `most` bytes of such values are left.
+    pub(super) fn drop_idle(&self, most: u64) {
         let state = &mut *lock(&self.state);
         if state.bytes as u64 <= most {
             return;
@@ -178,11 +183,8 @@ impl Cache {
             lock(&entry.values).as_ref().is_some_and(|values| Arc::strong_count(values) == 1)
         }
         let idle = state.entries.iter().filter(|(_, entry)| is_idle(entry));
-        fn used(entry: &Outcome) -> u64 {
-            entry.used.load(Ordering::Relaxed)
-        }
-        let mut idle =
-            idle.map(|(key, entry)| (used(entry), *key, entry.bytes as u64)).collect::<Vec<_>>();
+        let mut idle: Vec<_> =
+            idle.map(|(key, entry)| (entry.last_use(), *key, entry.bytes as u64)).collect();
         idle.sort_unstable_by(|a, b| b.cmp(a));
         let mut left: u64 = idle.iter().map(|(.., bytes)| bytes).sum();
         while most < left {
@@ -199,7 +201,7 @@ impl Cache {
     }
 
     fn touch(&self, outcome: &Outcome) {
-        outcome.used.store(self.clock.fetch_add(1, Ordering::Relaxed), Ordering::Relaxed);
+        outcome.last_use.store(self.clock.fetch_add(1, Ordering::Relaxed), Ordering::Relaxed);
     }
 
     pub(super) fn keep(&self, key: Hash, outcome: Arc<Outcome>) {
@@ -214,13 +216,13 @@ impl Cache {
         }
     }
 
-    /// Gives values that were read back to their outcome.
+    /// Attaches values that were read from disk to their outcome.
     pub(super) fn hold(&self, key: Hash, outcome: &Arc<Outcome>, values: &Values) {
         *lock(&outcome.values) = Some(values.clone());
         self.keep(key, outcome.clone());
     }
 
-    /// How many bytes all that is held counts as.
+    /// Returns the size of all entries, in bytes.
     pub(super) fn bytes(&self) -> usize {
         lock(&self.state).bytes
     }
@@ -231,13 +233,10 @@ impl Cache {
 }
 
 impl State {
-    /// Drops the values that were not used for the longest time, until this many bytes are left.
+    /// Drops the least recently used values until at most `goal` bytes are left.
     fn shrink(&mut self, goal: usize) {
-        fn used(outcome: &Outcome) -> u64 {
-            outcome.used.load(Ordering::Relaxed)
-        }
-        let mut by_use =
-            self.entries.iter().map(|(key, entry)| (used(entry), *key)).collect::<Vec<_>>();
+        let mut by_use: Vec<_> =
+            self.entries.iter().map(|(key, entry)| (entry.last_use(), *key)).collect();
         by_use.sort_unstable_by(|a, b| b.cmp(a));
         while goal < self.bytes {
             let Some((_, oldest)) = by_use.pop() else { break };
@@ -271,10 +270,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_least_recently_used_values_are_dropped_first_even_if_somebody_holds_their_outcome() {
+    fn the_least_recently_used_values_are_dropped_first_even_if_their_outcome_is_in_use() {
         let cache = Cache::new(16_000);
         fn key(name: &str) -> Hash {
-            Hash::of(name.as_bytes())
+            Hash::compute(name.as_bytes())
         }
         fn keep(name: &str, cache: &Cache) -> Arc<Outcome> {
             let mask = Mask::new(5000, 1, vec![0; 5000]).unwrap();

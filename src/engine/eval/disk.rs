@@ -1,22 +1,24 @@
-//! Results on disk, from one process to the next. The fingerprint of a folder is that of a build: see [`program`].
+//! Results on disk, which are kept from one process to the next. Each build of the program has a folder named by its fingerprint: see
+//! [`program`].
 //!
 //! ```text
 //! CACHE/CACHEDIR.TAG
-//! CACHE/programs/STAMP                the hash of a file of code, of that stamp
-//! CACHE/FINGERPRINT/entries/KEY       what a node gave: its outputs, without their large columns
+//! CACHE/programs/STAMP                the hash of a file of code with that stamp
+//! CACHE/FINGERPRINT/entries/KEY       the result of a node: its outputs without their large columns
 //! CACHE/FINGERPRINT/columns/HASH      a large column
-//! CACHE/FINGERPRINT/graphs/HASH       what the last evaluation of the graph at the path of that hash found
-//! CACHE/FINGERPRINT/outputs/HASH      which files are in the folder of outputs at the path of that hash
+//! CACHE/FINGERPRINT/graphs/HASH       the last evaluation of the graph whose path has that hash
+//! CACHE/FINGERPRINT/outputs/HASH      the files in the output folder whose path has that hash
 //! ```
 //!
-//! Every file appears whole or not at all, ends with a checksum of its name and content (a column's is its name), and is believed
-//! only if that fits: what is torn, flipped or of another name is removed and computed again. So any number of processes may share
-//! a folder without a lock. A file's time of change is the time of its last use; [`gc`](Disk::gc) drops the files that were not
-//! used for longest, [`doctor`](Disk::doctor) looks at all of them. Whatever has no name of ours stays: see [`folder`].
+//! Every file appears whole or not at all, and ends with a checksum of its name and content (the name of a column is its checksum). If the
+//! checksum does not match, the file is incomplete, damaged or renamed; it is removed, and the result is computed again. So any number of
+//! processes may share a folder without a lock. The modification time of a file is the time of its last use. [`gc`](Disk::gc) drops the
+//! least recently used files, and [`doctor`](Disk::doctor) checks all files. Files with other names are left alone: see [`folder`].
 //!
-//! Entries and columns, which are named by what they are made of, may be shared with other machines: see `remote`.
+//! The names of entries and columns depend only on the data from which they are computed. So they can be shared with other machines: see
+//! `remote`.
 //!
-//! A large column is read straight into its buffer.
+//! A large column is read directly into the buffer of its value.
 
 use std::collections::HashMap;
 use std::fmt;
@@ -28,12 +30,11 @@ use std::sync::{Arc, OnceLock};
 
 use maquette_graph::catalog::Catalog;
 use maquette_graph::files::KnownFile;
-use maquette_value::plain;
 use maquette_value::{Bytes, Columns, Hash, ValueType};
 
 use super::cache::{Outcome, Values};
 use super::snapshot::Snapshot;
-use crate::writing::{in_spite_of_removal, make_folder, remove, touch, write_parts};
+use crate::writing::{make_folder, remove, retry_if_removed, touch, write_parts};
 
 mod doctor;
 mod entry;
@@ -45,134 +46,141 @@ mod share;
 mod usage;
 mod writer;
 
-pub use doctor::{Diagnosis, Fault};
+pub use doctor::{CacheFault, Diagnosis};
 use entry::Entry;
 use maquette_remote::Remote;
 pub use program::this_is_a_program;
-use seal::{seal, unsealed};
+use seal::{seal, unseal};
 pub use usage::{NodeSize, Sizes, Usage};
 use writer::{Job, Writer};
 
-/// Results on disk, for one program.
+/// The disk cache of one build of the program.
 pub struct Disk {
     store: Arc<Store>,
     writer: Writer,
 }
 
-/// The disk cache cannot be used.
+/// The error of a disk cache that cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum DiskError {
-    /// The folder is somebody's.
-    #[error("{} is no cache of maquette: it is not empty and has no {} of ours", .0.display(), folder::TAG)]
+    /// The folder is not a cache of this program.
+    #[error("{} is not a cache of maquette: it is not empty and has no {} of maquette", .0.display(), folder::TAG)]
     Foreign(PathBuf),
-    /// What others wrote is not believed.
+    /// The folder belongs to another user, whose files are not trusted.
     #[error("the cache {} belongs to another user", .0.display())]
     OtherUser(PathBuf),
-    /// Files that should go stay.
+    /// Some files cannot be removed.
     #[error("cannot remove {count} of the files in the cache {}: {error}", .folder.display())]
-    Kept {
+    NotRemoved {
         /// The folder.
         folder: PathBuf,
         /// The number of files.
         count: usize,
-        /// Why the first one stays.
+        /// The error of the first file.
         error: io::Error,
     },
-    /// The system says why.
+    /// An error of the operating system.
     #[error("the cache {} cannot be used: {error}", .folder.display())]
     System {
         /// The folder.
         folder: PathBuf,
-        /// Why.
+        /// The error.
         error: io::Error,
     },
 }
 
-/// The folders, and what happened to them.
+impl DiskError {
+    fn system(folder: &Path, error: io::Error) -> Self {
+        Self::System { folder: folder.to_owned(), error }
+    }
+}
+
+/// The folders of the cache, and the state of writing.
 struct Store {
-    /// The folder of all programs' results.
+    /// The folder of the cache, which contains the results of all builds.
     folder: PathBuf,
-    /// That of this program's.
+    /// The folder that contains the results of this build.
     home: PathBuf,
     limit: u64,
     types: HashMap<&'static str, &'static ValueType>,
-    /// The first error of a write; no more are tried after it.
-    trouble: OnceLock<String>,
+    /// The first write error. After an error nothing is written.
+    write_error: OnceLock<String>,
     written: AtomicU64,
-    /// Where other machines have results.
+    /// The server through which machines share results.
     remote: OnceLock<Remote>,
 }
 
-/// The folders of a program.
+/// The folders in the folder of a program.
 const FOLDERS: [&str; 4] = ["entries", "columns", "graphs", "outputs"];
 
-/// Entries of one process that are kept however little work they were; later ones must have taken longer.
+/// The number of entries that a process stores regardless of their computation time. Later entries are stored only if computing them took
+/// long enough.
 const CHEAP_ENTRIES: usize = 1000;
 
-/// What later entries must have taken, in seconds.
-pub(super) const WORTH_A_FILE: f64 = 1e-3;
+/// The minimum computation time of later entries, in seconds.
+pub(super) const MIN_SECONDS_TO_KEEP: f64 = 1e-3;
 
-/// Results below this many bytes are read back at once.
+/// Results of at most this many bytes are always fast enough to read back. Larger ones are stored only if reading is faster than computing.
 const SMALL: usize = 8 << 20;
 
-/// Bytes a second that are read back from a file that the system holds in memory.
+/// The speed of reading a file that is in the system's cache, in bytes per second.
 const READ_SPEED: f64 = 1.5e9;
 
 impl Disk {
-    /// Results of the running program in this folder, which is made if it is not there, of at most `limit` bytes.
+    /// Opens the cache of the running program in a folder. A missing folder is created. The cache may take up to `limit` bytes.
     ///
     /// # Errors
-    /// If the folder cannot be made and is not there, or is not ours, or the program cannot be identified.
+    /// If the folder cannot be created or is not a cache, or if the program cannot be identified.
     pub fn open(folder: &Path, limit: u64, catalog: &Catalog) -> Result<Self, DiskError> {
         folder::claim(folder)?;
-        let fail = |error| DiskError::System { folder: folder.to_owned(), error };
-        let fingerprint = program::fingerprint(folder, catalog).map_err(fail)?;
-        let store =
-            Store::open(folder, &fingerprint, limit, catalog.value_types()).map_err(fail)?;
+        let store = program::fingerprint(folder, catalog)
+            .and_then(|fingerprint| Store::open(folder, &fingerprint, limit, catalog.value_types()))
+            .map_err(|error| DiskError::system(folder, error))?;
         let store = Arc::new(store);
         Ok(Self { writer: Writer::new(store.clone()), store })
     }
 
-    /// The id of the program's build, which no other build has.
+    /// Returns the id of the program's build.
     pub(crate) fn program(&self) -> String {
         let name = self.store.home.file_name().unwrap_or_default();
         name.to_string_lossy().into_owned()
     }
 
-    /// Why results cannot be kept, if that is so: the disk is full, or the folder may not be written to.
-    pub fn trouble(&self) -> Option<&str> {
-        self.store.trouble.get().map(String::as_str)
+    /// Returns the reason why results cannot be written, or `None`. For example, the disk is full or the folder is read-only.
+    pub fn write_error(&self) -> Option<&str> {
+        self.store.write_error.get().map(String::as_str)
     }
 
-    /// Waits until everything is written, and a second more for what a [server](Self::sharing) is to be sent; drops what was not used
-    /// for longest if there is too much.
+    /// Waits until everything is written, and at most one second for uploads to a [server](Self::with_server). If the cache is too large,
+    /// drops the least recently used files.
     pub fn finish(&self) {
         self.writer.wait();
         self.store.remote.get().into_iter().for_each(Remote::finish);
         self.store.tidy();
     }
 
-    /// Whether there is an entry of this key; it may still turn out to be damaged.
-    pub(super) fn has(&self, key: Hash) -> bool {
+    /// Returns true if an entry with this key exists. The entry may be damaged.
+    pub(super) fn has_entry(&self, key: Hash) -> bool {
         self.store.entry_path(key).exists()
     }
 
-    /// Returns true if there is a whole entry of this key, and a file for each of its columns.
-    pub(super) fn holds(&self, key: Hash) -> bool {
+    /// Returns true if an undamaged entry with this key exists, and a file for each of its columns.
+    pub(super) fn has_whole_entry(&self, key: Hash) -> bool {
         let path = self.store.entry_path(key);
-        let bytes = plain::read_own(&path).ok().and_then(|bytes| unsealed(&path, bytes));
+        let bytes =
+            maquette_value::fs::read_no_follow(&path).ok().and_then(|bytes| unseal(&path, bytes));
         let columns = bytes.and_then(|bytes| entry::columns(&bytes, key).flatten());
         columns.is_some_and(|columns| {
             columns.iter().all(|(column, _)| self.store.column_path(*column).exists())
         })
     }
 
-    /// What is known of a result.
+    /// Returns a stored result without its values.
     pub(super) fn find(&self, key: Hash) -> Option<Outcome> {
         self.store.entry(key).map(|entry| entry.outcome())
     }
 
-    /// The values of a result, if they are all there and what they were.
+    /// Returns the values of a result, if all of them are present and undamaged.
     pub(super) fn read(&self, key: Hash, outcome: &Outcome) -> Option<Values> {
         let entry = self.store.entry(key)?;
         self.store.fetch_columns(&entry, outcome.seconds);
@@ -188,52 +196,53 @@ impl Disk {
         values
     }
 
-    /// Keeps a result of a node of this type if reading it back is faster than computing it. Returns before it is written. If what was kept before is
-    /// lost, the columns that are still there are not `trusted`. Whether it is kept.
+    /// Stores the result of a node of type `node` if reading it back is faster than computing it again. Returns true if it is stored; a
+    /// thread writes it later. If `trusts_columns` is false, existing files of columns are written again, because an earlier copy of the
+    /// result was found damaged or incomplete.
     pub(super) fn keep(
         &self,
         key: Hash,
         node: &str,
         outcome: &Arc<Outcome>,
         values: &Values,
-        trusted: bool,
+        trusts_columns: bool,
     ) -> bool {
-        let slow = WORTH_A_FILE < outcome.seconds;
+        let slow = MIN_SECONDS_TO_KEEP < outcome.seconds;
         let pays = outcome.bytes <= SMALL || outcome.bytes as f64 / READ_SPEED < outcome.seconds;
         let keeps =
-            pays && (slow || self.writer.entries() < CHEAP_ENTRIES) && self.trouble().is_none();
+            pays && (slow || self.writer.entries() < CHEAP_ENTRIES) && self.write_error().is_none();
         if keeps {
             let (node, outcome, values) = (node.to_owned(), outcome.clone(), values.clone());
-            self.writer.send(Job::Entry { key, node, outcome, values, trusted });
+            self.writer.send(Job::Entry { key, node, outcome, values, trusted: trusts_columns });
         }
         keeps
     }
 
-    /// Removes a result that its node does not give.
+    /// Removes a result that was found wrong: its node now computes another one.
     pub(super) fn remove(&self, key: Hash) {
         self.store.remove(&self.store.entry_path(key));
     }
 
-    /// Keeps what an evaluation of a graph found.
+    /// Stores the snapshot of an evaluation.
     pub(super) fn keep_snapshot(&self, snapshot: &Arc<Snapshot>, files: Vec<KnownFile>) {
-        if self.trouble().is_none() {
+        if self.write_error().is_none() {
             let path = self.store.path_of("graphs", &snapshot.graph);
             self.writer.send(Job::Record { path, snapshot: snapshot.clone(), files });
         }
     }
 
-    /// What was last noted of a folder of outputs.
+    /// Returns the note that is stored for an output folder.
     pub(crate) fn note(&self, folder: &Path) -> Option<Vec<u8>> {
         self.store.read(&self.store.path_of("outputs", folder))
     }
 
-    /// Keeps a note of a folder of outputs, when these files are on disk.
+    /// Stores a note for an output folder. The note is written only after the given files are on disk.
     pub(crate) fn keep_note(&self, folder: &Path, note: Vec<u8>, files: Vec<PathBuf>) {
         let path = self.store.path_of("outputs", folder);
         self.writer.send(Job::Note { path, note, files });
     }
 
-    /// What the last evaluation of the graph at this path found, and the files that it read.
+    /// Returns the snapshot of the last evaluation of the graph at this path, and the files that it read.
     pub(super) fn snapshot(&self, graph: &Path) -> Option<(Snapshot, Vec<KnownFile>)> {
         let path = self.store.path_of("graphs", graph);
         let found = record::read(&self.store.read(&path)?, graph, &self.store);
@@ -244,7 +253,7 @@ impl Disk {
     }
 }
 
-/// What a server is to be sent is waited for a moment here, too, by those who wait for nothing else.
+/// Waits a short time for uploads, in case [`finish`](Disk::finish) was not called.
 impl Drop for Disk {
     fn drop(&mut self) {
         if let Some(remote) = self.store.remote.get() {
@@ -263,12 +272,12 @@ impl Store {
     ) -> io::Result<Self> {
         let (folder, home) = (folder.to_owned(), folder.join(fingerprint));
         let (trouble, written, remote) = (OnceLock::new(), AtomicU64::new(0), OnceLock::new());
-        let store = Self { folder, home, limit, types, trouble, written, remote };
-        let made = in_spite_of_removal(|_| {
+        let store = Self { folder, home, limit, types, write_error: trouble, written, remote };
+        let made = retry_if_removed(|_| {
             FOLDERS.iter().try_for_each(|name| make_folder(&store.home.join(name)))
         });
         match made {
-            // A folder that may only be read still answers.
+            // A read-only folder can still be read, so only writing is stopped.
             Err(error) if store.home.is_dir() => store.stop(error),
             other => other?,
         }
@@ -283,16 +292,16 @@ impl Store {
         self.home.join("columns").join(hash.to_string())
     }
 
-    /// The file for what is known of the graph or folder at this path.
+    /// Returns the path of the file that the folder `what` of the cache contains for a graph or an output folder at this path.
     fn path_of(&self, what: &str, path: &Path) -> PathBuf {
         let path = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
-        let hash = Hash::of(path.as_os_str().as_encoded_bytes());
+        let hash = Hash::compute(path.as_os_str().as_encoded_bytes());
         self.home.join(what).join(hash.to_string())
     }
 
-    /// The content of a file that ends with its checksum; none, and no file any more, if that does not fit.
+    /// Reads a file that ends with its checksum. If the checksum does not match, removes the file and returns `None`.
     fn read(&self, path: &Path) -> Option<Vec<u8>> {
-        let content = unsealed(path, plain::read_own(path).ok()?);
+        let content = unseal(path, maquette_value::fs::read_no_follow(path).ok()?);
         match content {
             Some(_) => self.touch(path),
             None => self.remove(path),
@@ -309,26 +318,26 @@ impl Store {
         entry
     }
 
-    /// Says that a file was used.
+    /// Marks a file as used.
     fn touch(&self, path: &Path) {
-        if self.trouble.get().is_none() {
+        if self.write_error.get().is_none() {
             touch(path);
         }
     }
 
-    /// Removes a file that is damaged; where that is not allowed, it is found damaged again.
+    /// Removes a damaged file. If it cannot be removed, it will be found damaged again.
     fn remove(&self, path: &Path) {
         let _ = remove(path);
     }
 
-    /// Writes nothing any more, for this reason.
+    /// Stops all further writing for this reason.
     fn stop(&self, reason: impl fmt::Display) {
-        let _ = self.trouble.set(reason.to_string());
+        let _ = self.write_error.set(reason.to_string());
     }
 
-    /// Writes a file, which appears whole or not at all.
+    /// Writes a file that consists of these parts. The file appears whole or not at all.
     fn write(&self, path: &Path, parts: &[&[u8]]) {
-        if self.trouble.get().is_some() {
+        if self.write_error.get().is_some() {
             return;
         }
         match write_parts(path, parts) {
@@ -344,7 +353,8 @@ impl Store {
         self.write(path, &[content, &seal(path, content)]);
     }
 
-    /// Whether it was not there.
+    /// Writes the file of a column, unless it exists. If `trusted` is false, an existing file is written again. Returns true if the file
+    /// was written.
     fn write_column(&self, column: &dyn Bytes, trusted: bool) -> bool {
         let path = self.column_path(column.hash());
         let length = column.bytes().len() as u64;
@@ -359,10 +369,10 @@ impl Store {
 }
 
 impl Columns for Store {
-    /// The content is not judged here: who asks compares its hash.
+    /// Reads a column into a buffer. The caller must compare the hash.
     fn read(&self, hash: Hash, into: &mut [u8]) -> bool {
         let path = self.column_path(hash);
-        let read = plain::open_own(&path).and_then(|mut file| {
+        let read = maquette_value::fs::open_no_follow(&path).and_then(|mut file| {
             let fits = file.metadata()?.len() == into.len() as u64;
             if fits { file.read_exact(into).map(|()| true) } else { Ok(false) }
         });
@@ -370,7 +380,7 @@ impl Columns for Store {
         read.unwrap_or(false)
     }
 
-    fn damaged(&self, hash: Hash) {
+    fn report_damage(&self, hash: Hash) {
         self.remove(&self.column_path(hash));
     }
 }
@@ -387,7 +397,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cache_that_is_cleared_all_the_time_is_no_trouble() {
+    fn clearing_the_cache_does_not_disturb_writing() {
         let folder = tempfile::tempdir().unwrap();
         folder::tag(folder.path()).unwrap();
         let is_over = AtomicU64::new(0);
@@ -400,9 +410,12 @@ mod tests {
             for number in 0..300_u32 {
                 let store = store(folder.path());
                 if let Ok(store) = &store {
-                    store.write_checked(&store.entry_path(Hash::of(&number.to_le_bytes())), b"new");
+                    store.write_checked(
+                        &store.entry_path(Hash::compute(&number.to_le_bytes())),
+                        b"new",
+                    );
                 }
-                let trouble = store.map(|store| store.trouble.into_inner());
+                let trouble = store.map(|store| store.write_error.into_inner());
                 if !matches!(trouble, Ok(None)) {
                     is_over.store(1, Ordering::Relaxed);
                     panic!("{number}: {trouble:?}");
@@ -413,7 +426,7 @@ mod tests {
     }
 
     #[test]
-    fn a_result_that_was_changed_after_it_was_computed_is_not_written() {
+    fn a_result_modified_after_computation_is_not_written() {
         for (is_intact, n) in [(true, 10), (true, 10_000), (false, 10), (false, 10_000)] {
             let folder = tempfile::tempdir().unwrap();
             let store = store(folder.path()).unwrap();
@@ -421,35 +434,35 @@ mod tests {
             let value = AnyValue::new(Points::new(points.clone()).unwrap());
             let value = match is_intact {
                 true => value,
-                // As if somebody had moved a point in memory.
+                // A point that was moved in memory.
                 false => {
                     let mut moved = points.to_vec();
                     moved[n - 1].x = 100.0;
-                    let moved = Column::of_hash(moved, points.hash());
+                    let moved = Column::with_known_hash(moved, points.hash());
                     AnyValue::new(Points::new(moved).unwrap())
                 }
             };
             let outputs = [(value.kind().name, value.hash())].into();
-            let outcome = Outcome::known(outputs, Vec::new(), value.size(), 1.0);
-            let (key, values) = (Hash::of(b"key"), Values::from(vec![value]));
+            let outcome = Outcome::without_values(outputs, Vec::new(), value.size(), 1.0);
+            let (key, values) = (Hash::compute(b"key"), Values::from(vec![value]));
             let (node, outcome) = (String::new(), outcome.into());
             Job::Entry { key, node, outcome, values, trusted: true }.run(&store);
             assert_eq!(store.entry_path(key).exists(), is_intact, "{n}");
             let columns = fs::read_dir(store.home.join("columns")).unwrap().count();
             assert_eq!(columns, usize::from(is_intact && n == 10_000));
-            assert_eq!(store.trouble.get().is_some(), !is_intact);
+            assert_eq!(store.write_error.get().is_some(), !is_intact);
         }
     }
 
     #[test]
-    fn what_is_being_written_stays_when_the_cache_is_cleared() {
+    fn files_being_written_survive_clearing_the_cache() {
         let folder = tempfile::tempdir().unwrap();
         let store = store(folder.path()).unwrap();
         folder::tag(folder.path()).unwrap();
         let entries = store.home.join("entries");
         let [busy, left] =
             ["a", "b"].map(|letter| entries.join(format!(".maquette-{}.part", letter.repeat(12))));
-        for path in [&busy, &left, &store.entry_path(Hash::of(b"result"))] {
+        for path in [&busy, &left, &store.entry_path(Hash::compute(b"result"))] {
             fs::write(path, "half").unwrap();
         }
         let writing = fs::File::options().append(true).open(&busy).unwrap();

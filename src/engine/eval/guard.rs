@@ -1,78 +1,79 @@
-//! Tests what nodes want of values, once for each value.
+//! Checks that values have the properties that nodes require. Each pair of value and property is checked once.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex};
 
 use maquette_graph::{Graph, GraphNode, Guard};
-use maquette_syntax::error::{Error, Problem, Severity, code};
-use maquette_value::{AnyValue, Hash, Offence};
+use maquette_syntax::error::{Diagnostic, Error, Severity, code};
+use maquette_value::{AnyValue, Hash, Violation};
 
 use super::lock;
 
-/// What tests have found, by the value's hash and the property.
-type Found = HashMap<(Hash, &'static str), Option<Arc<Offence>>>;
+/// The results of checks, by the hash of the value and the name of the property.
+type CheckResults = HashMap<(Hash, &'static str), Option<Arc<Violation>>>;
 
-/// What tests have found so far.
+/// The results of the checks that an evaluator has made.
 #[derive(Default)]
-pub(super) struct Guards(Mutex<Found>);
+pub(super) struct Guards(Mutex<CheckResults>);
 
-/// So many are remembered; then all are forgotten, and found again when they are needed.
-const KEPT: usize = 100_000;
+/// The maximum number of results of checks in memory. When it is reached, all results are dropped; checks are repeated when needed.
+const MAX_RESULTS: usize = 100_000;
 
-/// So many offending elements are remembered of each value.
-const TOLD: usize = 100;
+/// The maximum number of violating elements that are kept per value.
+const MAX_ELEMENTS: usize = 100;
 
-/// A value that a node must not be run on.
+/// The error that a value does not have a property that the node requires.
 #[derive(Clone, Debug, thiserror::Error)]
-#[error("{} wants {kind}[{}], but `{link}` {}", guard.by, guard.property, offence.what)]
-pub(super) struct NotAsWanted {
+#[error("{} wants {kind}[{}], but `{link}` {}", guard.by, guard.property, violation.what)]
+pub(super) struct UnmetRequirement {
     guard: Guard,
     kind: &'static str,
     link: String,
-    offence: Arc<Offence>,
-    /// What looks at the value.
+    violation: Arc<Violation>,
+    /// The command line that shows the value.
     command: String,
 }
 
-impl NotAsWanted {
-    /// The problem of a node that was not run: at the use of a graph if its input wants more, else at the node.
-    pub(super) fn problem(&self, node: &GraphNode) -> Problem {
-        let elements = self.offence.elements.iter();
-        let elements = elements.map(|it| (it.name.clone(), it.place().coords.into())).collect();
-        let look = (0 < self.offence.count)
+impl UnmetRequirement {
+    /// Returns the error of the node, which was not run. If an input of a used graph requires the property, the error is reported at the
+    /// use of that graph, otherwise at the node.
+    pub(super) fn diagnostic(&self, node: &GraphNode) -> Diagnostic {
+        let elements = self.violation.elements.iter();
+        let elements = elements.map(|it| (it.name.clone(), it.center().coords.into())).collect();
+        let look = (0 < self.violation.count)
             .then(|| format!("`{} --out look.png` lists and marks them", self.command));
         let look = look.unwrap_or_default();
         if let Some(input) = &self.guard.input {
-            return Problem { elements, ..input.problem(self.to_string(), look) };
+            return Diagnostic { elements, ..input.diagnostic(self.to_string(), look) };
         }
         let message = format!("`{}` cannot be computed: {self}", node.name);
-        Problem { elements, ..node.problem(Severity::Error, code::FAILED, message, &look) }
+        Diagnostic { elements, ..node.diagnostic(Severity::Error, code::FAILED, message, &look) }
     }
 }
 
 impl Guards {
-    /// What stands against a property of a value.
-    fn offence(&self, value: &AnyValue, property: &'static str) -> Option<Arc<Offence>> {
+    /// Returns the violation of a property by a value, or `None` if the value has the property.
+    fn violation(&self, value: &AnyValue, property: &'static str) -> Option<Arc<Violation>> {
         let key = (value.hash(), property);
         if let Some(known) = lock(&self.0).get(&key) {
             return known.clone();
         }
-        let found = value.offence(property).map(|mut offence| {
-            offence.elements.truncate(TOLD);
-            Arc::new(offence)
+        let found = value.violation(property).map(|mut violation| {
+            violation.elements.truncate(MAX_ELEMENTS);
+            Arc::new(violation)
         });
         let mut known = lock(&self.0);
-        if KEPT <= known.len() {
+        if MAX_RESULTS <= known.len() {
             known.clear();
         }
         known.insert(key, found.clone());
         found
     }
 
-    /// Whether a node may be run on these values.
+    /// Checks that the values have the properties that a node requires.
     ///
     /// # Errors
-    /// If a value is not what the node wants; the text says which elements offend.
+    /// If a value lacks a property; the message lists the violating elements.
     pub(super) fn check(
         &self,
         graph: &Graph,
@@ -81,12 +82,12 @@ impl Guards {
     ) -> Result<(), Error> {
         for guard in &node.guards {
             let value = &inputs[guard.slot];
-            if let Some(offence) = self.offence(value, guard.property) {
+            if let Some(violation) = self.violation(value, guard.property) {
                 let source = &node.links[guard.slot];
                 let link = graph.link_name(source.node, source.output);
                 let (guard, kind) = (guard.clone(), value.kind().name);
                 let command = graph.command("inspect", &link);
-                return Err(NotAsWanted { guard, kind, link, offence, command }.into());
+                return Err(UnmetRequirement { guard, kind, link, violation, command }.into());
             }
         }
         Ok(())

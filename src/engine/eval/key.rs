@@ -1,8 +1,7 @@
-//! The identity of a node's result: what it would be computed from.
+//! The key of a node's result: a hash of everything from which the result is computed.
 //!
-//! The key is made of the hashes of the input *values*, not of the inputs' keys: a node that is computed anew and gives an equal
-//! value leaves every key below it as it was, and the wave stops there with no second mechanism. The price is one pass over
-//! each new value.
+//! The key contains the hashes of the input *values*, not the keys of the inputs. If a node is computed again and its value is equal to the
+//! old one, the keys of the nodes that depend on it do not change, so they need not run. In return, each new value must be hashed once.
 
 use std::sync::Arc;
 
@@ -10,26 +9,26 @@ use maquette_graph::{Recipe, parameter_difference};
 use maquette_value::Hash;
 use serde_json::Value as Json;
 
-/// What a result is computed from.
+/// Everything from which a result is computed: the node's recipe (its type and parameters), its inputs and its files.
 #[derive(Clone, Debug)]
 pub(super) struct Parts {
     pub(super) recipe: Arc<Recipe>,
-    /// The hash of the value at each link.
+    /// The hash of the value of each link, in order.
     pub(super) inputs: Box<[Hash]>,
-    /// The hash of each file's content; none for one that is not there.
+    /// The hash of the content of each file; `None` for a missing file.
     pub(super) files: Box<[Option<Hash>]>,
 }
 
-/// The first part that differs from what a node was computed from before.
+/// The first part that differs between two computations of one node.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Change {
-    /// It was another type of node.
+    /// The type: the node had another one before.
     Kind { before: String },
-    /// A parameter: the way to it through the node's fields, and its values.
+    /// A parameter: the path to it through the fields of the node, and its values before and now.
     Parameter { path: Vec<String>, before: Json, now: Json },
-    /// The value at the link of this index.
+    /// The value of the link with this index.
     Input(usize),
-    /// The file of this index.
+    /// The file with this index.
     File(usize),
 }
 
@@ -44,10 +43,10 @@ impl Parts {
             content.push(u8::from(file.is_some()));
             content.extend_from_slice(&file.map_or([0; 32], |hash| hash.0));
         }
-        Hash::of(&content)
+        Hash::compute(&content)
     }
 
-    /// The first part that differs; none if the parts are equal.
+    /// Returns the first part that differs, or `None` if all parts are equal.
     pub(super) fn change(&self, before: &Self) -> Option<Change> {
         if self.recipe.identity != before.recipe.identity {
             if self.recipe.kind != before.recipe.kind {
@@ -87,7 +86,7 @@ mod tests {
                     "image": { LINK: 0 },
                     "select": { "Near": { "color": "#ff0000", "distance": distance } },
                 }))),
-                inputs: [Hash::of(b"image")].into(),
+                inputs: [Hash::compute(b"image")].into(),
                 files: [].into(),
             }
         }

@@ -1,10 +1,11 @@
-//! What is remembered is true: random sequences of edits and commands, each compared with an evaluation without memory.
+//! Tests that cached results are right. The tests run random sequences of edits and commands, and compare each evaluation with one without
+//! a cache.
 //!
-//! After every evaluation the values, the states of the trace, its reasons, the forecast made before it and what was said to be
-//! known must be those that follow from what an evaluation without memory finds. Where nothing is ever dropped or damaged, a
-//! node runs exactly if nobody has computed the same before.
+//! After every evaluation, five things must agree with an evaluation without a cache: the values, the states in the trace, the reasons in
+//! the trace, the forecast that was made before, and the predicted hashes. If nothing was dropped or damaged, a node must run exactly if no
+//! process has computed its result before.
 //!
-//! `LAW_SEQUENCES` says how many sequences are tried, `PROPTEST_RNG_SEED` which.
+//! The environment variable `LAW_SEQUENCES` sets the number of sequences, and `PROPTEST_RNG_SEED` sets the seed.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::{Path, PathBuf};
@@ -28,20 +29,21 @@ mod step;
 
 use plain::Truth;
 use project::Project;
-use promises::{Found, agree, promise};
+use promises::{CompletedEvaluation, agree, promise};
 use step::{Command, Step};
 
-/// How many sequences are tried, unless `LAW_SEQUENCES` says otherwise.
+/// The default number of sequences, used if `LAW_SEQUENCES` is not set.
 const SEQUENCES: u64 = 1000;
 
-/// More than cores: sequences often wait, for files to become older and for the disk.
+/// The number of threads. It exceeds the number of processors, because a sequence often waits for the disk, or for files to become old
+/// enough.
 const THREADS: usize = 16;
 
-/// Enough for all results of a sequence.
-const AMPLE: usize = 1 << 24;
+/// A memory limit that is large enough for all results of a sequence, in bytes.
+const AMPLE_MEMORY: usize = 1 << 24;
 
 #[test]
-fn whatever_is_done_in_whatever_order_what_is_remembered_is_true() {
+fn cached_results_are_right_after_any_sequence_of_steps() {
     be_quiet_about_panics();
     fn number(name: &str) -> Option<u64> {
         std::env::var(name).ok()?.parse::<u64>().ok()
@@ -67,7 +69,8 @@ fn whatever_is_done_in_whatever_order_what_is_remembered_is_true() {
         });
         failure.err()
     };
-    // No tasks of a common pool: while one waits for its evaluation it would begin others, until all have their own threads and none ends.
+    // Sequences are not tasks of a shared thread pool. A task that waits for its evaluation would start other tasks on its thread, until
+    // all tasks have begun and none can end.
     let (next, failures) = (AtomicU64::new(0), Mutex::new(BTreeMap::new()));
     std::thread::scope(|scope| {
         (0..THREADS).for_each(|_| {
@@ -76,12 +79,12 @@ fn whatever_is_done_in_whatever_order_what_is_remembered_is_true() {
                     Some(next.fetch_add(1, Ordering::Relaxed)).filter(|it| *it < shards)
                 {
                     if let Some(failure) = follow_shard(shard) {
-                        // Those before it are followed to their end.
+                        // A shard has failed, so later shards are not started. Earlier ones are finished.
                         next.store(shards, Ordering::Relaxed);
                         lock(&failures).insert(shard, failure);
                     }
                 }
-            }))
+            }));
         });
     });
     if let Some((_, failure)) = lock(&failures).first_key_value() {
@@ -89,7 +92,7 @@ fn whatever_is_done_in_whatever_order_what_is_remembered_is_true() {
     }
 }
 
-/// The panics of [`pack`] are part of the law; their messages would only hide others.
+/// Suppresses the messages of the panics that [`pack`] causes on purpose. They would hide other messages.
 fn be_quiet_about_panics() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
@@ -102,7 +105,7 @@ fn be_quiet_about_panics() {
     });
 }
 
-/// Takes all steps; says which promise was broken.
+/// Runs all steps of a sequence. The error is the first promise that is broken.
 fn follow(steps: &[Step]) -> Result<(), TestCaseError> {
     let mut world = World::new();
     for (place, step) in steps.iter().enumerate() {
@@ -110,38 +113,38 @@ fn follow(steps: &[Step]) -> Result<(), TestCaseError> {
         let broken = match kept {
             Ok(Ok(())) => continue,
             Ok(Err(broken)) => broken,
-            Err(panic) => maquette_syntax::error::in_words(&*panic),
+            Err(panic) => maquette_syntax::error::panic_message(&*panic),
         };
         return Err(TestCaseError::fail(format!("step {place}, {step:?}: {broken}")));
     }
     Ok(())
 }
 
-/// What is known of the nodes of a graph, by name: what each was last computed from.
-type Last = HashMap<String, Parts>;
+/// For each node, by name, the parts from which it was last computed.
+type LastParts = HashMap<String, Parts>;
 
 /// A process that evaluates the graph.
 struct Process {
     evaluator: Evaluator,
-    /// The keys of what it has computed or met.
+    /// The keys of all results that the process has computed or read.
     keys: HashSet<Hash>,
-    last: Option<Last>,
+    last: Option<LastParts>,
 }
 
 struct World {
     project: Project,
     catalog: Catalog,
-    /// Those that live; the last one is asked.
+    /// The running processes. Commands are sent to the last one.
     processes: Vec<Process>,
     cache: PathBuf,
-    /// The keys of what is on disk.
+    /// The keys of the results on disk.
     kept: HashSet<Hash>,
-    /// What the last evaluation on disk knew.
-    last: Option<Last>,
-    /// Whether it is known which results the processes still have.
-    exact: bool,
-    /// Whether it is known what the processes remember of the last evaluation.
-    told: bool,
+    /// The parts in the record of the last evaluation on disk.
+    last: Option<LastParts>,
+    /// True if the test knows which results the processes still have.
+    is_exact: bool,
+    /// True if the test knows which evaluation the processes remember as the last one.
+    is_record_known: bool,
     _folder: tempfile::TempDir,
 }
 
@@ -157,8 +160,8 @@ impl World {
             cache: folder.path().join("cache"),
             kept: HashSet::new(),
             last: None,
-            exact: true,
-            told: true,
+            is_exact: true,
+            is_record_known: true,
             _folder: folder,
         };
         world.start(true);
@@ -166,7 +169,7 @@ impl World {
     }
 
     fn start(&mut self, disk: bool) {
-        let mut evaluator = Evaluator::new(2, AMPLE).unwrap();
+        let mut evaluator = Evaluator::new(2, AMPLE_MEMORY).unwrap();
         if disk {
             share_fingerprint(&self.cache);
             let disk = Disk::open(&self.cache, u64::MAX, &self.catalog).unwrap();
@@ -192,8 +195,8 @@ impl World {
             Command::Process { keep, disk } => {
                 self.flush();
                 if *keep {
-                    // Which of them wrote last what is on disk is not followed here.
-                    self.told = false;
+                    // The test does not track which process was the last to write the record on disk.
+                    self.is_record_known = false;
                     self.processes.rotate_left(1);
                 }
                 if !keep || self.processes.len() < 2 {
@@ -204,7 +207,7 @@ impl World {
                 }
             }
             Command::Memory { kilobytes } => {
-                self.exact = false;
+                self.is_exact = false;
                 self.process().evaluator.set_memory(kilobytes << 10);
             }
             Command::Clear => {
@@ -212,24 +215,25 @@ impl World {
                 Disk::gc(&self.cache, 0).unwrap();
                 self.kept.clear();
                 self.last = None;
-                // Results may now be in memory alone, or, if they were read as hashes, nowhere.
-                self.exact = false;
+                // A result may now exist only in memory, or nowhere if only its hashes were read. So the test no longer knows which results
+                // exist.
+                self.is_exact = false;
             }
             Command::Damage { file, at } => {
                 self.flush();
-                self.exact = false;
-                self.told = false;
+                self.is_exact = false;
+                self.is_record_known = false;
                 damage(&self.cache, *file, *at);
             }
             Command::Forget => {
-                self.exact = false;
+                self.is_exact = false;
                 let process = self.process();
                 process.evaluator.forget();
-                process.last = Some(Last::new());
+                process.last = Some(LastParts::new());
             }
-            Command::Verify { share } => {
-                self.exact = false;
-                self.process().evaluator.verify = f64::from(*share) / 255.0;
+            Command::Verify { fraction } => {
+                self.is_exact = false;
+                self.process().evaluator.verified_fraction = f64::from(*fraction) / 255.0;
             }
         }
         Ok(())
@@ -249,8 +253,9 @@ impl World {
     fn evaluate(&mut self, wanted: &[u8], values: bool, after: usize) -> Result<(), String> {
         let options = Options { files: Files::Ignored, ..Options::default() };
         let checked = Graph::load(&self.project.path(), &self.catalog, &options);
-        let problems = checked.problems.first().map(|problem| problem.message.clone());
-        let graph = checked.graph.ok_or_else(|| format!("the graph is refused: {problems:?}"))?;
+        let diagnostics = checked.diagnostics.first().map(|diagnostic| diagnostic.message.clone());
+        let graph =
+            checked.graph.ok_or_else(|| format!("the graph is refused: {diagnostics:?}"))?;
         let roots = match wanted {
             _ if self.project.is_empty() => Vec::new(),
             [] => Vec::from_iter(0..graph.nodes().len()),
@@ -263,37 +268,38 @@ impl World {
         let on_disk = (self.last.clone().unwrap_or_default(), self.kept.clone());
         let process = self.process();
         let evaluator = &mut process.evaluator;
-        // What a process finds on disk when it first needs it.
-        let (told, kept) = if evaluator.disk().is_some() { on_disk } else { Default::default() };
-        let last = process.last.get_or_insert(told).clone();
+        // A process reads the disk when it first needs results, so the contents at this time are expected.
+        let (recorded, kept) =
+            if evaluator.disk().is_some() { on_disk } else { Default::default() };
+        let last = process.last.get_or_insert(recorded).clone();
         let known: HashSet<Hash> = process.keys.union(&kept).copied().collect();
 
-        let foreseen = evaluator.foreseen(&graph, &roots);
+        let foreseen = evaluator.predict(&graph, &roots);
         for root in &roots {
             let hash = foreseen.hash(*root, 0);
             let (name, truth) = (&graph.nodes()[*root].name, truths[*root].hash(0));
             promise!(
                 hash.is_none() || hash == truth,
-                "`{name}` is said to be as it was, and is not"
+                "`{name}` has changed, but the prediction says that it has not"
             );
         }
         let forecasts = evaluator.forecast(&graph, &roots, &[]);
         let cancel = CancelToken::default();
-        let seen = Seen { after, cancel: cancel.clone(), started: Mutex::default() };
+        let seen = CancellingObserver { after, cancel: cancel.clone(), started: Mutex::default() };
         let values = if values { &roots[..] } else { &[] };
         let evaluation = evaluator.evaluate(&graph, &roots, values, &seen, &cancel);
         let started = lock(&seen.started).clone();
         let cancelled = cancel.is_cancelled();
 
         agree(&graph, &truths, &evaluation, values, cancelled)?;
-        let found = Found { graph: &graph, truths: &truths, evaluation: &evaluation };
+        let found = CompletedEvaluation { graph: &graph, truths: &truths, evaluation: &evaluation };
         if !cancelled {
             found.states(&started)?;
-            if self.exact {
+            if self.is_exact {
                 found.runs(&known, &started)?;
                 found.forecast(&forecasts)?;
             }
-            if self.exact && self.told {
+            if self.is_exact && self.is_record_known {
                 found.reasons(&last)?;
             }
         }
@@ -301,7 +307,7 @@ impl World {
         Ok(())
     }
 
-    /// What the process knows after an evaluation, and what the next one finds on disk.
+    /// Updates the state that the test expects of the process and of the disk after an evaluation.
     fn remember(&mut self, graph: &Graph, truths: &[Truth], evaluation: &Evaluation) {
         let process = self.processes.last_mut().expect("there is always one");
         let disk = process.evaluator.disk().is_some();
@@ -322,7 +328,7 @@ impl World {
     }
 }
 
-/// Tells a new cache folder which program this is: finding it out takes longer than a sequence.
+/// Copies the stored hash of the program's code to a new cache folder, because computing the hash takes longer than a sequence.
 fn share_fingerprint(cache: &Path) {
     static KNOWN: OnceLock<tempfile::TempDir> = OnceLock::new();
     let known = KNOWN.get_or_init(|| {
@@ -337,7 +343,7 @@ fn share_fingerprint(cache: &Path) {
     }
 }
 
-/// Damages a file of the cache.
+/// Damages a file of the cache: the file with the number `file`, at the position `at`.
 fn damage(cache: &Path, file: u16, at: u16) {
     let mut files = Vec::new();
     let mut folders = vec![cache.to_owned()];
@@ -363,15 +369,15 @@ fn damage(cache: &Path, file: u16, at: u16) {
     std::fs::write(path, bytes).unwrap();
 }
 
-/// Notes which nodes begin, and cancels when enough have.
-struct Seen {
+/// An observer that records the nodes that start, and cancels the evaluation after a number of them.
+struct CancellingObserver {
     after: usize,
     cancel: CancelToken,
     started: Mutex<Vec<String>>,
 }
 
-impl Observer for Seen {
-    fn started(&self, node: &str) {
+impl Observer for CancellingObserver {
+    fn on_start(&self, node: &str) {
         let mut started = lock(&self.started);
         started.push(node.to_owned());
         if started.len() > self.after {

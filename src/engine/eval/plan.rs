@@ -1,7 +1,7 @@
-//! What must be looked at, found before anything runs.
+//! Plans an evaluation: before anything runs, finds the nodes that need work.
 //!
-//! Data that a node was computed from are spread over memory: fetching them for 10 000 nodes took four of five milliseconds. So for a node
-//! of unchanged name, recipe and links, whose dependencies are unchanged, only one hash is compared.
+//! The parts from which nodes were computed are scattered in memory; reading them for 10 000 nodes took four of five milliseconds.
+//! Therefore, if the name, recipe, links and dependencies of a node are unchanged, only one hash is compared.
 
 use std::sync::{Arc, OnceLock};
 
@@ -9,53 +9,53 @@ use maquette_graph::Graph;
 use maquette_value::Hash;
 
 use super::key::Parts;
-use super::snapshot::{Done, Snapshot, Visited};
+use super::snapshot::{NodeRecord, Snapshot, VisitedNodes};
 use super::{Evaluator, lock};
 
-/// What an evaluation does with each node.
+/// The tasks of an evaluation, and the results that are known in advance.
 pub(super) struct Plan {
     pub(super) wanted: Arc<[bool]>,
     pub(super) tasks: Vec<Task>,
     /// The results that are known before anything runs.
-    pub(super) known: Known,
-    /// How many nodes have a task.
+    pub(super) known: KnownResults,
+    /// The number of nodes that have a task.
     active: usize,
 }
 
-/// What an evaluation does with a node.
+/// The task of an evaluation for one node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Task {
-    /// Nothing: its result is known, or nobody needs it.
+    /// Nothing to do: the result of the node is known, or no requested node needs it.
     None,
-    /// It is not what it was, or hangs on one that is not: it may have to be computed.
+    /// Visit the node, because it or one of its dependencies has changed. It is computed if its result is not in the cache.
     Look,
-    /// Its result is known, but its values are needed and gone.
+    /// Restore the values of the node. Its result is known, but its values are needed and lost.
     Restore,
-    /// Its result is known, but it is computed to compare the result.
+    /// Compute the node again and compare the result with the known one.
     Verify,
 }
 
-/// The results of nodes that are computed from the same as the last time.
-pub(super) enum Known {
-    /// Nothing changed: what the last evaluation found.
+/// The results of nodes that have not changed.
+pub(super) enum KnownResults {
+    /// Nothing has changed: the results of the last evaluation.
     All(Arc<Snapshot>),
-    /// The result of each node, if it is known.
-    Some(Vec<Option<Arc<Done>>>),
+    /// The result of each node, if the node has not changed.
+    Some(Vec<Option<Arc<NodeRecord>>>),
 }
 
-impl Known {
-    pub(super) fn get(&self, index: usize) -> Option<&Arc<Done>> {
+impl KnownResults {
+    pub(super) fn get(&self, index: usize) -> Option<&Arc<NodeRecord>> {
         match self {
             Self::All(snapshot) => snapshot.current(index),
             Self::Some(results) => results[index].as_ref(),
         }
     }
 
-    /// What is known after the nodes that have a task were visited: each node's last result, of this evaluation or of an earlier
-    /// one of the graph.
-    pub(super) fn after(
+    /// Returns the snapshot after all nodes with tasks have been visited. It contains the last result of each node, from this evaluation or
+    /// from an earlier one of the graph.
+    pub(super) fn into_snapshot(
         self,
-        visited: Visited,
+        visited: VisitedNodes,
         wanted: &[bool],
         graph: &Graph,
         last: Option<&Arc<Snapshot>>,
@@ -67,7 +67,7 @@ impl Known {
                 .collect(),
             Self::Some(results) => results,
         };
-        // Where one gave another result than was known, others may have been computed from the old one.
+        // If a node gave another result than the known one, other nodes may still have been computed from the known one.
         let mut agree = true;
         for (index, done) in visited {
             if let (Some(before), Some(done)) = (&results[index], &done) {
@@ -76,10 +76,10 @@ impl Known {
             results[index] = done;
         }
         let mut found: Vec<_> = results.iter().map(Option::is_some).collect();
-        let (name, shape) = (&graph.source().name, graph.shape());
+        let (name, shape) = (&graph.source().name, graph.topology());
         if let Some(last) = last.filter(|last| last.graph == *name) {
             for (index, result) in results.iter_mut().enumerate().filter(|(_, it)| it.is_none()) {
-                *result = last.before(&shape.names[index], index).cloned();
+                *result = last.last_result(&shape.names[index], index).cloned();
             }
         }
         let mut names = shape.names.clone();
@@ -101,8 +101,8 @@ impl Known {
             identities: if agree { shape.identities.clone() } else { Arc::default() },
             names,
             results,
-            found,
-            places: OnceLock::new(),
+            is_current: found,
+            positions: OnceLock::new(),
         })
     }
 }
@@ -114,8 +114,8 @@ impl Plan {
         roots: &[usize],
         values: &[usize],
     ) -> Self {
-        let wanted: Arc<[bool]> = graph.shape().needed_by(roots).into();
-        let known = evaluator.known(graph, &wanted);
+        let wanted: Arc<[bool]> = graph.topology().needed_by(roots).into();
+        let known = evaluator.unchanged_results(graph, &wanted);
         let mut tasks = vec![Task::None; wanted.len()];
         for index in (0..wanted.len()).filter(|&index| wanted[index]) {
             tasks[index] = match known.get(index) {
@@ -124,7 +124,7 @@ impl Plan {
                 Some(_) => Task::None,
             };
         }
-        // Backwards, so that what a restored node needs is met after it.
+        // Nodes are handled in reverse order, so the dependencies of a restored node are handled after it.
         let mut needed = vec![false; wanted.len()];
         values.iter().for_each(|&node| needed[node] = true);
         for index in (0..wanted.len()).rev() {
@@ -135,7 +135,7 @@ impl Plan {
                 tasks[index] = Task::Restore;
             }
             if tasks[index] != Task::None {
-                graph.shape().sources(index).for_each(|node| needed[node] = true);
+                graph.topology().sources(index).for_each(|node| needed[node] = true);
             }
         }
         let active = tasks.iter().filter(|task| **task != Task::None).count();
@@ -146,27 +146,28 @@ impl Plan {
         0 < self.active
     }
 
-    /// How many of the wanted nodes have no task.
-    pub(super) fn unchanged(&self) -> usize {
+    /// Returns the number of requested nodes that have no task.
+    pub(super) fn unchanged_count(&self) -> usize {
         self.wanted.iter().filter(|wanted| **wanted).count() - self.active
     }
 }
 
 impl Evaluator {
-    /// The results of the wanted nodes that are computed from the same as the last time: a result is true for ever, so only
-    /// what it was computed from is compared.
-    fn known(&self, graph: &Graph, wanted: &[bool]) -> Known {
-        let Some(last) = &self.last else { return Known::Some(vec![None; wanted.len()]) };
+    /// Returns the results of those requested nodes that are unchanged. A cached result never becomes invalid, because its key covers
+    /// everything that it depends on. So it is enough to compare the parts of the key.
+    fn unchanged_results(&self, graph: &Graph, wanted: &[bool]) -> KnownResults {
+        let Some(last) = &self.last else { return KnownResults::Some(vec![None; wanted.len()]) };
         if self.nothing_changed(last, graph, wanted) {
-            return Known::All(last.clone());
+            return KnownResults::All(last.clone());
         }
-        let shape = graph.shape();
-        let mut results: Vec<Option<Arc<Done>>> = vec![None; wanted.len()];
-        // The nodes that are as they were in the last evaluation, and hang on such alone: there each was computed from what the others gave.
+        let shape = graph.topology();
+        let mut results: Vec<Option<Arc<NodeRecord>>> = vec![None; wanted.len()];
+        // Marks the nodes that are unchanged since the last evaluation and whose dependencies are unchanged, too. Each of them was computed
+        // in that evaluation from the results of its dependencies, so the results still belong together.
         let mut same = vec![false; wanted.len()];
         for index in (0..wanted.len()).filter(|&index| wanted[index]) {
             let known = match last
-                .same(graph, index)
+                .current_if_unchanged(graph, index)
                 .filter(|_| shape.sources(index).all(|source| same[source]))
             {
                 Some(done)
@@ -176,31 +177,31 @@ impl Evaluator {
                     Some(done)
                 }
                 _ => last
-                    .before(&shape.names[index], index)
+                    .last_result(&shape.names[index], index)
                     .filter(|done| self.is_computed_from(&done.parts, graph, index, &results)),
             };
             results[index] = known.cloned();
         }
-        Known::Some(results)
+        KnownResults::Some(results)
     }
 
-    /// The same graph, nothing wanted that the last evaluation did not find, and no other file: then everything is as it was.
+    /// Returns true if the graph and its files are unchanged, and every requested node has a result from the last evaluation.
     fn nothing_changed(&self, last: &Snapshot, graph: &Graph, wanted: &[bool]) -> bool {
-        let same = last.shape == graph.shape().identity;
-        let mut readers = graph.shape().readers.iter().filter(|&&index| wanted[index]);
-        same && wanted.iter().zip(&last.found).all(|(wanted, found)| found | !wanted)
+        let same = last.shape == graph.topology().identity;
+        let mut readers = graph.topology().readers.iter().filter(|&&index| wanted[index]);
+        same && wanted.iter().zip(&last.is_current).all(|(wanted, found)| found | !wanted)
             && readers.all(|&index| {
                 last.current(index).is_some_and(|done| self.has_files(&done.parts, graph, index))
             })
     }
 
-    /// Whether a node would be computed from these parts, as far as the results before it are known.
+    /// Returns true if the node would now be computed from the parts `parts`. Inputs whose results are unknown are not compared.
     fn is_computed_from(
         &self,
         parts: &Parts,
         graph: &Graph,
         index: usize,
-        results: &[Option<Arc<Done>>],
+        results: &[Option<Arc<NodeRecord>>],
     ) -> bool {
         let node = &graph.nodes()[index];
         let inputs = node.links.iter().map(|link| {
@@ -212,22 +213,25 @@ impl Evaluator {
             && self.has_files(parts, graph, index)
     }
 
-    /// Whether a node's files are known, without reading them, to be these.
+    /// Returns true if the files of the node are known to be unchanged without reading them.
     fn has_files(&self, parts: &Parts, graph: &Graph, index: usize) -> bool {
         let files = graph.nodes()[index].files.iter();
-        files.map(|file| self.files.look(&file.path)).eq(parts.files.iter().map(|hash| Some(*hash)))
+        files
+            .map(|file| self.files.cached_hash(&file.path))
+            .eq(parts.files.iter().map(|hash| Some(*hash)))
     }
 
-    /// Whether a result's values can be had without computing them.
-    fn has_values(&self, done: &Done) -> bool {
-        done.outcome.has_values() || self.known_results().is_some_and(|disk| disk.has(done.key))
+    /// Returns true if a result's values are available without computing them.
+    fn has_values(&self, done: &NodeRecord) -> bool {
+        done.outcome.has_values()
+            || self.known_results().is_some_and(|disk| disk.has_entry(done.key))
     }
 
-    /// Returns true if the cached result of this key is to be computed and compared.
+    /// Returns true if the cached result with this key must be computed again and compared.
     pub(super) fn verifies(&self, key: Hash) -> bool {
         let [a, b, ..] = key.0;
         self.is_verifying()
-            && f64::from(u16::from_le_bytes([a, b])) < self.verify * 65536.0
+            && f64::from(u16::from_le_bytes([a, b])) < self.verified_fraction * 65536.0
             && !lock(&self.verified).contains(&key)
     }
 }

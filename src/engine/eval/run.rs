@@ -1,4 +1,4 @@
-//! One evaluation under way: visits the nodes that have a task, each after those that it hangs on.
+//! A running evaluation. It visits the nodes that have a task; each node is visited after its dependencies.
 
 use std::collections::{BTreeSet, HashMap};
 use std::hash::BuildHasherDefault;
@@ -13,31 +13,31 @@ use maquette_syntax::error::Error;
 use maquette_value::{AnyValue, Hash};
 
 use super::cache::{FirstBytes, Outcome, Values};
-use super::compute::Loaded;
+use super::compute::LoadedFiles;
 use super::key::Parts;
 use super::memory::Memory;
 use super::plan::{Plan, Task};
-use super::snapshot::{Done, Visited};
+use super::snapshot::{NodeRecord, VisitedNodes};
 use super::trace::Reason;
 use super::{Evaluator, Observer, State, lock};
 
-/// What happened to a node that is not as it was.
-pub(super) struct News {
+/// The event of a visited node.
+pub(super) struct NodeEvent {
     pub(super) index: usize,
     pub(super) state: State,
     pub(super) reason: Reason,
     pub(super) unchanged: bool,
-    /// Whether a result that was computed to compare it is another one.
+    /// True if the result was computed again and differs from the cached one.
     pub(super) differs: bool,
     pub(super) error: Option<Error>,
-    /// How many bytes it said that it needs.
+    /// The number of bytes that the node needs, as the node itself estimates it.
     pub(super) estimate: Option<f64>,
     pub(super) start: f64,
     pub(super) seconds: f64,
     pub(super) thread: usize,
 }
 
-impl News {
+impl NodeEvent {
     pub(super) fn new(index: usize, state: State, reason: Reason) -> Self {
         let (unchanged, differs, error, estimate) = (false, false, None, None);
         Self {
@@ -63,42 +63,43 @@ pub(super) struct Run<'a> {
     pub(super) cancel: &'a CancelToken,
     pub(super) start: Instant,
     pub(super) files: Reads<'a>,
-    /// The slot of each node that has a task, by node.
-    places: Vec<u32>,
+    /// The index of each node's slot, or [`NO_SLOT`] for a node without a task.
+    slot_indices: Vec<u32>,
     pub(super) slots: Vec<Slot>,
-    pub(super) news: Mutex<Vec<News>>,
+    pub(super) events: Mutex<Vec<NodeEvent>>,
     pub(super) memory: Memory,
-    /// The nodes whose code runs now.
-    pub(super) under_way: Mutex<BTreeSet<usize>>,
-    /// Nodes that wait for another one with the same key.
+    /// The nodes whose code is running.
+    pub(super) running: Mutex<BTreeSet<usize>>,
+    /// The keys that are being computed. For each key, the other nodes that wait for its result.
     in_flight: Mutex<HashMap<Hash, Vec<usize>, BuildHasherDefault<FirstBytes>>>,
 }
 
-/// A node with a task.
+/// The state of a node that has a task.
 #[derive(Default)]
 pub(super) struct Slot {
     node: usize,
-    /// How many links wait for their node.
+    /// The number of links to nodes that are not finished yet.
     waiting: AtomicUsize,
-    /// The node's result; none inside if it has none.
-    pub(super) done: OnceLock<Option<Arc<Done>>>,
-    /// Whether this node, or one that it hangs on, ran.
+    /// The result of the node, once it is finished. The inner `None` means that the node failed.
+    pub(super) result: OnceLock<Option<Arc<NodeRecord>>>,
+    /// True if this node or one of its dependencies ran.
     ran: AtomicBool,
-    /// Whether this node, or one that it hangs on, has a result that no machine has kept before: then none has what hangs on it.
+    /// True if this node or one of its dependencies has a result that no machine has stored before. Then no machine has stored the results
+    /// that depend on it, either.
     is_new: AtomicBool,
-    /// The values, held for the nodes that still need them.
+    /// The values, while other nodes still need them.
     pub(super) held: Mutex<Option<Values>>,
-    /// How many links of nodes that have a task still need them; one more if they are wanted afterwards.
+    /// The number of links that still need the values. If the caller requested the values, the number is one higher.
     pub(super) users: AtomicUsize,
 }
 
-/// How many bytes values count as.
+/// Returns the size of values, in bytes.
 pub(super) fn size(values: &Values) -> u64 {
     values.iter().map(AnyValue::size).sum::<usize>() as u64
 }
 
-/// The place of a node without a slot.
-const NOWHERE: u32 = u32::MAX;
+/// The slot index of a node without a task.
+const NO_SLOT: u32 = u32::MAX;
 
 impl<'a> Run<'a> {
     pub(super) fn new(
@@ -110,16 +111,16 @@ impl<'a> Run<'a> {
         cancel: &'a CancelToken,
     ) -> Self {
         let tasks = &plan.tasks[..];
-        let mut places = Vec::new();
+        let mut slot_indices = Vec::new();
         let mut slots: Vec<Slot> = Vec::new();
         if plan.has_work() {
-            places.resize(tasks.len(), NOWHERE);
+            slot_indices.resize(tasks.len(), NO_SLOT);
             for node in (0..tasks.len()).filter(|&node| tasks[node] != Task::None) {
-                places[node] = slots.len() as u32;
-                // Each node comes after those that it hangs on, so their slots are there.
-                let links = graph.shape().sources(node).map(|source| places[source]);
+                slot_indices[node] = slots.len() as u32;
+                // The slots of the dependencies exist already, because nodes come after their dependencies.
+                let links = graph.topology().sources(node).map(|source| slot_indices[source]);
                 let mut waiting = 0;
-                for place in links.filter(|&place| place != NOWHERE) {
+                for place in links.filter(|&place| place != NO_SLOT) {
                     *slots[place as usize].users.get_mut() += 1;
                     waiting += 1;
                 }
@@ -134,11 +135,11 @@ impl<'a> Run<'a> {
             cancel,
             start: Instant::now(),
             files: Reads::new(&evaluator.files, graph.readers()),
-            places,
+            slot_indices,
             slots,
-            news: Mutex::default(),
-            memory: Memory::new(evaluator.most),
-            under_way: Mutex::default(),
+            events: Mutex::default(),
+            memory: Memory::new(evaluator.max_bytes),
+            running: Mutex::default(),
             in_flight: Mutex::default(),
         };
         for slot in values.iter().filter_map(|&node| run.slot(node)) {
@@ -147,76 +148,76 @@ impl<'a> Run<'a> {
         run
     }
 
-    /// The slot of a node; none if it has no task.
+    /// Returns the slot of a node; `None` if the node has no task.
     pub(super) fn slot(&self, node: usize) -> Option<&Slot> {
-        let place = *self.places.get(node)?;
+        let place = *self.slot_indices.get(node)?;
         self.slots.get(place as usize)
     }
 
     pub(super) fn start<'s>(&'s self, scope: &rayon::Scope<'s>) {
-        // All are found before the first one runs: one that becomes ready meanwhile is visited by whom it waited for, and would be
-        // visited twice.
+        // All ready nodes are collected before the first one runs. A node that becomes ready later is visited by the node that it waited
+        // for; it must not be visited here, too.
         let ready: Vec<_> =
             self.slots.iter().filter(|slot| slot.waiting.load(Ordering::Relaxed) == 0).collect();
-        self.memory.begin(ready.len());
+        self.memory.add_visits(ready.len());
         for slot in ready {
             scope.spawn(move |scope| self.visit(slot.node, scope));
         }
     }
 
-    /// Brings a node to its end, and then those that waited for it alone.
+    /// Visits a node, and then the nodes that waited only for it.
     fn visit<'s>(&'s self, index: usize, scope: &rayon::Scope<'s>) {
         let mut next = Some(index);
-        // One of the nodes that become ready goes on here, without the cost of a task: long chains are common. Going deep
-        // first, values are used, and dropped, soon after they are made.
+        // One of the nodes that become ready is visited next on this thread. That saves the cost of a new task, because long chains are
+        // common. In this depth-first order, values are used and dropped soon after they are computed.
         while let Some(index) = next.take() {
-            let Some((done, mut ready)) = self.node(index) else {
-                next = self.memory.end();
+            let Some((done, mut ready)) = self.run_node(index) else {
+                next = self.memory.end_visit();
                 continue;
             };
             if let Some(slot) = self.slot(index) {
-                let _ = slot.done.set(done);
+                let _ = slot.result.set(done);
             }
-            self.let_go(index);
-            let users = self.graph.shape().users(index);
+            self.release_inputs(index);
+            let users = self.graph.topology().users(index);
             for user in users.filter_map(|user| self.slot(user)) {
                 if user.waiting.fetch_sub(1, Ordering::AcqRel) == 1 {
                     ready.push(user.node);
                 }
             }
-            ready.extend(self.memory.leave(index, &self.evaluator.cache));
+            ready.extend(self.memory.finish_node(index, &self.evaluator.cache));
             next = ready.pop();
-            self.memory.begin(ready.len());
+            self.memory.add_visits(ready.len());
             for other in ready {
                 scope.spawn(move |scope| self.visit(other, scope));
             }
-            next = next.or_else(|| self.memory.end());
+            next = next.or_else(|| self.memory.end_visit());
         }
     }
 
-    /// Drops the values that only this node still needed.
-    fn let_go(&self, index: usize) {
+    /// Drops the input values that no other node needs any more.
+    fn release_inputs(&self, index: usize) {
         let links = self.graph.nodes()[index].links.iter();
         for slot in links.filter_map(|link| self.slot(link.node)) {
             if slot.users.fetch_sub(1, Ordering::AcqRel) == 1
                 && let Some(values) = lock(&slot.held).take()
             {
-                self.memory.let_go(size(&values));
+                self.memory.release(size(&values));
             }
         }
     }
 
-    /// What is known of a node. One that is only restored or compared is known before it is visited: a node that is not visited
-    /// may hang on it, and need its values when another process has dropped its own.
-    pub(super) fn done(&self, index: usize) -> Option<&Arc<Done>> {
-        let found = self.slot(index).and_then(|slot| slot.done.get());
+    /// Returns the result of a node. If a node is only restored or verified, its result is known before its visit. That matters if a node
+    /// without a task depends on it and needs its values, because another process has dropped the values of that node.
+    pub(super) fn result_of(&self, index: usize) -> Option<&Arc<NodeRecord>> {
+        let found = self.slot(index).and_then(|slot| slot.result.get());
         match found {
             Some(found) => found.as_ref(),
             None => self.plan.known.get(index),
         }
     }
 
-    fn ran(&self, index: usize) -> bool {
+    fn has_run(&self, index: usize) -> bool {
         self.slot(index).is_some_and(|slot| slot.ran.load(Ordering::Acquire))
     }
 
@@ -226,21 +227,21 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Whether one that the node hangs on has a result that no machine has kept before.
-    fn is_new_above(&self, node: &GraphNode) -> bool {
+    /// Returns true if a dependency has a result that no machine has stored before.
+    fn has_new_input(&self, node: &GraphNode) -> bool {
         let mut slots = node.links.iter().filter_map(|link| self.slot(link.node));
         slots.any(|slot| slot.is_new.load(Ordering::Acquire))
     }
 
-    /// Says that a node was computed, and whether its result is new.
+    /// Records that a node was computed, and whether its result is new to all machines.
     pub(super) fn set_new(&self, index: usize, is_new: bool) {
-        let is_new = is_new || self.is_new_above(&self.graph.nodes()[index]);
+        let is_new = is_new || self.has_new_input(&self.graph.nodes()[index]);
         if let Some(slot) = self.slot(index) {
             slot.is_new.store(is_new, Ordering::Release);
         }
     }
 
-    /// Holds a node's values as long as somebody still needs them.
+    /// Holds a node's values while other nodes need them.
     pub(super) fn hold(&self, index: usize, values: &Values) {
         if let Some(slot) = self.slot(index).filter(|slot| 0 < slot.users.load(Ordering::Acquire))
             && lock(&slot.held).replace(values.clone()).is_none()
@@ -249,38 +250,35 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// The node's last result, if an evaluation of this graph gave it.
-    pub(super) fn before(&self, index: usize) -> Option<&Arc<Done>> {
-        let name = &self.graph.shape().names[index];
+    /// Returns the last result of the node, if this graph has been evaluated before.
+    pub(super) fn last_result(&self, index: usize) -> Option<&Arc<NodeRecord>> {
+        let name = &self.graph.topology().names[index];
         let last = self.evaluator.last.as_ref();
-        last.filter(|last| last.graph == self.graph.source().name)?.before(name, index)
+        last.filter(|last| last.graph == self.graph.source().name)?.last_result(name, index)
     }
 
-    /// What becomes of a node, and the nodes of the same key that waited for it; none if it waits itself, for one of the same key or
-    /// for memory.
-    fn node(&self, index: usize) -> Option<(Option<Arc<Done>>, Vec<usize>)> {
+    /// Processes a node. Returns its result, and the nodes with the same key that waited for the result. Returns `None` if the node itself
+    /// must wait, for a node with the same key or for memory.
+    fn run_node(&self, index: usize) -> Option<(Option<Arc<NodeRecord>>, Vec<usize>)> {
         let node = &self.graph.nodes()[index];
-        let ran_above = node.links.iter().any(|link| self.ran(link.node));
+        let ran_above = node.links.iter().any(|link| self.has_run(link.node));
         self.set_ran(index, ran_above);
-        if let Some(failed) = node.links.iter().find(|link| self.done(link.node).is_none()) {
-            self.tell(News::new(index, State::Skipped, Reason::HangsOn(failed.node)));
+        if let Some(failed) = node.links.iter().find(|link| self.result_of(link.node).is_none()) {
+            self.report(NodeEvent::new(index, State::Skipped, Reason::DependsOn(failed.node)));
             return Some((None, Vec::new()));
         }
         let mut parts = match self.parts(node) {
             Ok(parts) => parts,
-            Err(error) => return Some((self.failed(index, error), Vec::new())),
+            Err(error) => return Some((self.fail(index, error), Vec::new())),
         };
         loop {
             let key = parts.key();
             let mut flight = lock(&self.in_flight);
-            let mut known = self.known(index, key);
+            let mut known = self.known_outcome(index, key);
             let is_believed = self.plan.tasks[index] == Task::Look && !self.evaluator.verifies(key);
             if is_believed && let Some(outcome) = known.take() {
                 drop(flight);
-                return Some((
-                    Some(self.not_run(index, parts, key, outcome, ran_above)),
-                    Vec::new(),
-                ));
+                return Some((Some(self.reuse(index, parts, key, outcome, ran_above)), Vec::new()));
             }
             match flight.get_mut(&key) {
                 Some(waiters) => {
@@ -290,48 +288,52 @@ impl<'a> Run<'a> {
                 None => drop(flight.insert(key, Vec::new())),
             }
             drop(flight);
-            // Nobody else who looks anything up waits for the server.
+            // The lock has been released, so that no other node has to wait while the server is asked.
             known = known.or_else(|| self.fetch(index, key));
             if is_believed && let Some(outcome) = known.take() {
                 let waiters = lock(&self.in_flight).remove(&key).unwrap_or_default();
-                return Some((Some(self.not_run(index, parts, key, outcome, ran_above)), waiters));
+                return Some((Some(self.reuse(index, parts, key, outcome, ran_above)), waiters));
             }
             let done = match self.load(node, &parts) {
-                Ok(Loaded::Files(files)) => match self.compute(index, parts, key, &files, known) {
-                    Some(done) => done,
-                    None => {
-                        // It waits for memory, and so do those that wait for it.
-                        let waiters = lock(&self.in_flight).remove(&key).unwrap_or_default();
-                        self.memory.wait(waiters);
-                        return None;
+                Ok(LoadedFiles::Files(files)) => {
+                    match self.compute(index, parts, key, &files, known) {
+                        Some(done) => done,
+                        None => {
+                            // The node must wait for memory. The nodes that wait for its result must wait, too.
+                            let waiters = lock(&self.in_flight).remove(&key).unwrap_or_default();
+                            self.memory.wait(waiters);
+                            return None;
+                        }
                     }
-                },
-                Ok(Loaded::Changed(now)) => {
+                }
+                Ok(LoadedFiles::Changed(now)) => {
                     lock(&self.in_flight).remove(&key);
                     parts.files = now;
                     continue;
                 }
-                Err(error) => self.failed(index, error),
+                Err(error) => self.fail(index, error),
             };
-            // After the result is in the cache: whoever comes now finds it there.
+            // The result is in the cache now, where later nodes with this key find it. So the key is no longer in flight.
             let waiters = lock(&self.in_flight).remove(&key).unwrap_or_default();
             return Some((done, waiters));
         }
     }
 
-    /// What the node is computed from.
+    /// Returns everything from which the node is computed.
     pub(super) fn parts(&self, node: &GraphNode) -> Result<Parts, Error> {
         let inputs = node
             .links
             .iter()
-            .filter_map(|link| self.done(link.node).map(|done| done.outcome.outputs[link.output].1))
+            .filter_map(|link| {
+                self.result_of(link.node).map(|done| done.outcome.outputs[link.output].1)
+            })
             .collect();
         let files = node.files.iter().map(|file| self.files.hash(file));
         Ok(Parts { recipe: node.recipe.clone(), inputs, files: files.collect::<Result<_, _>>()? })
     }
 
-    /// The result to which a computed one is compared, or which takes its place.
-    fn known(&self, index: usize, key: Hash) -> Option<Arc<Outcome>> {
+    /// Returns the known result for the key. It is either reused, or compared with a newly computed result.
+    fn known_outcome(&self, index: usize, key: Hash) -> Option<Arc<Outcome>> {
         match self.plan.tasks[index] {
             Task::Look => self.find(index, key),
             Task::Verify => {
@@ -342,11 +344,11 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// What is known of a node's result of this key.
+    /// Returns the result with this key from memory, the last evaluation or the disk.
     pub(super) fn find(&self, index: usize, key: Hash) -> Option<Arc<Outcome>> {
-        // What this process has computed comes before what another one has noted.
+        // Results in this process are preferred to results on disk.
         let found = self.evaluator.cache.find(key).or_else(|| {
-            let before = self.before(index).filter(|before| before.key == key)?;
+            let before = self.last_result(index).filter(|before| before.key == key)?;
             Some(before.outcome.clone())
         });
         found.or_else(|| {
@@ -356,76 +358,81 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// What another machine has found, if it may have looked for it. So where there is nothing, only what hangs on nothing is asked for.
+    /// Fetches a result that another machine computed. The server is not asked about a node with a new input, because no machine can have
+    /// such a result. So for an unknown graph, the server is asked only about nodes without dependencies.
     fn fetch(&self, index: usize, key: Hash) -> Option<Arc<Outcome>> {
         let node = &self.graph.nodes()[index];
         let asks = self.plan.tasks[index] == Task::Look
             && node.kind() != ELEMENTS
-            && !self.is_new_above(node)
-            && !self.memory.has_put_aside(index)
+            && !self.has_new_input(node)
+            && !self.memory.has_waited(index)
             && !self.cancel.is_cancelled();
-        let disk = self.evaluator.known_results().filter(|_| asks && self.evaluator.keeps)?;
+        let disk =
+            self.evaluator.known_results().filter(|_| asks && self.evaluator.writes_to_disk)?;
         let outcome = Arc::new(disk.fetch(key)?);
         self.evaluator.cache.keep(key, outcome.clone());
         Some(outcome)
     }
 
-    pub(super) fn tell(&self, news: News) {
-        self.observer.finished(&self.graph.nodes()[news.index].name, news.state, news.seconds);
-        lock(&self.news).push(news);
+    pub(super) fn report(&self, event: NodeEvent) {
+        self.observer.on_finish(&self.graph.nodes()[event.index].name, event.state, event.seconds);
+        lock(&self.events).push(event);
     }
 
-    pub(super) fn failed(&self, index: usize, error: Error) -> Option<Arc<Done>> {
+    pub(super) fn fail(&self, index: usize, error: Error) -> Option<Arc<NodeRecord>> {
         let reason = Reason::Error(error.to_string());
-        self.tell(News { error: Some(error), ..News::new(index, State::Failed, reason) });
+        self.report(NodeEvent {
+            error: Some(error),
+            ..NodeEvent::new(index, State::Failed, reason)
+        });
         None
     }
 
-    fn not_run(
+    fn reuse(
         &self,
         index: usize,
         parts: Parts,
         key: Hash,
         outcome: Arc<Outcome>,
         ran_above: bool,
-    ) -> Arc<Done> {
-        let change = self.before(index).and_then(|before| parts.change(&before.parts));
+    ) -> Arc<NodeRecord> {
+        let change = self.last_result(index).and_then(|before| parts.change(&before.parts));
         let (state, reason) = match change {
             _ if ran_above => (State::Equal, Reason::SameInputs),
             Some(change) => (State::Cached, Reason::Before(change)),
             None => (State::Cached, Reason::Unchanged),
         };
-        self.tell(News::new(index, state, reason));
-        Arc::new(Done { parts, key, outcome })
+        self.report(NodeEvent::new(index, state, reason));
+        Arc::new(NodeRecord { parts, key, outcome })
     }
 
-    /// Whether the values of these nodes are in memory.
+    /// Returns true if the values of these nodes are in memory.
     pub(super) fn has_values(&self, roots: &[usize]) -> bool {
-        roots.iter().all(|&root| self.done(root).is_none_or(|done| done.outcome.has_values()))
+        roots.iter().all(|&root| self.result_of(root).is_none_or(|done| done.outcome.has_values()))
     }
 
-    /// The values of these nodes, in order of the nodes; without those that have none.
+    /// Returns the values of these nodes, sorted by node. Nodes without values are left out.
     pub(super) fn values_of(&self, roots: &[usize]) -> Vec<(usize, Values)> {
         let mut roots = roots.to_vec();
         roots.sort_unstable();
         roots.dedup();
-        let values = roots.into_iter().filter(|root| self.done(*root).is_some());
+        let values = roots.into_iter().filter(|root| self.result_of(*root).is_some());
         values.filter_map(|root| Some((root, self.values(root).ok()?))).collect()
     }
 
-    /// The nodes that were visited, and what happened to them, in the graph's order.
-    pub(super) fn end(self) -> (Visited, Vec<News>) {
+    /// Returns the visited nodes with their results, and their events, in the order of the graph.
+    pub(super) fn into_results(self) -> (VisitedNodes, Vec<NodeEvent>) {
         let visited = self.slots.into_iter().filter_map(|slot| {
-            let done = slot.done.into_inner()?;
+            let done = slot.result.into_inner()?;
             Some((slot.node, done))
         });
         let visited = visited.collect();
-        let mut news = self.news.into_inner().unwrap_or_else(|broken| broken.into_inner());
-        news.sort_by_key(|news| news.index);
-        // A node may have been found in the cache and then, its values damaged, computed: the latter counts.
-        news.reverse();
-        news.dedup_by_key(|news| news.index);
-        news.reverse();
-        (visited, news)
+        let mut events = self.events.into_inner().unwrap_or_else(|broken| broken.into_inner());
+        events.sort_by_key(|event| event.index);
+        // A node may have two events: it was found in the cache, and then computed because its values were damaged. The later event counts.
+        events.reverse();
+        events.dedup_by_key(|event| event.index);
+        events.reverse();
+        (visited, events)
     }
 }

@@ -1,30 +1,30 @@
-//! What happened to each node, and why: data, for people, programs and tests.
+//! Traces: the state of each node after an evaluation, and the reason for it.
 
 use std::fmt;
 
-use maquette_graph::{GraphNode, INPUT, in_short, parameter_name};
+use maquette_graph::{GraphNode, INPUT, parameter_name, short_text};
 use maquette_syntax::with_article;
 use serde_json::json;
 
 use super::key::Change;
 
-/// What became of a node.
+/// The state of a node after an evaluation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum State {
-    /// Not run, and nothing that it hangs on ran.
+    /// The node did not run, and nothing that it depends on ran.
     Cached,
-    /// Not run, because what it hangs on was computed anew and came out the same.
+    /// The node did not run, because its dependencies were computed again with equal results.
     Equal,
-    /// It ran.
+    /// The node ran.
     Computed,
-    /// It ran and failed.
+    /// The node ran and failed.
     Failed,
-    /// It hangs on a node that failed.
+    /// The node was not run because it depends on a node that failed.
     Skipped,
 }
 
 impl State {
-    /// The word in traces.
+    /// Returns the word for the state in traces.
     pub fn word(self) -> &'static str {
         match self {
             Self::Cached => "cached",
@@ -36,30 +36,30 @@ impl State {
     }
 }
 
-/// Why a node came to its end.
+/// The reason for the state of a node.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Reason {
-    /// Nothing that it depends on changed.
+    /// Nothing that the node depends on changed.
     Unchanged,
-    /// Its inputs came out the same.
+    /// The inputs of the node were computed again and are equal to the old ones.
     SameInputs,
-    /// Something changed, but to what it was computed from at another time.
+    /// Something changed back to an earlier state, whose result is in the cache.
     Before(Change),
-    /// Nothing is known of an earlier result.
+    /// No earlier result is known.
     First,
-    /// Something changed.
+    /// Something changed since the last result of the node.
     Changed(Change),
-    /// Its result was dropped, or what was kept of it is damaged.
+    /// The cached result of the node was dropped or is damaged.
     Lost,
-    /// Its result was too little work to be kept on disk.
+    /// The result of the node was so cheap that it was not written to disk.
     Cheap,
-    /// The user wanted it computed, to compare.
+    /// The user asked to compare cached results with new ones.
     Verified,
-    /// Its file of this index may have changed: to know, a forecast would have to read all of it.
+    /// The file with this index may have changed. A forecast does not read large files to find out.
     Unread(usize),
-    /// It hangs on this node.
-    HangsOn(usize),
-    /// An error, in words.
+    /// The node depends on the node with this index.
+    DependsOn(usize),
+    /// The node failed with this message.
     Error(String),
 }
 
@@ -81,7 +81,7 @@ impl Reason {
             Self::Unread(index) => {
                 format!("file {} may have changed and was not read", node.files[*index].given)
             }
-            Self::HangsOn(index) => format!("hangs on `{}`", nodes[*index].name),
+            Self::DependsOn(index) => format!("depends on `{}`", nodes[*index].name),
             Self::Error(words) => words.clone(),
         }
     }
@@ -90,46 +90,47 @@ impl Reason {
 fn in_words(change: &Change, node: &GraphNode) -> String {
     match change {
         Change::Kind { before } => format!("it was {} before", with_article(before)),
-        // The value at an input of the graph, by its hash.
+        // The parameter of an input node is the hash of the input's value, so the hash is not shown.
         Change::Parameter { .. } if node.kind() == INPUT => "it gets another value".to_owned(),
         Change::Parameter { path, before, now } => {
             let name = parameter_name(path);
-            format!("parameter `{name}` {} -> {}", in_short(before), in_short(now))
+            format!("parameter `{name}` {} -> {}", short_text(before), short_text(now))
         }
         Change::Input(index) => format!("input `{}` changed", node.links[*index].port),
         Change::File(index) => format!("file {} changed", node.files[*index].given),
     }
 }
 
-/// What happened to one node.
+/// The trace of one node.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NodeTrace {
-    /// Its name in the graph.
+    /// The name of the node in the graph.
     pub name: String,
-    /// Its type.
+    /// The type of the node.
     pub node: String,
-    /// What became of it.
+    /// The state of the node.
     pub state: State,
-    /// Whether it ran and gave the same as last time.
+    /// True if the node ran and gave the same result as the last time.
     pub unchanged: bool,
-    /// Why.
+    /// The reason for the state of the node.
     pub reason: String,
-    /// When it began, in seconds from the evaluation's start; 0 if it did not run.
+    /// The time at which the node started to run, in seconds after the start of the evaluation; 0 if the node did not run.
     pub start: f64,
-    /// How long it ran, in seconds; 0 if it did not.
+    /// The time for which the node ran, in seconds; 0 if the node did not run.
     pub seconds: f64,
-    /// The thread on which it ran, from 0.
+    /// The number of the thread on which the node ran, from 0.
     pub thread: usize,
-    /// How much memory its results need.
+    /// The memory that the results of the node need, in bytes.
     pub bytes: usize,
-    /// How many bytes it said that it needs at most, if it ran and can say that: see [`Node::estimate`](maquette_node::Node::estimate).
+    /// The node's own estimate of its memory in bytes, if the node ran and gives one: see
+    /// [`Node::estimate`](maquette_node::Node::estimate).
     pub estimate: Option<f64>,
-    /// Its warnings about the results.
+    /// The warnings of the node.
     pub warnings: Vec<String>,
 }
 
 impl NodeTrace {
-    /// The trace as `--json` prints it.
+    /// Returns the trace as `--json` prints it.
     pub fn to_json(&self) -> serde_json::Value {
         let mut json = json!({
             "name": self.name,
@@ -147,17 +148,17 @@ impl NodeTrace {
     }
 }
 
-/// What happened in a run to each node that was needed, in the graph's order.
+/// The traces of all needed nodes, in the order of the graph.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RunTrace(pub Vec<NodeTrace>);
 
 impl RunTrace {
-    /// How many nodes came to this end.
+    /// Returns the number of nodes in a state.
     pub fn count(&self, state: State) -> usize {
         self.0.iter().filter(|node| node.state == state).count()
     }
 
-    /// The trace in the format of Chrome's tracing page and Perfetto: one bar for each node that ran, one row for each thread.
+    /// Returns the trace in the format of Chrome's tracing page and Perfetto. Each node that ran is a bar, and each thread is a row.
     pub fn to_chrome(&self) -> serde_json::Value {
         let ran = self.0.iter().filter(|node| node.seconds > 0.0);
         let events = ran.map(|node| {
@@ -176,7 +177,7 @@ impl RunTrace {
     }
 }
 
-/// One node a line: what became of it, its name, and why, without times.
+/// Prints one node per line: its state, its name and the reason. Times are not printed.
 impl fmt::Display for RunTrace {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let longest = self.0.iter().map(|node| node.name.len()).max().unwrap_or(0);

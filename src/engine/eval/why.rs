@@ -1,4 +1,4 @@
-//! What an evaluation would do, without doing it.
+//! Forecasts: which nodes an evaluation would run, and why.
 
 use std::fmt::Write;
 use std::sync::Arc;
@@ -6,15 +6,15 @@ use std::sync::Arc;
 use maquette_graph::{Graph, PINNED};
 use maquette_node::CancelToken;
 
-use super::disk::WORTH_A_FILE;
+use super::disk::MIN_SECONDS_TO_KEEP;
 use super::key::Change;
 use super::plan::{Plan, Task};
 use super::run::Run;
-use super::snapshot::Done;
+use super::snapshot::NodeRecord;
 use super::trace::Reason;
 use super::{Evaluator, State};
 
-/// What would become of a node.
+/// The forecast for a node: its expected state, and the reason.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Forecast {
     pub index: usize,
@@ -23,7 +23,7 @@ pub struct Forecast {
 }
 
 impl Forecast {
-    /// Whether the node may be computed.
+    /// Returns true if the node may be computed.
     pub fn may_run(&self) -> bool {
         matches!(self.outlook, Outlook::Runs | Outlook::MayRun)
     }
@@ -31,55 +31,57 @@ impl Forecast {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Outlook {
-    /// Its result is in the cache.
+    /// The node's result is in the cache.
     Cached,
-    /// It would be computed.
+    /// The node would be computed.
     Runs,
-    /// It hangs on a node that would be computed: it runs if that gives another result.
+    /// The node depends on a node that would be computed. The node itself runs only if that computation gives another result.
     MayRun,
-    /// It would fail: a file cannot be read, or no pack has such a node.
+    /// The node would fail: a file cannot be read, or no pack defines the type of the node.
     Fails,
-    /// It hangs on a node that would fail.
+    /// The node depends on a node that would fail.
     Skipped,
 }
 
-/// What is known of a node's last result, without its values.
+/// Facts about the last result of a node, without its values.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Remembered {
-    /// What each output is in a few words: `1024 x 768`.
-    pub shapes: Vec<String>,
+pub struct LastResult {
+    /// A short description of each output, such as `1024 x 768`.
+    pub descriptions: Vec<String>,
     pub bytes: usize,
     pub seconds: f64,
-    /// Whether the node would give it again now, as far as that is known without running one.
+    /// True if the node would give the same result again. This is determined without running any node.
     pub is_current: bool,
 }
 
 impl Evaluator {
-    /// What is known of the last result of each node, by this process or another one; nothing is run.
-    pub(crate) fn remembered(&mut self, graph: &Graph) -> Vec<Option<Remembered>> {
-        // Another process may have evaluated it since.
+    /// Returns facts about the last result of each node, in this process or in another one. No node is run.
+    pub(crate) fn last_results(&mut self, graph: &Graph) -> Vec<Option<LastResult>> {
+        // The record on disk is read again, because another process may have evaluated the graph since.
         self.last = None;
         let all = Vec::from_iter(0..graph.nodes().len());
         let forecasts = self.forecast(graph, &all, &[]);
         let Some(last) = self.last.clone() else { return vec![None; all.len()] };
-        let remembered = |forecast: &Forecast| {
-            let done = last.before(&graph.nodes()[forecast.index].name, forecast.index)?;
-            let outcome = &done.outcome;
-            Some(Remembered {
-                shapes: outcome.shapes.to_vec(),
-                bytes: outcome.bytes,
-                seconds: outcome.seconds,
-                is_current: matches!(
-                    forecast.reason,
-                    Reason::Unchanged | Reason::Lost | Reason::Cheap
-                ),
+        forecasts
+            .iter()
+            .map(|forecast| {
+                let name = &graph.nodes()[forecast.index].name;
+                let outcome = &last.last_result(name, forecast.index)?.outcome;
+                Some(LastResult {
+                    descriptions: outcome.descriptions.to_vec(),
+                    bytes: outcome.bytes,
+                    seconds: outcome.seconds,
+                    is_current: matches!(
+                        forecast.reason,
+                        Reason::Unchanged | Reason::Lost | Reason::Cheap
+                    ),
+                })
             })
-        };
-        forecasts.iter().map(remembered).collect()
+            .collect()
     }
 
-    /// What would become of the nodes that these hang on, in the graph's order, if the values of the nodes `values` were wanted
-    /// afterwards. Large files are not read for it.
+    /// Returns the forecasts of the nodes `roots` and of all nodes that they depend on, in the order of the graph. The values of the nodes
+    /// `values` are assumed to be requested. Large files are not read.
     pub(crate) fn forecast(
         &mut self,
         graph: &Graph,
@@ -90,77 +92,83 @@ impl Evaluator {
         let plan = Plan::new(self, graph, roots, values);
         let (observer, cancel) = ((), CancelToken::default());
         let mut run = Run::new(self, graph, &plan, &[], &observer, &cancel);
-        run.files = run.files.sparing();
-        let lost = |index: usize| match run.done(index) {
-            Some(done) if done.outcome.seconds <= WORTH_A_FILE => Reason::Cheap,
-            _ => Reason::Lost,
-        };
+        run.files = run.files.with_forecast_limit();
         let wanted = (0..graph.nodes().len()).filter(|&index| plan.wanted[index]);
-        let mut told = Vec::new();
+        let mut forecasts = Vec::new();
         for index in wanted {
             let (outlook, reason) = match plan.tasks[index] {
                 Task::None => (Outlook::Cached, Reason::Unchanged),
-                Task::Restore => (Outlook::Runs, lost(index)),
+                Task::Restore => (Outlook::Runs, run.lost_reason(index)),
                 Task::Verify => (Outlook::Runs, Reason::Verified),
-                Task::Look => match failing(graph, index, &told) {
-                    Some(cause) => (Outlook::Skipped, Reason::HangsOn(cause)),
+                Task::Look => match failing_input(graph, index, &forecasts) {
+                    Some(cause) => (Outlook::Skipped, Reason::DependsOn(cause)),
                     None => run.forecast(index),
                 },
             };
-            told.push(Forecast { index, outlook, reason });
+            forecasts.push(Forecast { index, outlook, reason });
         }
-        // Backwards: what is computed needs the values of what it depends on, which may have been dropped.
+        // Nodes are handled in reverse order: a node that is computed needs the values of its dependencies, which may have been dropped.
         let mut needs = vec![None; graph.nodes().len()];
         values.iter().for_each(|&node| needs[node] = Some(Outlook::Runs));
-        for Forecast { index, outlook, reason } in told.iter_mut().rev() {
+        for Forecast { index, outlook, reason } in forecasts.iter_mut().rev() {
             if let (Outlook::Cached, Some(need)) = (*outlook, needs[*index])
-                && run.done(*index).is_some_and(|done| !self.holds_values(done))
+                && run.result_of(*index).is_some_and(|done| !self.holds_values(done))
             {
-                (*outlook, *reason) = (need, lost(*index));
+                (*outlook, *reason) = (need, run.lost_reason(*index));
             }
             if matches!(outlook, Outlook::Runs | Outlook::MayRun) {
-                for source in graph.shape().sources(*index) {
-                    // Who surely runs surely needs it.
+                for source in graph.topology().sources(*index) {
+                    // If the node certainly runs, it certainly needs the values of its inputs.
                     let is_sure = needs[source] == Some(Outlook::Runs);
                     needs[source] = Some(if is_sure { Outlook::Runs } else { *outlook });
                 }
             }
         }
-        told
+        forecasts
     }
 
-    /// Returns true if a result's values can be had without computing them, as far as that is known without reading large ones.
-    fn holds_values(&self, done: &Done) -> bool {
-        let is_kept = || self.known_results().is_some_and(|disk| disk.holds(done.key));
-        done.outcome.has_values() || is_kept()
+    /// Returns true if the values of a result are available without computing them. Large columns are not read for this check.
+    fn holds_values(&self, done: &NodeRecord) -> bool {
+        done.outcome.has_values()
+            || self.known_results().is_some_and(|disk| disk.has_whole_entry(done.key))
     }
 }
 
-/// What is told of a node, if it is: the list is in the graph's order.
-fn told_of(told: &[Forecast], index: usize) -> Option<&Forecast> {
-    told.binary_search_by_key(&index, |it| it.index).ok().map(|place| &told[place])
+/// Returns the forecast of a node, if there is one. `forecasts` is in the order of the graph.
+fn forecast_of(forecasts: &[Forecast], index: usize) -> Option<&Forecast> {
+    forecasts.binary_search_by_key(&index, |it| it.index).ok().map(|place| &forecasts[place])
 }
 
-/// The first of a node's inputs that there will not be.
-fn failing(graph: &Graph, index: usize, told: &[Forecast]) -> Option<usize> {
+/// Returns the first input of a node that is missing because its node would fail.
+fn failing_input(graph: &Graph, index: usize, forecasts: &[Forecast]) -> Option<usize> {
     let mut links = graph.nodes()[index].links.iter().map(|link| link.node);
     links.find(|&link| {
-        told_of(told, link)
+        forecast_of(forecasts, link)
             .is_some_and(|it| matches!(it.outlook, Outlook::Fails | Outlook::Skipped))
     })
 }
 
 impl Run<'_> {
-    /// What would become of a node that must be looked at; those that it hangs on have been asked about before. A node that
-    /// would not run has its result from then on.
+    /// Returns the reason for computing a lost result again.
+    fn lost_reason(&self, index: usize) -> Reason {
+        match self.result_of(index) {
+            Some(done) if done.outcome.seconds <= MIN_SECONDS_TO_KEEP => Reason::Cheap,
+            _ => Reason::Lost,
+        }
+    }
+
+    /// Returns the forecast of a node that has changed or depends on a changed node. The forecasts of its dependencies must be known. If
+    /// the node would not run, it gets its cached result.
     fn forecast(&self, index: usize) -> (Outlook, Reason) {
         let node = &self.graph.nodes()[index];
-        if let Some(why) = node.node.lacks() {
+        if let Some(why) = node.node.missing_reason() {
             return (Outlook::Fails, Reason::Error(why));
         }
-        let unknown = node.links.iter().find(|link| self.done(link.node).is_none());
-        let before = self.before(index);
-        if let Some(file) = node.files.iter().position(|file| self.files.is_spared(file)) {
+        let unknown = node.links.iter().find(|link| self.result_of(link.node).is_none());
+        let before = self.last_result(index);
+        if let Some(file) =
+            node.files.iter().position(|file| self.files.is_too_large_for_forecast(file))
+        {
             return match before {
                 None => (Outlook::Runs, Reason::First),
                 Some(_) => (Outlook::MayRun, Reason::Unread(file)),
@@ -171,12 +179,12 @@ impl Run<'_> {
             Err(error) => return (Outlook::Fails, Reason::Error(error.to_string())),
         };
         if let Some(unknown) = unknown {
-            // What it is apart from its inputs.
+            // Compare everything except the inputs.
             parts.inputs = before.map_or_else(Box::default, |before| before.parts.inputs.clone());
             return match before.map(|before| parts.change(&before.parts)) {
                 None => (Outlook::Runs, Reason::First),
                 Some(Some(change)) => (Outlook::Runs, Reason::Changed(change)),
-                Some(None) => (Outlook::MayRun, Reason::HangsOn(unknown.node)),
+                Some(None) => (Outlook::MayRun, Reason::DependsOn(unknown.node)),
             };
         }
         let key = parts.key();
@@ -195,15 +203,16 @@ impl Run<'_> {
             None => (Outlook::Runs, reason),
         };
         if let Some((outcome, slot)) = found.zip(self.slot(index)) {
-            let _ = slot.done.set(Some(Arc::new(Done { parts, key, outcome })));
+            let _ = slot.result.set(Some(Arc::new(NodeRecord { parts, key, outcome })));
         }
         (outlook, reason)
     }
 }
 
-/// Why a node would run, or why not, back to what was changed; `forecasts` has it and what it hangs on.
+/// Explains why a node would run or not, back to the change that causes it. `forecasts` must contain the node and all nodes that it depends
+/// on.
 pub fn explanation(graph: &Graph, node: usize, forecasts: &[Forecast]) -> String {
-    let Some(forecast) = told_of(forecasts, node) else { return String::new() };
+    let Some(forecast) = forecast_of(forecasts, node) else { return String::new() };
     let (name, reason) = (&graph.nodes()[node].name, forecast.reason_in(graph));
     if graph.nodes()[node].kind() == PINNED {
         return format!("`{name}` does not run: its result is pinned\n");
@@ -213,19 +222,19 @@ pub fn explanation(graph: &Graph, node: usize, forecasts: &[Forecast]) -> String
         Outlook::Fails => format!("`{name}` cannot run: {reason}\n"),
         Outlook::Skipped => {
             let mut cause = forecast;
-            while let Reason::HangsOn(above) = cause.reason {
-                let Some(above) = told_of(forecasts, above) else { break };
+            while let Reason::DependsOn(above) = cause.reason {
+                let Some(above) = forecast_of(forecasts, above) else { break };
                 cause = above;
             }
             let (above, reason) = (&graph.nodes()[cause.index].name, cause.reason_in(graph));
-            format!("`{name}` is skipped: it hangs on `{above}`, which cannot run: {reason}\n")
+            format!("`{name}` is skipped: it depends on `{above}`, which cannot run: {reason}\n")
         }
         Outlook::Runs => format!("`{name}` runs: {reason}\n"),
-        Outlook::MayRun if !matches!(forecast.reason, Reason::HangsOn(_)) => {
+        Outlook::MayRun if !matches!(forecast.reason, Reason::DependsOn(_)) => {
             format!("`{name}` may run: {reason}\n")
         }
         Outlook::MayRun => {
-            let mut text = format!("`{name}` runs if what it hangs on comes out different:\n");
+            let mut text = format!("`{name}` runs if the result of a dependency changes:\n");
             for cause in forecasts.iter().filter(|it| {
                 matches!(it.outlook, Outlook::Runs | Outlook::Fails)
                     || matches!(it.reason, Reason::Unread(_))
@@ -239,7 +248,7 @@ pub fn explanation(graph: &Graph, node: usize, forecasts: &[Forecast]) -> String
 }
 
 impl Forecast {
-    /// `would run`, as a column of a table.
+    /// Returns the word for the forecast in a table, such as `runs`.
     pub fn word(&self) -> &'static str {
         match self.outlook {
             Outlook::Cached => State::Cached.word(),
@@ -250,7 +259,7 @@ impl Forecast {
         }
     }
 
-    /// The reason in words, and where in the graph file a changed parameter stands.
+    /// Returns the reason in words. If a parameter has changed, the reason contains its position in the graph file.
     pub fn reason_in(&self, graph: &Graph) -> String {
         let node = &graph.nodes()[self.index];
         let text = self.reason.in_words(node, graph.nodes());

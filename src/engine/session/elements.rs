@@ -1,135 +1,140 @@
-//! How many elements each `ForEach` over data has: found by evaluating the data, before the rest of a graph.
+//! Determines how many elements each `ForEach` over data (a loop) has. The data is evaluated before the rest of the graph.
 //!
-//! The last counts, also those in a note on disk, are a guess: the node that takes the data apart reports if the number is another one. So
-//! nothing is evaluated first where nothing has changed. Guessed counts that no evaluation has confirmed are taken back.
+//! The last known counts, from this process or from a note on disk, are used as guesses. The node that splits the data reports if the real
+//! count is different. So if nothing has changed, nothing has to be evaluated first. Guesses that no evaluation has confirmed are dropped.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use maquette_graph::{Count, Counts, Graph, Loop, OtherCount};
+use maquette_graph::{Count, Counts, ElementCountChanged, Graph, Loop};
 use maquette_node::CancelToken;
-use maquette_syntax::error::Problem;
+use maquette_syntax::error::Diagnostic;
 
-use super::{Session, Wanted};
+use super::{Session, Targets};
 use crate::eval::Observer;
 use crate::expect;
 
-/// The counts that a session found last, by the file of the graph.
-pub(super) type Known = BTreeMap<PathBuf, Counts>;
+/// The last known counts of elements, by the path of the graph file.
+pub(super) type KnownCounts = BTreeMap<PathBuf, Counts>;
 
 impl Session {
-    /// The graph with as many elements as its data have, as far as these nodes of it need to know. The data are evaluated for it; if
-    /// they fail, the graph keeps one example for all.
-    pub(crate) fn resolved(
+    /// Expands the loops on which the nodes `wanted` depend: each loop gets as many elements as its data has. The data is evaluated for
+    /// this purpose. If that fails, the loop keeps a single example element.
+    pub(crate) fn resolve(
         &mut self,
         graph: &Graph,
         wanted: &dyn Fn(&Graph) -> Vec<usize>,
         observer: &dyn Observer,
         cancel: &CancelToken,
     ) -> Graph {
-        fn needed(graph: &Graph, wanted: &dyn Fn(&Graph) -> Vec<usize>) -> Vec<Loop> {
-            let needed = graph.shape().needed_by(&wanted(graph));
+        fn needed_loops(graph: &Graph, wanted: &dyn Fn(&Graph) -> Vec<usize>) -> Vec<Loop> {
+            let needed = graph.topology().needed_by(&wanted(graph));
             let loops = graph.loops().iter().filter(|it| needed[it.node]).cloned();
             loops.collect()
         }
-        if needed(graph, wanted).iter().all(|it| graph.is_settled(&it.name)) {
+        if needed_loops(graph, wanted).iter().all(|it| graph.is_settled(&it.name)) {
             return graph.clone();
         }
         let mut counts = self.counts(graph);
-        // Nothing hangs on data without elements, so that nobody would see if there were some, or if they failed.
+        // No node depends on data with a known count of zero. If such data now had elements or failed, nobody would notice, so the count is
+        // dropped.
         counts.retain(|_, count| matches!(count, Count::Of(1..)));
-        let mut found = self.expanded(graph, &mut counts);
-        let mut met = BTreeSet::new();
-        // Those whose count nobody has found out yet: it is that of others.
+        let mut found = self.expand(graph, &mut counts);
+        let mut confirmed = BTreeSet::new();
+        // The loops whose counts are only guessed from similar loops.
         let mut guessed = BTreeSet::new();
-        // Whether some data fail of which a number is known: it is that of other data.
-        let mut failed = false;
-        // Each time one more of those that hang on each other is known, and with it all that are guessed rightly.
+        // True if data with a known count fails. Then the count belongs to other data.
+        let mut has_failed = false;
+        // In each round, the count of one more loop in a chain of dependent loops becomes known, and the counts of all loops whose guesses
+        // were right.
         loop {
-            let loops = needed(&found, &wanted);
-            met.extend(loops.iter().map(|it| it.name.clone()));
+            let loops = needed_loops(&found, &wanted);
+            confirmed.extend(loops.iter().map(|it| it.name.clone()));
             let roots: Vec<_> = loops.iter().map(|it| it.node).collect();
             if roots.is_empty() || self.evaluator.is_settled(&found, &roots) {
                 guessed.clear();
                 break;
             }
-            let ends = self.evaluator.prepare(&found, &roots, observer, cancel);
-            let mut news = Vec::new();
-            for (it, end) in loops.iter().zip(ends) {
+            let results = self.evaluator.prepare(&found, &roots, observer, cancel);
+            let mut changed = Vec::new();
+            for (it, end) in loops.iter().zip(results) {
                 let other = match &end {
                     Ok(()) => None,
-                    Err(error) => error.as_ref().and_then(|error| error.downcast::<OtherCount>()),
+                    Err(error) => {
+                        error.as_ref().and_then(|error| error.downcast::<ElementCountChanged>())
+                    }
                 };
                 if end.is_err() && other.is_none() {
-                    failed |= !cancel.is_cancelled() && counts.remove(&it.name).is_some();
+                    has_failed |= !cancel.is_cancelled() && counts.remove(&it.name).is_some();
                     continue;
                 }
                 guessed.remove(&it.name);
-                let Some(&OtherCount(count)) = other else { continue };
+                let Some(&ElementCountChanged(count)) = other else { continue };
                 let now = Some(Count::Of(count));
                 if counts.insert(it.name.clone(), Count::Of(count)) != now {
-                    news.push((it, count));
+                    changed.push((it, count));
                 }
             }
-            if news.is_empty() || cancel.is_cancelled() {
+            if changed.is_empty() || cancel.is_cancelled() {
                 break;
             }
-            let guesses = guesses(&found, &loops, &news, &counts);
+            let guesses = guesses(&found, &loops, &changed, &counts);
             guessed.extend(guesses.keys().cloned());
             counts.extend(guesses);
-            found = graph.expanded(&counts, &self.catalog).unwrap_or_else(|_| {
+            found = graph.expand(&counts, &self.catalog).unwrap_or_else(|_| {
                 counts.retain(|name, _| !guessed.contains(name));
                 guessed.clear();
-                self.expanded(graph, &mut counts)
+                self.expand(graph, &mut counts)
             });
         }
-        // What their data are is not known: one example stands for all.
-        if failed || !guessed.is_empty() {
+        // The data is unknown, so one example element represents all elements.
+        if has_failed || !guessed.is_empty() {
             counts.retain(|name, _| !guessed.contains(name));
-            found = self.expanded(graph, &mut counts);
+            found = self.expand(graph, &mut counts);
         }
         counts.retain(|name, _| found.loops().iter().any(|it| it.name == *name));
         self.keep_counts(graph, counts);
-        found.settled(met)
+        found.with_counted(confirmed)
     }
 
-    /// The same for the nodes that somebody names.
-    pub fn resolved_for(
+    /// Like `resolve`, for nodes that are given by name.
+    pub fn resolve_for(
         &mut self,
         graph: &Graph,
         names: &[&str],
         observer: &dyn Observer,
         cancel: &CancelToken,
     ) -> Graph {
-        let wanted = |graph: &Graph| names.iter().flat_map(|name| graph.meant(name)).collect();
-        self.resolved(graph, &wanted, observer, cancel)
+        let wanted =
+            |graph: &Graph| names.iter().flat_map(|name| graph.resolve_nodes(name)).collect();
+        self.resolve(graph, &wanted, observer, cancel)
     }
 
-    /// The graph with as many elements as its data had last. Nothing is evaluated.
-    pub fn as_last_known(&self, graph: &Graph) -> Graph {
+    /// Returns the graph with its loops expanded to the last known counts. Nothing is evaluated.
+    pub fn with_last_counts(&self, graph: &Graph) -> Graph {
         let mut counts = if graph.loops().is_empty() { Counts::new() } else { self.counts(graph) };
-        self.expanded(graph, &mut counts)
+        self.expand(graph, &mut counts)
     }
 
-    /// The graph with these counts. Those with which something is wrong say so when they are evaluated.
-    fn expanded(&self, graph: &Graph, counts: &mut Counts) -> Graph {
-        fn refused(problems: Vec<Problem>) -> Count {
-            let first = problems.into_iter().next().map(|problem| problem.message);
+    /// Returns the graph with its loops expanded to these counts. If a count is wrong, the evaluation reports that.
+    fn expand(&self, graph: &Graph, counts: &mut Counts) -> Graph {
+        fn refusal(diagnostics: Vec<Diagnostic>) -> Count {
+            let first = diagnostics.into_iter().next().map(|diagnostic| diagnostic.message);
             Count::Refused(first.unwrap_or_else(|| "the graph would have too many nodes".into()))
         }
-        let found = graph.expanded(counts, &self.catalog).or_else(|problems| {
-            let why = refused(problems);
+        let found = graph.expand(counts, &self.catalog).or_else(|diagnostics| {
+            let why = refusal(diagnostics);
             counts.values_mut().for_each(|count| *count = why.clone());
-            graph.expanded(counts, &self.catalog)
+            graph.expand(counts, &self.catalog)
         });
         found.unwrap_or_else(|_| graph.clone())
     }
 
-    /// What was found last of the graph in this file, in this process or another one.
+    /// Returns the last known counts of the graph, from this process or another one.
     fn counts(&self, graph: &Graph) -> Counts {
         let file = &graph.source().name;
-        self.known
+        self.known_counts
             .get(file)
             .cloned()
             .or_else(|| {
@@ -142,7 +147,7 @@ impl Session {
 
     fn keep_counts(&mut self, graph: &Graph, counts: Counts) {
         let file = &graph.source().name;
-        if self.known.get(file) == Some(&counts) {
+        if self.known_counts.get(file) == Some(&counts) {
             return;
         }
         let note =
@@ -155,22 +160,25 @@ impl Session {
         self.keep_note(&file.with_extension("elements"), || {
             serde_json::to_vec(&note).unwrap_or_default()
         });
-        self.known.insert(file.clone(), counts);
+        self.known_counts.insert(file.clone(), counts);
     }
 }
 
-/// More elements than this are not guessed at a time: where that is wrong, it was for nothing.
-const MOST_GUESSED: usize = 10_000;
+/// The maximum number of elements that are guessed at a time. Wrong guesses are wasted work.
+const MAX_GUESSED: usize = 10_000;
 
-/// How many elements those have whose number is not known yet: as many as one that stands at the same place of the same file, which
-/// several use. If it is so, a chain of them takes no more rounds than one of them.
+/// Guesses the unknown counts of loops. Several graphs may use one file, so a loop is assumed to have the count of another loop at the same
+/// position in the same file. If the guess is right, a chain of such loops needs no more rounds than one loop.
 fn guesses(graph: &Graph, open: &[Loop], found: &[(&Loop, usize)], known: &Counts) -> Counts {
-    fn place(it: &Loop, graph: &Graph) -> (*const maquette_syntax::Sheet, maquette_syntax::Span) {
+    fn place(
+        it: &Loop,
+        graph: &Graph,
+    ) -> (*const maquette_syntax::SourceMap, maquette_syntax::Span) {
         let node = &graph.nodes()[it.node];
-        (Arc::as_ptr(&node.sheet), node.span)
+        (Arc::as_ptr(&node.source_map), node.span)
     }
     let found = BTreeMap::from_iter(found.iter().map(|&(it, count)| (place(it, graph), count)));
-    let mut left = MOST_GUESSED;
+    let mut left = MAX_GUESSED;
     let open = open.iter().filter(|it| !known.contains_key(&it.name));
     open.filter_map(|it| {
         let count =
@@ -181,24 +189,24 @@ fn guesses(graph: &Graph, open: &[Loop], found: &[(&Loop, usize)], known: &Count
     .collect()
 }
 
-/// The nodes that are wanted, as far as the graph has them by now.
-pub(super) fn wanted_nodes(graph: &Graph, wanted: &Wanted) -> Vec<usize> {
-    let outputs = || graph.outputs().iter().map(|output| output.node);
-    fn meant(names: &[String], graph: &Graph) -> Vec<usize> {
-        names.iter().flat_map(|name| graph.meant(name)).collect()
+/// Returns the requested nodes that the graph already has while some loops are not expanded.
+pub(super) fn wanted_nodes(graph: &Graph, wanted: &Targets) -> Vec<usize> {
+    let output_nodes = || graph.outputs().iter().map(|output| output.node);
+    fn nodes_of_names(names: &[String], graph: &Graph) -> Vec<usize> {
+        names.iter().flat_map(|name| graph.resolve_nodes(name)).collect()
     }
     match wanted {
-        Wanted::Outputs => judged_too(graph, outputs().collect()),
-        Wanted::OutputsAnd(names) => {
-            judged_too(graph, outputs().chain(meant(names, graph)).collect())
+        Targets::Outputs => with_expected_nodes(graph, output_nodes().collect()),
+        Targets::OutputsAnd(names) => {
+            with_expected_nodes(graph, output_nodes().chain(nodes_of_names(names, graph)).collect())
         }
-        Wanted::Named(names) | Wanted::Nodes(names) => meant(names, graph),
-        Wanted::Everything => (0..graph.nodes().len()).collect(),
+        Targets::Named(names) | Targets::Nodes(names) => nodes_of_names(names, graph),
+        Targets::Everything => (0..graph.nodes().len()).collect(),
     }
 }
 
-/// These nodes, and those that what is expected speaks of.
-pub(super) fn judged_too(graph: &Graph, mut nodes: Vec<usize>) -> Vec<usize> {
-    nodes.extend(expect::nodes_of(&graph.expected(&nodes)));
+/// Adds the nodes whose values are needed to check the expectations for `nodes`.
+pub(super) fn with_expected_nodes(graph: &Graph, mut nodes: Vec<usize>) -> Vec<usize> {
+    nodes.extend(expect::nodes_of(&graph.expectations_for(&nodes)));
     nodes
 }

@@ -1,61 +1,63 @@
-//! What a run gave, and what became of its outputs.
+//! The result of a run, and the report of writing its outputs.
 
 use maquette_graph::catalog::Catalog;
-use maquette_graph::{Expected, Graph, GraphOutput};
+use maquette_graph::{Graph, GraphExpectation, GraphOutput};
 use maquette_node::pack::NewFile;
 use maquette_node::provenance::{Provenance, Signature};
-use maquette_syntax::error::{Error, Problem};
+use maquette_syntax::error::{Diagnostic, Error};
 use maquette_syntax::with_article;
 use maquette_value::{AnyValue, Value};
 
-use super::{Teller, Written};
+use super::{OutputFile, ProvenanceBuilder};
 use crate::eval::{Evaluation, RunTrace};
 use crate::expect;
 use crate::expect::Violation;
 
-/// What a run gave.
-pub struct Finished {
+/// The result of a run.
+pub struct RunResult {
     pub(super) graph: Graph,
     pub(super) evaluation: Evaluation,
     pub violations: Vec<Violation>,
 }
 
-impl Finished {
-    /// The value of an output, a node (its first output) or an output of a node, `node.output`, if it was wanted and did not fail.
+impl RunResult {
+    /// Returns the value with this name if it was requested and did not fail. The name is that of an output of the graph, a node (for its
+    /// first output), or an output of a node: `node.output`.
     pub fn value(&self, name: &str) -> Option<&AnyValue> {
-        let (node, output) = self.graph.value_named(name)?;
+        let (node, output) = self.graph.find_value(name)?;
         self.evaluation.value(node, output)
     }
 
-    /// The same as a value of the type `T`.
+    /// Returns the value with this name as a value of type `T`.
     ///
     /// # Errors
-    /// In words: there is no such value, or it is of another type.
+    /// A message if there is no such value or it has another type.
     pub fn get<T: Value>(&self, name: &str) -> Result<&T, String> {
         let value = self.value(name).ok_or_else(|| format!("there is no value `{name}`"))?;
         let kind = with_article(value.kind().name);
         value.get().ok_or_else(|| format!("`{name}` is {kind}, not {}", with_article(T::NAME)))
     }
 
-    /// The value at this node and output of the graph that was run.
+    /// Returns the value of a node's output; both are given by index.
     pub fn value_at(&self, (node, output): (usize, usize)) -> Option<&AnyValue> {
         self.evaluation.value(node, output)
     }
 
-    /// The value of this output of this node, or of a use of a graph, whatever outputs of the graph are called the same; if it was
-    /// wanted and did not fail.
+    /// Returns the value of an output of a node or of a use of a graph, if it was requested and did not fail. An output of the graph with
+    /// the same name is ignored.
     pub fn value_of(&self, node: &str, output: &str) -> Option<&AnyValue> {
         self.evaluation.find(&self.graph, node, output)
     }
 
-    /// The values of all outputs of a node, if they are all there.
+    /// Returns the values of all outputs of a node, if all are present.
     pub(crate) fn values_of_node(&self, name: &str) -> Option<Vec<AnyValue>> {
         let node = self.graph.find(name)?;
         let outputs = 0..self.graph.nodes()[node].outputs.len();
         outputs.map(|output| self.evaluation.value(node, output).cloned()).collect()
     }
 
-    /// The files that an output of the graph would be written to, all in one folder; none if its value is not there.
+    /// Returns the files to which an output of the graph would be written, all in one folder. Returns `None` if the value of the output is
+    /// missing.
     ///
     /// # Errors
     /// If the value cannot be written in the output's format.
@@ -64,13 +66,13 @@ impl Finished {
         self.evaluation.files(output, None)
     }
 
-    /// Where an output of the graph, which was wanted, comes from.
+    /// Returns the provenance of a requested output of the graph.
     pub fn provenance(&self, output: &GraphOutput, catalog: &Catalog) -> Provenance {
-        let teller = Teller::new(&self.graph, catalog);
-        teller.provenance(output, |node| self.evaluation.read_by(node))
+        let builder = ProvenanceBuilder::new(&self.graph, catalog);
+        builder.provenance(output, |node| self.evaluation.files_read_by(node))
     }
 
-    /// The files of an output, signed; none if its value is not there.
+    /// Returns the files of an output; the files contain the signature. Returns `None` if the value of the output is missing.
     pub fn signed_files(
         &self,
         output: &GraphOutput,
@@ -79,55 +81,55 @@ impl Finished {
         self.evaluation.files(output, signature)
     }
 
-    /// What happened to each node, each after those that it hangs on.
+    /// Returns the trace of the nodes, each after its dependencies.
     pub fn trace(&self) -> RunTrace {
         self.evaluation.trace()
     }
 
-    /// What failed, what nodes warn of, and what the graph expects that does not hold; also nodes of unknown types that something
-    /// wanted hangs on.
-    pub fn problems(&self) -> Vec<Problem> {
-        let violations = self.violations.iter().map(|violation| violation.problem.clone());
-        self.evaluation.unknown().chain(self.failures()).chain(violations).collect()
+    /// Returns all errors and warnings: those of nodes, of violated expectations, and of nodes of unknown types on which requested nodes
+    /// depend.
+    pub fn diagnostics(&self) -> Vec<Diagnostic> {
+        let violations = self.violations.iter().map(|violation| violation.diagnostic.clone());
+        self.evaluation.unknown_types().chain(self.failures()).chain(violations).collect()
     }
 
-    /// What failed, and what nodes warn of.
-    pub fn failures(&self) -> Vec<Problem> {
-        self.evaluation.problems()
+    /// Returns the errors and warnings of nodes.
+    pub fn failures(&self) -> Vec<Diagnostic> {
+        self.evaluation.diagnostics()
     }
 
-    /// What of these expectations does not hold.
-    pub fn judged(&self, expected: &[&Expected]) -> Vec<Violation> {
-        expect::violations(&self.graph, self.evaluation.by_place(), expected)
+    /// Returns the violations of these expectations.
+    pub fn check_expectations(&self, expected: &[&GraphExpectation]) -> Vec<Violation> {
+        expect::violations(&self.graph, self.evaluation.values_by_output(), expected)
     }
 
-    /// The graph that was run, with its inputs.
+    /// Returns the graph that was run, with its inputs.
     pub fn graph(&self) -> &Graph {
         &self.graph
     }
 }
 
-/// What became of outputs that were to be written.
-pub struct Produced {
+/// The report of writing outputs.
+pub struct OutputReport {
     pub(super) evaluation: Evaluation,
-    /// The files of the outputs that are right now, those that were before included.
-    pub written: Vec<Written>,
-    /// Whether every file could be written whose value is there.
+    /// The files that are up to date now, including those that did not have to be written.
+    pub written: Vec<OutputFile>,
+    /// True if all files whose values exist were written or up to date.
     pub complete: bool,
-    /// Whether something failed for want of memory or disk space, or because a file could not be read or written: the same run may
-    /// succeed another time.
-    pub may_pass: bool,
-    /// What failed, what nodes warn of, what does not hold, and what could not be written.
-    pub problems: Vec<Problem>,
+    /// True if something failed because memory or disk space was insufficient, or because a file could not be read or written. Then the
+    /// same run may succeed later.
+    pub may_succeed_later: bool,
+    /// The errors and warnings of nodes, expectations and files.
+    pub diagnostics: Vec<Diagnostic>,
 }
 
-impl Produced {
-    /// What happened to each node, each after those that it hangs on.
+impl OutputReport {
+    /// Returns the trace of the nodes, each after its dependencies.
     pub fn trace(&self) -> RunTrace {
         self.evaluation.trace()
     }
 
-    /// How long reading the files of nodes took, in seconds, on all threads together.
+    /// Returns the time that reading the files of nodes took, in seconds, summed over all threads.
     pub fn seconds_of_files(&self) -> f64 {
         self.evaluation.seconds_of_files()
     }

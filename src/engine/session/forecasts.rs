@@ -1,16 +1,16 @@
-//! What a run would do, and what is known without one.
+//! Forecasts of runs, and facts known from earlier runs.
 
 use std::path::PathBuf;
 
 use maquette_graph::{Graph, KnownInputs};
-use maquette_syntax::error::Problem;
+use maquette_syntax::error::Diagnostic;
 
 use super::{OutputFolder, Session, expected_of, inputs, outputs_of};
-use crate::eval::{Forecast, Remembered, explanation};
+use crate::eval::{Forecast, LastResult, explanation};
 use crate::expect;
 
 impl Session {
-    /// What is known of the values in some files for inputs of a graph, without reading large files.
+    /// Returns what is known about the values in the input files of a graph. Large files are not read.
     ///
     /// # Errors
     /// As [`read_inputs`](Self::read_inputs).
@@ -18,27 +18,28 @@ impl Session {
         &self,
         graph: &Graph,
         files: &[(String, PathBuf)],
-    ) -> Result<(KnownInputs, Vec<Problem>), Vec<Problem>> {
-        inputs::known(self, graph, files)
+    ) -> Result<(KnownInputs, Vec<Diagnostic>), Vec<Diagnostic>> {
+        inputs::read_known(self, graph, files)
     }
 
-    /// The graph as it is [`fed`](Self::fed), for a forecast: with what is [known](Self::known_inputs) of the values.
+    /// Returns the graph with [known inputs](Self::known_inputs), for a forecast: see [`bind_inputs`](Self::bind_inputs).
     ///
     /// # Errors
-    /// As [`fed`](Self::fed).
-    pub fn fed_with_known(
+    /// As [`bind_inputs`](Self::bind_inputs).
+    pub fn bind_known_inputs(
         &self,
         graph: &Graph,
         inputs: &KnownInputs,
-    ) -> Result<Graph, Vec<Problem>> {
+    ) -> Result<Graph, Vec<Diagnostic>> {
         if inputs.is_empty() && graph.inputs().is_empty() && !graph.is_function() {
             return Ok(graph.clone());
         }
         graph.with_known_inputs(inputs, &self.catalog)
     }
 
-    /// What each node would do if these outputs, all if none is named, were made in a folder now, and why. The graph is one as it is
-    /// [last known](Self::as_last_known). Large files are not read: what depends on one that is not known may run.
+    /// Returns the forecast of each node for a run that writes the outputs `only` (or all outputs if the list is empty) to a folder. The
+    /// graph must have its [last known counts](Self::with_last_counts). Large files are not read: if one of them may have changed, the
+    /// forecast is that the nodes that depend on it may run.
     pub fn dry_run(
         &mut self,
         graph: &Graph,
@@ -49,40 +50,40 @@ impl Session {
         let mut nodes: Vec<_> = outputs.iter().map(|output| output.node).collect();
         let expected = expected_of(graph, &nodes, only);
         nodes.extend(expect::nodes_of(&expected));
-        let (_, open) = self.unjudged(graph, &expected);
+        let (_, open) = self.open_expectations(graph, &expected);
         let (catalog, evaluator) = (&self.catalog, &mut self.evaluator);
         let mut values = folder.nodes_to_write_by_stamps(&outputs, graph, catalog, evaluator);
         values.extend(expect::nodes_of(&open));
         Ok(self.evaluator.forecast(graph, &nodes, &values))
     }
 
-    /// What these nodes, and each that they need, would do if their values were wanted now, and why. The values of which something is
-    /// expected are needed themselves, if they are not known to be so.
+    /// Returns the forecasts of these nodes and of their dependencies for a run that requests their values. Values are also needed if their
+    /// expectations are not known to hold.
     pub(crate) fn forecast(&mut self, graph: &Graph, nodes: &[usize]) -> Vec<Forecast> {
-        let needed = graph.shape().needed_by(nodes);
-        let (_, open) = self.unjudged(graph, &graph.expected(nodes));
+        let needed = graph.topology().needed_by(nodes);
+        let (_, open) = self.open_expectations(graph, &graph.expectations_for(nodes));
         let mut values = expect::nodes_of(&open);
         values.retain(|&node| needed[node]);
         values.extend(nodes);
         self.evaluator.forecast(graph, nodes, &values)
     }
 
-    /// What is known of the last result of each node, by this process or another one; nothing is run. The graph is one as it is
-    /// [last known](Self::as_last_known).
-    pub fn remembered(&mut self, graph: &Graph) -> Vec<Option<Remembered>> {
-        self.evaluator.remembered(graph)
+    /// Returns facts about the last result of each node, in this process or another one. No node is run. The graph must have its [last
+    /// known counts](Self::with_last_counts).
+    pub fn last_results(&mut self, graph: &Graph) -> Vec<Option<LastResult>> {
+        self.evaluator.last_results(graph)
     }
 
-    /// Why a node, or each node that makes what a use of a graph gives, would run, or why not, since the graph was evaluated last: in
-    /// words, a line or more for each. None if the graph has no such node.
-    pub fn why(&mut self, graph: &Graph, name: &str) -> Option<String> {
-        let graph = &self.as_last_known(graph);
+    /// Explains why a node would run or not since the last evaluation, in one or more lines. For a use of a graph, explains this for each
+    /// node that computes an output of the use. Returns `None` if the graph has no node or use with this name.
+    pub fn explain(&mut self, graph: &Graph, name: &str) -> Option<String> {
+        let graph = &self.with_last_counts(graph);
         let nodes = graph.nodes_of(name);
         let forecasts = self.forecast(graph, &nodes);
-        let told = nodes.iter().map(|&node| explanation(graph, node, &forecasts));
+        let explanations = nodes.iter().map(|&node| explanation(graph, node, &forecasts));
         let open = graph.open_loop(name).map(|open| {
             format!("how many elements `{}` has is known when the graph has been run\n", open.name)
         });
-        (!nodes.is_empty() || open.is_some()).then(|| told.chain(open).collect())
+        (!nodes.is_empty() || open.is_some()).then(|| explanations.chain(open).collect())
     }
 }

@@ -1,33 +1,34 @@
-//! What an output tells of where it came from.
+//! The provenance of an output: everything from which it was made.
 
 use std::path::{Component, Path, PathBuf};
 
 use maquette_graph::catalog::Catalog;
 use maquette_graph::{Graph, GraphOutput, INPUT, PINNED};
-use maquette_node::provenance::{Provenance, Signature, short};
-use maquette_syntax::paths::{folder_of_new, project_root, within};
+use maquette_node::provenance::{Provenance, Signature, shorten_hash};
+use maquette_syntax::paths::{folder_of_new, project_root, relative_to_root};
 use maquette_value::Hash;
 use serde_json::Value as Json;
 
-/// Tells of the outputs of a graph.
-pub struct Teller<'a> {
+/// Determines the provenance of the outputs of a graph.
+pub struct ProvenanceBuilder<'a> {
     graph: &'a Graph,
     catalog: &'a Catalog,
-    /// The folder of the graph, from which paths in its values lead on.
+    /// The folder of the graph. Paths in the graph are relative to it.
     folder: PathBuf,
     /// The folder of the project.
     root: PathBuf,
-    /// What each node gives is made of: its recipe and those of all that it hangs on. No name and no order counts.
-    made: Vec<Hash>,
+    /// The identity of each node: a hash of the recipe of the node and of all nodes on which it depends. Names and the order of nodes do
+    /// not matter.
+    identities: Vec<Hash>,
 }
 
-impl<'a> Teller<'a> {
+impl<'a> ProvenanceBuilder<'a> {
     pub(crate) fn new(graph: &'a Graph, catalog: &'a Catalog) -> Self {
         let folder = folder_of_new(&graph.source().name);
         let root = project_root(&folder);
         let mut made: Vec<Hash> = Vec::with_capacity(graph.nodes().len());
         for node in graph.nodes().iter() {
-            // What is given at an input is told beside it.
+            // An input node is identified without its value, because the values of inputs are listed separately.
             let mut content = match node.kind() {
                 INPUT => [INPUT, &node.name].concat().into_bytes(),
                 _ => node.recipe.identity.0.to_vec(),
@@ -36,31 +37,31 @@ impl<'a> Teller<'a> {
                 content.extend_from_slice(&made[link.node].0);
                 content.extend_from_slice(&(link.output as u64).to_le_bytes());
             }
-            // A recipe does not say which files it reads, except for that of a pin.
+            // A recipe does not contain the content of the files that it reads, except for a pin.
             for file in node.files.iter().filter(|_| node.kind() != PINNED) {
-                content.extend_from_slice(within(&root, &file.path).as_bytes());
+                content.extend_from_slice(relative_to_root(&root, &file.path).as_bytes());
                 content.push(0);
             }
-            made.push(Hash::of(&content));
+            made.push(Hash::compute(&content));
         }
-        Self { graph, catalog, folder, root, made }
+        Self { graph, catalog, folder, root, identities: made }
     }
 
-    /// What each node gives is made of.
-    pub(super) fn made(self) -> Vec<Hash> {
-        self.made
+    /// Returns the identity of each node.
+    pub(super) fn into_identities(self) -> Vec<Hash> {
+        self.identities
     }
 
-    /// Where an output comes from; `read_by` gives the hashes of the files that a node has read.
+    /// Returns the provenance of an output. `read_by` returns the hashes of the files that a node has read.
     pub(crate) fn provenance<'f>(
         &self,
         output: &GraphOutput,
-        read_by: impl Fn(usize) -> &'f [Option<Hash>],
+        files_read_by: impl Fn(usize) -> &'f [Option<Hash>],
     ) -> Provenance {
-        let Self { graph, catalog, root, made, .. } = self;
-        let mut told = Provenance {
+        let Self { graph, catalog, root, identities: made, .. } = self;
+        let mut provenance = Provenance {
             maquette: env!("CARGO_PKG_VERSION").into(),
-            graph: within(root, &graph.source().name),
+            graph: relative_to_root(root, &graph.source().name),
             output: output.name.clone(),
             draft: output.lineage.draft,
             set: output
@@ -74,38 +75,39 @@ impl<'a> Teller<'a> {
         for name in &output.lineage.parameters {
             let declared = graph.schema()["properties"].get(name);
             if let Some(value) = declared.and_then(|declared| declared.get("default")) {
-                told.parameters.insert(name.clone(), self.value(value));
+                provenance.parameters.insert(name.clone(), self.value(value));
             }
         }
-        let needed = graph.shape().needed_by(&[output.node]);
+        let needed = graph.topology().needed_by(&[output.node]);
         for (index, node) in graph.nodes().iter().enumerate().filter(|(index, _)| needed[*index]) {
             if node.kind() == PINNED {
-                let hash = short(&node.recipe.identity.to_string());
-                told.pins.insert(node.name.clone(), hash.into());
+                let hash = shorten_hash(&node.recipe.identity.to_string());
+                provenance.pins.insert(node.name.clone(), hash.into());
                 continue;
             }
-            for (file, hash) in node.files.iter().zip(read_by(index)) {
+            for (file, hash) in node.files.iter().zip(files_read_by(index)) {
                 if let Some(hash) = hash {
-                    let name = within(root, &file.path);
-                    told.files.insert(name, short(&hash.to_string()).into());
+                    let name = relative_to_root(root, &file.path);
+                    provenance.files.insert(name, shorten_hash(&hash.to_string()).into());
                 }
             }
             match node.recipe.parameters.get("value").and_then(|value| value.as_str()) {
                 Some(hash) if node.kind() == INPUT => {
-                    told.inputs.insert(node.name.clone(), short(hash).into());
+                    provenance.inputs.insert(node.name.clone(), shorten_hash(hash).into());
                 }
                 _ => {}
             }
             if let Some(entry) = catalog.find(node.kind()) {
-                told.packs.insert(entry.pack.to_owned(), entry.version.into());
+                provenance.packs.insert(entry.pack.to_owned(), entry.version.into());
             }
         }
-        let of = [&made[output.node].0[..], &(output.output as u64).to_le_bytes()].concat();
-        told.made = short(&Hash::of(&of).to_string());
-        told
+        let source = [&made[output.node].0[..], &(output.output as u64).to_le_bytes()].concat();
+        provenance.made = shorten_hash(&Hash::compute(&source).to_string());
+        provenance
     }
 
-    /// A parameter's value as it is told: the same for `12` and `12.0`, and of paths that lead out of the project the last name alone.
+    /// Returns the value of a parameter in the form in which provenance contains it. `12` and `12.0` have one form. A path that leads out
+    /// of the project is reduced to the file name.
     fn value(&self, value: &Json) -> Json {
         match value {
             Json::String(text) => self.text(text).into(),
@@ -132,22 +134,26 @@ impl<'a> Teller<'a> {
         }
         let file = self.folder.join(path);
         let file = folder_of_new(&file).join(file.file_name().unwrap_or_default());
-        if file.starts_with(&self.root) { text.to_owned() } else { within(&self.root, &file) }
+        if file.starts_with(&self.root) {
+            text.to_owned()
+        } else {
+            relative_to_root(&self.root, &file)
+        }
     }
 
-    /// What is put into the files of an output.
+    /// Returns the signature that is written into the files of an output.
     pub(crate) fn signature<'f>(
         &self,
         output: &GraphOutput,
-        read_by: impl Fn(usize) -> &'f [Option<Hash>],
+        files_read_by: impl Fn(usize) -> &'f [Option<Hash>],
     ) -> Signature {
-        sign(&self.provenance(output, read_by))
+        sign(&self.provenance(output, files_read_by))
     }
 }
 
-/// The words and their hash.
-pub fn sign(told: &Provenance) -> Signature {
-    let words = told.words();
-    let hash = short(&Hash::of(words.as_bytes()).to_string());
+/// Returns the signature of a provenance: its text and the hash of the text.
+pub fn sign(provenance: &Provenance) -> Signature {
+    let words = provenance.words();
+    let hash = shorten_hash(&Hash::compute(words.as_bytes()).to_string());
     Signature { words, hash }
 }

@@ -1,4 +1,4 @@
-//! How a session works: threads, memory, and the folder of results.
+//! Settings of sessions: threads, memory, and the folder for results.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -8,49 +8,50 @@ use maquette_graph::catalog::Catalog;
 
 use crate::eval::{Disk, DiskError, Evaluator, ThreadsError};
 
-/// How a session works. Nothing of it changes a result, but a node for which there is too little memory has none.
+/// The settings of a session. They do not change any result; but if there is too little memory for a node, the node fails.
 #[derive(Clone, Debug)]
 pub struct Settings {
-    /// How many threads there are, at most 1024; 0: as many as the machine has.
+    /// The number of threads, at most 1024; 0 for one per processor.
     pub threads: usize,
-    /// How many bytes of memory results may hold when no node needs them any more.
+    /// The memory limit of results that no node needs any more, in bytes.
     pub memory: usize,
-    /// How many bytes results and nodes under way may hold together; none for nine tenths of what the machine has left, where the
-    /// system tells that. A node that says that it needs more fails before it begins: see [`Node::estimate`](maquette_node::Node::estimate).
+    /// The memory limit of results and running nodes together, in bytes. If it is `None`, the limit is nine tenths of the free memory of
+    /// the machine, where the system reports the free memory. A node whose estimate exceeds the limit fails before it runs: see
+    /// [`Node::estimate`](maquette_node::Node::estimate).
     pub max_memory: Option<u64>,
-    /// Where results are kept from one process to the next.
+    /// The folder in which results are kept from one process to the next.
     pub cache: CacheFolder,
-    /// The server through which machines share what is kept there.
+    /// The server with which machines share results.
     pub server: CacheServer,
-    /// Which share (0 to 1) of the results that are known is computed all the same, and compared.
+    /// The fraction (0 to 1) of cached results that is computed again and compared.
     pub verify: f64,
 }
 
-/// Where results are kept from one process to the next.
+/// The folder in which results are kept from one process to the next.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum CacheFolder {
-    /// Where the command line keeps them: `$MAQUETTE_CACHE`, or `maquette` in the system's folder for caches.
+    /// The default folder of the command line: `$MAQUETTE_CACHE`, or `maquette` in the system's folder for caches.
     #[default]
     Default,
-    /// In this folder.
+    /// The folder at this path.
     At(PathBuf),
-    /// Nowhere.
+    /// No folder: results are kept only in memory.
     None,
 }
 
-/// The server through which machines share results: see [`Disk::sharing`]. Without a folder for results there is none.
+/// The server with which machines share results: see [`Disk::with_server`]. If there is no folder for results, no server is used.
 #[derive(Clone, Default, PartialEq, Eq)]
 pub enum CacheServer {
-    /// That of the command line: `$MAQUETTE_CACHE_REMOTE`, if it is set.
+    /// The default server of the command line: `$MAQUETTE_CACHE_REMOTE`, if it is set.
     #[default]
     Default,
-    /// At this address.
+    /// The server at this address.
     At(String),
-    /// None.
+    /// No server.
     None,
 }
 
-/// An address may hold a password.
+/// Does not print the address, which may contain a password.
 impl fmt::Debug for CacheServer {
     fn fmt(&self, to: &mut fmt::Formatter<'_>) -> fmt::Result {
         to.write_str(match self {
@@ -61,34 +62,34 @@ impl fmt::Debug for CacheServer {
     }
 }
 
-/// Why there is no session.
+/// The error of creating a session.
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
-    /// The threads.
+    /// The threads cannot be started.
     #[error(transparent)]
     Threads(#[from] ThreadsError),
-    /// The folder that was named for results is somebody's.
+    /// The folder that was given for results belongs to another user or program.
     #[error("{0}; --cache chooses another folder")]
     Cache(DiskError),
-    /// `MAQUETTE_CACHE_SIZE` is no size.
+    /// The value of `MAQUETTE_CACHE_SIZE` is not a size.
     #[error("{0}")]
     Size(String),
-    /// The server of results has no such address.
+    /// The address of the server of results is invalid.
     #[error("{0}")]
     Server(String),
 }
 
-/// How much memory results may hold unless something else is asked for.
+/// The default memory limit of results, in bytes.
 const MEMORY: usize = 2_000_000_000;
 
-/// How much the folder of results may hold, unless `MAQUETTE_CACHE_SIZE` says otherwise.
+/// The default size limit of the folder for results, in bytes.
 const DISK_SIZE: u64 = 4_000_000_000;
 
-/// The variable that names the server of results.
+/// The environment variable that contains the address of the server.
 const SERVER: &str = "MAQUETTE_CACHE_REMOTE";
 
 impl Default for Settings {
-    /// As the command line works: all threads, 2 GB, and the folder of results that it uses, too.
+    /// Returns the default settings of the command line: all threads, 2 GB of memory, and its folder for results.
     fn default() -> Self {
         let (cache, server) = (CacheFolder::Default, CacheServer::Default);
         Self { threads: 0, memory: MEMORY, max_memory: None, cache, server, verify: 0.0 }
@@ -96,36 +97,38 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// All threads, 2 GB, nothing on disk.
+    /// Returns settings with all threads and 2 GB of memory. Nothing is stored on disk.
     pub fn in_memory() -> Self {
         Self { cache: CacheFolder::None, ..Self::default() }
     }
 
-    /// The same with so much memory, as people write it: `2GB`, `500 MB`, `1.5GiB`, or a number of bytes.
+    /// Sets the memory limit of results from a text, such as `2GB`, `500 MB`, `1.5GiB`, or a number of bytes.
     ///
     /// # Errors
-    /// In words, if the text is no size.
+    /// A message if the text is not a size.
     pub fn with_memory(self, text: &str) -> Result<Self, String> {
         Ok(Self { memory: usize::try_from(size(text)?).unwrap_or(usize::MAX), ..self })
     }
 
-    /// The same, with at most so much memory for results and nodes under way together, as [`with_memory`](Self::with_memory) reads it.
+    /// Sets the memory limit of results and running nodes together from a text, as [`with_memory`](Self::with_memory) reads it.
     ///
     /// # Errors
-    /// In words, if the text is no size.
+    /// A message if the text is not a size.
     pub fn with_max_memory(self, text: &str) -> Result<Self, String> {
         Ok(Self { max_memory: Some(size(text)?), ..self })
     }
 
-    /// An evaluator on these threads, and why it does not keep results on disk though it should.
+    /// Creates an evaluator that runs on these threads. Also returns the reason why it does not write results to disk, if it should but
+    /// cannot.
     pub(super) fn evaluator(
         &self,
         catalog: &Catalog,
         threads: Arc<rayon::ThreadPool>,
     ) -> Result<(Evaluator, Option<String>), SessionError> {
-        let mut evaluator = Evaluator::on(threads, self.memory).verifying(self.verify);
+        let mut evaluator =
+            Evaluator::with_threads(threads, self.memory).with_verification(self.verify);
         if let Some(most) = self.max_memory {
-            evaluator = evaluator.holding_at_most(most);
+            evaluator = evaluator.with_max_memory(most);
         }
         let (folder, named) = match &self.cache {
             CacheFolder::Default => (default_folder(), false),
@@ -135,10 +138,10 @@ impl Settings {
         let Some(folder) = folder else { return Ok((evaluator, None)) };
         match Disk::open(&folder, disk_size().map_err(SessionError::Size)?, catalog) {
             Ok(disk) => {
-                let disk = self.server.shared(disk).map_err(SessionError::Server)?;
+                let disk = self.server.connect(disk).map_err(SessionError::Server)?;
                 Ok((evaluator.with_disk(disk), None))
             }
-            // Who names somebody's folder here does not mean what it says.
+            // If the folder was given explicitly, it is probably a mistake, so this is an error.
             Err(error @ (DiskError::Foreign(_) | DiskError::OtherUser(_))) if named => {
                 Err(SessionError::Cache(error))
             }
@@ -152,17 +155,17 @@ impl Settings {
 }
 
 impl CacheServer {
-    /// Results on disk that are shared through this server.
-    fn shared(&self, disk: Disk) -> Result<Disk, String> {
+    /// Connects the disk cache to the server of these settings.
+    fn connect(&self, disk: Disk) -> Result<Disk, String> {
         match self.address() {
             Some((named, address)) => {
-                disk.sharing(&address).map_err(|why| format!("{named}: {why}"))
+                disk.with_server(&address).map_err(|why| format!("{named}: {why}"))
             }
             None => Ok(disk),
         }
     }
 
-    /// Where the server is named, and its address.
+    /// Returns the address of the server, and the option or environment variable that contains it.
     pub fn address(&self) -> Option<(&'static str, String)> {
         match self {
             Self::Default => {
@@ -175,7 +178,7 @@ impl CacheServer {
     }
 }
 
-/// How much the folder of results may hold.
+/// Returns the size limit of the folder for results, in bytes.
 pub fn disk_size() -> Result<u64, String> {
     match std::env::var("MAQUETTE_CACHE_SIZE") {
         Ok(text) => size(&text).map_err(|why| format!("MAQUETTE_CACHE_SIZE: {why}")),
@@ -183,26 +186,27 @@ pub fn disk_size() -> Result<u64, String> {
     }
 }
 
-/// The folder for results of a user who names none; none where the system has no such place.
+/// Returns the default folder for results; `None` if the system has none.
 pub fn default_folder() -> Option<PathBuf> {
-    let named =
-        |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
-    if let Some(folder) = named("MAQUETTE_CACHE") {
+    fn folder_in(variable: &str) -> Option<PathBuf> {
+        std::env::var_os(variable).filter(|value| !value.is_empty()).map(PathBuf::from)
+    }
+    if let Some(folder) = folder_in("MAQUETTE_CACHE") {
         return Some(folder);
     }
     let system = if cfg!(windows) {
-        named("LOCALAPPDATA")
+        folder_in("LOCALAPPDATA")
     } else if cfg!(target_os = "macos") {
-        named("HOME").map(|home| home.join("Library/Caches"))
+        folder_in("HOME").map(|home| home.join("Library/Caches"))
     } else {
-        named("HOME").map(|home| home.join(".cache"))
+        folder_in("HOME").map(|home| home.join(".cache"))
     };
-    // As the specification of these folders says, one that is not absolute is none.
-    let common = named("XDG_CACHE_HOME").filter(|folder| folder.is_absolute());
+    // A relative path is ignored, as the XDG Base Directory Specification requires.
+    let common = folder_in("XDG_CACHE_HOME").filter(|folder| folder.is_absolute());
     common.or(system).map(|folder| folder.join("maquette"))
 }
 
-/// `2GB`, `500 MB`, `1.5GiB`, or a number of bytes.
+/// Parses a size in bytes, such as `2GB`, `500 MB`, `1.5GiB`, or a number of bytes.
 pub fn size(text: &str) -> Result<u64, String> {
     let digits = text.trim().trim_end_matches(|c: char| c.is_ascii_alphabetic());
     let unit = match text.trim()[digits.len()..].to_ascii_lowercase().as_str() {
@@ -214,11 +218,11 @@ pub fn size(text: &str) -> Result<u64, String> {
         "kib" => 1024.0,
         "mib" => 1_048_576.0,
         "gib" => 1_073_741_824.0,
-        _ => return Err(format!("`{text}` is no size: write 500MB or 2GB")),
+        _ => return Err(format!("`{text}` is not a size: write 500MB or 2GB")),
     };
     match digits.trim().parse::<f64>() {
         Ok(number) if number.is_finite() && 0.0 <= number => Ok((number * unit) as u64),
-        _ => Err(format!("`{text}` is no size: write 500MB or 2GB")),
+        _ => Err(format!("`{text}` is not a size: write 500MB or 2GB")),
     }
 }
 

@@ -1,9 +1,9 @@
-//! What is known to be as it is expected: a value is not made or read again only to be judged again. That something is not as it is
-//! expected is found out anew each time, with what there is to tell of it.
+//! Stores the verdicts of expectations. If a value is known to meet an expectation, the value is not computed or read again to check it.
+//! Violations are not stored: they are found again each time, because their details are needed.
 
 use std::collections::HashSet;
 
-use maquette_graph::{Expected, Graph};
+use maquette_graph::{Graph, GraphExpectation};
 use maquette_node::CancelToken;
 use maquette_value::{AnyValue, Hash};
 
@@ -12,25 +12,25 @@ use crate::eval::Evaluation;
 use crate::expect;
 use crate::expect::Violation;
 
-/// So many verdicts are kept of a graph, beside as many as it has expectations.
-const MOST: usize = 1000;
+/// The number of verdicts that are kept for a graph, in addition to one for each of its expectations.
+const MAX_SPARE_VERDICTS: usize = 1000;
 
 #[derive(Default)]
 pub(super) struct Verdicts {
-    /// Hashes of expectations with the values for which they hold, the last ones first.
-    held: Vec<Hash>,
-    /// How many are kept.
-    most: usize,
+    /// For each stored verdict, a hash of the expectation and the values that meet it. The latest verdict is the first.
+    valid: Vec<Hash>,
+    /// The maximum number of verdicts.
+    max_verdicts: usize,
 }
 
 impl Verdicts {
-    /// The expectations that are not known to hold for the values of these hashes.
+    /// Returns those expectations that are not known to hold for the values with these hashes.
     pub(super) fn open<'e>(
         &self,
-        expected: &[&'e Expected],
+        expected: &[&'e GraphExpectation],
         hash: impl Fn(usize, usize) -> Option<Hash>,
-    ) -> Vec<&'e Expected> {
-        let known: HashSet<&Hash> = self.held.iter().collect();
+    ) -> Vec<&'e GraphExpectation> {
+        let known: HashSet<&Hash> = self.valid.iter().collect();
         expected
             .iter()
             .filter(|it| verdict(it, &hash).is_none_or(|it| !known.contains(&it)))
@@ -38,16 +38,16 @@ impl Verdicts {
             .collect()
     }
 
-    /// Judges these expectations one by one until it is told to stop, and knows from now on which of them hold. What was known of the
-    /// others stays.
+    /// Checks these expectations one after the other until the run is cancelled, and stores which of them hold. The verdicts of other
+    /// expectations are kept.
     pub(super) fn judge(
         &mut self,
         graph: &Graph,
         evaluation: &Evaluation,
-        open: &[&Expected],
+        open: &[&GraphExpectation],
         cancel: &CancelToken,
     ) -> Vec<Violation> {
-        let value = evaluation.by_place();
+        let value = evaluation.values_by_output();
         let (mut found, mut held) = (Vec::new(), Vec::new());
         for expected in open.iter().take_while(|_| !cancel.is_cancelled()) {
             let violations = expect::violations(graph, &value, &[*expected]);
@@ -60,45 +60,48 @@ impl Verdicts {
             }
             found.extend(violations);
         }
-        held.append(&mut self.held);
-        held.truncate(self.most);
-        self.held = held;
+        held.append(&mut self.valid);
+        held.truncate(self.max_verdicts);
+        self.valid = held;
         found
     }
 }
 
-/// The hash of an expectation with the values that it speaks of, if they are known.
-fn verdict(expected: &Expected, hash: impl Fn(usize, usize) -> Option<Hash>) -> Option<Hash> {
+/// Returns the hash of an expectation and the values that it concerns, if these values are known.
+fn verdict(
+    expected: &GraphExpectation,
+    hash: impl Fn(usize, usize) -> Option<Hash>,
+) -> Option<Hash> {
     let mut words = format!("{:?}", expected.expectation);
     for value in &expected.values {
         let (node, output) = (*value)?;
         words += &format!(" {}", hash(node, output)?);
     }
-    Some(Hash::of(words.as_bytes()))
+    Some(Hash::compute(words.as_bytes()))
 }
 
 impl Session {
-    /// What is known of a graph, and what of these expectations is not known to hold before anything is evaluated.
-    pub(super) fn unjudged<'e>(
+    /// Returns the stored verdicts of a graph. Also returns the expectations that are not known to hold before anything is evaluated.
+    pub(super) fn open_expectations<'e>(
         &mut self,
         graph: &Graph,
-        expected: &[&'e Expected],
-    ) -> (Verdicts, Vec<&'e Expected>) {
+        expected: &[&'e GraphExpectation],
+    ) -> (Verdicts, Vec<&'e GraphExpectation>) {
         if expected.is_empty() {
             return Default::default();
         }
         let note = self.note(&graph.source().name.with_extension("verdicts"));
         let held = note.and_then(|note| serde_json::from_slice(&note).ok()).unwrap_or_default();
-        let verdicts = Verdicts { held, most: MOST + expected.len() };
-        let known = self.evaluator.foreseen(graph, &expect::nodes_of(expected));
+        let verdicts = Verdicts { valid: held, max_verdicts: MAX_SPARE_VERDICTS + expected.len() };
+        let known = self.evaluator.predict(graph, &expect::nodes_of(expected));
         let open = verdicts.open(expected, |node, output| known.hash(node, output));
         (verdicts, open)
     }
 
-    /// Tells the next run, in this process or another one.
+    /// Stores the verdicts for the next run, in this process or another one.
     pub(super) fn keep_verdicts(&self, graph: &Graph, verdicts: &Verdicts) {
         self.keep_note(&graph.source().name.with_extension("verdicts"), || {
-            serde_json::to_vec(&verdicts.held).unwrap_or_default()
+            serde_json::to_vec(&verdicts.valid).unwrap_or_default()
         });
     }
 }

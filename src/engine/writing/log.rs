@@ -1,18 +1,18 @@
-//! Logs: files that people read while they grow.
+//! Log files, which people read while they grow.
 
 use std::fs::{self, File};
 use std::io;
 use std::path::Path;
 
-use super::{beside, remove, remove_empty};
+use super::{parent_folder, remove, remove_empty};
 
-/// Opens a log at its end, and makes the folders above it: what was there stays.
+/// Opens a log to append to it, and creates the folders above it.
 pub fn open_log(path: &Path) -> io::Result<File> {
-    fs::create_dir_all(beside(path))?;
+    fs::create_dir_all(parent_folder(path))?;
     File::options().create(true).append(true).open(path)
 }
 
-/// Opens an empty log in place of the one that was there. What is no plain file stays, and is an error.
+/// Opens an empty log that replaces an earlier one. If the path exists and is not a plain file, it is left alone and an error is returned.
 pub fn begin_log(path: &Path) -> io::Result<File> {
     match remove(path) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
@@ -20,11 +20,11 @@ pub fn begin_log(path: &Path) -> io::Result<File> {
     }
 }
 
-/// Removes the logs in a folder and in those below it, and the folders in which nothing else is. What cannot be removed stays.
+/// Removes all logs in a folder and in the folders inside of it, and the folders that become empty. Files that cannot be removed stay.
 pub fn remove_logs(folder: &Path) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let path = entry.path();
-        // Not the folder that a link leads to.
+        // Links to folders are not followed.
         if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
             remove_logs(&path);
         } else if path.extension().is_some_and(|extension| extension == "log") {
@@ -41,7 +41,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_log_goes_on_or_begins_anew_and_nothing_but_logs_is_removed() {
+    fn logs_are_appended_or_replaced_and_only_logs_are_removed() {
         let folder = tempfile::tempdir().unwrap();
         let logs = folder.path().join("logs");
         let path = logs.join("a/5.log");
@@ -63,17 +63,18 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn what_a_link_leads_to_is_no_log() {
+    fn targets_of_links_are_not_logs() {
         let folder = tempfile::tempdir().unwrap();
-        fn at(name: &str, folder: &tempfile::TempDir) -> std::path::PathBuf {
+        fn path_in(name: &str, folder: &tempfile::TempDir) -> std::path::PathBuf {
             folder.path().join(name)
         }
-        fs::write(at("graph.ron", &folder), "Graph()").unwrap();
-        fs::create_dir(at("logs", &folder)).unwrap();
-        std::os::unix::fs::symlink(at("graph.ron", &folder), at("logs/5.log", &folder)).unwrap();
-        std::os::unix::fs::symlink(folder.path(), at("logs/more", &folder)).unwrap();
-        assert!(begin_log(&at("logs/5.log", &folder)).is_err());
-        remove_logs(&at("logs", &folder));
-        assert_eq!(fs::read_to_string(at("graph.ron", &folder)).unwrap(), "Graph()");
+        fs::write(path_in("graph.ron", &folder), "Graph()").unwrap();
+        fs::create_dir(path_in("logs", &folder)).unwrap();
+        std::os::unix::fs::symlink(path_in("graph.ron", &folder), path_in("logs/5.log", &folder))
+            .unwrap();
+        std::os::unix::fs::symlink(folder.path(), path_in("logs/more", &folder)).unwrap();
+        assert!(begin_log(&path_in("logs/5.log", &folder)).is_err());
+        remove_logs(&path_in("logs", &folder));
+        assert_eq!(fs::read_to_string(path_in("graph.ron", &folder)).unwrap(), "Graph()");
     }
 }

@@ -1,30 +1,30 @@
-//! What people made: no result may replace it.
+//! Files made by people. Results must not replace them.
 
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-use maquette_graph::{Checked, Graph};
+use maquette_graph::{CheckedGraph, Graph};
 use maquette_syntax::paths::{MARKER, folder_of_new};
 
-const TEXT: &str = "the graph is made of this file";
+const TEXT: &str = "the graph consists of this file";
 const READ: &str = "the graph reads this file";
 
-/// The files that graphs are made of and that they read, and which of both it is.
+/// The files of which graphs consist and that they read. Each has a description of how it is used.
 #[derive(Clone, Debug, Default)]
 pub struct Sources(BTreeMap<PathBuf, &'static str>);
 
 impl Sources {
-    /// Those of a graph.
-    pub fn of(graph: &Graph) -> Self {
+    /// Returns the files of a graph.
+    pub fn of_graph(graph: &Graph) -> Self {
         let mut sources = Self::default();
         graph.texts().for_each(|path| sources.add(path, TEXT));
         graph.files().for_each(|path| sources.add(path, READ));
         sources
     }
 
-    /// Those of a graph that was checked and may be broken.
-    pub fn of_checked(path: &Path, checked: &Checked) -> Self {
+    /// Returns the files of a graph that was checked. The graph may have errors.
+    pub fn of_checked(path: &Path, checked: &CheckedGraph) -> Self {
         let mut sources = Self::default();
         let texts = [path].into_iter().chain(checked.subgraphs.iter().map(|path| &**path));
         texts.for_each(|path| sources.add(path, TEXT));
@@ -32,39 +32,40 @@ impl Sources {
         sources
     }
 
-    /// One more file, and what it is.
+    /// Adds a file with a description of how it is used.
     pub fn add(&mut self, path: &Path, what: &'static str) {
         if let Some(path) = real(path) {
             self.0.entry(path).or_insert(what);
         }
     }
 
-    /// All of another list.
+    /// Adds all files of another list.
     pub fn extend(&mut self, other: &Self) {
         self.0.extend(other.0.iter().map(|(path, what)| (path.clone(), *what)));
     }
 
-    /// What a file is that must not be replaced.
+    /// Returns a description of how a file is used, if it must not be replaced.
     pub(super) fn use_of(&self, path: &Path) -> Option<&'static str> {
         let path = real(path)?;
-        let is_text = path.extension().is_some_and(|ending| ending == "ron")
+        let is_text = path.extension().is_some_and(|extension| extension == "ron")
             || path.file_name() == Some(OsStr::new(MARKER));
-        let by_people =
-            || (is_text && path.exists()).then_some("graphs and tests are made by people");
-        self.0.get(&path).copied().or_else(by_people)
+        self.0.get(&path).copied().or_else(|| {
+            (is_text && path.exists()).then_some("graphs and tests are written by people")
+        })
     }
 }
 
-/// The path without links and dots, also of a file that is not there yet, or whose folder is not: `new/../scan.ply` is `scan.ply` once that
-/// folder has been made.
+/// Returns a path without links and dots. The file or folder need not exist yet: `new/../scan.ply` is `scan.ply`, because it will be that
+/// file once the folder `new` exists.
 fn real(path: &Path) -> Option<PathBuf> {
-    fn whole(path: &Path) -> Option<PathBuf> {
+    fn without_parent_links(path: &Path) -> Option<PathBuf> {
         Some(folder_of_new(path).join(path.file_name()?))
     }
-    fn there(path: &Path) -> Option<PathBuf> {
+    fn canonical(path: &Path) -> Option<PathBuf> {
         std::fs::canonicalize(path).ok()
     }
-    there(path).or_else(|| whole(path).map(|path| there(&path).unwrap_or(path)))
+    canonical(path)
+        .or_else(|| without_parent_links(path).map(|path| canonical(&path).unwrap_or(path)))
 }
 
 #[cfg(test)]
@@ -72,19 +73,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_file_is_known_by_any_way_to_it_also_by_one_that_will_be_there() {
+    fn files_are_recognized_by_any_path_even_through_future_folders() {
         let folder = tempfile::tempdir().unwrap();
-        fn at(name: &str, folder: &tempfile::TempDir) -> PathBuf {
+        fn path_in(name: &str, folder: &tempfile::TempDir) -> PathBuf {
             folder.path().join(name)
         }
         for name in ["scan.ply", "other.ron", "mine.ply"] {
-            std::fs::write(at(name, &folder), "").unwrap();
+            std::fs::write(path_in(name, &folder), "").unwrap();
         }
         let mut sources = Sources::default();
-        sources.add(&at("scan.ply", &folder), READ);
-        sources.add(&at("new.ply", &folder), READ);
+        sources.add(&path_in("scan.ply", &folder), READ);
+        sources.add(&path_in("new.ply", &folder), READ);
         for way in ["", "./", "x/../", "x/y/../../", "x/./../"] {
-            let use_of = |name: &str| sources.use_of(&at(&format!("{way}{name}"), &folder));
+            let use_of = |name: &str| sources.use_of(&path_in(&format!("{way}{name}"), &folder));
             assert_eq!(use_of("scan.ply"), Some(READ), "{way}");
             assert_eq!(use_of("new.ply"), Some(READ), "{way}");
             assert!(use_of("other.ron").is_some(), "{way}");

@@ -1,9 +1,10 @@
-//! Files that are being written.
+//! Temporary files: files that are being written.
 //!
-//! Each has a name of a form that nothing else has, and is locked by the process that writes it. The system takes a lock away with
-//! its process: a file that can be locked is no longer written by anybody. On file systems without locks nothing is swept.
+//! The name of a temporary file has a form that no other file has. The process that writes the file keeps it locked. The system releases
+//! the lock when the process ends, so a temporary file that can be locked is abandoned. On file systems without locks, no files are
+//! removed.
 //!
-//! No age of a file and no process id tells as reliably that its process has ended.
+//! The lock is more reliable than the age of the file or a process id in its name.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File, TryLockError};
@@ -16,16 +17,16 @@ use tempfile::{Builder, NamedTempFile};
 const START: &str = ".maquette-";
 const END: &str = ".part";
 
-/// How many letters and digits stand between both.
+/// The number of random letters and digits between prefix and suffix.
 const LETTERS: usize = 12;
 
-/// A new file in a folder, locked.
+/// Creates a locked temporary file in a folder.
 pub(super) fn create(folder: &Path) -> io::Result<NamedTempFile> {
-    // What the user's umask leaves of it, as for any new file.
+    // The umask of the user applies to these permissions, as for any new file.
     create_with(folder, 0o666)
 }
 
-/// The same, which nobody but its user may read.
+/// Creates a locked temporary file that only the user may read.
 pub(super) fn create_private(folder: &Path) -> io::Result<NamedTempFile> {
     create_with(folder, 0o600)
 }
@@ -42,14 +43,14 @@ fn create_with(folder: &Path, permissions: u32) -> io::Result<NamedTempFile> {
     loop {
         let file = builder.tempfile_in(folder)?;
         match file.as_file().try_lock() {
-            // Somebody took it for one that was left behind, and removes it.
+            // Another process has locked the file, because it took the file for an abandoned one, and will remove it.
             Err(TryLockError::WouldBlock) => {}
             Ok(()) | Err(TryLockError::Error(_)) => return Ok(file),
         }
     }
 }
 
-/// Whether a file's name says that it is, or was, being written.
+/// Returns true if a file has the name of a temporary file.
 pub(crate) fn is_temporary(path: &Path) -> bool {
     let name = path.file_name().and_then(|name| name.to_str());
     let letters = name.and_then(|name| name.strip_prefix(START)?.strip_suffix(END));
@@ -58,16 +59,17 @@ pub(crate) fn is_temporary(path: &Path) -> bool {
     })
 }
 
-/// Whether no process writes a temporary file any more.
+/// Returns true if no process writes this temporary file any more.
 pub(crate) fn is_abandoned(path: &Path) -> bool {
     let is_file = fs::symlink_metadata(path).is_ok_and(|metadata| metadata.is_file());
-    fn locked(path: &Path) -> Result<Result<(), TryLockError>, io::Error> {
+    fn try_lock(path: &Path) -> Result<Result<(), TryLockError>, io::Error> {
         File::options().append(true).open(path).map(|file| file.try_lock())
     }
-    is_temporary(path) && is_file && locked(path).is_ok_and(|locked| locked.is_ok())
+    is_temporary(path) && is_file && try_lock(path).is_ok_and(|locked| locked.is_ok())
 }
 
-/// Sweeps a folder before this process first writes there: a batch writes thousands of files to one folder.
+/// Removes abandoned files, before the first write of this process to a folder. This is done once per folder, because a batch writes
+/// thousands of files to one folder.
 pub(super) fn sweep_once(folder: &Path) {
     static SWEPT: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
     let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
@@ -77,7 +79,7 @@ pub(super) fn sweep_once(folder: &Path) {
     }
 }
 
-/// Removes what processes that were killed while they wrote have left in a folder.
+/// Removes abandoned temporary files from a folder.
 pub(crate) fn sweep(folder: &Path) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let path = entry.path();

@@ -1,9 +1,9 @@
-//! The lists beside what writers write and readers find in it.
+//! Compares the lists of kept and changed data with the results of the writers and readers.
 
 use std::sync::Arc;
 
+use maquette_node::importers::InputFile;
 use maquette_node::pack::{Format, NewFile};
-use maquette_node::reading::Reading;
 use maquette_node::{DataKind, Fidelity};
 use maquette_value::{
     AnyValue, Attribute, CaptureFrame, Faces, Image, Map, MapKind, Material, Mesh, Points,
@@ -14,12 +14,13 @@ use nalgebra::Point3;
 use super::*;
 use crate::{FORMATS, READERS};
 
-/// A quad beside a triangle, with texture coordinates if `with_uv`. It is where a 3MF file would move it: on the plate.
+/// Creates a quad beside a triangle, with texture coordinates if `with_uv` is true. The mesh is already at the position on the build plate
+/// to which the 3MF writer would move it.
 fn bare(with_uv: bool) -> Mesh {
-    fn at(x: f64, y: f64) -> Point3<f64> {
+    fn point(x: f64, y: f64) -> Point3<f64> {
         Point3::new(x, y, 0.0)
     }
-    let positions = vec![at(0., 0.), at(1., 0.), at(1., 1.), at(0., 1.), at(2., 0.)];
+    let positions = vec![point(0., 0.), point(1., 0.), point(1., 1.), point(0., 1.), point(2., 0.)];
     let faces = Faces::polygons(&[4, 3], vec![0, 1, 2, 3, 1, 4, 2]).unwrap();
     let mesh = Mesh::new(positions, faces).unwrap();
     if with_uv { mesh.with_vertex("uv", pairs(5)).unwrap() } else { mesh }
@@ -45,8 +46,9 @@ fn normals() -> Attribute {
     )
 }
 
-/// The mesh with data of a kind, and the attribute that has it; none for kinds of which a mesh has nothing to vary.
-fn with(kind: DataKind) -> Option<(Mesh, Mesh, &'static str)> {
+/// Returns a mesh without data of a kind, the mesh with such data, and the name of the attribute that has them; `None` for kinds that every
+/// mesh has.
+fn mesh_with(kind: DataKind) -> Option<(Mesh, Mesh, &'static str)> {
     let (plain, on_uv) = (bare(false), bare(true));
     let mesh = plain.clone();
     let (mesh, name) = match kind {
@@ -82,43 +84,45 @@ fn with(kind: DataKind) -> Option<(Mesh, Mesh, &'static str)> {
     Some((plain, mesh, name))
 }
 
-/// What is left of data.
+/// The part of some data that is preserved when a mesh is written and read.
 #[derive(Debug, PartialEq)]
-enum Left {
+enum Remainder {
     All,
     Other,
     Nothing,
 }
 
-/// An attribute, element by element, each by what tells it from others.
+/// Returns the entries of an attribute, sorted. Each entry includes the positions of its vertex, face or corner.
 fn entries(mesh: &Mesh, domain: usize, name: &str) -> Vec<String> {
     let attributes = [mesh.vertex(), mesh.face(), mesh.corner()][domain];
     let Some(attribute) = attributes.get(name) else { return Vec::new() };
-    let place = |vertex: usize| format!("{:?}", mesh.positions()[vertex].coords.as_slice());
-    let faces = || {
-        mesh.faces().iter().map(|face| face.iter().map(|&v| place(v as usize)).collect::<Vec<_>>())
-    };
+    let vertices: Vec<String> =
+        mesh.positions().iter().map(|point| format!("{:?}", point.coords.as_slice())).collect();
+    let faces = mesh.faces().iter().map(|face| {
+        face.iter().map(|&vertex| vertices[vertex as usize].clone()).collect::<Vec<_>>()
+    });
     let elements: Vec<String> = match domain {
-        0 => (0..mesh.positions().len()).map(place).collect(),
-        1 => faces().map(|face| face.concat()).collect(),
-        // Faces may be cut into triangles.
-        _ => faces().flatten().collect(),
+        0 => vertices.clone(),
+        1 => faces.map(|face| face.concat()).collect(),
+        // Writing may have cut faces into triangles.
+        _ => faces.flatten().collect(),
     };
-    let of =
-        |(element, at): (usize, String)| format!("{at} {:?}", attribute.select(&[element as u32]));
-    let mut entries: Vec<_> = elements.into_iter().enumerate().map(of).collect();
+    let mut entries: Vec<_> = (0..)
+        .zip(elements)
+        .map(|(element, position)| format!("{position} {:?}", attribute.select(&[element])))
+        .collect();
     entries.sort();
     entries.dedup();
     entries
 }
 
-/// What is left of the attribute `name` of `before` in `after`.
-fn left(kind: DataKind, before: &Mesh, after: &Mesh, name: &str) -> Left {
+/// Compares the data of `kind`, in the attribute `name`, before and after writing and reading.
+fn remainder(kind: DataKind, before: &Mesh, after: &Mesh, name: &str) -> Remainder {
     match kind {
-        Creases if after.creases().len() == 0 => return Left::Nothing,
-        Creases => return Left::All,
+        Creases if after.creases().len() == 0 => return Remainder::Nothing,
+        Creases => return Remainder::All,
         Materials => {
-            // Pictures may get other names.
+            // Writing may have renamed pictures.
             fn nameless(mesh: &Mesh) -> Vec<Material> {
                 let mut all = mesh.materials().to_vec();
                 all.iter_mut().flat_map(|it| it.maps.values_mut()).for_each(|map| map.file.clear());
@@ -127,16 +131,16 @@ fn left(kind: DataKind, before: &Mesh, after: &Mesh, name: &str) -> Left {
             let is_same = nameless(after) == nameless(before);
             let is_lost = after.materials().is_empty();
             return if is_same {
-                Left::All
+                Remainder::All
             } else if is_lost {
-                Left::Nothing
+                Remainder::Nothing
             } else {
-                Left::Other
+                Remainder::Other
             };
         }
         Pictures => {
             let is_same = after.texture() == before.texture();
-            return if is_same { Left::All } else { Left::Nothing };
+            return if is_same { Remainder::All } else { Remainder::Nothing };
         }
         _ => {}
     }
@@ -145,23 +149,22 @@ fn left(kind: DataKind, before: &Mesh, after: &Mesh, name: &str) -> Left {
         CornerColors | CornerUv | CornerAttributes => 2,
         _ => 0,
     };
-    fn all(domain: usize, after: &Mesh, name: &str) -> Vec<String> {
-        entries(after, domain, name)
+    // If all corners of a vertex have equal data, reading may have converted these to data of the vertex.
+    let expected = entries(before, domain, name);
+    if entries(after, domain, name) == expected
+        || (domain == 0 && entries(after, 2, name) == expected)
+    {
+        return Remainder::All;
     }
-    // A vertex has what all its corners have.
-    let is_same = |other: usize| all(other, after, name) == entries(before, domain, name);
-    if is_same(domain) || (domain == 0 && is_same(2)) {
-        return Left::All;
-    }
-    if (0..3).any(|other| !all(other, after, name).is_empty()) {
-        Left::Other
+    if (0..3).any(|other| !entries(after, other, name).is_empty()) {
+        Remainder::Other
     } else {
-        Left::Nothing
+        Remainder::Nothing
     }
 }
 
 fn write(format: &Format, value: impl Into<AnyValueOf>) -> Vec<NewFile> {
-    format.write(&value.into().0, &format!("it.{}", format.ending)).unwrap()
+    format.write(&value.into().0, &format!("it.{}", format.extension)).unwrap()
 }
 
 /// A value of any type.
@@ -177,16 +180,16 @@ fn fidelity(list: Fidelities, kind: DataKind) -> Option<Fidelity> {
     list.iter().find(|(listed, _)| *listed == kind).map(|(_, fidelity)| *fidelity)
 }
 
-/// The mesh in files, the first of which is read.
+/// Reads the mesh from written files. The first of them is the main file.
 fn read(files: &[NewFile], ending: &str) -> Option<Mesh> {
-    let reader = READERS
-        .iter()
-        .find(|reader| reader.kind() == value_type::<Mesh>() && reader.endings.contains(&ending))?;
-    let beside = |name: &str| {
+    let reader = READERS.iter().find(|reader| {
+        reader.kind() == value_type::<Mesh>() && reader.extensions.contains(&ending)
+    })?;
+    let read = reader.call(&InputFile::new(&files[0].name, &files[0].bytes, &|name: &str| {
         let found = files.iter().find(|file| file.name == name);
         found.map(|file| Arc::from(&file.bytes[..])).ok_or_else(|| format!("no {name}"))
-    };
-    let read = reader.call(&Reading::new(&files[0].name, &files[0].bytes, &beside)).unwrap();
+    }));
+    let read = read.unwrap();
     read.get::<Mesh>().cloned()
 }
 
@@ -199,8 +202,8 @@ fn every_format_of_meshes_and_points_says_what_it_keeps_and_each_kind_once() {
     let kinds = [value_type::<Mesh>(), value_type::<Points>()];
     let written = FORMATS.iter().filter(|it| kinds.contains(&(it.kind)()));
     let read = READERS.iter().filter(|it| kinds.contains(&it.kind()));
-    let written = written.map(|format| (format.ending, format.fidelity));
-    for (name, list) in written.chain(read.map(|reader| (reader.endings[0], reader.fidelity))) {
+    let written = written.map(|format| (format.extension, format.fidelity));
+    for (name, list) in written.chain(read.map(|reader| (reader.extensions[0], reader.fidelity))) {
         assert!(fidelity(list, Positions).is_some(), "{name}");
         assert!(list.windows(2).all(|pair| pair[0].0 < pair[1].0), "{name}: {list:?}");
     }
@@ -208,55 +211,55 @@ fn every_format_of_meshes_and_points_says_what_it_keeps_and_each_kind_once() {
 
 #[test]
 fn a_writer_writes_what_it_lists_and_nothing_of_what_it_loses() {
-    let mut wrong = Vec::new();
+    let mut mismatches = Vec::new();
     for format in mesh_formats() {
         for kind in DataKind::ALL {
-            let Some((without, with, _)) = with(kind) else { continue };
+            let Some((without, with, _)) = mesh_with(kind) else { continue };
             let is_written = write(format, &without) != write(format, &with);
-            // Some is only written beside a picture.
-            let told = fidelity(format.fidelity, kind);
-            let is_listed = told.is_some_and(|told| told != Changed("only beside a picture"));
-            // Normals of faces are computed, whatever a mesh has.
-            let is_listed = is_listed && !(format.ending == "stl" && kind == Normals);
+            // Some data are written only if the mesh has a picture.
+            let listed = fidelity(format.fidelity, kind);
+            let is_listed = listed.is_some_and(|listed| listed != Changed("only beside a picture"));
+            // The normals in STL files are computed from the faces, so they do not count as written.
+            let is_listed = is_listed && !(format.extension == "stl" && kind == Normals);
             if is_written != is_listed {
-                wrong.push(format!("{} {kind:?}: written {is_written}", format.ending));
+                mismatches.push(format!("{} {kind:?}: written {is_written}", format.extension));
             }
         }
     }
-    assert!(wrong.is_empty(), "{wrong:#?}");
+    assert!(mismatches.is_empty(), "{mismatches:#?}");
 }
 
 #[test]
-fn what_is_written_and_read_is_there_as_both_say() {
-    let mut wrong = Vec::new();
+fn a_round_trip_keeps_the_kinds_that_both_lists_name() {
+    let mut mismatches = Vec::new();
     for format in mesh_formats() {
         let reader = READERS.iter().find(|reader| {
-            reader.kind() == value_type::<Mesh>() && reader.endings.contains(&format.ending)
+            reader.kind() == value_type::<Mesh>() && reader.extensions.contains(&format.extension)
         });
         let Some(reader) = reader else { continue };
         for kind in DataKind::ALL {
-            let Some((_, mesh, name)) = with(kind) else { continue };
-            let after = read(&write(format, &mesh), format.ending).unwrap();
+            let Some((_, mesh, name)) = mesh_with(kind) else { continue };
+            let after = read(&write(format, &mesh), format.extension).unwrap();
             let is_kept = fidelity(format.fidelity, kind) == Some(Kept)
                 && fidelity(reader.fidelity, kind).is_some();
-            let left = left(kind, &mesh, &after, name);
+            let left = remainder(kind, &mesh, &after, name);
             let is_lost = fidelity(reader.fidelity, kind).is_none();
-            if (left == Left::All) != is_kept || (is_lost && left != Left::Nothing) {
-                wrong.push(format!("{} {kind:?}: {left:?} left", format.ending));
+            if (left == Remainder::All) != is_kept || (is_lost && left != Remainder::Nothing) {
+                mismatches.push(format!("{} {kind:?}: {left:?} left", format.extension));
             }
         }
         let (before, after) =
-            (bare(false), read(&write(format, &bare(false)), format.ending).unwrap());
-        fn sorted(mesh: &Mesh) -> Vec<String> {
-            let mut places: Vec<_> = mesh.positions().iter().map(|p| format!("{p:?}")).collect();
-            places.sort();
-            places
+            (bare(false), read(&write(format, &bare(false)), format.extension).unwrap());
+        fn sorted_positions(mesh: &Mesh) -> Vec<String> {
+            let mut positions: Vec<_> = mesh.positions().iter().map(|p| format!("{p:?}")).collect();
+            positions.sort();
+            positions
         }
-        assert_eq!(sorted(&before), sorted(&after), "{}", format.ending);
+        assert_eq!(sorted_positions(&before), sorted_positions(&after), "{}", format.extension);
         let is_same = before.faces().len() == after.faces().len();
-        assert_eq!(is_same, fidelity(format.fidelity, Faces) == Some(Kept), "{}", format.ending);
+        assert_eq!(is_same, fidelity(format.fidelity, Faces) == Some(Kept), "{}", format.extension);
     }
-    assert!(wrong.is_empty(), "{wrong:#?}");
+    assert!(mismatches.is_empty(), "{mismatches:#?}");
 }
 
 #[test]
@@ -264,7 +267,7 @@ fn a_file_has_the_unit_and_the_axis_that_its_format_lists() {
     let frame = CaptureFrame { camera: None, picture: [4, 3], depth: 5.0, world_from_camera: None };
     for format in mesh_formats() {
         let file = write(format, &bare(false)).swap_remove(0).bytes;
-        let inside = match format.ending {
+        let inside = match format.extension {
             "3mf" => crate::three_mf::tests::files(&file).remove(2).1,
             _ => file.clone(),
         };
@@ -273,9 +276,10 @@ fn a_file_has_the_unit_and_the_axis_that_its_format_lists() {
         }
         let has_unit =
             has("unit=\"millimeter\"", &inside) || has("\"scale\":[0.001,0.001,0.001]", &inside);
-        let name = format.ending;
+        let name = format.extension;
         assert_eq!(has_unit, fidelity(format.fidelity, Units).is_some(), "{name}");
-        // What a sensor sees upside down is turned, in all of them; only some have an axis that is known to point upwards.
+        // A capture is upside down in the axes of its sensor, so it is rotated in every format; but only some formats define which axis
+        // points up.
         let seen = bare(false).with_frame(Some(frame));
         assert_ne!(write(format, &seen).swap_remove(0).bytes, file, "{name}");
     }

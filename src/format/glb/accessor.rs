@@ -1,4 +1,4 @@
-//! The document of a GLB file, and the numbers that its accessors find in the buffer.
+//! The JSON document of a GLB file, and the numbers that its accessors refer to in the buffer.
 
 use std::array;
 use std::collections::BTreeMap;
@@ -9,7 +9,7 @@ use serde_json::Value;
 use super::material::{GltfMaterial, Sampler};
 use super::read::GlbReadError;
 
-/// The document: what is read of it.
+/// The parts of the JSON document that are read.
 #[derive(Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
 pub(super) struct Document {
@@ -42,7 +42,7 @@ pub(super) struct Node {
     pub(super) mesh: Option<usize>,
     pub(super) skin: Option<usize>,
     pub(super) extensions: BTreeMap<String, Value>,
-    /// Column by column; in place of the other three.
+    /// A matrix, stored column by column. It replaces translation, rotation and scale.
     pub(super) matrix: Option<[f64; 16]>,
     pub(super) translation: [f64; 3],
     /// A quaternion: x, y, z, w.
@@ -96,13 +96,13 @@ pub(super) struct Texture {
 }
 
 impl Texture {
-    /// Its picture; of those that only some programs read, the one that is read here.
+    /// Returns the index of the texture's image, which is given either directly or through the WebP extension.
     pub(super) fn picture(&self) -> Option<usize> {
         let webp = self.extensions.get("EXT_texture_webp").and_then(|it| it["source"].as_u64());
         self.source.or(webp.map(|source| source as usize))
     }
 
-    /// The extension that has its picture in a form that is not read.
+    /// Returns the name of the extension that refers to the image, if the image is in a format that is not supported.
     pub(super) fn unread(&self) -> Option<&str> {
         self.picture()
             .is_none()
@@ -134,7 +134,7 @@ struct Accessor {
     sparse: Option<Sparse>,
 }
 
-/// Entries in place of some of an accessor.
+/// Replacements for some entries of an accessor.
 #[derive(Deserialize)]
 struct Sparse {
     count: usize,
@@ -148,7 +148,7 @@ struct Piece {
     buffer_view: usize,
     #[serde(default)]
     byte_offset: usize,
-    /// Of indices alone.
+    /// The type of the numbers; present for indices only.
     component_type: Option<u32>,
 }
 
@@ -164,7 +164,7 @@ struct BufferView {
     extensions: BTreeMap<String, Value>,
 }
 
-/// How a number is stored.
+/// The storage type of a number.
 #[derive(Clone, Copy)]
 enum Component {
     I8,
@@ -176,7 +176,7 @@ enum Component {
 }
 
 impl Component {
-    /// By the number of the specification.
+    /// Returns the type for a number that the specification defines.
     fn new(number: u32) -> Option<Self> {
         Some(match number {
             5120 => Self::I8,
@@ -197,92 +197,94 @@ impl Component {
         }
     }
 
-    /// The number at the start of some bytes, and the largest that it can be if it is whole.
+    /// Returns the number at the start of `bytes`, and the maximum of its type if that is an integer type (1 for floats).
     fn read(self, bytes: &[u8]) -> (f64, f64) {
-        fn first<const N: usize>(bytes: &[u8]) -> [u8; N] {
+        fn first_bytes<const N: usize>(bytes: &[u8]) -> [u8; N] {
             *bytes.first_chunk().expect("the bounds of an accessor are checked")
         }
         match self {
-            Self::I8 => (i8::from_le_bytes(first(bytes)).into(), 127.0),
-            Self::U8 => (u8::from_le_bytes(first(bytes)).into(), 255.0),
-            Self::I16 => (i16::from_le_bytes(first(bytes)).into(), 32767.0),
-            Self::U16 => (u16::from_le_bytes(first(bytes)).into(), 65535.0),
-            Self::U32 => (u32::from_le_bytes(first(bytes)).into(), u32::MAX.into()),
-            Self::F32 => (f32::from_le_bytes(first(bytes)).into(), 1.0),
+            Self::I8 => (i8::from_le_bytes(first_bytes(bytes)).into(), 127.0),
+            Self::U8 => (u8::from_le_bytes(first_bytes(bytes)).into(), 255.0),
+            Self::I16 => (i16::from_le_bytes(first_bytes(bytes)).into(), 32767.0),
+            Self::U16 => (u16::from_le_bytes(first_bytes(bytes)).into(), 65535.0),
+            Self::U32 => (u32::from_le_bytes(first_bytes(bytes)).into(), u32::MAX.into()),
+            Self::F32 => (f32::from_le_bytes(first_bytes(bytes)).into(), 1.0),
         }
     }
 }
 
-/// A piece of the buffer.
+/// A range of the buffer.
 pub(super) struct View<'a> {
     pub(super) bytes: &'a [u8],
     stride: Option<usize>,
 }
 
-/// How many numbers are read for each byte of the file before it is refused. A number takes one byte or more, in most files four:
-/// a part may still be shown some sixteen times.
-const MOST_PER_BYTE: usize = 4;
+/// The maximum count of numbers that are read per byte of the file; it ensures that a small file cannot make a huge mesh. A number takes at
+/// least one byte and mostly four, so each part of the buffer may be used about sixteen times.
+const MAX_NUMBERS_PER_BYTE: usize = 4;
 
-/// The bytes behind the document. Parts that share them are counted, so that no small file makes a huge mesh.
+/// The binary buffer. It counts the numbers that are read, so that a small file in which many parts share bytes cannot make a huge mesh.
 pub(super) struct Buffer<'a> {
     document: &'a Document,
     bytes: &'a [u8],
-    /// Numbers that may still be read.
-    left: usize,
+    /// The count of numbers that may still be read.
+    remaining: usize,
 }
 
 impl<'a> Buffer<'a> {
     pub(super) fn new(document: &'a Document, bytes: &'a [u8], file: usize) -> Self {
-        Self { document, bytes, left: file.saturating_mul(MOST_PER_BYTE) }
+        Self { document, bytes, remaining: file.saturating_mul(MAX_NUMBERS_PER_BYTE) }
     }
 
-    /// The bytes of a view.
+    /// Returns the bytes of a buffer view.
     pub(super) fn view(&self, index: usize) -> Result<View<'a>, GlbReadError> {
-        fn wrong(what: &'static str, index: usize) -> GlbReadError {
+        fn part_error(what: &'static str, index: usize) -> GlbReadError {
             GlbReadError::Part { part: "bufferView", index, what }
         }
-        let view = self.document.buffer_views.get(index).ok_or(wrong("does not exist", index))?;
+        let view =
+            self.document.buffer_views.get(index).ok_or(part_error("does not exist", index))?;
         if let Some(name) = view.extensions.keys().find(|name| name.contains("compression")) {
             return Err(GlbReadError::Extension { name: name.clone() });
         }
         if view.buffer != 0 {
-            return Err(wrong("is in another file", index));
+            return Err(part_error("is in another file", index));
         }
         let end = view.byte_offset.checked_add(view.byte_length);
         let bytes = end.and_then(|end| self.bytes.get(view.byte_offset..end));
-        let bytes = bytes.ok_or(wrong("is not inside the buffer", index))?;
+        let bytes = bytes.ok_or(part_error("is not inside the buffer", index))?;
         Ok(View { bytes, stride: view.byte_stride })
     }
 
-    /// The type of an accessor's entries, whether its numbers are whole ones, and whether they are normalized; none if it does not exist.
+    /// Returns the type of an accessor's entries, true if its numbers are integers, and true if they are normalized. Returns `None` if the
+    /// accessor does not exist.
     pub(super) fn kind(&self, index: usize) -> Option<(&'a str, bool, bool)> {
         let accessor = self.document.accessors.get(index)?;
         let is_whole = !matches!(Component::new(accessor.component_type)?, Component::F32);
         Some((&accessor.kind, is_whole, accessor.normalized))
     }
 
-    /// The entries of an accessor, the first N components of each, normalized if they are marked so.
+    /// Reads the first N components of each entry of an accessor. Integers are normalized if the accessor requires it.
     pub(super) fn rows<const N: usize>(
         &mut self,
         index: usize,
     ) -> Result<Vec<[f64; N]>, GlbReadError> {
-        fn wrong(what: &'static str, index: usize) -> GlbReadError {
+        fn part_error(what: &'static str, index: usize) -> GlbReadError {
             GlbReadError::Part { part: "accessor", index, what }
         }
         let document = self.document;
-        let accessor = document.accessors.get(index).ok_or(wrong("does not exist", index))?;
+        let accessor = document.accessors.get(index).ok_or(part_error("does not exist", index))?;
         let components = match &*accessor.kind {
             "SCALAR" => 1,
             "VEC2" => 2,
             "VEC3" => 3,
             "VEC4" => 4,
-            _ => return Err(wrong("is of a type that is not read", index)),
+            _ => return Err(part_error("has a type that is not supported", index)),
         };
         if components < N {
-            return Err(wrong("has too few components", index));
+            return Err(part_error("has too few components", index));
         }
         let component = Component::new(accessor.component_type);
-        let component = component.ok_or(wrong("has components of an unknown type", index))?;
+        let component = component.ok_or(part_error("has components of an unknown type", index))?;
         let size = components * component.size();
         let packed = document.extensions_used.iter().find(|name| name.contains("compression"));
         let entries = match accessor.buffer_view {
@@ -292,47 +294,45 @@ impl<'a> Buffer<'a> {
             None => None,
             Some(view) => Some(
                 self.entries(view, accessor.byte_offset, size, accessor.count)?
-                    .ok_or(wrong("is longer than its part of the buffer", index))?,
+                    .ok_or(part_error("is longer than its part of the buffer", index))?,
             ),
         };
         let numbers = accessor.count.saturating_mul(N);
-        self.left = self
-            .left
+        self.remaining = self
+            .remaining
             .checked_sub(numbers)
-            .ok_or(GlbReadError::Repetition { most: MOST_PER_BYTE })?;
-        fn number(
-            bytes: &[u8],
-            at: usize,
-            component: &Component,
-            accessor_normalized: bool,
-        ) -> f64 {
-            let (number, largest) = component.read(&bytes[at..]);
-            if accessor_normalized { (number / largest).max(-1.0) } else { number }
-        }
-        let row = |row| {
-            array::from_fn(|k| number(row, k * component.size(), &component, accessor.normalized))
+            .ok_or(GlbReadError::Repetition { limit: MAX_NUMBERS_PER_BYTE })?;
+        let row = |bytes: &[u8]| {
+            array::from_fn(|k| {
+                let (number, largest) = component.read(&bytes[k * component.size()..]);
+                if accessor.normalized { (number / largest).max(-1.0) } else { number }
+            })
         };
-        // Without bytes all of it is zero.
+        // An accessor without a buffer view consists of zeros.
         let mut rows =
             entries.map_or(vec![[0.0; N]; accessor.count], |rows| rows.map(row).collect());
         if let Some(Sparse { count, indices, values }) = &accessor.sparse {
             let of_index = indices.component_type.and_then(Component::new);
-            let of_index = of_index.ok_or(wrong("has sparse indices of an unknown type", index))?;
-            fn broken(index: usize) -> GlbReadError {
-                wrong("has sparse entries outside of the buffer", index)
+            let of_index =
+                of_index.ok_or(part_error("has sparse indices of an unknown type", index))?;
+            fn sparse_error(index: usize) -> GlbReadError {
+                part_error("has sparse entries outside the buffer", index)
             }
-            let places =
+            let sparse_indices =
                 self.entries(indices.buffer_view, indices.byte_offset, of_index.size(), *count);
             let values = self.entries(values.buffer_view, values.byte_offset, size, *count)?;
-            for (place, value) in places?.ok_or(broken(index))?.zip(values.ok_or(broken(index))?) {
-                let entry = rows.get_mut(of_index.read(place).0 as usize);
-                *entry.ok_or(wrong("has a sparse entry behind its end", index))? = row(value);
+            for (sparse_index, value) in
+                sparse_indices?.ok_or(sparse_error(index))?.zip(values.ok_or(sparse_error(index))?)
+            {
+                let entry = rows.get_mut(of_index.read(sparse_index).0 as usize);
+                *entry.ok_or(part_error("has a sparse entry after its end", index))? = row(value);
             }
         }
         Ok(rows)
     }
 
-    /// So many entries of this size in a view, from this byte on; none if they are not inside of it or lie on each other.
+    /// Returns `count` entries of `size` bytes in a buffer view, beginning at `offset`. Returns `None` if they are not inside the view or
+    /// overlap.
     fn entries(
         &self,
         view: usize,
@@ -349,13 +349,14 @@ impl<'a> Buffer<'a> {
             .then(|| (0..count).map(move |k| &bytes[offset + k * stride..][..size])))
     }
 
-    /// The corners that an accessor lists, each below `count`.
+    /// Reads the vertex indices of an accessor, all of which must be less than `count`.
     pub(super) fn indices(&mut self, index: usize, count: usize) -> Result<Vec<u32>, GlbReadError> {
         let rows = self.rows::<1>(index)?;
-        let valid =
-            |&[corner]: &[f64; 1]| 0.0 <= corner && corner < count as f64 && corner.fract() == 0.0;
-        if !rows.iter().all(valid) {
-            let what = "names a vertex that is not there";
+        if !rows
+            .iter()
+            .all(|&[corner]| 0.0 <= corner && corner < count as f64 && corner.fract() == 0.0)
+        {
+            let what = "refers to a vertex that does not exist";
             return Err(GlbReadError::Part { part: "accessor", index, what });
         }
         Ok(rows.into_iter().map(|[corner]| corner as u32).collect())

@@ -1,4 +1,4 @@
-//! The bytes behind the document of a GLB file, and the vertices that they have.
+//! Writes the binary buffer of a GLB file, and prepares the vertices for it.
 
 use std::mem::discriminant;
 
@@ -9,13 +9,14 @@ use nalgebra::{Point3, Vector3};
 use serde_json::{Value, json};
 
 use super::{
-    ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, FLOAT, UNSIGNED_BYTE, UNSIGNED_INT, UNSIGNED_SHORT, looks,
+    ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, FLOAT, UNSIGNED_BYTE, UNSIGNED_INT, UNSIGNED_SHORT,
+    material_writer,
 };
 use crate::BLOCK;
 use crate::corners::{Split, split};
 use crate::rows::{Table, floats, indices};
 
-/// The vertices of a glTF mesh: those of the mesh, or more where data of corners differ.
+/// The vertices of a glTF mesh: those of the mesh, duplicated where the data of corners differ.
 pub(super) struct Vertices<'a> {
     mesh: &'a Mesh,
     split: Option<Split>,
@@ -23,7 +24,7 @@ pub(super) struct Vertices<'a> {
 
 impl<'a> Vertices<'a> {
     pub(super) fn new(mesh: &'a Mesh) -> Self {
-        // What differs between corners at a vertex makes several vertices of it.
+        // A vertex is split where its corners have different data.
         let of_corners = mesh.corner().iter().filter(|(name, attribute)| {
             let is_known = ["uv", "normal", "color"].contains(name);
             let other = mesh.vertex().get(name);
@@ -32,16 +33,17 @@ impl<'a> Vertices<'a> {
                     .is_none_or(|other| is_known && discriminant(other) != discriminant(attribute))
         });
         let of_corners: Vec<_> = of_corners.map(|(_, attribute)| attribute).collect();
-        let cut = !mesh.faces().is_empty() && !of_corners.is_empty();
+        let is_split = !mesh.faces().is_empty() && !of_corners.is_empty();
         Self {
             mesh,
-            split: cut.then(|| {
+            split: is_split.then(|| {
                 split(mesh, |a, b| of_corners.iter().all(|attribute| attribute.is_same(a, b)))
             }),
         }
     }
 
-    /// All attributes that are written, those of vertices in place of those of corners.
+    /// Returns all attributes that are written. If a vertex attribute and a corner attribute have the same name, only the vertex attribute
+    /// is written.
     pub(super) fn attributes(&self) -> impl Iterator<Item = (&'a str, &'a Attribute)> {
         let mesh = self.mesh;
         let corners = mesh
@@ -57,9 +59,9 @@ impl<'a> Vertices<'a> {
         pairs.map(|(name, _)| name)
     }
 
-    /// Those that glTF does not know.
-    pub(super) fn own(&self) -> impl Iterator<Item = (&'a str, &'a Attribute)> {
-        let sets = looks::coordinate_sets(self);
+    /// Returns the attributes for which glTF defines no name.
+    pub(super) fn custom_attributes(&self) -> impl Iterator<Item = (&'a str, &'a Attribute)> {
+        let sets = material_writer::coordinate_sets(self);
         self.attributes().filter(move |(name, attribute)| match attribute {
             Attribute::Pair(_) => !sets.iter().any(|set| set == name),
             Attribute::Vector(_) => *name != "normal",
@@ -73,7 +75,7 @@ impl<'a> Vertices<'a> {
             || self.split.is_some() && self.mesh.corner().colors("color").is_some()
     }
 
-    /// For each vertex of the file the data of its vertex in the mesh, or else those of its corner.
+    /// Returns the data of each glTF vertex. They are taken from the vertex of the mesh if `per_vertex` is given, else from the corner.
     fn gather<T: Copy + Send + Sync>(
         &self,
         per_vertex: Option<&Column<T>>,
@@ -93,13 +95,17 @@ impl<'a> Vertices<'a> {
         }
     }
 
-    /// The data of an own attribute: of vertices if there are as many.
-    fn gather_own<T: Copy + Send + Sync>(&self, data: &Column<T>, on_vertices: bool) -> Column<T> {
+    /// Returns the data of a custom attribute, which belongs to vertices if `on_vertices` is true, else to corners.
+    fn gather_custom<T: Copy + Send + Sync>(
+        &self,
+        data: &Column<T>,
+        on_vertices: bool,
+    ) -> Column<T> {
         if on_vertices { self.gather(Some(data), None) } else { self.gather(None, Some(data)) }
     }
 }
 
-/// The lowest and highest coordinates of some points, of which there is at least one.
+/// Returns the bounding box of some points. There must be at least one.
 fn bounds(points: &[Point3<f64>]) -> (Point3<f64>, Point3<f64>) {
     let blocks: Vec<_> = points
         .par_chunks(BLOCK)
@@ -110,21 +116,23 @@ fn bounds(points: &[Point3<f64>]) -> (Point3<f64>, Point3<f64>) {
         })
         .collect();
     type Bounds = (Point3<f64>, Point3<f64>);
-    blocks[1..].iter().fold(blocks[0], |all: Bounds, of| (all.0.inf(&of.0), all.1.sup(&of.1)))
+    blocks[1..]
+        .iter()
+        .fold(blocks[0], |all: Bounds, block| (all.0.inf(&block.0), all.1.sup(&block.1)))
 }
 
-/// The bytes behind the document, and what says what they are.
+/// The binary buffer of a GLB file, and the JSON entries that describe it.
 #[derive(Default)]
 pub(super) struct Buffers<'a> {
     pub(super) tables: Vec<Table<'a>>,
-    /// Bytes of all.
+    /// The total length of the tables, in bytes.
     pub(super) length: usize,
     pub(super) views: Vec<Value>,
     pub(super) accessors: Vec<Value>,
 }
 
 impl<'a> Buffers<'a> {
-    /// Adds a table, aligned to 4; gives the index of its view.
+    /// Adds a table, aligned to 4 bytes, and a buffer view for it. Returns the index of the view.
     pub(super) fn view(&mut self, table: Table<'a>, target: Option<u32>) -> usize {
         self.align();
         let (offset, length) = (self.length, table.size());
@@ -142,18 +150,18 @@ impl<'a> Buffers<'a> {
         self.tables.push(table);
     }
 
-    /// Goes on at a multiple of 4.
+    /// Pads the buffer to a multiple of 4 bytes.
     pub(super) fn align(&mut self) {
-        self.add(Table::of_bytes(vec![0; self.length.next_multiple_of(4) - self.length]));
+        self.add(Table::from_bytes(vec![0; self.length.next_multiple_of(4) - self.length]));
     }
 
-    /// Adds an accessor; gives its index.
+    /// Adds an accessor. Returns its index.
     fn accessor(&mut self, accessor: Value) -> usize {
         self.accessors.push(accessor);
         self.accessors.len() - 1
     }
 
-    /// Adds an attribute of vertices; gives the index of its accessor.
+    /// Adds a vertex attribute. Returns the index of its accessor.
     fn attribute<T: NoUninit + Send + Sync, B: NoUninit>(
         &mut self,
         name: &'static str,
@@ -162,7 +170,7 @@ impl<'a> Buffers<'a> {
         entry: impl Fn(&T) -> B + Send + Sync + 'a,
     ) -> usize {
         let count = items.len();
-        let view = self.view(Table::of_column(name, items, entry), Some(ARRAY_BUFFER));
+        let view = self.view(Table::from_column(name, items, entry), Some(ARRAY_BUFFER));
         self.accessor(json!({
             "bufferView": view, "componentType": kind.0, "type": kind.1, "count": count,
         }))
@@ -170,7 +178,7 @@ impl<'a> Buffers<'a> {
 
     pub(super) fn positions(&mut self, vertices: &Vertices<'_>) -> usize {
         let points = vertices.gather(Some(vertices.mesh.positions()), None);
-        let known = vertices.split.is_none().then(|| vertices.mesh.known_bounds()).flatten();
+        let known = vertices.split.is_none().then(|| vertices.mesh.cached_bounds()).flatten();
         let (low, high) = known.unwrap_or_else(|| bounds(&points));
         let accessor = self
             .attribute("position", points, (FLOAT, "VEC3"), |point| floats(point.coords.into()));
@@ -179,17 +187,17 @@ impl<'a> Buffers<'a> {
         accessor
     }
 
-    /// Gives also what has been found for it.
+    /// Adds the normals. Returns the index of their accessor, and the normals themselves if they were computed here.
     pub(super) fn normals(&mut self, vertices: &Vertices<'_>) -> (usize, Option<Column<[f32; 3]>>) {
         let mesh = vertices.mesh;
         let per_vertex = mesh.vertex().vectors("normal");
         let per_corner = mesh.corner().vectors("normal").filter(|_| per_vertex.is_none());
         if per_vertex.or(per_corner).is_none() {
-            let normals = mesh.single_normals();
+            let normals = mesh.cached_normals();
             let all = vertices.gather(Some(&normals), None);
             return (
                 self.attribute("seen normal", all, (FLOAT, "VEC3"), |&normal| match normal {
-                    // glTF has unit normals only; a vertex of no face gets any.
+                    // glTF requires unit normals, so a vertex without faces gets an arbitrary one.
                     [0.0, 0.0, 0.0] => [0.0, 0.0, 1.0].map(f32::to_le_bytes),
                     unit => unit.map(f32::to_le_bytes),
                 }),
@@ -204,19 +212,19 @@ impl<'a> Buffers<'a> {
         (accessor, None)
     }
 
-    /// The texture coordinates of an attribute as they were before they were moved.
+    /// Adds texture coordinates. They are transformed by the inverse of `by`, the transformation of their picture.
     pub(super) fn uv(&mut self, vertices: &Vertices<'_>, name: &str, by: UvTransform) -> usize {
         let mesh = vertices.mesh;
         let uv = vertices.gather(mesh.vertex().pairs(name), mesh.corner().pairs(name));
-        // In glTF (0, 0) is the picture's upper left corner.
+        // In glTF, (0, 0) is the upper left corner of the picture.
         if by == UvTransform::default() {
             return self.attribute("uv", uv, (FLOAT, "VEC2"), |&[s, t]| floats([s, 1.0 - t]));
         }
-        let undone = uv.iter().map(|&[s, t]| by.undo([s, 1.0 - t])).collect();
+        let undone = uv.iter().map(|&[s, t]| by.apply_inverse([s, 1.0 - t])).collect();
         self.attribute("moved uv", undone, (FLOAT, "VEC2"), |&uv| floats(uv))
     }
 
-    /// Colors in linear light, as glTF has them: 16 bits, because 8 are too few in the dark.
+    /// Adds colors in linear light with 16 bits per channel; 8 bits would be too coarse for dark colors.
     pub(super) fn colors(&mut self, vertices: &Vertices<'_>) -> usize {
         let mesh = vertices.mesh;
         let colors = vertices.gather(mesh.vertex().colors("color"), mesh.corner().colors("color"));
@@ -229,8 +237,9 @@ impl<'a> Buffers<'a> {
         accessor
     }
 
-    /// An attribute that glTF does not know. Whole numbers have 16 bits or are single precision: glTF allows no larger ones there.
-    pub(super) fn own(
+    /// Adds a custom attribute. Integers that do not fit in 16 bits are converted to single precision, because glTF does not allow larger
+    /// integers in vertices.
+    pub(super) fn custom_attribute(
         &mut self,
         vertices: &Vertices<'_>,
         name: &str,
@@ -238,33 +247,33 @@ impl<'a> Buffers<'a> {
     ) -> usize {
         let on_vertices = vertices.mesh.vertex().get(name).is_some();
         match attribute {
-            Attribute::Number(own) => {
-                let all = vertices.gather_own(own, on_vertices);
+            Attribute::Number(data) => {
+                let all = vertices.gather_custom(data, on_vertices);
                 self.attribute("own number", all, (FLOAT, "SCALAR"), |&x| floats([x]))
             }
-            Attribute::Index(own) if own.iter().all(|&x| x <= u16::MAX.into()) => {
-                let all = vertices.gather_own(own, on_vertices);
-                // Two bytes that fill the row up to four.
+            Attribute::Index(data) if data.iter().all(|&x| x <= u16::MAX.into()) => {
+                let all = vertices.gather_custom(data, on_vertices);
+                // Each integer is followed by two bytes of padding, because rows must be aligned to four bytes.
                 let accessor = self.attribute("own index", all, (UNSIGNED_SHORT, "SCALAR"), |&x| {
                     [(x as u16).to_le_bytes(), [0; 2]]
                 });
                 self.views.last_mut().expect("that of the accessor")["byteStride"] = 4.into();
                 accessor
             }
-            Attribute::Index(own) => {
-                let all = vertices.gather_own(own, on_vertices);
+            Attribute::Index(data) => {
+                let all = vertices.gather_custom(data, on_vertices);
                 self.attribute("own large index", all, (FLOAT, "SCALAR"), |&x| floats([x.into()]))
             }
-            Attribute::Pair(own) => {
-                let all = vertices.gather_own(own, on_vertices);
+            Attribute::Pair(data) => {
+                let all = vertices.gather_custom(data, on_vertices);
                 self.attribute("own pair", all, (FLOAT, "VEC2"), |&pair| floats(pair))
             }
-            Attribute::Vector(own) => {
-                let all = vertices.gather_own(own, on_vertices);
+            Attribute::Vector(data) => {
+                let all = vertices.gather_custom(data, on_vertices);
                 self.attribute("own vector", all, (FLOAT, "VEC3"), |&vector| floats(vector))
             }
-            Attribute::Color(own) => {
-                let all = vertices.gather_own(own, on_vertices);
+            Attribute::Color(data) => {
+                let all = vertices.gather_custom(data, on_vertices);
                 let accessor = self.attribute(
                     "own color",
                     all,
@@ -278,23 +287,23 @@ impl<'a> Buffers<'a> {
         }
     }
 
-    /// Faces with more than three corners are cut into triangles.
+    /// Adds the triangles; polygons are cut into triangles.
     pub(super) fn triangles(&mut self, vertices: Vertices<'_>) -> usize {
         let faces = vertices.mesh.faces();
         let table = match (vertices.split, faces.sides()) {
-            // Any stretch of them, as they are.
+            // The corners are written unchanged.
             (None, Some(3)) => {
-                Table::of_column("corner", faces.corners().clone(), |&corner| indices([corner]))
+                Table::from_column("corner", faces.corners().clone(), |&corner| indices([corner]))
             }
             (Some(split), Some(3)) => {
-                Table::of_column("corner", split.of_corner.into(), |&corner| indices([corner]))
+                Table::from_column("corner", split.of_corner.into(), |&corner| indices([corner]))
             }
             (split, _) => {
                 let corners = split.as_ref().map_or(&faces.corners()[..], |split| &split.of_corner);
                 let triangles = vertices.mesh.triangle_corners().into_par_iter();
                 let triangles = triangles.map(|it| it.map(|corner| corners[corner as usize]));
                 let triangles: Vec<[u32; 3]> = triangles.collect();
-                Table::of_column("triangle", triangles.into(), |&triangle| indices(triangle))
+                Table::from_column("triangle", triangles.into(), |&triangle| indices(triangle))
             }
         };
         let count = table.size() / 4;

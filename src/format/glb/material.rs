@@ -1,4 +1,4 @@
-//! Materials of a GLB file as those of a mesh.
+//! Reads the materials of a GLB file.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -8,7 +8,7 @@ use serde::Deserialize;
 use serde_json::Value as Json;
 
 use super::accessor::{Buffer, Document};
-use super::read::{Find, GlbReadError, way_out};
+use super::read::{FindFile, GlbReadError, extension_help};
 use crate::picture_file;
 use crate::picture_kind::Kind;
 
@@ -30,7 +30,7 @@ pub(super) struct GltfMaterial {
 #[derive(Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
 struct Shading {
-    /// Linear, with an opacity.
+    /// Red, green and blue in linear light, and opacity.
     base_color_factor: Option<[f64; 4]>,
     base_color_texture: Option<TextureUse>,
     metallic_factor: Option<f64>,
@@ -47,7 +47,7 @@ struct Extensions {
     others: BTreeMap<String, Json>,
 }
 
-/// The older way to say how light is reflected.
+/// A material of the older specular-glossiness model.
 #[derive(Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
 struct Glossiness {
@@ -63,9 +63,9 @@ struct TextureUse {
     index: usize,
     #[serde(default)]
     tex_coord: usize,
-    /// Of normals.
+    /// Present for normal maps only.
     scale: Option<f64>,
-    /// Of occlusion.
+    /// Present for occlusion maps only.
     strength: Option<f64>,
     #[serde(default)]
     extensions: TextureUseExtensions,
@@ -84,7 +84,7 @@ struct Transform {
     offset: [f64; 2],
     rotation: f64,
     scale: [f64; 2],
-    /// In place of that of the use.
+    /// Replaces `tex_coord` of the texture use to which the transformation belongs.
     tex_coord: Option<usize>,
 }
 
@@ -103,7 +103,7 @@ pub(super) struct Sampler {
     wrap_t: u32,
 }
 
-/// Texture coordinates of a file, and how they are moved.
+/// The index of a set of texture coordinates, and the transformation that is applied to the set.
 pub(super) type CoordinateSet = (usize, UvTransform);
 
 impl TextureUse {
@@ -114,50 +114,51 @@ impl TextureUse {
     }
 }
 
-/// The name of the attribute of a set of texture coordinates.
+/// Returns the attribute name for a set of texture coordinates.
 pub(super) fn uv_name(set: usize) -> String {
     if set == 0 { "uv".to_owned() } else { format!("uv{set}") }
 }
 
-/// How the triangles of a part look.
+/// The appearance of the triangles in a primitive (a part of a glTF mesh).
 #[derive(Clone)]
-pub(super) struct Look {
-    /// The number of its material.
+pub(super) struct Appearance {
+    /// The index of the primitive's material.
     pub(super) material: u32,
-    /// Linear; what is multiplied with the colors of vertices.
+    /// The factor, in linear light, by which the vertex colors are multiplied.
     pub(super) factor: [f64; 3],
-    /// What the attributes `uv`, `uv1`, .. are made of.
+    /// The sets of texture coordinates from which the attributes `uv`, `uv1`, .. are made.
     pub(super) sets: Vec<CoordinateSet>,
 }
 
-/// The materials that parts have.
+/// Collects the materials of the primitives.
 pub(super) struct Materials<'a> {
     document: &'a Document,
-    find: Find<'a>,
+    find: FindFile<'a>,
     pub(super) all: Vec<Material>,
-    /// By the number in the document, and whether the part has texture coordinates.
-    known: HashMap<(Option<usize>, bool), Look>,
+    /// The appearances found so far. The key is the index of the material in the document, and true if the primitive has texture
+    /// coordinates.
+    known: HashMap<(Option<usize>, bool), Appearance>,
     files: HashMap<usize, Option<Column<u8>>>,
-    /// By picture and factor.
-    seen: Vec<(usize, [f64; 3], Option<Image>)>,
-    /// Pixels that may still be unpacked.
+    /// Decoded pictures, each with the index of its image and the factor by which it was multiplied.
+    pictures: Vec<(usize, [f64; 3], Option<Image>)>,
+    /// The number of pixels that may still be decoded.
     pixels: usize,
     pub(super) notes: Vec<String>,
 }
 
-/// Pixels of all pictures of a file that are unpacked: a small file may name many materials.
-const MOST_PIXELS: usize = 1 << 28;
+/// The maximum number of pixels that are decoded for one file. The limit is necessary because a small file may have many materials.
+const MAX_PIXELS: usize = 1 << 28;
 
 impl<'a> Materials<'a> {
-    pub(super) fn new(document: &'a Document, find: Find<'a>) -> Self {
+    pub(super) fn new(document: &'a Document, find: FindFile<'a>) -> Self {
         Self {
             document,
             find,
             all: Vec::new(),
             known: HashMap::new(),
             files: HashMap::new(),
-            seen: Vec::new(),
-            pixels: MOST_PIXELS,
+            pictures: Vec::new(),
+            pixels: MAX_PIXELS,
             notes: Vec::new(),
         }
     }
@@ -169,13 +170,13 @@ impl<'a> Materials<'a> {
         }
     }
 
-    /// How a part with this material looks.
-    pub(super) fn look(
+    /// Returns the appearance of a primitive that has the material `index`.
+    pub(super) fn appearance(
         &mut self,
         index: Option<usize>,
         has_uv: bool,
         buffer: &Buffer<'_>,
-    ) -> Result<Look, GlbReadError> {
+    ) -> Result<Appearance, GlbReadError> {
         let document = self.document;
         let found = index.and_then(|index| document.materials.get(index));
         let key = (index.filter(|_| found.is_some()), has_uv);
@@ -183,16 +184,16 @@ impl<'a> Materials<'a> {
             return Ok(look.clone());
         }
         let (material, factor, sets) = match found {
-            None => (standard(), [1.0; 3], Vec::new()),
+            None => (default_gltf_material(), [1.0; 3], Vec::new()),
             Some(found) => self.material(found, has_uv, buffer)?,
         };
-        // A material that says nothing is none.
+        // Equal materials are merged.
         let known = self.all.iter().position(|it| *it == material);
         let material = known.unwrap_or_else(|| {
             self.all.push(material);
             self.all.len() - 1
         });
-        let look = Look { material: material as u32, factor, sets };
+        let look = Appearance { material: material as u32, factor, sets };
         self.known.insert(key, look.clone());
         Ok(look)
     }
@@ -216,22 +217,22 @@ impl<'a> Materials<'a> {
             }
             if glossiness.specular_glossiness_texture.is_some() {
                 self.note(
-                    "the picture of gloss is left out: save the material with metal and roughness",
+                    "the specular-glossiness picture is left out: save the material with metallic and roughness",
                 );
             }
         }
-        fn finite(number: f64, or: f64) -> f64 {
+        fn finite_or(number: f64, or: f64) -> f64 {
             if number.is_finite() { number } else { or }
         }
-        let base_color = factor.unwrap_or([1.0; 4]).map(|channel| finite(channel, 1.0));
+        let base_color = factor.unwrap_or([1.0; 4]).map(|channel| finite_or(channel, 1.0));
         let mut material = Material {
             name: from.name.clone(),
             base_color,
-            metallic: finite(metallic.unwrap_or(1.0), 1.0),
-            roughness: finite(roughness.unwrap_or(1.0), 1.0),
-            emissive: from.emissive_factor.map(|channel| finite(channel, 0.0)),
+            metallic: finite_or(metallic.unwrap_or(1.0), 1.0),
+            roughness: finite_or(roughness.unwrap_or(1.0), 1.0),
+            emissive: from.emissive_factor.map(|channel| finite_or(channel, 0.0)),
             transparency: match &*from.alpha_mode {
-                "MASK" => Transparency::Cutoff(finite(from.alpha_cutoff.unwrap_or(0.5), 0.5)),
+                "MASK" => Transparency::Cutoff(finite_or(from.alpha_cutoff.unwrap_or(0.5), 0.5)),
                 "BLEND" => Transparency::Blend,
                 _ => Transparency::Opaque,
             },
@@ -265,14 +266,14 @@ impl<'a> Materials<'a> {
             let Some(texture) = texture.filter(|_| has_uv) else { continue };
             let Some((source, bytes)) = self.picture(texture, buffer)? else { continue };
             let set = texture.set();
-            let place = sets.iter().position(|it| *it == set).unwrap_or_else(|| {
+            let set_index = sets.iter().position(|it| *it == set).unwrap_or_else(|| {
                 sets.push(set);
                 sets.len() - 1
             });
             if kind == MapKind::BaseColor {
-                // The picture is multiplied with the factor, and not the colors of vertices.
-                let by = std::mem::replace(&mut factor, [1.0; 3]);
-                material.picture = self.seen(source, &bytes, by);
+                // The factor is multiplied into the picture, not into the vertex colors.
+                let color = std::mem::replace(&mut factor, [1.0; 3]);
+                material.picture = self.multiplied_picture(source, &bytes, color);
                 if material.picture.is_none() {
                     continue;
                 }
@@ -286,8 +287,8 @@ impl<'a> Materials<'a> {
             let mut map = Map::new(file, bytes);
             map.channel = channel;
             let strength = texture.scale.or(texture.strength).unwrap_or(1.0);
-            map.strength = finite(strength, 1.0);
-            (map.uv, map.transform) = (uv_name(place), set.1);
+            map.strength = finite_or(strength, 1.0);
+            (map.uv, map.transform) = (uv_name(set_index), set.1);
             let sampler = self.document.textures[texture.index].sampler;
             let sampler = sampler.and_then(|sampler| self.document.samplers.get(sampler));
             if let Some(Sampler { mag_filter, min_filter, wrap_s, wrap_t }) = sampler {
@@ -303,7 +304,7 @@ impl<'a> Materials<'a> {
         Ok((material, factor, sets))
     }
 
-    /// The picture of a texture: its number and its bytes, if it can be had.
+    /// Returns the index and the bytes of a texture's image; `None` if the image cannot be loaded.
     fn picture(
         &mut self,
         texture: &TextureUse,
@@ -313,7 +314,10 @@ impl<'a> Materials<'a> {
         let Some(found) = document.textures.get(texture.index) else { return Ok(None) };
         let Some(source) = found.picture() else {
             if let Some(name) = found.unread() {
-                self.note(format!("a picture is left out, which needs `{name}`{}", way_out(name)));
+                self.note(format!(
+                    "a picture is left out: it requires `{name}`{}",
+                    extension_help(name)
+                ));
             }
             return Ok(None);
         };
@@ -333,7 +337,7 @@ impl<'a> Materials<'a> {
             (None, None) => None,
         };
         let bytes = bytes.filter(|bytes| {
-            let is_known = Kind::of(bytes).is_some();
+            let is_known = Kind::detect(bytes).is_some();
             if !is_known {
                 let why = picture_file::read(bytes).err().map(|why| why.to_string());
                 self.note(format!("picture {source} is left out: {}", why.unwrap_or_default()));
@@ -345,13 +349,24 @@ impl<'a> Materials<'a> {
         Ok(bytes.map(|bytes| (source, bytes)))
     }
 
-    /// The picture as it is seen; none if it is damaged, or too large beside the others.
-    fn seen(&mut self, source: usize, bytes: &[u8], factor: [f64; 3]) -> Option<Image> {
-        let known = self.seen.iter().find(|(of, by, _)| (*of, *by) == (source, factor));
+    /// Returns the picture multiplied by `factor`; `None` if the picture is damaged or exceeds the remaining number of pixels.
+    fn multiplied_picture(
+        &mut self,
+        source: usize,
+        bytes: &[u8],
+        factor: [f64; 3],
+    ) -> Option<Image> {
+        let known = self
+            .pictures
+            .iter()
+            .find(|(known_source, by, _)| (*known_source, *by) == (source, factor));
         if let Some((.., image)) = known {
             return image.clone();
         }
-        let plain = self.seen.iter().find(|(of, by, _)| (*of, *by) == (source, [1.0; 3]));
+        let plain = self
+            .pictures
+            .iter()
+            .find(|(known_source, by, _)| (*known_source, *by) == (source, [1.0; 3]));
         let plain = match plain {
             Some((.., image)) => image.clone(),
             None => match picture_file::read(bytes) {
@@ -370,25 +385,25 @@ impl<'a> Materials<'a> {
             }
             None => {
                 self.note(format!(
-                    "pictures have over {MOST_PIXELS} pixels together, and some are left out"
+                    "some pictures are left out: together they have over {MAX_PIXELS} pixels"
                 ));
                 false
             }
         });
-        self.seen.push((source, factor, image.clone()));
+        self.pictures.push((source, factor, image.clone()));
         image
     }
 }
 
-/// What a part without a material looks like.
-fn standard() -> Material {
+/// The material of a primitive for which the file names no material.
+fn default_gltf_material() -> Material {
     Material { metallic: 1.0, roughness: 1.0, is_double_sided: false, ..Material::default() }
 }
 
-/// The materials that say something: none if all triangles have one of which nothing is known.
-pub(super) fn useful(materials: Vec<Material>) -> Vec<Material> {
+/// Returns no materials if all triangles have a single default material.
+pub(super) fn drop_default(materials: Vec<Material>) -> Vec<Material> {
     match &materials[..] {
-        [only] if *only == Material::default() || *only == standard() => Vec::new(),
+        [only] if *only == Material::default() || *only == default_gltf_material() => Vec::new(),
         _ => materials,
     }
 }

@@ -1,49 +1,49 @@
-//! The scene of a GLB file put together: its parts moved to their places, vertices joined.
+//! Builds a mesh from the scene of a GLB file: applies the transformations of the nodes and merges vertices.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use maquette_value::{
-    Attribute, Column, MATERIAL, Mesh, MeshError, Rgb, UvTransform, srgb_from_linear,
+    Attribute, Column, MATERIAL_ATTRIBUTE, Mesh, MeshError, Rgb, UvTransform, srgb_from_linear,
 };
 use nalgebra::{Matrix3, Matrix4, Point3, Quaternion, UnitQuaternion, Vector3};
 
 use super::accessor::{Buffer, Document, Node, Primitive};
-use super::material::{Materials, useful, uv_name};
-use super::read::{Find, GlbReadError};
-use crate::corners::{FaceList, with_corners};
-use crate::finite::{self, Finite};
+use super::material::{Materials, drop_default, uv_name};
+use super::read::{FindFile, GlbReadError};
+use crate::corners::{FaceList, add_corner_data};
+use crate::finite::{self, FiniteMask};
 
-/// glTF has meters.
+/// Millimeters per meter, the unit of glTF.
 const MILLIMETERS: f64 = 1000.0;
 
-// Numbers of the specification.
+// The glTF specification defines the following constants.
 const POINTS: u32 = 0;
 const TRIANGLES: u32 = 4;
 const STRIP: u32 = 5;
 const FAN: u32 = 6;
 
-/// The parts of a scene as they are put together. Corners name vertices of the file until the end.
+/// Collects the primitives (parts of meshes) in a scene. Corners are indices of glTF vertices until `finish` merges these.
 pub(super) struct Scene<'a> {
     document: &'a Document,
     buffer: Buffer<'a>,
     positions: Vec<Point3<f64>>,
     normals: Rows<[f64; 3]>,
-    /// White where a part has none.
+    /// The vertex colors; white for primitives without colors.
     colors: Rows<Rgb>,
-    /// Texture coordinates: `uv`, `uv1`, ..
+    /// The texture coordinates that become the attributes `uv`, `uv1`, ..
     sets: Vec<Rows<[f64; 2]>>,
-    own: BTreeMap<String, (OwnKind, Rows<[f64; 3]>)>,
+    custom: BTreeMap<String, (CustomKind, Rows<[f64; 3]>)>,
     parts: usize,
-    /// Parts that have a picture and no colors, and need none.
+    /// The number of primitives that have a picture but no vertex colors. They need no colors.
     pictured: usize,
     triangles: Vec<[u32; 3]>,
     materials: Materials<'a>,
-    /// The number of the material of each triangle.
-    of_triangles: Vec<u32>,
+    /// For each triangle the index of its material.
+    triangle_materials: Vec<u32>,
     notes: Vec<String>,
 }
 
-/// Data of vertices, and how many parts have them; zeros where a part has none.
+/// Vertex data, and the number of primitives that have such data. Vertices of other primitives have zeros.
 #[derive(Default)]
 struct Rows<T> {
     rows: Vec<T>,
@@ -51,7 +51,7 @@ struct Rows<T> {
 }
 
 impl<T: Copy> Rows<T> {
-    /// Adds what a part has, if it has any, behind `start` vertices.
+    /// Adds the data of a primitive whose first vertex has the index `start`. Earlier vertices without data get `none`.
     fn add(&mut self, rows: Vec<T>, start: usize, none: T) {
         self.rows.resize(start, none);
         self.rows.extend(rows);
@@ -59,9 +59,9 @@ impl<T: Copy> Rows<T> {
     }
 }
 
-/// What an attribute of vertices is that glTF does not know.
+/// The type of a custom vertex attribute.
 #[derive(Clone, Copy, PartialEq)]
-enum OwnKind {
+enum CustomKind {
     Number,
     Index,
     Pair,
@@ -70,7 +70,7 @@ enum OwnKind {
 }
 
 impl<'a> Scene<'a> {
-    pub(super) fn new(document: &'a Document, buffer: Buffer<'a>, find: Find<'a>) -> Self {
+    pub(super) fn new(document: &'a Document, buffer: Buffer<'a>, find: FindFile<'a>) -> Self {
         Self {
             document,
             buffer,
@@ -78,17 +78,17 @@ impl<'a> Scene<'a> {
             normals: Rows::default(),
             colors: Rows::default(),
             sets: Vec::new(),
-            own: BTreeMap::new(),
+            custom: BTreeMap::new(),
             parts: 0,
             pictured: 0,
             triangles: Vec::new(),
             materials: Materials::new(document, find),
-            of_triangles: Vec::new(),
+            triangle_materials: Vec::new(),
             notes: Vec::new(),
         }
     }
 
-    /// Notes once what the user should know.
+    /// Adds a warning unless it has been added before.
     fn note(&mut self, note: impl Into<String>) {
         let note = note.into();
         if !self.notes.contains(&note) {
@@ -96,7 +96,7 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// Visits the nodes of the scene, parents first. The specification wants trees: no node has two parents.
+    /// Adds the meshes of all nodes in the scene, parents before children. The nodes must form trees; a node with two parents is an error.
     pub(super) fn collect(&mut self) -> Result<(), GlbReadError> {
         let nodes = &self.document.nodes;
         let scene = self.document.scene.unwrap_or(0);
@@ -104,20 +104,20 @@ impl<'a> Scene<'a> {
             Some(scene) => scene.nodes.clone(),
             None => {
                 let children = nodes.iter().flat_map(|node| &node.children).copied();
-                let children = BTreeSet::from_iter(children);
+                let children: BTreeSet<_> = children.collect();
                 (0..nodes.len()).filter(|node| !children.contains(node)).collect()
             }
         };
-        let mut visited = vec![false; nodes.len()];
+        let mut is_visited = vec![false; nodes.len()];
         let root = Matrix4::new_scaling(MILLIMETERS);
         let mut open: Vec<_> = roots.into_iter().rev().map(|node| (node, root)).collect();
         while let Some((index, parent)) = open.pop() {
-            fn wrong(what: &'static str, index: usize) -> GlbReadError {
+            fn node_error(what: &'static str, index: usize) -> GlbReadError {
                 GlbReadError::Part { part: "node", index, what }
             }
-            let node = nodes.get(index).ok_or(wrong("does not exist", index))?;
-            if std::mem::replace(&mut visited[index], true) {
-                return Err(wrong("has two parents", index));
+            let node = nodes.get(index).ok_or(node_error("does not exist", index))?;
+            if std::mem::replace(&mut is_visited[index], true) {
+                return Err(node_error("has two parents", index));
             }
             let motion = parent * node.motion();
             open.extend(node.children.iter().rev().map(|&child| (child, motion)));
@@ -127,7 +127,7 @@ impl<'a> Scene<'a> {
                 );
             }
             if node.skin.is_some() {
-                self.note("skins are left out: meshes are read as they are without bones");
+                self.note("skins are left out: meshes are read in their rest pose");
             }
             if let Some(mesh) = node.mesh {
                 self.add_mesh(mesh, &motion)?;
@@ -157,12 +157,12 @@ impl<'a> Scene<'a> {
             }
             let Some(&positions) = primitive.attributes.get("POSITION") else { continue };
             let start = self.positions.len();
-            let places = self.buffer.rows::<3>(positions)?;
-            let count = places.len();
+            let points = self.buffer.rows::<3>(positions)?;
+            let count = points.len();
             self.positions.extend(
-                places
+                points
                     .into_iter()
-                    .map(|place: [f64; 3]| motion.transform_point(&Point3::from(place))),
+                    .map(|point: [f64; 3]| motion.transform_point(&Point3::from(point))),
             );
             let material = self.add_attributes(primitive, count, positions, motion)?;
             let corners = match primitive.indices {
@@ -176,12 +176,12 @@ impl<'a> Scene<'a> {
                 corners.map(|corner| corner + start as u32)
             });
             self.triangles.extend(triangles);
-            self.of_triangles.resize(self.triangles.len(), material);
+            self.triangle_materials.resize(self.triangles.len(), material);
         }
         Ok(())
     }
 
-    /// Adds what the vertices of a part carry; the number of its material.
+    /// Adds the vertex attributes of a primitive. Returns the index of the primitive's material.
     fn add_attributes(
         &mut self,
         primitive: &'a Primitive,
@@ -189,33 +189,32 @@ impl<'a> Scene<'a> {
         positions: usize,
         motion: &Matrix4<f64>,
     ) -> Result<u32, GlbReadError> {
-        fn attribute(name: &str, primitive_attributes: &BTreeMap<String, usize>) -> Option<usize> {
-            primitive_attributes.get(name).copied()
-        }
-        fn check(found: usize, positions: usize, count: usize) -> Result<(), GlbReadError> {
+        fn check_count(found: usize, positions: usize, count: usize) -> Result<(), GlbReadError> {
             match found == count {
                 true => Ok(()),
                 false => {
-                    let what = "has another number of entries than the positions of its part";
+                    let what =
+                        "has another number of entries than the other attributes of its primitive";
                     Err(GlbReadError::Part { part: "accessor", index: positions, what })
                 }
             }
         }
         let start = self.positions.len() - count;
         self.parts += 1;
-        if let Some(accessor) = attribute("NORMAL", &primitive.attributes) {
+        if let Some(accessor) = primitive.attributes.get("NORMAL").copied() {
             let linear: Matrix3<f64> = motion.fixed_view::<3, 3>(0, 0).into_owned();
-            // Cofactors turn normals as the motion turns surfaces, even where it flattens them.
+            // Normals are transformed by the cofactor matrix: it rotates them as the transformation rotates surfaces, even if the
+            // transformation is singular.
             let side = if linear.determinant() < 0.0 { -1.0 } else { 1.0 };
-            let turn = cofactors(&linear) * side;
+            let normal_matrix = cofactors(&linear) * side;
             let rows = self.buffer.rows::<3>(accessor)?;
-            check(rows.len(), positions, count)?;
-            fn unit(normal: [f64; 3], turn: &Matrix3<f64>) -> Option<Vector3<f64>> {
-                (*turn * Vector3::from(normal)).try_normalize(0.0)
+            check_count(rows.len(), positions, count)?;
+            fn unit(normal: [f64; 3], matrix: &Matrix3<f64>) -> Option<Vector3<f64>> {
+                (*matrix * Vector3::from(normal)).try_normalize(0.0)
             }
             self.normals.add(
                 rows.into_iter()
-                    .map(|row| <[f64; 3]>::from(unit(row, &turn).unwrap_or_default()))
+                    .map(|row| <[f64; 3]>::from(unit(row, &normal_matrix).unwrap_or_default()))
                     .collect(),
                 start,
                 [0.0; 3],
@@ -226,21 +225,21 @@ impl<'a> Scene<'a> {
         });
         let coordinates: BTreeMap<usize, usize> = coordinates.collect();
         let look =
-            self.materials.look(primitive.material, !coordinates.is_empty(), &self.buffer)?;
-        // Those of pictures come first, then those that no picture uses.
+            self.materials.appearance(primitive.material, !coordinates.is_empty(), &self.buffer)?;
+        // First the sets of texture coordinates that pictures use, then the unused ones.
         let mut sets = look.sets;
         let others = coordinates.keys().filter(|set| !sets.iter().any(|it| it.0 == **set));
         let others: Vec<_> = others.map(|&set| (set, UvTransform::default())).collect();
         sets.extend(others);
-        for (place, (set, transform)) in sets.into_iter().enumerate() {
+        for (set_index, (set, transform)) in sets.into_iter().enumerate() {
             let Some(&accessor) = coordinates.get(&set) else { continue };
             let rows = self.buffer.rows::<2>(accessor)?;
-            check(rows.len(), positions, count)?;
-            // In glTF (0, 0) is the picture's upper left corner.
-            if self.sets.len() <= place {
-                self.sets.resize_with(place + 1, Rows::default);
+            check_count(rows.len(), positions, count)?;
+            // In glTF, (0, 0) is the upper left corner of the picture.
+            if self.sets.len() <= set_index {
+                self.sets.resize_with(set_index + 1, Rows::default);
             }
-            self.sets[place].add(
+            self.sets[set_index].add(
                 rows.into_iter()
                     .map(|uv| {
                         let is_moved = transform != UvTransform::default();
@@ -252,11 +251,13 @@ impl<'a> Scene<'a> {
                 [0.0; 2],
             );
         }
-        let by = look.factor;
-        let color = |[r, g, b]: [f64; 3]| [r * by[0], g * by[1], b * by[2]].map(srgb_from_linear);
-        if let Some(accessor) = attribute("COLOR_0", &primitive.attributes) {
+        let factor = look.factor;
+        let color = |[r, g, b]: [f64; 3]| {
+            [r * factor[0], g * factor[1], b * factor[2]].map(srgb_from_linear)
+        };
+        if let Some(accessor) = primitive.attributes.get("COLOR_0").copied() {
             let rows = self.buffer.rows::<3>(accessor)?;
-            check(rows.len(), positions, count)?;
+            check_count(rows.len(), positions, count)?;
             self.colors.add(rows.into_iter().map(color).collect(), start, [255; 3]);
             let material = &mut self.materials.all[look.material as usize];
             material.has_vertex_colors = material.picture.is_some();
@@ -264,51 +265,51 @@ impl<'a> Scene<'a> {
             if is_vec4 && self.buffer.rows::<4>(accessor)?.iter().any(|row| row[3] < 1.0) {
                 self.note("the opacity of the colors of vertices is left out");
             }
-        } else if by != [1.0; 3] {
+        } else if factor != [1.0; 3] {
             self.colors.add(vec![color([1.0; 3]); count], start, [255; 3]);
         } else if self.materials.all[look.material as usize].picture.is_some() {
             self.pictured += 1;
         }
         for (name, &accessor) in &primitive.attributes {
-            // Tangents are those of the texture coordinates, and bones are told of.
+            // Tangents are not needed, because they follow from the texture coordinates. For skins there is a separate warning.
             let is_read = ["POSITION", "NORMAL", "COLOR_0", "TANGENT"].contains(&&**name);
             if is_read || ["TEXCOORD_", "JOINTS_", "WEIGHTS_"].iter().any(|it| name.starts_with(it))
             {
                 continue;
             }
-            let kind = name.strip_prefix('_').and_then(|_| self.own_kind(accessor));
+            let kind = name.strip_prefix('_').and_then(|_| self.custom_kind(accessor));
             let Some(kind) = kind else {
                 self.note(format!("the attribute `{name}` is left out"));
                 continue;
             };
             let rows = match kind {
-                OwnKind::Number | OwnKind::Index => self.first_components::<1>(accessor)?,
-                OwnKind::Pair => self.first_components::<2>(accessor)?,
-                OwnKind::Vector | OwnKind::Color => self.first_components::<3>(accessor)?,
+                CustomKind::Number | CustomKind::Index => self.first_components::<1>(accessor)?,
+                CustomKind::Pair => self.first_components::<2>(accessor)?,
+                CustomKind::Vector | CustomKind::Color => self.first_components::<3>(accessor)?,
             };
-            check(rows.len(), positions, count)?;
-            let (known, all) = self.own.entry(name.clone()).or_insert((kind, Rows::default()));
+            check_count(rows.len(), positions, count)?;
+            let (known, all) = self.custom.entry(name.clone()).or_insert((kind, Rows::default()));
             match *known == kind {
                 true => all.add(rows, start, [0.0; 3]),
-                false => self.note(format!("the attribute `{name}` has several types in several parts, and is left out in some")),
+                false => self.note(format!("the attribute `{name}` has different types in different primitives, and is left out in some")),
             }
         }
         Ok(look.material)
     }
 
-    /// What an attribute that glTF does not know is, by the type of its entries.
-    fn own_kind(&self, accessor: usize) -> Option<OwnKind> {
+    /// Returns the type of a custom attribute, which follows from the type of its accessor; `None` if the type is not supported.
+    fn custom_kind(&self, accessor: usize) -> Option<CustomKind> {
         Some(match self.buffer.kind(accessor)? {
-            ("SCALAR", true, false) => OwnKind::Index,
-            ("SCALAR", ..) => OwnKind::Number,
-            ("VEC2", ..) => OwnKind::Pair,
-            ("VEC3" | "VEC4", true, true) => OwnKind::Color,
-            ("VEC3", ..) => OwnKind::Vector,
+            ("SCALAR", true, false) => CustomKind::Index,
+            ("SCALAR", ..) => CustomKind::Number,
+            ("VEC2", ..) => CustomKind::Pair,
+            ("VEC3" | "VEC4", true, true) => CustomKind::Color,
+            ("VEC3", ..) => CustomKind::Vector,
             _ => return None,
         })
     }
 
-    /// The first components of the entries of an accessor, with zeros behind them.
+    /// Reads the first N components of an accessor's entries. Entries with fewer components are padded with zeros.
     fn first_components<const N: usize>(
         &mut self,
         accessor: usize,
@@ -321,7 +322,7 @@ impl<'a> Scene<'a> {
             .collect())
     }
 
-    /// The mesh, and what the user should know.
+    /// Returns the mesh and the warnings.
     pub(super) fn finish(mut self) -> Result<(Mesh, Vec<String>), GlbReadError> {
         if self.positions.is_empty() {
             return Err(GlbReadError::Empty);
@@ -330,7 +331,7 @@ impl<'a> Scene<'a> {
         self.normals.rows.resize(all, [0.0; 3]);
         self.colors.rows.resize(all, [255; 3]);
         self.sets.iter_mut().for_each(|set| set.rows.resize(all, [0.0; 2]));
-        self.own.values_mut().for_each(|(_, own)| own.rows.resize(all, [0.0; 3]));
+        self.custom.values_mut().for_each(|(_, custom)| custom.rows.resize(all, [0.0; 3]));
         self.notes.append(&mut self.materials.notes);
         let coordinates = self.sets.first().map_or(0, |set| set.parts);
         let colors = match self.colors.parts {
@@ -342,8 +343,8 @@ impl<'a> Scene<'a> {
             ("texture coordinates", coordinates),
             ("colors", colors),
         ];
-        let own = self.own.iter().map(|(name, (_, own))| (&name[..], own.parts));
-        for (name, with) in counts.into_iter().chain(own) {
+        let custom = self.custom.iter().map(|(name, (_, custom))| (&name[..], custom.parts));
+        for (name, with) in counts.into_iter().chain(custom) {
             let without = self.parts - with;
             if with > 0 && without > 0 {
                 let none = if name == "colors" { "is white" } else { "are zeros" };
@@ -353,96 +354,105 @@ impl<'a> Scene<'a> {
                 ));
             }
         }
-        let finite = Finite::of(&mut self.positions);
-        let mend = finite::mend(&mut self.normals.rows, "normal", "vertex", |index| {
-            finite.contains(index)
-        });
-        self.notes.extend(mend);
-        for (place, set) in self.sets.iter_mut().enumerate() {
-            let name = uv_name(place);
-            self.notes.extend(finite::mend(&mut set.rows, &name, "vertex", |index| {
+        let finite = FiniteMask::clear_non_finite(&mut self.positions);
+        let mend =
+            finite::replace_non_finite(&mut self.normals.rows, "normal", "vertex", |index| {
                 finite.contains(index)
-            }));
+            });
+        self.notes.extend(mend);
+        for (set_index, set) in self.sets.iter_mut().enumerate() {
+            let name = uv_name(set_index);
+            self.notes.extend(finite::replace_non_finite(
+                &mut set.rows,
+                &name,
+                "vertex",
+                |index| finite.contains(index),
+            ));
         }
-        // Triangles with a corner nowhere are left out, and so are such points of a cloud.
+        // Triangles that have a corner with NaN or infinite coordinates are left out, and so are such points of a point cloud.
         let before = self.triangles.len();
-        let is_finite = |corners: &[u32; 3]| corners.iter().all(|&it| finite.contains(it as usize));
-        let mut kept = self.triangles.iter().map(is_finite);
-        self.of_triangles.retain(|_| kept.next() == Some(true));
-        self.triangles.retain(is_finite);
-        self.notes.extend(finite::doubt(before - self.triangles.len(), "face"));
+        let is_finite: Vec<bool> = self
+            .triangles
+            .iter()
+            .map(|corners| corners.iter().all(|&vertex| finite.contains(vertex as usize)))
+            .collect();
+        let mut kept = is_finite.iter();
+        self.triangle_materials.retain(|_| kept.next() == Some(&true));
+        let mut kept = is_finite.iter();
+        self.triangles.retain(|_| kept.next() == Some(&true));
+        self.notes.extend(finite::left_out_note(before - self.triangles.len(), "face"));
         let is_cloud = before == 0;
         if is_cloud {
-            self.notes.extend(finite::doubt(finite.n_left_out(), "point"));
+            self.notes.extend(finite::left_out_note(finite.n_left_out(), "point"));
             finite.retain(&mut self.positions);
             finite.retain(&mut self.normals.rows);
             finite.retain(&mut self.colors.rows);
             self.sets.iter_mut().for_each(|set| finite.retain(&mut set.rows));
-            self.own.values_mut().for_each(|(_, own)| finite.retain(&mut own.rows));
+            self.custom.values_mut().for_each(|(_, custom)| finite.retain(&mut custom.rows));
             if self.positions.is_empty() {
                 return Err(GlbReadError::Empty);
             }
         }
-        // Points of a cloud that coincide stay apart; corners of triangles do not.
+        // Coincident corners of triangles are merged; coincident points of a point cloud are not.
         let (positions, vertices) = match is_cloud {
             true => (self.positions, None),
             false => {
-                let (positions, vertices) = join(&self.positions);
+                let (positions, vertices) = merge_positions(&self.positions);
                 (positions, Some(vertices))
             }
         };
         let mut list = FaceList::with_capacity(self.triangles.len());
-        let mut of_faces = Vec::with_capacity(self.triangles.len());
-        for (triangle, material) in self.triangles.iter().zip(self.of_triangles) {
+        let mut face_materials = Vec::with_capacity(self.triangles.len());
+        for (triangle, material) in self.triangles.iter().zip(self.triangle_materials) {
             let count = list.push(
                 &triangle
                     .map(|index: u32| vertices.as_ref().map_or(index, |all| all[index as usize])),
             );
-            of_faces.resize(of_faces.len() + count, material);
+            face_materials.resize(face_materials.len() + count, material);
         }
         self.notes.extend(list.notes());
         let (faces, origins) = list.finish()?;
         let corners = self.triangles.as_flattened();
         let mut mesh = Mesh::new(positions, faces)?;
         let sets = self.sets.into_iter().enumerate();
-        for (place, set) in sets.filter(|(_, set)| set.parts > 0) {
-            let name = uv_name(place);
-            mesh = carry(mesh, &name, set.rows, &origins, corners, [0.0; 2], Attribute::Pair)?;
+        for (set_index, set) in sets.filter(|(_, set)| set.parts > 0) {
+            let name = uv_name(set_index);
+            mesh = add_data(mesh, &name, set.rows, &origins, corners, [0.0; 2], Attribute::Pair)?;
         }
         if self.normals.parts > 0 {
             let rows = self.normals.rows;
-            mesh = carry(mesh, "normal", rows, &origins, corners, [0.0; 3], Attribute::Vector)?;
+            mesh = add_data(mesh, "normal", rows, &origins, corners, [0.0; 3], Attribute::Vector)?;
         }
         if self.colors.parts > 0 {
             let rows = self.colors.rows;
-            mesh = carry(mesh, "color", rows, &origins, corners, [0; 3], Attribute::Color)?;
+            mesh = add_data(mesh, "color", rows, &origins, corners, [0; 3], Attribute::Color)?;
         }
-        for (name, (kind, own)) in self.own {
+        for (name, (kind, custom)) in self.custom {
             let plain = name.trim_start_matches('_');
             let is_taken = plain.is_empty()
                 || ["position", "normal", "color", "uv", "material"].contains(&plain)
                 || mesh.vertex().get(plain).is_some()
                 || mesh.corner().get(plain).is_some();
             let name = if is_taken { &name } else { plain };
-            mesh = carry(
+            mesh = add_data(
                 mesh,
                 name,
-                own.rows,
+                custom.rows,
                 &origins,
                 corners,
                 [0.0; 3],
                 |rows: Column<[f64; 3]>| kind.attribute(&rows),
             )?;
         }
-        let materials = useful(self.materials.all);
+        let materials = drop_default(self.materials.all);
         if materials.len() > 1 {
-            mesh = mesh.with_face(MATERIAL, Attribute::Index(of_faces.into()))?;
+            mesh = mesh.with_face(MATERIAL_ATTRIBUTE, Attribute::Index(face_materials.into()))?;
         }
         Ok((mesh.with_materials(materials), self.notes))
     }
 }
 
-impl OwnKind {
+impl CustomKind {
     fn attribute(self, rows: &[[f64; 3]]) -> Attribute {
         match self {
             Self::Number => Attribute::Number(rows.iter().map(|row| row[0]).collect()),
@@ -458,8 +468,8 @@ impl OwnKind {
     }
 }
 
-/// Adds data of the file's vertices to a mesh: as they are for a cloud, else by way of the corners that were kept.
-fn carry<T: Copy + PartialEq>(
+/// Adds data of glTF vertices to a mesh: directly for a point cloud, else through the remaining corners.
+fn add_data<T: Copy + PartialEq>(
     mesh: Mesh,
     name: &str,
     data: Vec<T>,
@@ -472,25 +482,26 @@ fn carry<T: Copy + PartialEq>(
         return mesh.with_vertex(name, attribute(data.into()));
     }
     let of_corners: Vec<_> = origins.iter().map(|&origin| data[corners[origin] as usize]).collect();
-    with_corners(mesh, name, of_corners, none, attribute)
+    add_corner_data(mesh, name, of_corners, none, attribute)
 }
 
-/// The different places in the order in which they are first met, and the place of each vertex.
-fn join(positions: &[Point3<f64>]) -> (Vec<Point3<f64>>, Vec<u32>) {
-    let mut places = Vec::with_capacity(positions.len());
+/// Merges vertices with equal positions. Returns the distinct positions in the order of first use, and for each vertex the index of its
+/// position.
+fn merge_positions(positions: &[Point3<f64>]) -> (Vec<Point3<f64>>, Vec<u32>) {
+    let mut distinct = Vec::with_capacity(positions.len());
     let mut known = HashMap::with_capacity(positions.len());
     let vertices = positions.iter().map(|point| {
         let bits = [point.x, point.y, point.z].map(f64::to_bits);
         *known.entry(bits).or_insert_with(|| {
-            places.push(*point);
-            (places.len() - 1) as u32
+            distinct.push(*point);
+            (distinct.len() - 1) as u32
         })
     });
     let vertices = vertices.collect();
-    (places, vertices)
+    (distinct, vertices)
 }
 
-/// The corners of the triangles of a part. Every other triangle of a strip is turned round.
+/// Returns the corners of the triangles in a primitive. In a strip every second triangle is reversed.
 fn triangles(mode: u32, corners: &[u32]) -> impl Iterator<Item = [u32; 3]> {
     let count = match mode {
         TRIANGLES => corners.len() / 3,
@@ -511,7 +522,7 @@ fn cofactors(matrix: &Matrix3<f64>) -> Matrix3<f64> {
 }
 
 impl Node {
-    /// From the node's own frame to its parent's.
+    /// Returns the transformation from the node's coordinates to those of its parent.
     fn motion(&self) -> Matrix4<f64> {
         if let Some(matrix) = &self.matrix {
             return Matrix4::from_column_slice(matrix);
@@ -532,11 +543,11 @@ mod tests {
     #[test]
     fn strips_and_fans_are_triangles() {
         let corners = [0, 1, 2, 3];
-        fn of(mode: u32, corners: &[u32]) -> Vec<[u32; 3]> {
+        fn triangle_list(mode: u32, corners: &[u32]) -> Vec<[u32; 3]> {
             triangles(mode, corners).collect()
         }
-        assert_eq!(of(STRIP, &corners), [[0, 1, 2], [2, 1, 3]]);
-        assert_eq!(of(FAN, &corners), [[0, 1, 2], [0, 2, 3]]);
-        assert_eq!(of(POINTS, &corners), [[0; 3]; 0]);
+        assert_eq!(triangle_list(STRIP, &corners), [[0, 1, 2], [2, 1, 3]]);
+        assert_eq!(triangle_list(FAN, &corners), [[0, 1, 2], [0, 2, 3]]);
+        assert_eq!(triangle_list(POINTS, &corners), [[0; 3]; 0]);
     }
 }

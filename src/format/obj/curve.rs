@@ -1,4 +1,4 @@
-//! Reads curves: lines `l`, and B-splines `curv`.
+//! Reads curves: polylines `l` and B-splines `curv`.
 
 use maquette_value::{Curve, KnotVector};
 use nalgebra::Point3;
@@ -6,11 +6,10 @@ use nalgebra::Point3;
 use super::lines::{for_lines, numbers, resolve, without_comment};
 use super::{ObjError, excerpt, parse, words};
 
-/// The curve in an OBJ file: a polyline of one `l` element, or of several of which each goes on where the one before it ends, closed
-/// if it returns to its first vertex; or one free-form curve `curv` of type `bspline`, with or without `rat`.
+/// Reads the curve in an OBJ file. It is either a polyline or one free-form curve `curv` of type `bspline`, with or without `rat`. A
+/// polyline may consist of several `l` elements that continue each other, and is closed if it returns to its first vertex.
 ///
-/// # Errors
-/// If a line cannot be understood, or there is no curve or more than one.
+/// Returns an error if a line is invalid, or the file has no curve or more than one.
 pub fn read_curve(bytes: &[u8]) -> Result<Curve, ObjError> {
     let mut reader = Reader::default();
     for_lines(bytes, |text, line| reader.read_line(text, line))?;
@@ -26,7 +25,7 @@ type Vertex = (Point3<f64>, f64);
 #[derive(Default)]
 struct Reader {
     vertices: Vec<Vertex>,
-    /// The vertices of the polyline so far.
+    /// The vertices of the polyline that have been read so far.
     chain: Vec<u32>,
     rational: bool,
     kind: Option<Vec<u8>>,
@@ -55,7 +54,7 @@ impl Reader {
             }
             Some(b"l") => self.read_chain(words, line)?,
             Some(b"cstype") => {
-                let kinds = Vec::from_iter(words);
+                let kinds: Vec<_> = words.collect();
                 self.rational = kinds.first() == Some(&&b"rat"[..]);
                 self.kind = kinds.last().map(|kind| kind.to_vec());
             }
@@ -81,7 +80,7 @@ impl Reader {
         Ok(())
     }
 
-    /// The number of a vertex, from 0; what stands behind a `/` does not count.
+    /// Returns the index of a vertex, from 0. Text after a `/` is ignored.
     fn vertex(&self, word: &[u8], line: usize) -> Result<u32, ObjError> {
         let number = word.split(|&byte| byte == b'/').next().unwrap_or_default();
         let index = resolve(
@@ -123,10 +122,10 @@ impl Reader {
         if self.kind.as_deref() != Some(b"bspline") {
             return Err(ObjError::FreeForm {
                 line,
-                what: "only curves of `cstype bspline` are read",
+                what: "only curves of `cstype bspline` are supported",
             });
         }
-        let what = "the curve has no degree: a line `deg` must stand before it";
+        let what = "the curve has no degree: add a line `deg` before it";
         let degree = self.degree.ok_or(ObjError::FreeForm { line, what })?;
         let (ends, _) = numbers::<2>(words.by_ref().take(2), 2, line)?;
         let control: Result<_, _> = words.map(|word| self.vertex(word, line)).collect();
@@ -140,7 +139,7 @@ impl Spline {
     fn finish(self, vertices: &[Vertex]) -> Result<Curve, ObjError> {
         let knots = KnotVector::new(self.degree, self.knots)?;
         if <[f64; 2]>::from(knots.domain()) != self.ends {
-            let what = "the curve does not use its whole domain, which is not read";
+            let what = "curves that use only a part of their domain are not supported";
             return Err(ObjError::FreeForm { line: self.line, what });
         }
         let vertices = self.control.iter().map(|&vertex| vertices[vertex as usize]);
@@ -157,12 +156,12 @@ fn polyline(vertices: &[Vertex], mut chain: Vec<u32>) -> Result<Curve, ObjError>
     if chain.is_empty() {
         return Err(ObjError::NoCurve);
     }
-    let closed = chain.len() > 3 && chain.first() == chain.last();
-    if closed {
+    let is_closed = chain.len() > 3 && chain.first() == chain.last();
+    if is_closed {
         chain.pop();
     }
     let points: Vec<_> = chain.iter().map(|&vertex| vertices[vertex as usize].0).collect();
-    Ok(Curve::polyline(points, closed)?)
+    Ok(Curve::polyline(points, is_closed)?)
 }
 
 #[cfg(test)]
@@ -185,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_that_go_on_are_one() {
+    fn connected_lines_are_one_curve() {
         let vertices = "v 0 0 0\nv 1 0 0\nv 1 1 0\n";
         fn read(lines: &str, vertices: &str) -> Result<Curve, ObjError> {
             read_curve(format!("{vertices}{lines}").as_bytes())
@@ -195,10 +194,7 @@ mod tests {
         assert!(read("l 1 2\nl 2 3\nl -1 -3", vertices).unwrap().is_closed());
         assert_eq!(read("l 1 2\nl 3 1\n", vertices), Err(ObjError::SecondCurve { line: 5 }));
         assert_eq!(read("f 1 2 3\n", vertices), Err(ObjError::NoCurve));
-        assert_eq!(
-            read("l 1 1\n", vertices),
-            Err(CurveError::TooFew { count: 1, least: 2 }.into())
-        );
+        assert_eq!(read("l 1 1\n", vertices), Err(CurveError::TooFew { count: 1, min: 2 }.into()));
         let text = read("l 1 4\n", vertices).unwrap_err().to_string();
         assert_eq!(text, "line 4: there is no v 4 among the 3 so far");
     }
@@ -213,19 +209,22 @@ mod tests {
     }
 
     #[test]
-    fn free_form_curves_that_are_not_read_are_refused_with_their_line() {
+    fn unsupported_free_form_curves_are_rejected_with_their_line() {
         fn error(from: &str, to: &str) -> String {
             assert!(SPLINE.contains(from));
             read_curve(SPLINE.replacen(from, to, 1).as_bytes()).unwrap_err().to_string()
         }
-        assert_eq!(error("bspline", "bezier"), "line 7: only curves of `cstype bspline` are read");
+        assert_eq!(
+            error("bspline", "bezier"),
+            "line 7: only curves of `cstype bspline` are supported"
+        );
         assert_eq!(
             error("deg 2\n", ""),
-            "line 6: the curve has no degree: a line `deg` must stand before it"
+            "line 6: the curve has no degree: add a line `deg` before it"
         );
         assert_eq!(
             error("curv 0 2", "curv 0 1"),
-            "line 7: the curve does not use its whole domain, which is not read"
+            "line 7: curves that use only a part of their domain are not supported"
         );
         assert_eq!(
             error("1 2 3 \\\n -1", "1 2 3 4 4"),
@@ -240,7 +239,7 @@ mod tests {
 
     #[test]
     fn hostile_files_give_errors() {
-        hostile::survive(ELLIPSE, read_curve);
-        hostile::survive(SPLINE.as_bytes(), read_curve);
+        hostile::check_no_panic(ELLIPSE, read_curve);
+        hostile::check_no_panic(SPLINE.as_bytes(), read_curve);
     }
 }

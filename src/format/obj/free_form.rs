@@ -1,21 +1,21 @@
-//! Writes curves and surfaces as they are: polylines as `l`, B-splines as `curv` and `surf`, with all digits.
+//! Writes curves and surfaces without loss: polylines as `l`, B-splines as `curv` and `surf`, with all digits.
 
 use std::fmt::Write;
 
+use maquette_node::importers::{FileReader, InputFile};
 use maquette_node::pack::{FileFormat, NewFile};
-use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error::Error;
 use maquette_value::{Curve, KnotVector, Surface};
 use nalgebra::Point3;
 
 use crate::upright::upright_surface;
 
-/// Writes a polyline as a line, a B-spline as a free-form curve.
+/// Writes a polyline as a line element, or a B-spline as a free-form curve.
 pub(crate) struct CurveObj;
 
 impl FileFormat for CurveObj {
     type Value = Curve;
-    const ENDING: &'static str = "obj";
+    const EXTENSION: &'static str = "obj";
 
     fn write(curve: &Curve, name: &str) -> Result<Vec<NewFile>, Error> {
         let count = curve.points().len();
@@ -23,7 +23,7 @@ impl FileFormat for CurveObj {
             let mut text = vertices(curve.points().iter().map(|point| (point, None)));
             let first = if curve.is_closed() { Some(1) } else { None };
             text.push_str(&statement("l", (1..=count).chain(first)));
-            return Ok(NewFile::only(name, text.into_bytes()));
+            return Ok(NewFile::single(name, text.into_bytes()));
         };
         let weights = weights.iter().map(Some);
         let mut text = vertices(curve.points().iter().zip(weights));
@@ -32,16 +32,16 @@ impl FileFormat for CurveObj {
         text.push_str(&statement(&format!("curv {start} {end}"), 1..=count));
         text.push_str(&parameters("u", knots));
         text.push_str("end\n");
-        Ok(NewFile::only(name, text.into_bytes()))
+        Ok(NewFile::single(name, text.into_bytes()))
     }
 }
 
-/// Writes a surface as a free-form surface. OBJ lists the control points of a surface with u running fastest.
+/// Writes a surface as a free-form surface. OBJ lists the control points row by row, with u changing fastest.
 pub(crate) struct SurfaceObj;
 
 impl FileFormat for SurfaceObj {
     type Value = Surface;
-    const ENDING: &'static str = "obj";
+    const EXTENSION: &'static str = "obj";
 
     fn write(surface: &Surface, name: &str) -> Result<Vec<NewFile>, Error> {
         let surface = &*upright_surface(surface)?;
@@ -57,11 +57,11 @@ impl FileFormat for SurfaceObj {
         text.push_str(&parameters("u", u));
         text.push_str(&parameters("v", v));
         text.push_str("end\n");
-        Ok(NewFile::only(name, text.into_bytes()))
+        Ok(NewFile::single(name, text.into_bytes()))
     }
 }
 
-/// The lines `v` of some points, with weights if they have some.
+/// Formats the lines `v` of points, with the weights of the points if given.
 fn vertices<'a>(points: impl Iterator<Item = (&'a Point3<f64>, Option<&'a f64>)>) -> String {
     let mut text = String::new();
     for (point, weight) in points {
@@ -78,7 +78,7 @@ fn parameters(direction: &str, knots: &KnotVector) -> String {
     statement(&format!("parm {direction}"), knots.knots())
 }
 
-/// Numbers on a line: one that goes on after twenty, since some readers take no long ones.
+/// Formats a statement. It is continued in a new line after every twenty numbers, because some readers do not accept long lines.
 fn statement(start: &str, numbers: impl IntoIterator<Item = impl std::fmt::Display>) -> String {
     let mut text = start.to_owned();
     for (k, number) in numbers.into_iter().enumerate() {
@@ -91,9 +91,9 @@ fn statement(start: &str, numbers: impl IntoIterator<Item = impl std::fmt::Displ
 
 impl FileReader for CurveObj {
     type Value = Curve;
-    const ENDINGS: &'static [&'static str] = &["obj"];
+    const EXTENSIONS: &'static [&'static str] = &["obj"];
 
-    fn read(file: &Reading<'_>) -> Result<Curve, Error> {
+    fn read(file: &InputFile<'_>) -> Result<Curve, Error> {
         Ok(super::read_curve(file.bytes())?)
     }
 }
@@ -106,12 +106,12 @@ mod tests {
     use super::super::read_curve;
     use super::*;
 
-    fn written<F: FileFormat>(value: &F::Value) -> String {
+    fn write_text<F: FileFormat>(value: &F::Value) -> String {
         String::from_utf8(F::write(value, "a.obj").unwrap().remove(0).bytes).unwrap()
     }
 
     #[test]
-    fn a_curve_that_was_written_reads_the_same() {
+    fn a_written_curve_is_read_back() {
         let points: Vec<_> = (0..50)
             .map(|k| {
                 let t = 0.1 * f64::from(k);
@@ -124,7 +124,7 @@ mod tests {
         let polylines =
             [true, false].map(|closed| Curve::polyline(points.clone(), closed).unwrap());
         for curve in polylines.into_iter().chain([spline]) {
-            assert_eq!(read_curve(written::<CurveObj>(&curve).as_bytes()).unwrap(), curve);
+            assert_eq!(read_curve(write_text::<CurveObj>(&curve).as_bytes()).unwrap(), curve);
         }
     }
 
@@ -149,6 +149,6 @@ mod tests {
             parm v 0 0 0 1 1 1
             end
         "#]]
-        .assert_eq(&written::<SurfaceObj>(&surface));
+        .assert_eq(&write_text::<SurfaceObj>(&surface));
     }
 }

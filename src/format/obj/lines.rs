@@ -1,11 +1,11 @@
-//! Lines of OBJ files, and the numbers in them.
+//! Reads lines of OBJ files, and the numbers in them.
 
 use memchr::{memchr, memchr_iter};
 
 use super::ObjError;
-use crate::{excerpt, real};
+use crate::{excerpt, parse_real};
 
-/// Calls `read` with each line, comments and all, joined with those that a `\` at its end goes on in, and the number of its first one.
+/// Calls `read` with each line and its number. A line that ends with `\` is joined with the next one. Comments are not removed.
 pub(super) fn for_lines(
     bytes: &[u8],
     mut read: impl FnMut(&[u8], usize) -> Result<(), ObjError>,
@@ -22,7 +22,7 @@ pub(super) fn for_lines(
             read(text, index + 1)?;
             continue;
         };
-        // Only a line that goes on in the next one is copied.
+        // Only lines with a continuation are copied.
         let mut joined = start.to_vec();
         for (_, next) in lines.by_ref() {
             let next = next.trim_ascii_end();
@@ -38,13 +38,13 @@ pub(super) fn for_lines(
     Ok(())
 }
 
-/// The line without its comment; `1.#QNAN` is a number and none.
+/// Returns the line without its comment. The `#` of `1.#QNAN` does not begin a comment.
 pub(super) fn without_comment(text: &[u8]) -> &[u8] {
     let end = memchr_iter(b'#', text).find(|hash| !text[..*hash].ends_with(b"."));
     &text[..end.unwrap_or(text.len())]
 }
 
-/// The index that a number in a file means: 1 is the first of all, -1 the last so far.
+/// Converts an index of a file to an index from 0. In the file, 1 is the first element and -1 the last element so far.
 pub(super) fn resolve(
     index: i64,
     what: &'static str,
@@ -58,20 +58,20 @@ pub(super) fn resolve(
     }
 }
 
-/// The first numbers of a line, at most N and at least `least`, and how many words there are.
+/// Reads the first numbers of a line: at least `min` and at most N. Returns them with their count.
 pub(super) fn numbers<'a, const N: usize>(
     words: impl Iterator<Item = &'a [u8]>,
-    least: usize,
+    min: usize,
     line: usize,
 ) -> Result<([f64; N], usize), ObjError> {
     let mut numbers = [0.0; N];
     let mut found = 0;
     for (number, word) in numbers.iter_mut().zip(words) {
-        *number = real(word).ok_or_else(|| ObjError::Number { line, text: excerpt(word) })?;
+        *number = parse_real(word).ok_or_else(|| ObjError::Number { line, text: excerpt(word) })?;
         found += 1;
     }
-    if found < least {
-        return Err(ObjError::Count { line, found, expected: least });
+    if found < min {
+        return Err(ObjError::Count { line, found, expected: min });
     }
     Ok((numbers, found))
 }

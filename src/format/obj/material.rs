@@ -1,7 +1,7 @@
-//! Materials of an OBJ file: it names files of materials (MTL), which name pictures. Names are relative to the file that they stand in.
-//!
-//! Beside what Wavefront's manual ("Alias/WaveFront Material (.mtl) File Format", 1995) has, the statements of physically based
-//! materials are known that exporters write: `Pr`, `Pm`, `map_Pr`, `map_Pm`, `map_ORM`, `map_RMA`, `map_ao`, `norm`.
+//! Reads the materials of an OBJ file. The OBJ file refers to MTL files, and these refer to pictures, by paths relative to the referring
+//! file.
+//! Supported are the statements of Wavefront's manual ("Alias/WaveFront Material (.mtl) File Format", 1995), and those that exporters write
+//! for physically based materials: `Pr`, `Pm`, `map_Pr`, `map_Pm`, `map_ORM`, `map_RMA`, `map_ao`, `norm`.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
@@ -10,33 +10,33 @@ use std::sync::Arc;
 use maquette_value::{Image, Map, MapKind, Material, Transparency, UvTransform, Wrap};
 
 use super::mtl::{
-    Layout, MtlMaterial, Named, Said, find_first, find_libraries, is_picture, names, options,
+    Layout, MapUse, MtlMaterial, NamedFile, find_first, find_libraries, is_picture, names, options,
     read_materials, spellings,
 };
 use crate::picture_file;
 
-/// Gives the content of a file by its name, relative to the folder of the OBJ file, or says why it cannot be had.
-pub type Find<'a> = &'a mut dyn FnMut(&str) -> Result<Arc<[u8]>, String>;
+/// Loads a file by its path relative to the OBJ file, or returns the reason why the file cannot be loaded.
+pub type FindFile<'a> = &'a mut dyn FnMut(&str) -> Result<Arc<[u8]>, String>;
 
-/// The materials that an OBJ file uses.
+/// The materials that an OBJ file uses, with warnings.
 #[derive(Default)]
-pub(super) struct Found {
-    /// One for each name, or one if there is no name.
+pub(super) struct UsedMaterials {
+    /// One material per name, or at most one material if the OBJ file uses no name.
     pub(super) materials: Vec<Material>,
-    /// How the pictures of each lie: those on the attributes `uv`, `uv1`, ..
+    /// For each material the placement of its pictures, one for each of the attributes `uv`, `uv1`, ..
     pub(super) layouts: Vec<Vec<Layout>>,
-    /// What the user should know.
-    pub(super) doubts: Vec<String>,
+    /// Warnings about materials and pictures that are missing or not read completely.
+    pub(super) warnings: Vec<String>,
 }
 
-/// The materials that an OBJ file uses, of the files that it names.
-pub fn materials(bytes: &[u8], find: Find<'_>) -> Vec<Material> {
+/// Reads the materials that an OBJ file uses from its MTL files.
+pub fn materials(bytes: &[u8], find: FindFile<'_>) -> Vec<Material> {
     let [libraries, used] = names(bytes);
-    named(&libraries, &used, true, find).materials
+    read_named(&libraries, &used, true, find).materials
 }
 
-/// Asks for the files that the materials of an OBJ file name, without looking into pictures.
-pub(super) fn ask(bytes: &[u8], find: Find<'_>) {
+/// Requests the MTL files and the pictures of an OBJ file through `find`, without decoding the pictures.
+pub(super) fn request_files(bytes: &[u8], find: FindFile<'_>) {
     let [libraries, used] = names(bytes);
     let mut all = Vec::new();
     for library in &libraries {
@@ -44,9 +44,9 @@ pub(super) fn ask(bytes: &[u8], find: Find<'_>) {
         all.extend(files.iter().flat_map(|(name, bytes)| read_materials(bytes, name)));
     }
     let by_name = by_name(&all);
-    let places = used.iter().filter_map(|name| spellings(name).find_map(|it| by_name.get(it)));
+    let indices = used.iter().filter_map(|name| spellings(name).find_map(|it| by_name.get(it)));
     let first = all.iter().filter(|material| used.is_empty() && material.base_color().is_some());
-    for material in places.map(|&place| &all[place]).chain(first.take(1)) {
+    for material in indices.map(|&index| &all[index]).chain(first.take(1)) {
         for (_, rest) in material.maps() {
             let name = options(rest).0.replace('\\', "/");
             drop(find_first(spellings(&name).map(|name| material.folder.join(name)), find));
@@ -54,26 +54,31 @@ pub(super) fn ask(bytes: &[u8], find: Find<'_>) {
     }
 }
 
-/// The place of the first material of each name.
+/// Returns for each material name the index of the first material with this name.
 fn by_name(materials: &[MtlMaterial]) -> HashMap<&str, usize> {
     let names = materials.iter().enumerate().rev();
-    names.map(|(place, material)| (&material.name[..], place)).collect()
+    names.map(|(index, material)| (&material.name[..], index)).collect()
 }
 
-/// The materials of these names, or of any name if none is given: then the first one with a picture. `libraries` are the rests of lines
-/// `mtllib`. Without texture coordinates, pictures are left out.
-pub(super) fn named(libraries: &[String], used: &[String], has_uv: bool, find: Find<'_>) -> Found {
-    let mut found = Found::default();
+/// Reads the materials with the names `used`; if there are none, reads the first material with a picture. `libraries` are the arguments of
+/// `mtllib`. Pictures are left out if the mesh has no texture coordinates.
+pub(super) fn read_named(
+    libraries: &[String],
+    used: &[String],
+    has_uv: bool,
+    find: FindFile<'_>,
+) -> UsedMaterials {
+    let mut found = UsedMaterials::default();
     let mut all = Vec::new();
     for library in libraries {
         match find_libraries(library, find) {
             Ok(files) => {
                 all.extend(files.iter().flat_map(|(name, bytes)| read_materials(bytes, name)));
             }
-            Err(why) => found.doubts.push(format!("{why}: the mesh comes without its materials")),
+            Err(why) => found.warnings.push(format!("{why}: the mesh comes without its materials")),
         }
     }
-    if libraries.is_empty() || !found.doubts.is_empty() && all.is_empty() {
+    if libraries.is_empty() || !found.warnings.is_empty() && all.is_empty() {
         return found;
     }
     let by_name = by_name(&all);
@@ -82,7 +87,7 @@ pub(super) fn named(libraries: &[String], used: &[String], has_uv: bool, find: F
         known: BTreeMap::new(),
         pictures: BTreeMap::new(),
         has_uv,
-        doubts: Vec::new(),
+        warnings: Vec::new(),
     };
     if used.is_empty() {
         let first = all.iter().find(|material| material.base_color().is_some());
@@ -90,41 +95,42 @@ pub(super) fn named(libraries: &[String], used: &[String], has_uv: bool, find: F
         (found.materials, found.layouts) = made.into_iter().unzip();
     }
     for name in used {
-        // A name may have a `#`, and a comment may follow it.
-        let place = spellings(name).find_map(|spelling| by_name.get(spelling));
-        let (material, layouts) = match place {
-            Some(&place) => files.material(&all[place]),
+        // A `#` may be part of the name, or begin a comment after the name.
+        let index = spellings(name).find_map(|spelling| by_name.get(spelling));
+        let (material, layouts) = match index {
+            Some(&index) => files.material(&all[index]),
             None => {
                 let all: Vec<_> = libraries.iter().map(|library| format!("`{library}`")).collect();
-                files.doubts.push(format!("there is no material `{name}` in {}", all.join(", ")));
+                files.warnings.push(format!("there is no material `{name}` in {}", all.join(", ")));
                 (Material::default(), Vec::new())
             }
         };
         found.materials.push(material);
         found.layouts.push(layouts);
     }
-    found.doubts.append(&mut files.doubts);
+    found.warnings.append(&mut files.warnings);
     found
 }
 
-/// Pictures that materials name.
+/// Loads and caches the picture files of materials.
 struct Files<'a> {
-    find: Find<'a>,
-    /// By their name: how it was found, and what is in it; none if it cannot be had.
-    known: BTreeMap<PathBuf, Option<Named>>,
-    /// Those of colors, unpacked, by how they were found; none if one is damaged.
+    find: FindFile<'a>,
+    /// The loaded files. The key is the path; the value also has the path by which the file was found, or is `None` if the file cannot be
+    /// loaded.
+    known: BTreeMap<PathBuf, Option<NamedFile>>,
+    /// The decoded color pictures, by path; `None` if a picture is damaged.
     pictures: BTreeMap<String, Option<Image>>,
     has_uv: bool,
-    doubts: Vec<String>,
+    warnings: Vec<String>,
 }
 
 impl Files<'_> {
-    /// The file of a picture, if it is there.
-    fn file(&mut self, folder: &Path, name: &str) -> Option<Named> {
+    /// Loads a picture file. If that fails, adds a warning and returns `None`.
+    fn file(&mut self, folder: &Path, name: &str) -> Option<NamedFile> {
         let key = folder.join(name);
         if !self.known.contains_key(&key) {
             let found = find_first(spellings(name).map(|name| folder.join(name)), self.find);
-            let found = found.and_then(|(name, bytes)| match picture_file::Kind::of(&bytes) {
+            let found = found.and_then(|(name, bytes)| match picture_file::Kind::detect(&bytes) {
                 Some(_) => Ok((name, bytes)),
                 None => match picture_file::read(&bytes) {
                     Err(error) => Err(format!("{name}: {error}")),
@@ -132,14 +138,14 @@ impl Files<'_> {
                 },
             });
             let found = found.map_err(|why| {
-                self.doubts.push(format!("{why}: the mesh comes without its picture"));
+                self.warnings.push(format!("{why}: the mesh comes without its picture"));
             });
             self.known.insert(key.clone(), found.ok());
         }
         self.known[&key].clone()
     }
 
-    /// What a material of MTL says, and how its pictures lie.
+    /// Converts an MTL material. Returns the material and the placement of its pictures.
     fn material(&mut self, from: &MtlMaterial) -> (Material, Vec<Layout>) {
         let mut material = Material { name: from.name.clone(), ..Material::default() };
         let (mut layouts, mut shine) = (Vec::new(), None);
@@ -147,9 +153,9 @@ impl Files<'_> {
         for (keyword, rest) in &from.statements {
             let numbers = rest.split_whitespace().map_while(|word| word.parse::<f64>().ok());
             let numbers: Vec<_> = numbers.filter(|number| number.is_finite()).collect();
-            let own = keyword.to_ascii_lowercase();
-            match (&own[..], &numbers[..]) {
-                // A gray has one number.
+            let lower = keyword.to_ascii_lowercase();
+            match (&lower[..], &numbers[..]) {
+                // A color given by one number is gray.
                 ("kd", [red, green, blue, ..]) => color = Some([*red, *green, *blue]),
                 ("kd", [gray]) => color = Some([*gray; 3]),
                 ("ke", [red, green, blue, ..]) => material.emissive = [*red, *green, *blue],
@@ -161,7 +167,7 @@ impl Files<'_> {
                     shine = Some(*exponent);
                     material.others.insert(keyword.clone(), rest.clone());
                 }
-                _ if is_picture(&own) => {}
+                _ if is_picture(&lower) => {}
                 _ => drop(material.others.insert(keyword.clone(), rest.clone())),
             }
         }
@@ -171,7 +177,7 @@ impl Files<'_> {
         if let Some(shine) =
             shine.filter(|_| !has("pr", &from.statements) && !has("map_pr", &from.statements))
         {
-            // As Blender has it.
+            // Shininess is converted to roughness by Blender's formula.
             material.roughness = 1.0 - (shine.clamp(0.0, 1000.0) / 1000.0).sqrt();
         }
         if material.base_color[3] < 1.0 {
@@ -180,7 +186,7 @@ impl Files<'_> {
         if !self.has_uv {
             if let Some((_, rest)) = from.base_color() {
                 let name = options(rest).0;
-                self.doubts.push(format!(
+                self.warnings.push(format!(
                     "the picture `{name}` is left out: the mesh has no texture coordinates"
                 ));
             }
@@ -190,7 +196,7 @@ impl Files<'_> {
             }
         }
         match color {
-            // Exporters write any color beside a picture, which most programs show alone.
+            // Beside a picture exporters write arbitrary colors, which most programs ignore.
             Some([1.0, 1.0, 1.0]) if material.picture.is_some() => {}
             Some(color) if material.picture.is_some() => {
                 let words = color.map(|channel| channel.to_string()).join(" ");
@@ -202,13 +208,13 @@ impl Files<'_> {
         (material, layouts)
     }
 
-    /// Adds the picture of a statement.
+    /// Adds the picture of a map statement to a material.
     fn add_map(
         &mut self,
         material: &mut Material,
         layouts: &mut Vec<Layout>,
         from: &MtlMaterial,
-        kinds: Vec<Said>,
+        kinds: Vec<MapUse>,
         rest: &str,
     ) {
         let (name, options) = options(rest);
@@ -218,8 +224,8 @@ impl Files<'_> {
         if is_color {
             if !self.pictures.contains_key(&name) {
                 let picture = picture_file::read(&bytes).map_err(|error| {
-                    let doubt = format!("{name}: {error}: the mesh comes without its picture");
-                    self.doubts.push(doubt);
+                    let warning = format!("{name}: {error}: the mesh comes without its picture");
+                    self.warnings.push(warning);
                 });
                 self.pictures.insert(name.clone(), picture.ok());
             }
@@ -229,47 +235,41 @@ impl Files<'_> {
             }
         }
         let Layout { scale, offset } = options.layout;
-        let place = layouts.iter().position(|it| *it == options.layout).unwrap_or_else(|| {
+        let index = layouts.iter().position(|it| *it == options.layout).unwrap_or_else(|| {
             layouts.push(options.layout);
             layouts.len() - 1
         });
         let short = name.rsplit('/').next().unwrap_or(&name);
-        self.doubts.extend(
+        self.warnings.extend(
             options.lost.iter().map(|option| {
                 format!("the option `{option}` of the picture `{short}` is left out")
             }),
         );
         let mut map = Map::new(short, bytes.to_vec());
         map.strength = options.strength;
-        map.uv = if place == 0 { "uv".to_owned() } else { format!("uv{place}") };
+        map.uv = if index == 0 { "uv".to_owned() } else { format!("uv{index}") };
         let offset = [offset[0], 1.0 - scale[1] - offset[1]];
         map.transform = UvTransform { offset, scale, rotation: 0.0 };
         if options.is_clamped {
             map.wrap = [Wrap::Clamp; 2];
         }
         for (kind, channel) in kinds {
-            fn is_known(
-                kind: MapKind,
-                map_bytes: &maquette_value::Column<u8>,
-                material_maps: &BTreeMap<MapKind, Map>,
-            ) -> bool {
-                material_maps.get(&kind).is_some_and(|it| it.bytes == *map_bytes)
+            fn has_picture(material: &Material, kind: &MapKind, picture: &Map) -> bool {
+                material.maps.get(kind).is_some_and(|map| map.bytes == picture.bytes)
             }
             let kind = match kind {
                 MapKind::Other(keyword)
-                    if is_bump(&keyword)
-                        && is_known(MapKind::Normal, &map.bytes, &material.maps) =>
+                    if is_bump(&keyword) && has_picture(material, &MapKind::Normal, &map) =>
                 {
                     continue;
                 }
                 MapKind::Other(keyword) if is_bump(&keyword) && is_of_normals(&bytes) => {
                     MapKind::Normal
                 }
-                // The same picture has the opacity of the color.
+                // If the opacity is in the color picture itself, no separate map is needed.
                 MapKind::Other(keyword) if keyword.eq_ignore_ascii_case("map_d") => {
-                    let is_same = is_known(MapKind::BaseColor, &map.bytes, &material.maps);
                     material.transparency = Transparency::Blend;
-                    if is_same {
+                    if has_picture(material, &MapKind::BaseColor, &map) {
                         continue;
                     }
                     MapKind::Other(keyword)
@@ -282,7 +282,7 @@ impl Files<'_> {
     }
 }
 
-/// Whether the colors of a picture are those of normals, which point away from the surface: blue.
+/// Returns true if a picture looks like a normal map. Such a picture is mostly blue, because normals point away from the surface.
 fn is_of_normals(bytes: &[u8]) -> bool {
     let Ok(picture) = picture_file::read(bytes) else { return false };
     fn mean(picture: &Image, channel: usize) -> f64 {
@@ -305,14 +305,18 @@ mod tests {
     const MESH: &[u8] =
         b"mtllib my things/a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl skin\nf 1/1 2/1 3/1\n";
 
-    /// The pictures of color that are found with these files, what is told, and which files were asked for. Pictures have one pixel.
-    fn found(mesh: &[u8], files: &[(&str, &str)]) -> (Option<String>, Vec<String>, Vec<String>) {
+    /// Reads the materials of `mesh` with these files. Returns the names of the color pictures, the warnings and the requested files. An
+    /// empty text represents a picture of one pixel.
+    fn find_pictures(
+        mesh: &[u8],
+        files: &[(&str, &str)],
+    ) -> (Option<String>, Vec<String>, Vec<String>) {
         let mut asked = Vec::new();
         let picture = Image::new(1, 1, vec![[9; 3]]).unwrap();
         let picture = crate::png::encode_rgb(&picture).unwrap();
         let [libraries, mut used] = names(mesh);
         used.dedup();
-        let found = named(&libraries, &used, true, &mut |name| {
+        let found = read_named(&libraries, &used, true, &mut |name| {
             asked.push(name.to_owned());
             let file = files.iter().find(|file| file.0 == name);
             let bytes = file.ok_or(format!("there is no file `{name}`"))?.1.as_bytes();
@@ -320,21 +324,21 @@ mod tests {
         });
         let maps = found.materials.iter().filter_map(|it| it.maps.get(&MapKind::BaseColor));
         let names = maps.map(|map| map.file.clone()).collect::<Vec<_>>().join(", ");
-        (Some(names).filter(|names| !names.is_empty()), found.doubts, asked)
+        (Some(names).filter(|names| !names.is_empty()), found.warnings, asked)
     }
 
     #[test]
     fn a_picture_is_found_beside_its_material() {
         let material = "# of a scanner\nnewmtl other\nmap_Kd other.png\nnewmtl skin\nKd 1 1 1\nmap_Kd -s 1 1 1 -clamp on skin of all.jpg\n";
         let files = [("my things/a.mtl", material), ("my things/skin of all.jpg", "")];
-        let (picture, doubts, asked) = found(MESH, &files);
+        let (picture, warnings, asked) = find_pictures(MESH, &files);
         assert_eq!(picture.as_deref(), Some("skin of all.jpg"));
-        assert_eq!(doubts, [""; 0]);
+        assert_eq!(warnings, [""; 0]);
         assert_eq!(asked, ["my things/a.mtl", "my things/skin of all.jpg"]);
     }
 
     #[test]
-    fn names_are_understood_however_they_are_written() {
+    fn all_spellings_of_names_are_understood() {
         fn mesh(library: &str, material: &str) -> String {
             format!(
                 "mtllib {library}\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl {material}\nf 1/1 2/1 3/1\n"
@@ -353,14 +357,14 @@ mod tests {
             ("a.mtl", "skin", [("a.mtl", "newmtl skin\nmap_Ka scan#3.png\n"), ("scan#3.png", "")]),
         ] {
             let files = [&files[..], &[("scan#3.png", "")]].concat();
-            let (picture, doubts, _) = found(mesh(library, material).as_bytes(), &files);
-            assert_eq!((picture.as_deref(), doubts), (Some("scan#3.png"), vec![]), "{library}");
+            let (picture, warnings, _) = find_pictures(mesh(library, material).as_bytes(), &files);
+            assert_eq!((picture.as_deref(), warnings), (Some("scan#3.png"), vec![]), "{library}");
         }
     }
 
     #[test]
-    fn options_say_how_a_picture_lies() {
-        fn told(rest: &str) -> (String, [f64; 2], [f64; 2], Vec<String>) {
+    fn options_of_pictures_are_parsed() {
+        fn parse_options(rest: &str) -> (String, [f64; 2], [f64; 2], Vec<String>) {
             let (name, Options { layout, lost, .. }) = options(rest);
             (name.to_owned(), layout.scale, layout.offset, lost)
         }
@@ -369,29 +373,29 @@ mod tests {
         fn plain(name: &str) -> (String, [f64; 2], [f64; 2], Vec<String>) {
             (name.to_owned(), [1.0; 2], [0.0; 2], Vec::<String>::new())
         }
-        assert_eq!(told("-clamp on my skin.png"), plain("my skin.png"));
+        assert_eq!(parse_options("-clamp on my skin.png"), plain("my skin.png"));
         assert_eq!(
-            told("-o 0.5 0 0 -s -15 -15 -3.7 a.png"),
+            parse_options("-o 0.5 0 0 -s -15 -15 -3.7 a.png"),
             ("a.png".into(), [-15.0; 2], [0.5, 0.0], vec![])
         );
-        assert_eq!(told("-s 2 a.png"), ("a.png".into(), [2.0, 1.0], [0.0; 2], vec![]));
-        assert_eq!(told("-mm 0 0.5 a.png").3, ["-mm 0 0.5"]);
-        assert_eq!(told("-s"), plain("-s"));
+        assert_eq!(parse_options("-s 2 a.png"), ("a.png".into(), [2.0, 1.0], [0.0; 2], vec![]));
+        assert_eq!(parse_options("-mm 0 0.5 a.png").3, ["-mm 0 0.5"]);
+        assert_eq!(parse_options("-s"), plain("-s"));
     }
 
     #[test]
-    fn what_is_missing_is_named() {
-        let (picture, doubts, _) = found(MESH, &[]);
+    fn missing_files_give_warnings() {
+        let (picture, warnings, _) = find_pictures(MESH, &[]);
         assert_eq!(picture, None);
         let text = "there is no file `my things/a.mtl`: the mesh comes without its materials";
-        assert_eq!(doubts, [text]);
+        assert_eq!(warnings, [text]);
         let files = [("my things/a.mtl", "newmtl skin\nmap_Kd ..\\skin.png\n")];
         let text = "there is no file `my things/../skin.png`: the mesh comes without its picture";
-        assert_eq!(found(MESH, &files).1, [text]);
+        assert_eq!(find_pictures(MESH, &files).1, [text]);
     }
 
     #[test]
-    fn each_material_keeps_what_its_file_says() {
+    fn each_material_keeps_its_statements() {
         let mesh = [MESH, b"usemtl bare\nf 1/1 3/1 2/1\n"].concat();
         let files = [
             (
@@ -404,39 +408,39 @@ mod tests {
             ("my things/n.png", ""),
             ("my things/s.png", ""),
         ];
-        assert_eq!(found(&mesh, &files).0.as_deref(), Some("b.png"));
+        assert_eq!(find_pictures(&mesh, &files).0.as_deref(), Some("b.png"));
         let [libraries, used] = names(&mesh);
         let picture = Image::new(1, 1, vec![[9; 3]]).unwrap();
         let picture = crate::png::encode_rgb(&picture).unwrap();
-        let found = named(&libraries, &used, true, &mut |name| {
+        let found = read_named(&libraries, &used, true, &mut |name| {
             let file = files.iter().find(|file| file.0 == name).unwrap();
             Ok(if file.1.is_empty() { &picture[..] } else { file.1.as_bytes() }.into())
         });
-        assert_eq!(found.doubts, [""; 0]);
+        assert_eq!(found.warnings, [""; 0]);
         let [skin, bare] = &found.materials[..] else { panic!("two materials") };
         assert_eq!((bare.base_color, bare.roughness), ([1.0, 0.0, 0.0, 0.5], 0.5));
         assert_eq!(bare.transparency, Transparency::Blend);
         assert_eq!(bare.others["illum"], "2");
-        // The color beside a picture is kept for MTL alone.
+        // The color beside a picture is kept only for writing MTL.
         assert_eq!((skin.base_color, &*skin.others["Kd"]), ([1.0; 4], "0.8 0.8 0.8"));
         assert_eq!(skin.transparency, Transparency::Blend);
-        let channel = |kind: MapKind| skin.maps[&kind].channel;
         use MapKind::{Metallic, Occlusion, Roughness};
-        assert_eq!([Occlusion, Roughness, Metallic].map(channel), [Some(0), Some(1), Some(2)]);
+        let channels = [Occlusion, Roughness, Metallic].map(|kind| skin.maps[&kind].channel);
+        assert_eq!(channels, [Some(0), Some(1), Some(2)]);
         assert_eq!(skin.maps[&MapKind::Normal].strength, 0.5);
         assert!(skin.maps.contains_key(&MapKind::Other("map_Ks".into())));
         assert_eq!(skin.maps.len(), 6);
     }
 
     #[test]
-    fn a_mesh_without_materials_asks_for_no_file() {
-        assert_eq!(found(b"v 0 0 0\n", &[]), (None, vec![], vec![]));
+    fn a_mesh_without_materials_requests_no_file() {
+        assert_eq!(find_pictures(b"v 0 0 0\n", &[]), (None, vec![], vec![]));
         let plain = [("my things/a.mtl", "newmtl skin\nKd 1 0 0\n")];
-        assert_eq!(found(MESH, &plain).1, [""; 0]);
+        assert_eq!(find_pictures(MESH, &plain).1, [""; 0]);
     }
 
     #[test]
-    fn the_files_that_are_asked_for_are_those_that_are_read_each_once() {
+    fn requested_files_are_those_that_are_read_each_once() {
         let again = b"usemtl bare\nf 1/1 3/1 2/1\nusemtl skin\nf 3/1 2/1 1/1\nusemtl gone\n";
         let mesh = [MESH, again].concat();
         let text = "newmtl bare\nmap_Kd b.png\nnorm n.png\nnewmtl skin\nmap_Kd s.png\nnewmtl unused\nmap_Kd u.png\n";
@@ -446,9 +450,9 @@ mod tests {
             ("my things/n.png", ""),
             ("my things/s.png", ""),
         ];
-        let (_, _, read) = found(&mesh, &files);
+        let (_, _, read) = find_pictures(&mesh, &files);
         let mut asked = Vec::new();
-        ask(&mesh, &mut |name| {
+        request_files(&mesh, &mut |name| {
             asked.push(name.to_owned());
             let file = files.iter().find(|file| file.0 == name);
             file.map(|file| file.1.as_bytes().into()).ok_or_else(String::new)
@@ -459,11 +463,11 @@ mod tests {
     }
 
     #[test]
-    fn a_material_that_no_file_has_is_told() {
+    fn a_missing_material_gives_a_warning() {
         let other = [("my things/a.mtl", "newmtl Skin\nmap_Kd b.png\n"), ("my things/b.png", "")];
         let text = "there is no material `skin` in `my things/a.mtl`";
         assert_eq!(
-            found(MESH, &other),
+            find_pictures(MESH, &other),
             (None, vec![text.to_owned()], vec!["my things/a.mtl".to_owned()])
         );
     }

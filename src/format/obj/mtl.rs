@@ -1,4 +1,4 @@
-//! What is written in MTL files, and where they and their pictures are.
+//! Parses MTL files, and finds them and their pictures.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -7,15 +7,15 @@ use std::sync::Arc;
 use maquette_value::MapKind;
 
 use super::lines::for_lines;
-use super::material::Find;
+use super::material::FindFile;
 use crate::words;
 
-/// How a picture lies on a mesh: texture coordinates are multiplied by the scale, and the offset is added.
+/// The placement of a picture on a mesh: texture coordinates are multiplied by `scale`, and `offset` is added.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Layout {
-    /// The option `-s` of u and v.
+    /// The option `-s`, for u and v.
     pub(super) scale: [f64; 2],
-    /// The option `-o` of u and v.
+    /// The option `-o`, for u and v.
     pub(super) offset: [f64; 2],
 }
 
@@ -38,7 +38,7 @@ pub(super) struct Options {
     pub(super) strength: f64,
     pub(super) is_clamped: bool,
     pub(super) channel: Option<usize>,
-    /// Those that change the picture and are not known.
+    /// Options that are not supported but may change the picture.
     pub(super) lost: Vec<String>,
 }
 
@@ -49,13 +49,13 @@ impl Default for Options {
     }
 }
 
-/// Whether a statement, in small letters, names a picture.
+/// Returns true if `keyword`, in lower case, introduces a picture.
 pub(super) fn is_picture(keyword: &str) -> bool {
     keyword.starts_with("map_") && keyword != "map_aat"
         || ["bump", "disp", "decal", "refl", "norm"].contains(&keyword)
 }
 
-/// What a text may name: the whole of it, without quotes, or what stands before a comment.
+/// Returns the file names that a text may mean: the entire text, the text without quotes, or the part before a comment.
 pub(super) fn spellings(text: &str) -> impl Iterator<Item = &str> {
     let before =
         text.char_indices().find(|(at, c)| *c == '#' && text[..*at].ends_with([' ', '\t']));
@@ -66,10 +66,10 @@ pub(super) fn spellings(text: &str) -> impl Iterator<Item = &str> {
     })
 }
 
-/// The first of some files that is there, after all of them were asked for; or why the first one cannot be had.
+/// Requests all of the given files. Returns the first one that exists, or else the error for the first one.
 pub(super) fn find_first(
     names: impl Iterator<Item = PathBuf>,
-    find: Find<'_>,
+    find: FindFile<'_>,
 ) -> Result<(String, Arc<[u8]>), String> {
     let names = names.map(|name| name.to_string_lossy().replace('\\', "/"));
     let found: Vec<_> = names.map(|name| find(&name).map(|bytes| (name, bytes))).collect();
@@ -83,11 +83,11 @@ pub(super) fn find_first(
     Err(whys.into_iter().next().unwrap_or_default())
 }
 
-/// A file, and the name by which it was found.
-pub(super) type Named = (String, Arc<[u8]>);
+/// The path by which a file was found, and its content.
+pub(super) type NamedFile = (String, Arc<[u8]>);
 
-/// The files of materials that a line `mtllib` names: one, whose name may have blanks, or several.
-pub(super) fn find_libraries(text: &str, find: Find<'_>) -> Result<Vec<Named>, String> {
+/// Finds the files of a line `mtllib`. The line names either one file, whose name may contain blanks, or several.
+pub(super) fn find_libraries(text: &str, find: FindFile<'_>) -> Result<Vec<NamedFile>, String> {
     let one = find_first(spellings(text).map(PathBuf::from), find);
     let ends: Vec<_> = text
         .match_indices(' ')
@@ -104,44 +104,44 @@ pub(super) fn find_libraries(text: &str, find: Find<'_>) -> Result<Vec<Named>, S
     let several = parts.map(|(start, end)| {
         find_first(spellings(text[start..end].trim()).map(PathBuf::from), find)
     });
-    let several = Vec::from_iter(several);
+    let several: Vec<_> = several.collect();
     match one {
         Ok(file) => Ok(vec![file]),
         Err(_) => several.into_iter().collect(),
     }
 }
 
-/// What a picture says, and the channel that counts if only one does.
-pub(super) type Said = (MapKind, Option<u8>);
+/// The kind of a map, and the channel of the picture if the map uses only one.
+pub(super) type MapUse = (MapKind, Option<u8>);
 
-/// A material as its file has it.
+/// A material in an MTL file.
 pub(super) struct MtlMaterial {
     pub(super) name: String,
-    /// The folder of the file of materials, relative to that of the OBJ file.
+    /// The folder of the MTL file, relative to the folder of the OBJ file.
     pub(super) folder: PathBuf,
-    /// First words of lines and what follows them.
+    /// The statements as pairs: the keyword and the rest of the line.
     pub(super) statements: Vec<(String, String)>,
 }
 
 impl MtlMaterial {
-    /// The statement with the picture of its color: that of ambient light only where it has no other.
+    /// Returns the statement with the color picture; if there is none, the statement with the picture of ambient light.
     pub(super) fn base_color(&self) -> Option<&(String, String)> {
-        let last = |wanted: &str| {
-            let mut all = self.statements.iter().rev();
-            all.find(|(keyword, _)| keyword.eq_ignore_ascii_case(wanted))
-        };
-        last("map_Kd").or(last("map_Ka"))
+        self.last_statement("map_Kd").or_else(|| self.last_statement("map_Ka"))
     }
 
-    /// What its pictures say, with the channel that counts, and the rests of their statements; the picture of its color is the first one.
-    pub(super) fn maps(&self) -> Vec<(Vec<Said>, &str)> {
+    fn last_statement(&self, keyword: &str) -> Option<&(String, String)> {
+        self.statements.iter().rfind(|(known, _)| known.eq_ignore_ascii_case(keyword))
+    }
+
+    /// Returns the maps of all picture statements, each with the rest of its statement. The color picture comes first.
+    pub(super) fn maps(&self) -> Vec<(Vec<MapUse>, &str)> {
         let base = self.base_color();
         let first = base.map(|(_, rest)| (vec![(MapKind::BaseColor, None)], &rest[..]));
         let others = self.statements.iter().filter(|it| base.is_none_or(|base| base != *it));
         let others = others.filter_map(|(keyword, rest)| {
             use MapKind::{Emissive, Metallic, Normal, Occlusion, Other, Roughness};
-            let own = keyword.to_ascii_lowercase();
-            let kinds = match &own[..] {
+            let lower = keyword.to_ascii_lowercase();
+            let kinds = match &lower[..] {
                 "map_kd" => return None,
                 "map_ke" | "map_emissive" => vec![(Emissive, None)],
                 "map_pr" => vec![(Roughness, None)],
@@ -150,19 +150,19 @@ impl MtlMaterial {
                 "norm" | "map_norm" | "map_kn" => vec![(Normal, None)],
                 "map_orm" => vec![(Occlusion, Some(0)), (Roughness, Some(1)), (Metallic, Some(2))],
                 "map_rma" => vec![(Roughness, Some(0)), (Metallic, Some(1)), (Occlusion, Some(2))],
-                _ if is_picture(&own) => vec![(Other(keyword.clone()), None)],
+                _ if is_picture(&lower) => vec![(Other(keyword.clone()), None)],
                 _ => return None,
             };
             Some((kinds, &rest[..]))
         });
-        // A picture of normals by that name comes before a bump that may be one.
-        let mut others = Vec::from_iter(others);
+        // A normal map must come before a bump map, because the bump map may be a normal map, too.
+        let mut others: Vec<_> = others.collect();
         others.sort_by_key(|(kinds, _)| matches!(kinds[0].0, MapKind::Other(_)));
         first.into_iter().chain(others).collect()
     }
 }
 
-/// The materials in the MTL file of this name.
+/// Reads the materials of the MTL file `library`.
 pub(super) fn read_materials(bytes: &[u8], library: &str) -> Vec<MtlMaterial> {
     let mut materials: Vec<MtlMaterial> = Vec::new();
     let folder = Path::new(library).parent().unwrap_or(Path::new("")).to_owned();
@@ -178,13 +178,13 @@ pub(super) fn read_materials(bytes: &[u8], library: &str) -> Vec<MtlMaterial> {
     materials
 }
 
-/// What follows `mtllib` and `usemtl` in the lines of an OBJ file, each once.
+/// Returns the arguments of `mtllib` and the arguments of `usemtl` in an OBJ file, each argument once.
 pub(super) fn names(bytes: &[u8]) -> [Vec<String>; 2] {
     let mut found = [Vec::new(), Vec::new()];
     let mut known = HashSet::new();
-    let read = |text: &[u8], _| {
+    for_lines(bytes, |text, _| {
         let text = text.trim_ascii_start();
-        // Most lines of a mesh are vertices and faces.
+        // Most lines of a mesh are vertices and faces; testing the first letter skips them quickly.
         if !matches!(text.first(), Some(b'm' | b'u')) {
             return Ok(());
         }
@@ -199,13 +199,13 @@ pub(super) fn names(bytes: &[u8]) -> [Vec<String>; 2] {
             }
         }
         Ok(())
-    };
-    for_lines(bytes, read).expect("no line is an error");
+    })
+    .expect("no line is an error");
     found
 }
 
-/// The name of a picture behind its options, such as `-s 1 1 1` and `-clamp on`: a word, at least one word that is its value, and what is a number or `on`
-/// or `off` behind that. How the picture lies, and options that would change it and are not known.
+/// Splits the text after a map keyword into the options, such as `-s 1 1 1` and `-clamp on`, and the name of the picture. An option takes
+/// one word, and further words as long as they are numbers, `on` or `off`.
 pub(super) fn options(mut rest: &str) -> (&str, Options) {
     let mut found = Options::default();
     fn is_value(word: &str) -> bool {
@@ -219,18 +219,18 @@ pub(super) fn options(mut rest: &str) -> (&str, Options) {
     }
     while rest.starts_with('-') {
         let Some((option, left)) = cut(rest) else { break };
-        let mut behind = rest[rest.len() - left..].trim_start();
+        let mut remaining = rest[rest.len() - left..].trim_start();
         let mut values = Vec::new();
         while let Some((word, left)) =
-            cut(behind).filter(|(word, _)| values.is_empty() || is_value(word))
+            cut(remaining).filter(|(word, _)| values.is_empty() || is_value(word))
         {
             values.push(word);
-            behind = behind[behind.len() - left..].trim_start();
+            remaining = remaining[remaining.len() - left..].trim_start();
         }
         if values.is_empty() {
             break;
         }
-        rest = behind;
+        rest = remaining;
         let numbers: Vec<_> = values.iter().filter_map(|word| word.parse::<f64>().ok()).collect();
         let mut numbers = numbers.into_iter().filter(|number| number.is_finite()).take(2);
         match &*option {
@@ -239,7 +239,7 @@ pub(super) fn options(mut rest: &str) -> (&str, Options) {
             "-bm" => found.strength = numbers.next().unwrap_or(1.0),
             "-clamp" => found.is_clamped = values[0] == "on",
             "-imfchan" => found.channel = ["r", "g", "b"].iter().position(|it| *it == values[0]),
-            // How pixels are blended.
+            // The options in this list concern filtering and blending, and are ignored.
             "-blendu" | "-blendv" | "-boost" | "-cc" | "-texres" | "-type" => {}
             _ => found.lost.push(format!("{option} {}", values.join(" "))),
         }
@@ -247,7 +247,7 @@ pub(super) fn options(mut rest: &str) -> (&str, Options) {
     (rest, found)
 }
 
-/// Calls `each` with the first word of every line, and with what follows it: names may have blanks.
+/// Calls `each` for every line with its keyword and the rest of the line. The rest may contain blanks.
 fn each_rest(bytes: &[u8], mut each: impl FnMut(&[u8], &str)) {
     for_lines(bytes, |text, _| {
         let text = text.trim_ascii();

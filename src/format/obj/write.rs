@@ -1,52 +1,52 @@
-//! Writes OBJ files, with a material and a picture for a mesh with a texture.
+//! Writes OBJ files, with an MTL file and picture files for a mesh with materials.
 //!
-//! The lines of a mesh are made before the file is written, because no line has a known length.
+//! All lines are formatted before the file is written, because their lengths are not known in advance.
 
 use std::borrow::Cow;
 use std::ops::Range;
 use std::path::Path;
 
+use maquette_node::importers::{FileReader, InputFile};
 use maquette_node::pack::{Content, FileFormat, NewFile};
 use maquette_node::provenance::{Signature, comment_of_obj};
-use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error::Error;
 use maquette_value::parallel::*;
-use maquette_value::{Attribute, Column, MATERIAL, Material, Mesh, MeshError, Rgb};
+use maquette_value::{Attribute, Column, MATERIAL_ATTRIBUTE, Material, Mesh, MeshError, Rgb};
 
-use super::looks::{self, Looks, without_unused};
-use super::material::{ask, named};
+use super::material::{read_named, request_files};
+use super::material_writer::{self, MaterialWriter, without_unused};
 use super::mtl::{Layout, names};
-use crate::corners::{split, with_corners};
+use crate::corners::{add_corner_data, split};
 use crate::glb::is_extension;
-use crate::left_out;
+use crate::losses;
 use crate::upright::upright;
-use crate::{check_mesh, coarse_mesh};
+use crate::{check_mesh, mesh_precision_note};
 
-/// Writes a mesh: `name.obj`, and for one with a texture `name.mtl` and `name.png` too.
+/// Writes a mesh as `name.obj`. A mesh with materials is also written as `name.mtl` and picture files.
 pub(crate) struct MeshObj;
 
 impl FileFormat for MeshObj {
     type Value = Mesh;
-    const ENDING: &'static str = "obj";
+    const EXTENSION: &'static str = "obj";
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::OBJ;
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, Error> {
         let mesh = &*upright(mesh)?;
         check_mesh(mesh)?;
         if mesh.materials().is_empty() {
-            return Ok(NewFile::only(name, encode(mesh, String::new(), &[]).into_bytes()));
+            return Ok(NewFile::single(name, encode(mesh, String::new(), &[]).into_bytes()));
         }
         let stem = companion_stem(name);
-        let looks = Looks::of(mesh, &stem)?;
-        let names = &looks.names[..];
+        let writer = MaterialWriter::new(mesh, &stem)?;
+        let names = &writer.names[..];
         let start = match names {
             [only] => format!("mtllib {stem}.mtl\nusemtl {only}\n"),
             _ => format!("mtllib {stem}.mtl\n"),
         };
         let bytes = encode(mesh, start, names).into_bytes();
-        let material = NewFile { name: format!("{stem}.mtl"), bytes: looks.text.into_bytes() };
+        let material = NewFile { name: format!("{stem}.mtl"), bytes: writer.text.into_bytes() };
         let files = [NewFile { name: name.to_owned(), bytes }, material];
-        Ok(files.into_iter().chain(looks.pictures).collect())
+        Ok(files.into_iter().chain(writer.pictures).collect())
     }
 
     fn content<'a>(
@@ -62,29 +62,29 @@ impl FileFormat for MeshObj {
         Ok(Some(encode(mesh, comment.unwrap_or_default(), &[])))
     }
 
-    fn doubts(mesh: &Mesh) -> Vec<String> {
-        coarse_mesh(mesh)
+    fn warnings(mesh: &Mesh) -> Vec<String> {
+        mesh_precision_note(mesh)
             .into_iter()
-            .chain(left_out::of_mesh(mesh, <Self as FileFormat>::FIDELITY))
-            .chain(left_out::of_materials(mesh, |name, _| !is_extension(name)))
-            .chain(looks::doubts(mesh))
+            .chain(losses::mesh_warning(mesh, <Self as FileFormat>::FIDELITY))
+            .chain(losses::materials_warning(mesh, |name, _| !is_extension(name)))
+            .chain(material_writer::warnings(mesh))
             .collect()
     }
 }
 
-/// The name of the files beside an OBJ file, without their extensions. OBJ and MTL separate names by blanks and begin comments with `#`,
-/// and viewers in browsers take the names for parts of addresses.
+/// Returns the stem for the names of the files beside an OBJ file. Blanks and some characters are replaced: OBJ and MTL separate names by
+/// blanks and begin comments with `#`, and viewers in browsers treat names as parts of URLs.
 fn companion_stem(name: &str) -> String {
     let stem = Path::new(name).file_stem().unwrap_or_default().to_string_lossy();
     stem.replace(|letter: char| letter.is_whitespace() || "#%?".contains(letter), "_")
 }
 
-/// What the corners of a face refer to, beside the vertex: one number per corner, from 0.
+/// The index by which a corner refers to its texture coordinate or its normal, from 0.
 enum Reference {
     None,
-    /// The vertex' own number.
+    /// The index equals that of the vertex.
     Vertex,
-    /// A number of its own.
+    /// Each corner has a separate index.
     Corner(Vec<u32>),
 }
 
@@ -93,7 +93,7 @@ impl Reference {
         matches!(self, Self::None)
     }
 
-    /// Writes what a corner refers to; the digits of its vertex stand at `vertex` in the text.
+    /// Appends the index of a corner. The digits of its vertex index are in the range `vertex` of the text.
     fn push(&self, text: &mut Vec<u8>, corner: usize, vertex: Range<usize>) {
         match self {
             Self::None => {}
@@ -103,12 +103,12 @@ impl Reference {
     }
 }
 
-/// All lines of a mesh, behind those that are given; `materials` are the names of the materials of faces.
+/// Formats a mesh. The text begins with the lines `start`; `materials` are the names of the face materials.
 fn encode(mesh: &Mesh, start: String, materials: &[String]) -> Content<'static> {
-    let colors = mesh.vertex().colors("color").filter(|_| looks::shows_colors(mesh));
+    let colors = mesh.vertex().colors("color").filter(|_| material_writer::shows_colors(mesh));
     let numbers = mesh.face_materials().filter(|_| materials.len() > 1);
-    fn material(face: usize, numbers: &Option<&Column<u32>>, mesh: &Mesh) -> Option<u32> {
-        numbers.map(|all| mesh.known_material(all[face]))
+    fn material(face: usize, numbers: Option<&Column<u32>>, mesh: &Mesh) -> Option<u32> {
+        numbers.map(|numbers| mesh.resolve_material(numbers[face]))
     }
     let mut text = vec![start.into_bytes()];
     text.extend(lines(mesh.positions().len(), |text, index| {
@@ -126,8 +126,8 @@ fn encode(mesh: &Mesh, start: String, materials: &[String]) -> Content<'static> 
     text.extend(lines(uv.0.len(), |text, index| push_floats(text, "vt", &uv.0[index])));
     text.extend(lines(normals.0.len(), |text, index| push_floats(text, "vn", &normals.0[index])));
     text.extend(lines(mesh.faces().len(), |text, face| {
-        if let Some(number) = material(face, &numbers, mesh)
-            && (face == 0 || material(face - 1, &numbers, mesh) != Some(number))
+        if let Some(number) = material(face, numbers, mesh)
+            && (face == 0 || material(face - 1, numbers, mesh) != Some(number))
         {
             text.extend_from_slice(format!("usemtl {}\n", materials[number as usize]).as_bytes());
         }
@@ -147,11 +147,11 @@ fn encode(mesh: &Mesh, start: String, materials: &[String]) -> Content<'static> 
             }
         }
     }));
-    joined(text)
+    join_pieces(text)
 }
 
-/// The entries to list, and how corners refer to them: data of vertices as they are, else data of corners, each different one of a
-/// vertex once.
+/// Returns the entries to list, and for each corner the index of its entry. Vertex data are listed unchanged; of corner data the distinct
+/// entries at each vertex are listed.
 fn per_vertex_or_corner<'a, T: Copy + PartialEq>(
     mesh: &Mesh,
     vertices: Option<&'a Column<T>>,
@@ -166,13 +166,13 @@ fn per_vertex_or_corner<'a, T: Copy + PartialEq>(
     (Cow::Owned(entries), Reference::Corner(split.of_corner))
 }
 
-/// `count` lines with their ends, in pieces that are made in parallel.
+/// Formats `count` lines in parallel. Each returned piece contains consecutive lines.
 fn lines(count: usize, line: impl Fn(&mut Vec<u8>, usize) + Sync) -> Vec<Vec<u8>> {
     const PIECE: usize = 2048;
     (0..count.div_ceil(PIECE))
         .into_par_iter()
         .map(|piece: usize| {
-            // Room for a long line, so that a piece is seldom moved.
+            // The capacity is sufficient for long lines and avoids reallocation.
             let mut text = Vec::with_capacity(48 * PIECE);
             for index in piece * PIECE..count.min((piece + 1) * PIECE) {
                 line(&mut text, index);
@@ -183,8 +183,8 @@ fn lines(count: usize, line: impl Fn(&mut Vec<u8>, usize) + Sync) -> Vec<Vec<u8>
         .collect()
 }
 
-/// The pieces one after the other.
-fn joined(pieces: Vec<Vec<u8>>) -> Content<'static> {
+/// Concatenates the pieces.
+fn join_pieces(pieces: Vec<Vec<u8>>) -> Content<'static> {
     let mut len = 0;
     let starts: Vec<_> = pieces
         .iter()
@@ -193,14 +193,14 @@ fn joined(pieces: Vec<Vec<u8>>) -> Content<'static> {
             len - piece.len()
         })
         .collect();
-    Content::pieces(len, move |mut place, mut bytes| {
-        let first = starts.partition_point(|&start| start <= place) - 1;
+    Content::pieces(len, move |mut offset, mut bytes| {
+        let first = starts.partition_point(|&start| start <= offset) - 1;
         for (piece, start) in pieces[first..].iter().zip(&starts[first..]) {
-            let there = &piece[place - start..];
-            let (here, behind) = bytes.split_at_mut(there.len().min(bytes.len()));
+            let there = &piece[offset - start..];
+            let (here, remaining) = bytes.split_at_mut(there.len().min(bytes.len()));
             here.copy_from_slice(&there[..here.len()]);
-            place += here.len();
-            bytes = behind;
+            offset += here.len();
+            bytes = remaining;
             if bytes.is_empty() {
                 break;
             }
@@ -217,7 +217,7 @@ fn push_color(text: &mut Vec<u8>, color: Rgb) {
     color.into_iter().for_each(|channel| push_float(text, f64::from(channel) / 255.0));
 }
 
-/// A blank and the shortest text that reads as the same single precision number; 0 for what is none.
+/// Appends a blank and the shortest text that reads as the same single-precision number. A number that is not finite becomes 0.
 fn push_float(text: &mut Vec<u8>, number: f64) {
     let number = number as f32;
     text.push(b' ');
@@ -225,19 +225,18 @@ fn push_float(text: &mut Vec<u8>, number: f64) {
         .expect("numbers are JSON, and a vector takes all bytes");
 }
 
-/// A number from 0 as OBJ counts: from 1.
+/// Appends an index, which OBJ counts from 1.
 fn push_index(text: &mut Vec<u8>, index: u32) {
     serde_json::to_writer(text, &(u64::from(index) + 1))
         .expect("numbers are JSON, and a vector takes all bytes");
 }
 
-/// The mesh with the texture coordinates that the pictures of its materials want; `layouts` has those of each material, and faces have the
-/// numbers of their materials.
-fn laid(mut mesh: Mesh, layouts: &[Vec<Layout>]) -> Result<Mesh, MeshError> {
+/// Applies the placement of each material's pictures to the texture coordinates. `layouts` has the placements for each material.
+fn apply_layouts(mut mesh: Mesh, layouts: &[Vec<Layout>]) -> Result<Mesh, MeshError> {
     let plain = mesh.clone();
     let (vertex, corner) = (plain.vertex().pairs("uv"), plain.corner().pairs("uv"));
     let sets = layouts.iter().map(Vec::len).max().unwrap_or(0);
-    let numbers = match plain.face().get(MATERIAL) {
+    let numbers = match plain.face().get(MATERIAL_ATTRIBUTE) {
         Some(Attribute::Index(numbers)) => Some(numbers),
         _ => None,
     };
@@ -252,25 +251,32 @@ fn laid(mut mesh: Mesh, layouts: &[Vec<Layout>]) -> Result<Mesh, MeshError> {
         if is_one && set == 0 && first == Layout::default() {
             continue;
         }
-        let all =
-            |uv: &Column<[f64; 2]>| Attribute::Pair(uv.iter().map(|&uv| first.apply(uv)).collect());
+        fn apply_layout(layout: Layout, uv: &Column<[f64; 2]>) -> Attribute {
+            Attribute::Pair(uv.iter().map(|&uv| layout.apply(uv)).collect())
+        }
         mesh = match (vertex, corner) {
-            (Some(uv), _) if is_one => mesh.with_vertex(&name, all(uv))?,
-            (None, Some(uv)) if is_one => mesh.with_corner(&name, all(uv))?,
+            (Some(uv), _) if is_one => mesh.with_vertex(&name, apply_layout(first, uv))?,
+            (None, Some(uv)) if is_one => mesh.with_corner(&name, apply_layout(first, uv))?,
             (None, None) => mesh,
             _ => {
                 let mut moved = Vec::with_capacity(mesh.faces().corners().len());
                 for (face, corners) in plain.faces().iter().enumerate() {
                     let layout = layout(numbers.map_or(0, |all| all[face] as usize), set, layouts);
-                    for &of in corners {
+                    for &vertex_index in corners {
                         let uv = match (vertex, corner) {
-                            (Some(uv), _) => uv[of as usize],
+                            (Some(uv), _) => uv[vertex_index as usize],
                             (None, uv) => uv.map_or([0.0; 2], |uv| uv[moved.len()]),
                         };
                         moved.push(layout.apply(uv));
                     }
                 }
-                with_corners(mesh.without(&name), &name, moved, [0.0; 2], Attribute::Pair)?
+                add_corner_data(
+                    mesh.without_attribute(&name),
+                    &name,
+                    moved,
+                    [0.0; 2],
+                    Attribute::Pair,
+                )?
             }
         };
     }
@@ -279,31 +285,31 @@ fn laid(mut mesh: Mesh, layouts: &[Vec<Layout>]) -> Result<Mesh, MeshError> {
 
 impl FileReader for MeshObj {
     type Value = Mesh;
-    const ENDINGS: &'static [&'static str] = &["obj"];
+    const EXTENSIONS: &'static [&'static str] = &["obj"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::OBJ_READ;
 
-    fn read(file: &Reading<'_>) -> Result<Mesh, Error> {
-        let (mesh, notes, used) = super::read_noted(file.bytes(), file.color_range())?;
-        notes.into_iter().for_each(|note| file.doubt(note));
+    fn read(file: &InputFile<'_>) -> Result<Mesh, Error> {
+        let (mesh, notes, used) = super::read_with_notes(file.bytes(), file.color_range())?;
+        notes.into_iter().for_each(|note| file.warn(note));
         let has_uv = [mesh.vertex(), mesh.corner()].iter().any(|it| it.pairs("uv").is_some());
         let [libraries, _] = names(file.bytes());
-        let found = named(&libraries, &used, has_uv, &mut |name| file.companion(name));
-        found.doubts.into_iter().for_each(|doubt| file.doubt(doubt));
+        let found = read_named(&libraries, &used, has_uv, &mut |name| file.companion(name));
+        found.warnings.into_iter().for_each(|warning| file.warn(warning));
         let mut all = found.materials;
-        let has_several = mesh.face().get(MATERIAL).is_some();
+        let has_several = mesh.face().get(MATERIAL_ATTRIBUTE).is_some();
         if has_several && !all.is_empty() {
-            // Of faces before the first line `usemtl`.
+            // The default material is for the faces before the first line `usemtl`.
             all.push(Material::default());
         }
-        let mesh = laid(mesh, &found.layouts)?;
+        let mesh = apply_layouts(mesh, &found.layouts)?;
         Ok(match all.len() {
-            0 => mesh.without_face(MATERIAL),
+            0 => mesh.without_face(MATERIAL_ATTRIBUTE),
             _ => without_unused(mesh.with_materials(all)),
         })
     }
 
-    const COMPANIONS: Option<fn(&Reading<'_>)> = Some(|file| {
-        ask(file.bytes(), &mut |name| file.companion(name));
+    const COMPANIONS: Option<fn(&InputFile<'_>)> = Some(|file| {
+        request_files(file.bytes(), &mut |name| file.companion(name));
     });
 }
 
@@ -316,25 +322,27 @@ mod tests {
     use crate::obj::read;
 
     fn mesh() -> Mesh {
-        fn at(x: f64, y: f64) -> Point3<f64> {
+        fn point(x: f64, y: f64) -> Point3<f64> {
             Point3::new(x, y, -0.125)
         }
-        let positions = vec![at(0., 0.), at(0.5, 0.), at(1., 1.), at(0., 1e9), at(2.5, 0.)];
+        let positions =
+            vec![point(0., 0.), point(0.5, 0.), point(1., 1.), point(0., 1e9), point(2.5, 0.)];
         let faces = Faces::polygons(&[4, 3], vec![0, 1, 2, 3, 1, 4, 2]).unwrap();
         Mesh::new(positions, faces).unwrap()
     }
 
-    fn written(mesh: &Mesh) -> Vec<NewFile> {
+    fn write_files(mesh: &Mesh) -> Vec<NewFile> {
         MeshObj::write(mesh, "my.model.obj").unwrap()
     }
 
     #[test]
-    fn a_mesh_that_was_written_reads_the_same() {
+    fn a_written_mesh_is_read_back() {
         fn uv(count: i32) -> Attribute {
             Attribute::Pair((0..count).map(|i| [f64::from(i), 0.5]).collect())
         }
-        let normals =
-            |count| Attribute::Vector((0..count).map(|i| [f64::from(i), 0., 1.]).collect());
+        fn normals(count: i32) -> Attribute {
+            Attribute::Vector((0..count).map(|i| [f64::from(i), 0., 1.]).collect())
+        }
         let colors = (0..5).map(|i| [i * 60, 255, 1 + i]).collect();
         let plain = mesh();
         let colored = mesh().with_vertex("color", Attribute::Color(colors)).unwrap();
@@ -343,7 +351,7 @@ mod tests {
         let shaded = mesh().with_vertex("normal", normals(5)).unwrap();
         let both = cut.clone().with_corner("normal", normals(7)).unwrap();
         for mesh in [plain, colored, textured, cut, shaded, both] {
-            assert_eq!(read(&written(&mesh)[0].bytes).unwrap(), mesh);
+            assert_eq!(read(&write_files(&mesh)[0].bytes).unwrap(), mesh);
         }
     }
 
@@ -352,7 +360,7 @@ mod tests {
         let single = [1e-7f32, -1.0 / 3.0, 3.4e38, 16_777_217.0, f32::MIN_POSITIVE, 0.1];
         let points = single.chunks(3).map(|x| Point3::new(x[0], x[1], x[2]).map(f64::from));
         let mesh = Mesh::new(points.collect::<Vec<_>>(), Faces::triangles(vec![])).unwrap();
-        let again = read(&written(&mesh)[0].bytes).unwrap();
+        let again = read(&write_files(&mesh)[0].bytes).unwrap();
         let numbers = again.positions().iter().flat_map(|point| Vec::from(point.coords.as_slice()));
         assert_eq!(numbers.map(|x| x as f32).collect::<Vec<_>>(), single);
     }
@@ -361,7 +369,7 @@ mod tests {
     fn a_texture_comes_with_a_material_and_a_picture() {
         let image = Image::new(1, 1, vec![[1, 2, 3]]).unwrap();
         let mesh = mesh().with_texture(Some(image.clone()));
-        let files = written(&mesh);
+        let files = write_files(&mesh);
         let names: Vec<_> = files.iter().map(|file| &*file.name).collect();
         assert_eq!(names, ["my.model.obj", "my.model.mtl", "my.model.png"]);
         assert!(files[0].bytes.starts_with(b"mtllib my.model.mtl\nusemtl material\nv "));
@@ -370,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn files_beside_it_have_names_that_other_programs_find() {
+    fn companion_files_have_names_that_other_programs_accept() {
         let mesh = mesh().with_texture(Some(Image::new(1, 1, vec![[1, 2, 3]]).unwrap()));
         for (name, stem) in [
             ("my größe #1.obj", "my_größe__1"),
@@ -390,6 +398,6 @@ mod tests {
     fn many_vertices_keep_their_order() {
         let positions: Vec<_> = (0..10_000).map(|i| Point3::new(f64::from(i), 0., 0.)).collect();
         let mesh = Mesh::new(positions, Faces::triangles(vec![[0, 1, 9999]])).unwrap();
-        assert_eq!(read(&written(&mesh)[0].bytes).unwrap(), mesh);
+        assert_eq!(read(&write_files(&mesh)[0].bytes).unwrap(), mesh);
     }
 }

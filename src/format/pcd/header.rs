@@ -3,7 +3,7 @@
 use super::PcdError;
 use crate::{excerpt, parse, words};
 
-/// How one number is stored.
+/// The storage type of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Scalar {
     F32,
@@ -35,49 +35,49 @@ impl Scalar {
         })
     }
 
-    /// The number that begins at the first of `bytes`, which are enough.
+    /// Reads the number at the start of `bytes`, which must be long enough.
     pub(super) fn read(self, bytes: &[u8]) -> f64 {
         match self {
-            Self::F32 => f32::from_le_bytes(first(bytes)).into(),
-            Self::F64 => f64::from_le_bytes(first(bytes)),
-            Self::I8 => i8::from_le_bytes(first(bytes)).into(),
-            Self::I16 => i16::from_le_bytes(first(bytes)).into(),
-            Self::I32 => i32::from_le_bytes(first(bytes)).into(),
-            Self::I64 => i64::from_le_bytes(first(bytes)) as f64,
+            Self::F32 => f32::from_le_bytes(first_bytes(bytes)).into(),
+            Self::F64 => f64::from_le_bytes(first_bytes(bytes)),
+            Self::I8 => i8::from_le_bytes(first_bytes(bytes)).into(),
+            Self::I16 => i16::from_le_bytes(first_bytes(bytes)).into(),
+            Self::I32 => i32::from_le_bytes(first_bytes(bytes)).into(),
+            Self::I64 => i64::from_le_bytes(first_bytes(bytes)) as f64,
             Self::U8 => bytes[0].into(),
-            Self::U16 => u16::from_le_bytes(first(bytes)).into(),
-            Self::U32 => u32::from_le_bytes(first(bytes)).into(),
-            Self::U64 => u64::from_le_bytes(first(bytes)) as f64,
+            Self::U16 => u16::from_le_bytes(first_bytes(bytes)).into(),
+            Self::U32 => u32::from_le_bytes(first_bytes(bytes)).into(),
+            Self::U64 => u64::from_le_bytes(first_bytes(bytes)) as f64,
         }
     }
 }
 
-/// The first bytes of more.
-pub(super) fn first<const N: usize>(bytes: &[u8]) -> [u8; N] {
+/// Returns the first N bytes.
+pub(super) fn first_bytes<const N: usize>(bytes: &[u8]) -> [u8; N] {
     *bytes.first_chunk().expect("the size of the data was checked against the header")
 }
 
-/// One of the fields that are read.
+/// A field of the points.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Field {
     pub(super) scalar: Scalar,
-    /// Bytes of a point before it.
+    /// The offset of the field in a point, in bytes.
     pub(super) offset: usize,
-    /// Numbers of a point before it.
+    /// The offset of the field in a point, counted in numbers.
     pub(super) index: usize,
-    /// Bytes of this field in a point: more than one number's if it has several.
+    /// The size of the field in bytes. The field may have several numbers.
     pub(super) bytes: usize,
 }
 
-/// How many numbers beside places, normals and colors are read at most: a descriptor of a point has some hundred.
-const MOST_OTHERS: usize = 1024;
+/// The maximum count of a point's numbers besides its position, normal and color. Descriptors of points have some hundred numbers.
+const MAX_OTHERS: usize = 1024;
 
 impl Field {
-    /// A field for each number of this one, with the name of this one, or that and its place if there are several.
-    fn each(&self, name: &str) -> Vec<(String, Self)> {
+    /// Splits the field into one field per number. Each gets the name of the field, followed by an index if there are several numbers.
+    fn split(&self, name: &str) -> Vec<(String, Self)> {
         let bytes = size(self.scalar);
         let count = self.bytes / bytes;
-        (0..count.min(MOST_OTHERS))
+        (0..count.min(MAX_OTHERS))
             .map(|k: usize| {
                 let name = if count == 1 { name.to_owned() } else { format!("{name}_{k}") };
                 (name, Self { offset: self.offset + k * bytes, index: self.index + k, ..*self })
@@ -86,7 +86,7 @@ impl Field {
     }
 }
 
-/// How the points are stored.
+/// The encoding of the points in the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Encoding {
     Ascii,
@@ -94,31 +94,31 @@ pub(super) enum Encoding {
     Compressed,
 }
 
-/// What the header says. As many points as width x height, which is checked not to overflow, nor their size in bytes.
+/// The parsed header. It is checked that neither width x height nor the size of the points in bytes overflows.
 #[derive(Debug)]
 pub(super) struct Header {
     pub(super) width: usize,
     pub(super) height: usize,
-    /// The line that says how high it is, from 1.
+    /// The number of the line that states the height, from 1.
     pub(super) height_line: usize,
-    /// x, y and z.
-    pub(super) place: [Field; 3],
-    /// `normal_x`, `normal_y` and `normal_z`, or `nx`, `ny` and `nz`.
+    /// The fields `x`, `y` and `z`.
+    pub(super) position: [Field; 3],
+    /// The fields `normal_x`, `normal_y` and `normal_z`, or `nx`, `ny` and `nz`.
     pub(super) normal: Option<[Field; 3]>,
-    /// Fields `r`, `g` and `b`.
+    /// The fields `r`, `g` and `b`.
     pub(super) channels: Option<[Field; 3]>,
-    /// All others, with a name for each of their numbers.
+    /// All other fields. A field with several numbers is split, and each number has a name.
     pub(super) others: Vec<(String, Field)>,
-    /// Whether the points are seen from another place than the origin, or turned.
+    /// True if the viewpoint is not at the origin, or is rotated.
     pub(super) has_viewpoint: bool,
-    /// Four bytes with blue first.
+    /// The field with a packed color of four bytes, blue first.
     pub(super) color: Option<Field>,
-    /// Bytes per point.
+    /// The number of bytes per point.
     pub(super) stride: usize,
-    /// Numbers per point.
+    /// The count of numbers per point.
     pub(super) numbers: usize,
     pub(super) encoding: Encoding,
-    /// Where the points begin: byte and line.
+    /// The position in bytes at which the points begin. `start_line` is the number of the line at this position, from 1.
     pub(super) start: usize,
     pub(super) start_line: usize,
 }
@@ -142,7 +142,7 @@ impl<'a> Lines<'a> {
         Ok((entry.number, &entry.words))
     }
 
-    /// The only number behind a keyword.
+    /// Returns the number of the line with the keyword, and the single number after the keyword.
     fn number(&self, keyword: &'static str) -> Result<(usize, usize), PcdError> {
         let (line, words) = self.find(keyword)?;
         match words {
@@ -194,7 +194,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, PcdError> {
     unreachable!("lines are counted without end")
 }
 
-/// Checks all lines against each other.
+/// Computes the layout of the points from the header lines, and checks that these lines agree.
 fn layout(
     lines: &Lines<'_>,
     encoding: Encoding,
@@ -218,7 +218,7 @@ fn layout(
         let index = names.iter().position(|given| *given == name.as_bytes());
         index.map(|index| fields[index]).filter(|field| field.bytes > 0)
     };
-    let place = |name| find(name).ok_or(PcdError::NoField { name });
+    let required = |name| find(name).ok_or(PcdError::NoField { name });
     let three = |[a, b, c]: [&'static str; 3]| Some([find(a)?, find(b)?, find(c)?]);
     let normal = three(["normal_x", "normal_y", "normal_z"]).or_else(|| three(["nx", "ny", "nz"]));
     let last = fields.last().ok_or(PcdError::NoField { name: "x" })?;
@@ -227,24 +227,27 @@ fn layout(
         matches!(field.scalar, Scalar::F32 | Scalar::U32 | Scalar::I32) && field.bytes == 4
     });
     let channels = three(["r", "g", "b"]).or_else(|| three(["red", "green", "blue"]));
-    let place = [place("x")?, place("y")?, place("z")?];
-    let read =
-        place.iter().chain(normal.iter().flatten()).chain(&color).chain(channels.iter().flatten());
+    let position = [required("x")?, required("y")?, required("z")?];
+    let read = position
+        .iter()
+        .chain(normal.iter().flatten())
+        .chain(&color)
+        .chain(channels.iter().flatten());
     let read: Vec<_> = read.map(|field| field.index).collect();
     let others = names
         .iter()
         .zip(&fields)
         .filter(|(name, field)| !read.contains(&field.index) && field.bytes > 0 && **name != b"_");
-    let others = others.flat_map(|(name, field)| field.each(&String::from_utf8_lossy(name)));
-    let seen_from = lines.find("VIEWPOINT").map_or(&[][..], |(_, words)| words);
+    let others = others.flat_map(|(name, field)| field.split(&String::from_utf8_lossy(name)));
+    let viewpoint = lines.find("VIEWPOINT").map_or(&[][..], |(_, words)| words);
     let usual = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0];
-    let has_viewpoint = seen_from.iter().zip(usual).any(|(word, usual)| parse(word) != Some(usual));
-    let others = others.take(MOST_OTHERS).collect();
+    let has_viewpoint = viewpoint.iter().zip(usual).any(|(word, usual)| parse(word) != Some(usual));
+    let others = others.take(MAX_OTHERS).collect();
     let header = Header {
         width,
         height,
         height_line,
-        place,
+        position,
         normal,
         channels,
         others,
@@ -260,7 +263,7 @@ fn layout(
     Ok(header)
 }
 
-/// The layout of all fields, in their order.
+/// Returns the layout of all fields, in the order of the file.
 fn fields(lines: &Lines<'_>, names: &[&[u8]]) -> Result<Vec<Field>, PcdError> {
     let per_field = |keyword| {
         let (line, words) = lines.find(keyword)?;

@@ -1,37 +1,40 @@
 //! LZF, the compression of `binary_compressed` PCD files.
 //!
-//! A stream of literal runs (a byte n < 32, then n + 1 bytes) and of copies from what was written before (a byte with the length
-//! in its upper 3 bits, 7 of them meaning that a byte of more length follows, and the distance in the rest and the next byte).
-//! The format is that of Marc Lehmann's LibLZF.
+//! A stream consists of literal runs and copies of earlier output. A literal run is a byte n < 32, followed by n + 1 bytes. A copy begins
+//! with a byte whose upper 3 bits are the length, where 7 means that another length byte follows; the lower bits and the next byte are the
+//! distance. The format is that of Marc Lehmann's LibLZF.
 
-/// Where a stream is broken: the byte, and how.
+/// An error in a stream, with the position of the invalid byte.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) struct Broken {
+pub(super) struct LzfError {
     pub(super) byte: usize,
     pub(super) what: &'static str,
 }
 
-/// No stream unpacks to more than this many times its length: a copy of 264 bytes takes 3.
-const MOST_EXPANSION: usize = 88;
+/// The maximum ratio of unpacked to packed size: a copy of 264 bytes takes 3 bytes.
+const MAX_EXPANSION: usize = 88;
 
-/// The `expected` bytes that `packed` stands for. Memory is reserved only if the stream can be long enough.
-pub(super) fn unpack(packed: &[u8], expected: usize) -> Result<Vec<u8>, Broken> {
-    if expected > packed.len().saturating_mul(MOST_EXPANSION) {
-        return Err(Broken { byte: 0, what: "too few compressed bytes for the size promised" });
+/// Unpacks `expected` bytes. Memory is reserved only if the stream is long enough to unpack to this size.
+pub(super) fn unpack(packed: &[u8], expected: usize) -> Result<Vec<u8>, LzfError> {
+    if expected > packed.len().saturating_mul(MAX_EXPANSION) {
+        return Err(LzfError {
+            byte: 0,
+            what: "the compressed data are too short for the stated size",
+        });
     }
     let mut unpacked = Vec::with_capacity(expected);
     let mut next = 0;
     while let Some(&control) = packed.get(next) {
         let byte = next;
-        fn broken(what: &'static str, byte: usize) -> Broken {
-            Broken { byte, what }
+        fn stream_error(what: &'static str, byte: usize) -> LzfError {
+            LzfError { byte, what }
         }
-        let cut_off = || broken("the compressed data are cut off", byte);
-        let read = |at: usize| packed.get(at).map(|&byte| usize::from(byte)).ok_or_else(cut_off);
+        let truncated = || stream_error("the compressed data are truncated", byte);
+        let read = |at: usize| packed.get(at).map(|&byte| usize::from(byte)).ok_or_else(truncated);
         next += 1;
         if control < 32 {
             let end = next + usize::from(control) + 1;
-            unpacked.extend_from_slice(packed.get(next..end).ok_or_else(cut_off)?);
+            unpacked.extend_from_slice(packed.get(next..end).ok_or_else(truncated)?);
             next = end;
         } else {
             let mut length = usize::from(control >> 5);
@@ -42,20 +45,21 @@ pub(super) fn unpack(packed: &[u8], expected: usize) -> Result<Vec<u8>, Broken> 
             let distance = (usize::from(control & 31) << 8 | read(next)?) + 1;
             next += 1;
             let start = unpacked.len().checked_sub(distance);
-            let start = start.ok_or_else(|| broken("a copy from before the beginning", byte))?;
+            let start = start
+                .ok_or_else(|| stream_error("a copy begins before the start of the data", byte))?;
             repeat(&mut unpacked, start, length + 2);
         }
         if unpacked.len() > expected {
-            return Err(broken("more data than promised", byte));
+            return Err(stream_error("the data are longer than stated", byte));
         }
     }
     if unpacked.len() < expected {
-        return Err(Broken { byte: packed.len(), what: "less data than promised" });
+        return Err(LzfError { byte: packed.len(), what: "the data are shorter than stated" });
     }
     Ok(unpacked)
 }
 
-/// Appends `length` bytes from `start` on, which may reach into what is being appended.
+/// Appends a copy of the `length` bytes from `start` on. The range may overlap the bytes that are being appended.
 fn repeat(bytes: &mut Vec<u8>, start: usize, length: usize) {
     let distance = bytes.len() - start;
     if length <= distance {
@@ -70,23 +74,29 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_run_and_a_copy_that_reaches_into_itself_unpack() {
-        // "ab", then 6 bytes from 2 bytes back.
+    fn a_run_and_an_overlapping_copy_are_unpacked() {
+        // The stream is "ab", followed by a copy of 6 bytes from 2 bytes back.
         assert_eq!(unpack(&[1, b'a', b'b', 4 << 5, 1], 8).unwrap(), b"abababab");
-        // A copy with a byte of more length: 7 + 1 + 2 bytes from 1 byte back.
+        // The copy has an additional length byte: 7 + 1 + 2 bytes from 1 byte back.
         assert_eq!(unpack(&[0, b'x', 7 << 5, 1, 0], 11).unwrap(), b"xxxxxxxxxxx");
     }
 
     #[test]
-    fn broken_streams_are_refused() {
-        fn what(packed: &[u8], expected: usize) -> &str {
+    fn invalid_streams_are_rejected() {
+        fn error_text(packed: &[u8], expected: usize) -> &str {
             unpack(packed, expected).unwrap_err().what
         }
-        assert_eq!(what(&[5, b'a'], 6), "the compressed data are cut off");
-        assert_eq!(what(&[7 << 5], 9), "the compressed data are cut off");
-        assert_eq!(what(&[0, b'a', 1 << 5, 1], 4), "a copy from before the beginning");
-        assert_eq!(what(&[1, b'a', b'b'], 1), "more data than promised");
-        assert_eq!(what(&[1, b'a', b'b'], 3), "less data than promised");
-        assert_eq!(what(&[0], usize::MAX), "too few compressed bytes for the size promised");
+        assert_eq!(error_text(&[5, b'a'], 6), "the compressed data are truncated");
+        assert_eq!(error_text(&[7 << 5], 9), "the compressed data are truncated");
+        assert_eq!(
+            error_text(&[0, b'a', 1 << 5, 1], 4),
+            "a copy begins before the start of the data"
+        );
+        assert_eq!(error_text(&[1, b'a', b'b'], 1), "the data are longer than stated");
+        assert_eq!(error_text(&[1, b'a', b'b'], 3), "the data are shorter than stated");
+        assert_eq!(
+            error_text(&[0], usize::MAX),
+            "the compressed data are too short for the stated size"
+        );
     }
 }

@@ -1,4 +1,4 @@
-//! The numbers behind the header of a PLY file.
+//! Reads the body of a PLY file.
 
 use std::borrow::Cow;
 
@@ -8,15 +8,16 @@ use maquette_value::parallel::*;
 use super::error::PlyError;
 use super::header::{Element, Encoding, Header, Scalar};
 use super::table::Column;
-use crate::{At, excerpt, real};
+use crate::{FilePosition, excerpt, parse_real};
 
-/// Reads numbers one after the other.
+/// Reads the numbers of a body one after another.
 pub(super) struct Body<'a> {
     encoding: Encoding,
     bytes: &'a [u8],
     next: usize,
-    /// Where the last number was that was read: its byte, and in a text its line.
+    /// The position of the last number that was read, in bytes.
     last: usize,
+    /// The number of the line with the last number that was read, for a text.
     line: usize,
 }
 
@@ -26,18 +27,18 @@ impl<'a> Body<'a> {
         Self { encoding: header.encoding, bytes, next, last: next, line }
     }
 
-    /// Where the last number was that was read.
-    pub(super) fn at(&self) -> At {
+    /// Returns the position of the last number that was read.
+    pub(super) fn position(&self) -> FilePosition {
         match self.encoding {
-            Encoding::Ascii => At::Line(self.line),
-            Encoding::LittleEndian | Encoding::BigEndian => At::Byte(self.last),
+            Encoding::Ascii => FilePosition::Line(self.line),
+            Encoding::LittleEndian | Encoding::BigEndian => FilePosition::Byte(self.last),
         }
     }
 
-    /// Checks that the rest can hold an element, before memory is reserved for it and rows are counted.
+    /// Checks that the rest of the file is long enough for an element. This is done before memory is reserved and rows are counted.
     pub(super) fn check_room(&self, element: &Element) -> Result<(), PlyError> {
         let found = self.bytes.len() - self.next.min(self.bytes.len());
-        let expected = element.count.saturating_mul(self.encoding.least_row(element));
+        let expected = element.count.saturating_mul(self.encoding.min_row_size(element));
         if found < expected {
             let Element { name, count, line, .. } = element.clone();
             return Err(PlyError::CutOff { line, name, count, found, expected });
@@ -45,15 +46,15 @@ impl<'a> Body<'a> {
         Ok(())
     }
 
-    /// How many faces of an element the rest can hold, if they have three corners and are not degenerate.
+    /// Returns the maximum number of triangles that the rest of the file can contain.
     pub(super) fn room_for_faces(&self, element: &Element) -> usize {
         let corner = element.properties.iter().find(|property| property.length.is_some());
-        let corner = corner.map_or(1, |property| self.encoding.least_size(property.scalar));
+        let corner = corner.map_or(1, |property| self.encoding.min_size(property.scalar));
         let room = self.bytes.len() - self.next.min(self.bytes.len());
-        element.count.min(room / (self.encoding.least_row(element) + 3 * corner))
+        element.count.min(room / (self.encoding.min_row_size(element) + 3 * corner))
     }
 
-    /// The rows of an element without lists, and whether they are big endian; none in a text.
+    /// Takes the rows of an element without lists. Returns the rows, and true if they are big endian; `None` for a text.
     pub(super) fn take_rows(
         &mut self,
         element: &Element,
@@ -62,14 +63,14 @@ impl<'a> Body<'a> {
             return Ok(None);
         }
         self.check_room(element)?;
-        let size = element.count * self.encoding.least_row(element);
+        let size = element.count * self.encoding.min_row_size(element);
         let rows = &self.bytes[self.next..][..size];
         self.next += size;
         Ok(Some((rows, self.encoding == Encoding::BigEndian)))
     }
 
-    /// The triangles of an element that is nothing but little endian triangles; none, and nothing is taken, if anything else is
-    /// there or a triangle repeats a corner.
+    /// Takes the triangles of an element that consists only of little-endian triangles. Returns `None` and takes nothing if the element
+    /// contains anything else, or if a triangle repeats a corner.
     pub(super) fn take_triangles(&mut self, element: &Element) -> Option<Faces> {
         let [property] = &element.properties[..] else { return None };
         let known = property.length.is_some_and(|length| length.size() == 1)
@@ -88,14 +89,14 @@ impl<'a> Body<'a> {
             })
             .collect(),
         );
-        let is_sound = triangles.needed().is_some_and(|needed| needed <= 1 << 31);
+        let is_sound = triangles.min_vertices().is_some_and(|needed| needed <= 1 << 31);
         is_sound.then(|| {
             self.next += size;
             triangles
         })
     }
 
-    /// The next number.
+    /// Reads a number.
     pub(super) fn number(&mut self, scalar: Scalar) -> Result<f64, PlyError> {
         match self.encoding {
             Encoding::Ascii => self.word(scalar),
@@ -104,16 +105,16 @@ impl<'a> Body<'a> {
         }
     }
 
-    /// The length of a list.
+    /// Reads the length of a list.
     pub(super) fn length(&mut self, scalar: Scalar) -> Result<usize, PlyError> {
         let length = self.number(scalar)?;
         if length < 0.0 || length.fract() != 0.0 {
-            return Err(PlyError::Length { at: self.at(), length });
+            return Err(PlyError::Length { at: self.position(), length });
         }
         Ok(length as usize)
     }
 
-    /// Passes over a list.
+    /// Skips a list.
     pub(super) fn skip_list(&mut self, length: Scalar, scalar: Scalar) -> Result<(), PlyError> {
         let length = self.length(length)?;
         if self.encoding == Encoding::Ascii {
@@ -122,23 +123,24 @@ impl<'a> Body<'a> {
         let end = length.checked_mul(scalar.size()).and_then(|size| self.next.checked_add(size));
         match end.filter(|&end| end <= self.bytes.len()) {
             Some(end) => self.next = end,
-            None => return Err(PlyError::Ends { at: At::Byte(self.bytes.len()) }),
+            None => return Err(PlyError::Ends { at: FilePosition::Byte(self.bytes.len()) }),
         }
         Ok(())
     }
 
-    /// Ends a row: in a text the line ends with it, so that a number too few or too many does not shift all that follows.
+    /// Ends a row. In a text the line must end together with the row; otherwise a missing or additional number would shift all following
+    /// rows.
     pub(super) fn end_row(&self, element: &Element) -> Result<(), PlyError> {
         let mut rest = self.bytes[self.next..].iter();
-        let behind = rest.find(|byte| !matches!(byte, b' ' | b'\t'));
-        let is_end = matches!(behind, None | Some(b'\n' | b'\r'));
+        let next = rest.find(|byte| !matches!(byte, b' ' | b'\t'));
+        let is_end = matches!(next, None | Some(b'\n' | b'\r'));
         if is_end || self.encoding != Encoding::Ascii {
             return Ok(());
         }
-        Err(PlyError::Row { at: self.at(), name: element.name.clone() })
+        Err(PlyError::Row { at: self.position(), name: element.name.clone() })
     }
 
-    /// What is told of what stands behind the last element, if anything does.
+    /// Returns a warning if there are data after the last element.
     pub(super) fn rest(&self) -> Option<String> {
         let rest = &self.bytes[self.next..];
         match self.encoding {
@@ -146,12 +148,12 @@ impl<'a> Body<'a> {
                 let first = rest.iter().position(|byte| !byte.is_ascii_whitespace())?;
                 let line = self.line + rest[..first].iter().filter(|&&byte| byte == b'\n').count();
                 Some(format!(
-                    "what stands from line {line} on is left out: the header counts fewer rows"
+                    "the text from line {line} on is left out: the header states fewer rows"
                 ))
             }
             _ if rest.is_empty() => None,
             _ => Some(format!(
-                "{} bytes at the end are left out: the header counts fewer rows",
+                "{} bytes at the end are left out: the header states fewer rows",
                 rest.len()
             )),
         }
@@ -159,7 +161,7 @@ impl<'a> Body<'a> {
 
     fn take(&mut self, size: usize) -> Result<&'a [u8], PlyError> {
         let taken = self.bytes[self.next..].get(..size);
-        let taken = taken.ok_or(PlyError::Ends { at: At::Byte(self.bytes.len()) })?;
+        let taken = taken.ok_or(PlyError::Ends { at: FilePosition::Byte(self.bytes.len()) })?;
         self.last = self.next;
         self.next += size;
         Ok(taken)
@@ -172,25 +174,26 @@ impl<'a> Body<'a> {
         let rest = &rest[blank..];
         let length = rest.iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len());
         if length == 0 {
-            return Err(PlyError::Ends { at: self.at() });
+            return Err(PlyError::Ends { at: self.position() });
         }
         self.next += blank + length;
         let number = match scalar {
-            // Single precision is read as such: twice rounded is not always rightly rounded.
-            Scalar::F32 => real::<f32>(&rest[..length]).map(f64::from),
-            _ => real(&rest[..length]),
+            // Single-precision numbers are parsed as such, because rounding twice can differ from rounding once.
+            Scalar::F32 => parse_real::<f32>(&rest[..length]).map(f64::from),
+            _ => parse_real(&rest[..length]),
         };
-        number.ok_or_else(|| PlyError::Number { at: self.at(), text: excerpt(&rest[..length]) })
+        number
+            .ok_or_else(|| PlyError::Number { at: self.position(), text: excerpt(&rest[..length]) })
     }
 }
 
-/// Bytes of a triangle: the number of its corners, and three of four bytes each.
+/// The number of bytes of a triangle: one for the number of its corners, and four for each of three corners.
 const TRIANGLE: usize = 13;
 
-/// Rows that one task reads.
+/// The number of rows per parallel task.
 const BLOCK: usize = 8192;
 
-/// Numbers in rows of one length.
+/// Rows of equal length in a binary body.
 pub(super) struct Rows<'a> {
     pub(super) bytes: Cow<'a, [u8]>,
     pub(super) stride: usize,
@@ -199,7 +202,7 @@ pub(super) struct Rows<'a> {
 }
 
 impl Rows<'_> {
-    /// What `make` makes of the numbers of each row in these columns.
+    /// Applies `make` to the numbers that each row has in the given columns.
     pub(super) fn gather<const N: usize, T: Send>(
         &self,
         columns: &[Column; N],
@@ -207,9 +210,9 @@ impl Rows<'_> {
     ) -> Vec<T> {
         let rows = (0..self.count).into_par_iter().with_min_len(BLOCK);
         let rows = rows.map(|row| &self.bytes[row * self.stride..][..self.stride]);
-        let is = |scalar| columns.iter().all(|column| column.stored == scalar);
-        // Knowing the type before the loop makes the loop several times faster.
-        if is(Scalar::F32) && !self.big_endian {
+        let is_single = columns.iter().all(|column| column.stored == Scalar::F32);
+        // Testing for the type before the loop makes the loop several times faster.
+        if is_single && !self.big_endian {
             let offsets = columns.each_ref().map(|column| column.offset);
             fn number(row: &[u8], at: usize) -> f32 {
                 f32::from_le_bytes(bytes(&row[at..]))
@@ -232,7 +235,7 @@ fn bytes<const N: usize>(row: &[u8]) -> [u8; N] {
     *row.first_chunk().expect("a row holds all its columns")
 }
 
-/// The number that begins at the first byte, little endian.
+/// Reads the little-endian number at the start of `row`.
 fn little(scalar: Scalar, row: &[u8]) -> f64 {
     match scalar {
         Scalar::I8 => i8::from_le_bytes(bytes(row)).into(),
@@ -246,7 +249,7 @@ fn little(scalar: Scalar, row: &[u8]) -> f64 {
     }
 }
 
-/// The number that begins at the first byte, big endian.
+/// Reads the big-endian number at the start of `row`.
 fn big(scalar: Scalar, row: &[u8]) -> f64 {
     match scalar {
         Scalar::I8 => i8::from_be_bytes(bytes(row)).into(),

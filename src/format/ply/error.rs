@@ -1,125 +1,127 @@
-//! Why bytes are not a mesh, points or a range image in a PLY file.
+//! The error of reading PLY files.
 
 use maquette_value::MeshError;
 use thiserror::Error;
 
-use crate::At;
+use crate::FilePosition;
 
-/// Why bytes are not a mesh in a PLY file.
+/// Error of reading a mesh, points or a range image from a PLY file.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum PlyError {
-    /// Something else.
-    #[error("this is not a PLY file: its first line is not `ply`")]
+    /// The file is not PLY.
+    #[error("expected `ply` in the first line: this is not a PLY file")]
     NotPly,
-    /// A line of the header that says nothing known.
+    /// A header line is invalid.
     #[error("line {line}: `{text}` is not a line of a PLY header")]
     Header {
-        /// The line, from 1.
+        /// The number of the line, from 1.
         line: usize,
-        /// The line itself.
+        /// The text of the line.
         text: String,
     },
-    /// A header without end.
+    /// The header has no line `end_header`.
     #[error("the header has no line `end_header`")]
     EndlessHeader,
-    /// A header that does not say how numbers are stored.
+    /// The header has no line `format`.
     #[error("the header has no line `format`")]
     NoFormat,
-    /// No positions.
+    /// The file has no positions.
     #[error("the file has no vertices with x, y and z")]
     NoVertices,
-    /// Fewer data than the header promises.
+    /// The file has fewer data than the header states.
     #[error(
-        "line {line}: {count} of `{name}` take at least {expected} bytes, but only {found} are left"
+        "line {line}: {count} rows of `{name}` need at least {expected} bytes, but only {found} are left"
     )]
     CutOff {
-        /// The line of the header that promises them, from 1.
+        /// The number of the line that declares the element in the header, from 1.
         line: usize,
-        /// What is promised.
+        /// The name of the element.
         name: String,
-        /// How many are promised.
+        /// The number of rows that the element should have.
         count: usize,
-        /// Bytes left.
+        /// The number of bytes that are left in the file.
         found: usize,
-        /// Bytes that are needed.
+        /// The number of bytes that the rows need at least.
         expected: usize,
     },
     /// The file ends inside an element.
     #[error("{at}: the file ends too early")]
     Ends {
-        /// Its end.
-        at: At,
+        /// The position of the end of the file.
+        at: FilePosition,
     },
-    /// A row that ends within a line.
-    #[error("{at}: more stands here than a row of `{name}` has, or less in the line before")]
+    /// In a text, a row and its line do not end at the same position.
+    #[error(
+        "{at}: expected one row of `{name}` per line: this line has too many numbers, or the previous one too few"
+    )]
     Row {
-        /// Where it ends.
-        at: At,
-        /// The element.
+        /// The position of the end of the row.
+        at: FilePosition,
+        /// The name of the element.
         name: String,
     },
-    /// A word that is no number.
+    /// A word is not a number.
     #[error("{at}: `{text}` is not a number")]
     Number {
-        /// Where.
-        at: At,
-        /// The word.
+        /// The position of the error.
+        at: FilePosition,
+        /// The word that is not a number.
         text: String,
     },
-    /// A list whose length is not a whole number.
+    /// The length of a list is not a nonnegative integer.
     #[error("{at}: a list cannot have {length} entries")]
     Length {
-        /// Where.
-        at: At,
-        /// Its length.
+        /// The position of the error.
+        at: FilePosition,
+        /// The length in the file.
         length: f64,
     },
-    /// A corner of a face that is not the number of a vertex.
+    /// A corner of a face is not a valid index of a vertex.
     #[error("{at}: there is no vertex {index}")]
     Index {
-        /// Where.
-        at: At,
-        /// What the file says.
+        /// The position of the error.
+        at: FilePosition,
+        /// The number in the file.
         index: f64,
     },
-    /// No grid, where one is wanted.
-    #[error("the file has no `range_grid`: its points are no range image")]
+    /// The file has no grid.
+    #[error("the file has no element `range_grid`: its points are not a range image")]
     NoGrid,
-    /// A grid without its size.
-    #[error("the header does not say how large the grid is: `obj_info {key}` is missing")]
+    /// The header lacks the size of the grid.
+    #[error("the header has no line `obj_info {key}`")]
     NoGridSize {
-        /// `num_cols` or `num_rows`.
+        /// The missing key: `num_cols` or `num_rows`.
         key: &'static str,
     },
-    /// A grid of another size than it should have.
+    /// The number of cells differs from columns x rows.
     #[error("line {line}: the grid has {found} cells, but it is {columns} x {rows}")]
     GridSize {
-        /// The line of the header that promises them, from 1.
+        /// The number of the line that declares the element in the header, from 1.
         line: usize,
-        /// Cells of the grid.
+        /// The number of cells.
         found: usize,
-        /// What `num_cols` says.
+        /// The value of `num_cols`.
         columns: usize,
-        /// What `num_rows` says.
+        /// The value of `num_rows`.
         rows: usize,
     },
-    /// A cell with several points.
+    /// A cell has several points.
     #[error("{at}: a cell of a grid has one point or none, not {count}")]
     Cell {
-        /// Where.
-        at: At,
-        /// Its points.
+        /// The position of the cell.
+        at: FilePosition,
+        /// The number of points in the cell.
         count: usize,
     },
-    /// A cell that names no vertex.
-    #[error("a cell names vertex {vertex}, but there are only {vertices}")]
+    /// A cell refers to a vertex that does not exist.
+    #[error("a cell refers to vertex {vertex}, but there are only {vertices} vertices")]
     NoVertex {
-        /// The vertex it names.
+        /// The index of the vertex.
         vertex: u32,
-        /// Number of vertices.
+        /// The number of vertices in the file.
         vertices: usize,
     },
-    /// Vertices and faces that make no mesh.
+    /// The vertices and faces are not a valid mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
 }

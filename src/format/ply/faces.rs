@@ -1,4 +1,4 @@
-//! The faces of a PLY file.
+//! Reads the faces of a PLY file.
 
 use std::borrow::Cow;
 
@@ -10,20 +10,20 @@ use super::header::{CORNER_UV, Element, Property, Scalar, TEXCOORD};
 use super::table::{Column, Table};
 use crate::corners::FaceList;
 
-/// The corners of all faces, and their texture coordinates.
+/// The corners of all faces, with their texture coordinates.
 #[derive(Default)]
 pub(super) struct FaceTable {
-    /// All faces, if they are triangles without repeated corners in a binary table of nothing else.
+    /// All faces, if the file has a binary table of triangles without repeated corners and without other properties.
     pub(super) triangles: Option<Faces>,
-    /// All faces otherwise.
+    /// All faces, if the file has another form.
     pub(super) list: FaceList,
     pub(super) uv: Option<Vec<[f64; 2]>>,
-    /// What is no list, of the faces in `list`.
+    /// The scalar properties of the faces in `list`.
     pub(super) scalars: Option<Table<'static>>,
 }
 
 impl FaceTable {
-    /// Reads the faces; as [`triangles`](Self::triangles) only if `alone`, because no others are added to them.
+    /// Reads the faces. They can be stored in [`triangles`](Self::triangles) only if no other faces follow (`alone` is true).
     pub(super) fn read(
         element: &Element,
         body: &mut Body<'_>,
@@ -93,14 +93,15 @@ impl FaceTable {
             offset: number * size_of::<f64>(),
             stored: Scalar::F64,
         });
-        let columns = Vec::from_iter(scalars);
+        let columns: Vec<_> = scalars.collect();
         let stride = columns.len() * size_of::<f64>();
         let rows = Rows { bytes: Cow::Owned(numbers), stride, count, big_endian: false };
         table.scalars = (!columns.is_empty()).then_some(Table { columns, rows, color_range: None });
         Ok(table)
     }
 
-    /// Adds the triangles of strips: each corner and the two before it are one, every other one the other way round; -1 begins a new strip.
+    /// Adds the triangles of triangle strips. Each corner forms a triangle with the previous two corners, every second triangle is
+    /// reversed, and -1 begins a new strip.
     pub(super) fn add_strips(
         &mut self,
         element: &Element,
@@ -138,10 +139,10 @@ impl FaceTable {
     }
 }
 
-/// Ends a strip.
+/// Marks the end of a triangle strip.
 const END: u32 = u32::MAX;
 
-/// The property of faces that is the list of their corners: the one with a usual name, or else the only list of whole numbers.
+/// Returns the index of the list property that contains the corners of faces: the one with a usual name, or else the only integer list.
 fn corner_list(element: &Element, notes: &mut Vec<String>) -> Option<usize> {
     if let Some(usual) = element.properties.iter().position(|property| {
         let usual = ["vertex_indices", "vertex_index", "vertexIndex", "vertex_ids", "indices"];
@@ -164,10 +165,10 @@ fn corner_list(element: &Element, notes: &mut Vec<String>) -> Option<usize> {
     found.map(|(index, _)| index)
 }
 
-/// A number that was just read, as that of a vertex.
+/// Converts a number to a vertex index. It must be the last number that was read, because an error reports its position.
 fn corner(index: f64, body: &Body<'_>) -> Result<u32, PlyError> {
     if !(0.0..f64::from(u32::MAX)).contains(&index) || index.fract() != 0.0 {
-        return Err(PlyError::Index { at: body.at(), index });
+        return Err(PlyError::Index { at: body.position(), index });
     }
     Ok(index as u32)
 }

@@ -1,16 +1,16 @@
-//! The header of a PLY file.
+//! Reads the header of a PLY file.
 
 use super::error::PlyError;
 use crate::{excerpt, parse, words};
 
-/// The usual name for the texture coordinates of a face's corners.
+/// The usual name of the property with the texture coordinates of a face's corners.
 pub(super) const TEXCOORD: &str = "texcoord";
 
-/// Our name for them where faces are not triangles: MeshLab refuses such a file if they have the usual name.
-/// Split vertices would open a closed mesh, and triangles would lose the quads; a warning tells of the name.
+/// The name of this property that the writer uses for polygons: MeshLab rejects polygons with the usual name. The alternatives are worse:
+/// duplicated vertices would open a closed mesh, and triangulation would lose the polygons. The writer warns about the name.
 pub(super) const CORNER_UV: &str = "corner_uv";
 
-/// How one number is stored.
+/// The storage type of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Scalar {
     I8,
@@ -52,26 +52,26 @@ impl Scalar {
     }
 }
 
-/// What an element has.
+/// A property of an element.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Property {
     pub(super) name: String,
-    /// For a list, how its length is stored.
+    /// The type of the list's length; `None` if the property is not a list.
     pub(super) length: Option<Scalar>,
     pub(super) scalar: Scalar,
 }
 
-/// A table of the file.
+/// An element: a table in the file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Element {
     pub(super) name: String,
     pub(super) count: usize,
     pub(super) properties: Vec<Property>,
-    /// The line that promises it.
+    /// The number of the line that declares the element in the header.
     pub(super) line: usize,
 }
 
-/// How the numbers are stored.
+/// The encoding of the body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Encoding {
     Ascii,
@@ -80,23 +80,26 @@ pub(super) enum Encoding {
 }
 
 impl Encoding {
-    /// The fewest bytes that a number takes: in a text a digit and a blank, though the last blank may be missing.
-    pub(super) fn least_size(self, scalar: Scalar) -> usize {
+    /// The minimum number of bytes that a number takes. In a text this is one digit, because the blank after the last number may be
+    /// missing.
+    pub(super) fn min_size(self, scalar: Scalar) -> usize {
         match self {
             Self::Ascii => 1,
             Self::LittleEndian | Self::BigEndian => scalar.size(),
         }
     }
 
-    /// The fewest bytes that a row of an element takes.
-    pub(super) fn least_row(self, element: &Element) -> usize {
-        let least =
-            |property: &Property| self.least_size(property.length.unwrap_or(property.scalar));
-        element.properties.iter().map(least).sum()
+    /// The minimum number of bytes that a row takes.
+    pub(super) fn min_row_size(self, element: &Element) -> usize {
+        element
+            .properties
+            .iter()
+            .map(|property| self.min_size(property.length.unwrap_or(property.scalar)))
+            .sum()
     }
 }
 
-/// What several properties are together, or one is beside a number.
+/// The type of an attribute. Comments declare it for one or several properties.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     Flag,
@@ -108,7 +111,7 @@ pub(super) enum Kind {
 impl Kind {
     const ALL: [Self; 4] = [Self::Flag, Self::Pair, Self::Vector, Self::Color];
 
-    /// The word for it in a comment.
+    /// The word by which comments declare the type.
     pub(super) fn word(self) -> &'static str {
         match self {
             Self::Flag => "flag",
@@ -122,7 +125,7 @@ impl Kind {
         Self::ALL.into_iter().find(|kind| kind.word().as_bytes() == word)
     }
 
-    /// What stands behind the attribute's name in those of its properties.
+    /// The suffixes that are appended to the attribute's name to form the names of its properties.
     pub(super) fn suffixes(self) -> &'static [&'static str] {
         match self {
             Self::Flag => &[""],
@@ -137,21 +140,21 @@ impl Kind {
 pub(super) struct Header {
     pub(super) encoding: Encoding,
     pub(super) elements: Vec<Element>,
-    /// The `obj_info` lines of a name and a number.
+    /// The lines `obj_info` that consist of a name and a number.
     pub(super) info: Vec<(String, f64)>,
-    /// What our own comments `comment attribute <kind> <name>` say of the vertices' properties.
+    /// The vertex attributes that this crate declares in comments `comment attribute <kind> <name>`.
     pub(super) attributes: Vec<(Kind, String)>,
-    /// What our own comments `comment attribute <kind> <name> face` say of the faces' properties.
+    /// The face attributes that this crate declares in comments `comment attribute <kind> <name> face`.
     pub(super) face_attributes: Vec<(Kind, String)>,
-    /// The pictures that comments `comment TextureFile <name>` name.
+    /// The pictures that are named in comments `comment TextureFile <name>`.
     pub(super) pictures: Vec<String>,
-    /// Where the body begins: byte and line.
+    /// The position in bytes at which the body begins. `start_line` is the number of the line at this position, from 1.
     pub(super) start: usize,
     pub(super) start_line: usize,
 }
 
 impl Header {
-    /// What an `obj_info` line says, if it is there and a number.
+    /// Returns the number in an `obj_info` line; `None` if the line is missing or has no number.
     pub(super) fn info(&self, name: &str) -> Option<f64> {
         self.info.iter().find(|(known, _)| known == name).map(|&(_, number)| number)
     }
@@ -171,25 +174,27 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, PlyError> {
         let rest = &bytes[start..];
         let end = rest.iter().position(|&byte| byte == end_of_line);
         let text = &rest[..end.unwrap_or(rest.len())];
-        let words = Vec::from_iter(words(text));
+        let words: Vec<_> = words(text).collect();
         if line == 1 && words != [b"ply"] {
             return Err(PlyError::NotPly);
         }
         start += end.ok_or(PlyError::EndlessHeader)? + 1;
-        let wrong = || PlyError::Header { line, text: excerpt(&words.join(&b' ')) };
+        let line_error = || PlyError::Header { line, text: excerpt(&words.join(&b' ')) };
         match words[..] {
             [b"ply"] if line == 1 => {}
             [b"obj_info", name, number] => {
                 let name = String::from_utf8_lossy(name).into_owned();
                 info.extend(parse(number).map(|number| (name, number)));
             }
-            [b"comment", b"attribute", kind, name, ref of @ ..] if matches!(of, [] | [b"face"]) => {
+            [b"comment", b"attribute", kind, name, ref domain @ ..]
+                if matches!(domain, [] | [b"face"]) =>
+            {
                 let name = String::from_utf8_lossy(name).into_owned();
-                let all = if of.is_empty() { &mut attributes } else { &mut face_attributes };
+                let all = if domain.is_empty() { &mut attributes } else { &mut face_attributes };
                 all.extend(Kind::new(kind).map(|kind| (kind, name)));
             }
             [b"comment", b"TextureFile", _, ..] => {
-                // A name may have blanks.
+                // The name of a picture may contain blanks.
                 let text = String::from_utf8_lossy(text);
                 pictures
                     .extend(text.split_once("TextureFile").map(|(_, name)| name.trim().to_owned()));
@@ -200,12 +205,12 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, PlyError> {
                     b"ascii" => Encoding::Ascii,
                     b"binary_little_endian" => Encoding::LittleEndian,
                     b"binary_big_endian" => Encoding::BigEndian,
-                    _ => return Err(wrong()),
+                    _ => return Err(line_error()),
                 });
             }
             [b"element", name, count] => {
                 let name = String::from_utf8_lossy(name).into_owned();
-                let count = parse(count).ok_or_else(wrong)?;
+                let count = parse(count).ok_or_else(line_error)?;
                 elements.push(Element { name, count, properties: Vec::new(), line });
             }
             [b"property", ref kind @ .., name] => {
@@ -214,12 +219,12 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, PlyError> {
                     [scalar] => (None, Scalar::new(scalar)),
                     [b"list", length, scalar] => {
                         let length = Scalar::new(length).filter(|length| !length.is_float());
-                        (Some(length.ok_or_else(wrong)?), Scalar::new(scalar))
+                        (Some(length.ok_or_else(line_error)?), Scalar::new(scalar))
                     }
-                    _ => return Err(wrong()),
+                    _ => return Err(line_error()),
                 };
-                let element = elements.last_mut().ok_or_else(wrong)?;
-                let scalar = scalar.ok_or_else(wrong)?;
+                let element = elements.last_mut().ok_or_else(line_error)?;
+                let scalar = scalar.ok_or_else(line_error)?;
                 element.properties.push(Property { name, length, scalar });
             }
             [b"end_header"] => {
@@ -236,7 +241,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, PlyError> {
                     start_line,
                 });
             }
-            _ => return Err(wrong()),
+            _ => return Err(line_error()),
         }
     }
     unreachable!("lines are counted without end")

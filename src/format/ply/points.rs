@@ -1,7 +1,7 @@
-//! Writes what has no faces: points, regions, range images, handles and curves.
+//! Writes values without faces: points, regions, range images, handles and curves.
 
+use maquette_node::importers::{FileReader, InputFile};
 use maquette_node::pack::{FileFormat, NewFile};
-use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error::Error;
 use maquette_value::{Attribute, Curve, Handles, Mesh, Points, RangeImage, Region};
 
@@ -9,28 +9,28 @@ use super::no_faces;
 use super::write::encode;
 use crate::rows::{floats, indices};
 use crate::upright::upright_points;
-use crate::{check_single, coarse, finite};
+use crate::{check_single, finite, precision_note};
 
 /// Writes the points of a region.
 pub(crate) struct RegionPly;
 
 impl FileFormat for RegionPly {
     type Value = Region;
-    const ENDING: &'static str = "ply";
+    const EXTENSION: &'static str = "ply";
 
     fn write(region: &Region, name: &str) -> Result<Vec<NewFile>, Error> {
         let mesh = Mesh::new(upright_points(region.points(), true), no_faces())?
-            .with_vertex("filled", Attribute::Flag(region.filled().to_vec().into()))?;
-        Ok(NewFile::only(name, encode(&mesh)?))
+            .with_vertex("filled", Attribute::Flag(region.filled_cells().to_vec().into()))?;
+        Ok(NewFile::single(name, encode(&mesh)?))
     }
 }
 
-/// Writes the points of the valid cells of a range image, with their colors.
+/// Writes the points of a range image's valid cells, with their colors.
 pub(crate) struct RangePly;
 
 impl FileFormat for RangePly {
     type Value = RangeImage;
-    const ENDING: &'static str = "ply";
+    const EXTENSION: &'static str = "ply";
 
     fn write(range: &RangeImage, name: &str) -> Result<Vec<NewFile>, Error> {
         let cells = 0..range.points().len();
@@ -45,7 +45,7 @@ impl FileFormat for RangePly {
         if filled.contains(&1) {
             mesh = mesh.with_vertex("filled", Attribute::Flag(filled.into()))?;
         }
-        Ok(NewFile::only(name, encode(&mesh)?))
+        Ok(NewFile::single(name, encode(&mesh)?))
     }
 }
 
@@ -54,7 +54,7 @@ pub(crate) struct PointsPly;
 
 impl FileFormat for PointsPly {
     type Value = Points;
-    const ENDING: &'static str = "ply";
+    const EXTENSION: &'static str = "ply";
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_PLY;
 
     fn write(points: &Points, name: &str) -> Result<Vec<NewFile>, Error> {
@@ -62,29 +62,29 @@ impl FileFormat for PointsPly {
         for (attribute, column) in points.attributes().iter() {
             mesh = mesh.with_vertex(attribute, column.clone())?;
         }
-        Ok(NewFile::only(name, encode(&mesh)?))
+        Ok(NewFile::single(name, encode(&mesh)?))
     }
 
-    fn doubts(points: &Points) -> Vec<String> {
-        coarse(points.positions()).into_iter().collect()
+    fn warnings(points: &Points) -> Vec<String> {
+        precision_note(points.positions()).into_iter().collect()
     }
 }
 
-/// Writes the places of handles, in their own space, with their motions, deviations and weights.
+/// Writes the positions of handles, in the space of the handles, with their motions, deviations and weights.
 pub(crate) struct HandlesPly;
 
 impl FileFormat for HandlesPly {
     type Value = Handles;
-    const ENDING: &'static str = "ply";
+    const EXTENSION: &'static str = "ply";
 
     fn write(handles: &Handles, name: &str) -> Result<Vec<NewFile>, Error> {
-        let places = handles.at().iter().zip(handles.to());
-        let motions: Vec<[f64; 3]> = places.map(|(at, to)| (to - at).into()).collect();
-        let mesh = Mesh::new(handles.at().to_vec(), no_faces())?
+        let pairs = handles.positions().iter().zip(handles.targets());
+        let motions: Vec<[f64; 3]> = pairs.map(|(at, to)| (to - at).into()).collect();
+        let mesh = Mesh::new(handles.positions().to_vec(), no_faces())?
             .with_vertex("motion", Attribute::Vector(motions.into()))?
             .with_vertex("sigma", Attribute::Vector(handles.sigma().to_vec().into()))?
             .with_vertex("weight", Attribute::Number(handles.weight().to_vec().into()))?;
-        Ok(NewFile::only(name, encode(&mesh)?))
+        Ok(NewFile::single(name, encode(&mesh)?))
     }
 }
 
@@ -93,13 +93,13 @@ pub(crate) struct CurvePly;
 
 impl FileFormat for CurvePly {
     type Value = Curve;
-    const ENDING: &'static str = "ply";
+    const EXTENSION: &'static str = "ply";
 
     fn write(curve: &Curve, name: &str) -> Result<Vec<NewFile>, Error> {
         let points = curve.sample(0);
         check_single("point", &points)?;
         let count = points.len();
-        let edges = Vec::from_iter(if curve.is_closed() { 0..count } else { 0..count - 1 });
+        let edges = if curve.is_closed() { 0..count } else { 0..count - 1 };
         let mut bytes = format!(
             "ply\nformat binary_little_endian 1.0\nelement vertex {count}\nproperty float x\nproperty float y\n\
              property float z\nelement edge {}\nproperty int vertex1\nproperty int vertex2\nend_header\n",
@@ -113,19 +113,19 @@ impl FileFormat for CurvePly {
             let ends = [edge, (edge + 1) % count].map(|vertex| vertex as u32);
             bytes.extend_from_slice(indices(ends).as_flattened());
         }
-        Ok(NewFile::only(name, bytes))
+        Ok(NewFile::single(name, bytes))
     }
 }
 
 impl FileReader for PointsPly {
     type Value = Points;
-    const ENDINGS: &'static [&'static str] = &["ply"];
+    const EXTENSIONS: &'static [&'static str] = &["ply"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::POINTS_PLY;
 
-    fn read(file: &Reading<'_>) -> Result<Points, Error> {
+    fn read(file: &InputFile<'_>) -> Result<Points, Error> {
         let (points, left_out, notes) = super::read_finite(file.bytes(), file.color_range())?;
-        notes.into_iter().for_each(|note| file.doubt(note));
-        finite::tell(file, left_out, "point");
+        notes.into_iter().for_each(|note| file.warn(note));
+        finite::warn_left_out(file, left_out, "point");
         Ok(points)
     }
 }
@@ -145,18 +145,18 @@ mod tests {
         let range = range.with_colors(vec![[1; 3], [2, 3, 4]]).unwrap();
         let range = range.with_filled(vec![0, 1]).unwrap();
         let mesh = read(&RangePly::write(&range, "range.ply").unwrap()[0].bytes).unwrap();
-        // Upright, as all files for viewers.
+        // The points are rotated upright, as in all files for viewers.
         assert_eq!(mesh.positions()[..], [Point3::new(1., -2., -3.)]);
         assert_eq!(mesh.vertex().colors("color").unwrap()[..], [[2, 3, 4]]);
         assert_eq!(mesh.vertex().get("filled"), Some(&Attribute::Flag(vec![1].into())));
     }
 
     #[test]
-    fn points_that_were_written_read_the_same() {
-        let places = vec![Point3::new(1., 2., 3.), Point3::new(4., 5., 6.)];
+    fn written_points_are_read_back() {
+        let positions = vec![Point3::new(1., 2., 3.), Point3::new(4., 5., 6.)];
         let colors = Attribute::Color(vec![[1, 2, 3], [4, 5, 6]].into());
         let weights = Attribute::Number(vec![0.5, 1.5].into());
-        let points = Points::new(places).unwrap().with_attribute("color", colors).unwrap();
+        let points = Points::new(positions).unwrap().with_attribute("color", colors).unwrap();
         let points = points.with_attribute("weight", weights).unwrap();
         let bytes = PointsPly::write(&points, "a.ply").unwrap().remove(0).bytes;
         assert_eq!(read_points(&bytes).unwrap(), points);
@@ -184,13 +184,13 @@ mod tests {
 
     #[test]
     fn a_closed_curve_has_an_edge_back_to_its_start() {
-        let places =
+        let positions =
             vec![Point3::new(1., 2., 3.), Point3::new(4., 5., 6.), Point3::new(7., 8., 0.)];
         for (closed, edges) in [(true, vec![[0, 1], [1, 2], [2, 0]]), (false, vec![[0, 1], [1, 2]])]
         {
-            let curve = Curve::polyline(places.clone(), closed).unwrap();
+            let curve = Curve::polyline(positions.clone(), closed).unwrap();
             let bytes = CurvePly::write(&curve, "a.ply").unwrap().remove(0).bytes;
-            assert_eq!(read(&bytes).unwrap().positions()[..], places);
+            assert_eq!(read(&bytes).unwrap().positions()[..], positions);
             let rows: Vec<_> = edges.into_iter().flat_map(indices).collect();
             assert!(bytes.ends_with(rows.as_flattened()));
         }

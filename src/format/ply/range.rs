@@ -1,5 +1,5 @@
-//! Range grids in PLY files, as the Stanford 3D Scanning Repository has them: vertices, and a `range_grid` whose cells name
-//! one vertex or none.
+//! Reads range grids from PLY files in the form of the Stanford 3D Scanning Repository: vertices, and an element `range_grid`. Each cell of
+//! the grid has the index of one vertex or of none.
 
 use maquette_value::RangeImage;
 use nalgebra::Point3;
@@ -9,16 +9,15 @@ use super::error::PlyError;
 use super::header::{self, Element, Header, Property};
 use super::skip;
 use super::table::Table;
-use crate::left_out;
+use crate::losses;
 use crate::range_file::{Axes, RangeFile, Rows};
 
-/// The range grid in a PLY file; its size stands in the lines `obj_info num_cols` and `obj_info num_rows`.
+/// Reads the range grid in a PLY file. The lines `obj_info num_cols` and `obj_info num_rows` state its size.
 ///
-/// Which row is the upper one is not said and follows from the points. A file that says `obj_info is_cyberware_data 1` comes from
-/// a Cyberware scanner: its unit is the meter, with y up and z towards the sensor.
+/// The file does not state which row is the top one; this is determined from the points. A file with the line
+/// `obj_info is_cyberware_data 1` comes from a Cyberware scanner: its unit is the meter, with y up and z towards the sensor.
 ///
-/// # Errors
-/// If the bytes are not a PLY file with a grid, it ends too early, or a cell names no vertex.
+/// Returns an error if the bytes are not a PLY file with a grid, the file is truncated, or a cell refers to a missing vertex.
 pub fn read_range(bytes: &[u8]) -> Result<RangeFile, PlyError> {
     let header = header::read(bytes)?;
     let mut body = Body::new(&header, bytes);
@@ -34,7 +33,7 @@ pub fn read_range(bytes: &[u8]) -> Result<RangeFile, PlyError> {
             _ => {
                 if element.count > 0 {
                     notes.push(format!(
-                        "the element `{}` is left out: a range image has none",
+                        "the element `{}` is left out: range images do not have it",
                         element.name
                     ));
                 }
@@ -55,10 +54,10 @@ pub fn read_range(bytes: &[u8]) -> Result<RangeFile, PlyError> {
     })
 }
 
-/// Stands for a cell without a point.
+/// Marks a cell without a point.
 const NONE: u32 = u32::MAX;
 
-/// The size of the grid, and the vertex of each cell.
+/// Reads the size of the grid, and for each cell the index of its vertex.
 fn read_cells(
     header: &Header,
     element: &Element,
@@ -67,7 +66,7 @@ fn read_cells(
     fn size(key: &'static str, header: &Header) -> Result<f64, PlyError> {
         header.info(key).ok_or(PlyError::NoGridSize { key })
     }
-    // A number that is none casts to 0, which is not the number of cells.
+    // A NaN is cast to 0, which is never the number of cells.
     let [columns, rows] = [size("num_cols", header)? as usize, size("num_rows", header)? as usize];
     let found = element.count;
     if columns.checked_mul(rows) != Some(found) || found == 0 {
@@ -86,11 +85,11 @@ fn read_cells(
                     1 => {
                         let index = body.number(*scalar)?;
                         if !(0.0..f64::from(NONE)).contains(&index) || index.fract() != 0.0 {
-                            return Err(PlyError::Index { at: body.at(), index });
+                            return Err(PlyError::Index { at: body.position(), index });
                         }
                         cell = index as u32;
                     }
-                    count => return Err(PlyError::Cell { at: body.at(), count }),
+                    count => return Err(PlyError::Cell { at: body.position(), count }),
                 },
                 (Some(length), _) => body.skip_list(*length, *scalar)?,
                 (None, _) => drop(body.number(*scalar)?),
@@ -102,16 +101,16 @@ fn read_cells(
     Ok(([columns, rows], cells))
 }
 
-/// Puts the vertices into their cells.
+/// Puts the vertices into the cells that refer to them.
 fn gather(
     [columns, rows]: [usize; 2],
     cells: &[u32],
     mut vertices: Table<'_>,
     notes: &mut Vec<String>,
 ) -> Result<RangeImage, PlyError> {
-    let places = vertices.take(["x", "y", "z"]).ok_or(PlyError::NoVertices)?;
-    let places = vertices.rows.gather(&places, Point3::from);
-    let count = places.len();
+    let fields = vertices.take(["x", "y", "z"]).ok_or(PlyError::NoVertices)?;
+    let positions = vertices.rows.gather(&fields, Point3::from);
+    let count = positions.len();
     let missing = cells.iter().find(|&&vertex| vertex != NONE && count <= vertex as usize);
     if let Some(&vertex) = missing {
         return Err(PlyError::NoVertex { vertex, vertices: count });
@@ -120,13 +119,13 @@ fn gather(
         .iter()
         .map(|&vertex| match vertex {
             NONE => Point3::new(f64::NAN, f64::NAN, f64::NAN),
-            vertex => places[vertex as usize],
+            vertex => positions[vertex as usize],
         })
         .collect();
     let range = RangeImage::new(columns, rows, points).expect("there is a point for each cell");
     let colors = vertices.take_colors(notes);
     let others = vertices.columns.iter().map(|column| &column.property.name[..]);
-    notes.extend(left_out::of_range(others));
+    notes.extend(losses::range_warning(others));
     let Some(colors) = colors else { return Ok(range) };
     let colors = cells
         .iter()
@@ -143,13 +142,13 @@ mod tests {
     const GRID: &[u8] = include_bytes!("../../../tests/data/formats/range_grid_ascii.ply");
     const BIG: &[u8] = include_bytes!("../../../tests/data/formats/range_grid_be.ply");
 
-    /// Two rows, the lower one first, of a scanner with y up.
+    /// The grid of a scanner with y up. It has two rows, the bottom one first.
     const CYBERWARE: &str = "ply\nformat ascii 1.0\nobj_info is_cyberware_data 1\nobj_info num_cols 2\nobj_info num_rows 2\n\
         element vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement range_grid 4\n\
         property list uchar int vertex_indices\nend_header\n0 0 0.5\n0 1 0.5\n1 1 0.5\n1 0\n0\n1 1\n1 2\n";
 
     #[test]
-    fn a_cyberware_grid_is_turned_upright() {
+    fn a_cyberware_grid_is_rotated_upright() {
         let range = read_range(CYBERWARE.as_bytes()).unwrap().normalize(1.0, Axes::Camera).unwrap();
         let points = [
             Some(Point3::new(0.0, -1000.0, -500.0)),
@@ -166,20 +165,20 @@ mod tests {
     }
 
     #[test]
-    fn grids_that_lie_are_refused() {
+    fn invalid_grids_are_rejected() {
         assert_eq!(
             error("range_grid", "face"),
-            "the file has no `range_grid`: its points are no range image"
+            "the file has no element `range_grid`: its points are not a range image"
         );
-        assert_eq!(
-            error("num_cols 2", "num_cols x"),
-            "the header does not say how large the grid is: `obj_info num_cols` is missing"
-        );
+        assert_eq!(error("num_cols 2", "num_cols x"), "the header has no line `obj_info num_cols`");
         assert_eq!(
             error("num_cols 2", "num_cols 3"),
             "line 10: the grid has 4 cells, but it is 3 x 2"
         );
-        assert_eq!(error("1 2\n", "1 3\n"), "a cell names vertex 3, but there are only 3");
+        assert_eq!(
+            error("1 2\n", "1 3\n"),
+            "a cell refers to vertex 3, but there are only 3 vertices"
+        );
         assert_eq!(
             error("1 2\n", "2 1 2\n"),
             "line 19: a cell of a grid has one point or none, not 2"
@@ -190,7 +189,7 @@ mod tests {
     #[test]
     fn hostile_files_give_errors() {
         for file in [GRID, BIG, CYBERWARE.as_bytes()] {
-            hostile::survive(file, |bytes| read_range(bytes).is_ok());
+            hostile::check_no_panic(file, |bytes| read_range(bytes).is_ok());
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The scalar properties of an element, and the mesh that vertices and faces with such properties are.
+//! Tables of an element's scalar properties, and the mesh that is made of vertices and faces with such tables.
 
 use std::borrow::Cow;
 
@@ -10,22 +10,22 @@ use super::error::PlyError;
 use super::faces::FaceTable;
 use super::header::{Element, Header, Kind, Property, Scalar};
 use crate::colors::{self, ColorRange};
-use crate::corners::with_corners;
-use crate::finite::{self, Finite};
+use crate::corners::add_corner_data;
+use crate::finite::{self, FiniteMask};
 
-/// What programs call the channels of colors, in small or capital letters.
+/// The possible names of the three color channels, in lower or upper case.
 const COLORS: [[&str; 3]; 3] =
     [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"], ["r", "g", "b"]];
 
-/// The scalar properties of an element, row by row.
+/// The scalar properties of an element, stored row by row.
 pub(super) struct Table<'a> {
     pub(super) columns: Vec<Column>,
     pub(super) rows: Rows<'a>,
-    /// The range of colors, if the user says it.
+    /// The range of color channels, if the user has set it.
     pub(super) color_range: Option<ColorRange>,
 }
 
-/// A property in a table: how the file has it, and where and how the table has it.
+/// A property in a table: its declaration in the file, and its offset and storage type in the table.
 pub(super) struct Column {
     pub(super) property: Property,
     pub(super) offset: usize,
@@ -33,7 +33,7 @@ pub(super) struct Column {
 }
 
 impl<'a> Table<'a> {
-    /// Takes the rows as they are if they are binary and all of one length; reads all numbers otherwise.
+    /// Reads the rows of an element. Binary rows of equal length are used unchanged; all others are converted to doubles.
     pub(super) fn read(element: &Element, body: &mut Body<'a>) -> Result<Self, PlyError> {
         let properties = element.properties.iter();
         let scalars = properties.clone().filter(|property| property.length.is_none());
@@ -49,7 +49,7 @@ impl<'a> Table<'a> {
             stride += stored.size();
             Column { property: property.clone(), offset, stored }
         });
-        let columns = Vec::from_iter(columns);
+        let columns: Vec<_> = columns.collect();
         let (bytes, big_endian) = match raw {
             Some((bytes, big_endian)) => (Cow::Borrowed(bytes), big_endian),
             None => (Cow::Owned(read_numbers(element, body, stride)?), false),
@@ -59,12 +59,12 @@ impl<'a> Table<'a> {
         Ok(Self { columns, rows, color_range: None })
     }
 
-    /// Takes several columns out, if all are there.
+    /// Removes and returns the columns with these names, if all of them exist.
     pub(super) fn take<const N: usize>(&mut self, names: [&str; N]) -> Option<[Column; N]> {
         self.take_if(names, |column, name| column.property.name == name)
     }
 
-    /// Takes out the first column of each of these names, if all are there, by whatever makes a column one of a name.
+    /// Removes and returns for each name the first column that matches it, if there is one for each name.
     pub(super) fn take_if<const N: usize>(
         &mut self,
         names: [&str; N],
@@ -72,16 +72,16 @@ impl<'a> Table<'a> {
     ) -> Option<[Column; N]> {
         names.iter().all(|name| self.columns.iter().any(|column| is(column, name))).then(|| {
             names.map(|name| {
-                let place = self.columns.iter().position(|column| is(column, name));
-                self.columns.remove(place.expect("it was found before"))
+                let index = self.columns.iter().position(|column| is(column, name));
+                self.columns.remove(index.expect("it was found before"))
             })
         })
     }
 
-    /// Takes colors out, if they are there, whatever they are called.
+    /// Removes and returns the columns of colors, if they have known names.
     pub(super) fn take_colors(&mut self, notes: &mut Vec<String>) -> Option<Vec<Rgb>> {
         let columns = COLORS.into_iter().find_map(|names| {
-            // Fractions of such short names may be anything.
+            // Floating-point properties with such short names may have any meaning, so only integers count as colors.
             let is_short = names[0].len() == 1;
             self.take_if(names, |Column { property, .. }, name| {
                 property.name.eq_ignore_ascii_case(name)
@@ -91,7 +91,7 @@ impl<'a> Table<'a> {
         Some(self.colors(&columns, notes))
     }
 
-    /// The colors in these columns.
+    /// Reads the colors in three columns.
     fn colors(&self, columns: &[Column; 3], notes: &mut Vec<String>) -> Vec<Rgb> {
         let usual = match columns[0].property.scalar {
             Scalar::U8 => {
@@ -110,7 +110,7 @@ impl<'a> Table<'a> {
             .collect()
     }
 
-    /// Takes out what the comments of our own files say.
+    /// Removes and returns an attribute that this crate has declared in a comment.
     fn take_attribute(
         &mut self,
         kind: Kind,
@@ -146,10 +146,10 @@ impl<'a> Table<'a> {
         header: &Header,
         faces: FaceTable,
         notes: &mut Vec<String>,
-    ) -> Result<(Mesh, Finite), PlyError> {
-        let places = self.take(["x", "y", "z"]).ok_or(PlyError::NoVertices)?;
-        let mut positions = self.rows.gather(&places, Point3::from);
-        let finite = Finite::of(&mut positions);
+    ) -> Result<(Mesh, FiniteMask), PlyError> {
+        let columns = self.take(["x", "y", "z"]).ok_or(PlyError::NoVertices)?;
+        let mut positions = self.rows.gather(&columns, Point3::from);
+        let finite = FiniteMask::clear_non_finite(&mut positions);
         let (uv, faces_table) = (faces.uv, faces.scalars);
         let (faces, origins) = match faces.triangles {
             Some(triangles) => (triangles, Vec::new()),
@@ -158,7 +158,7 @@ impl<'a> Table<'a> {
         let mut mesh = Mesh::new(positions, faces)?;
         if let Some(normals) = self.take(["nx", "ny", "nz"]) {
             let mut normals = self.rows.gather(&normals, |normal| normal);
-            notes.extend(finite::mend(&mut normals, "normal", "vertex", |index| {
+            notes.extend(finite::replace_non_finite(&mut normals, "normal", "vertex", |index| {
                 finite.contains(index)
             }));
             mesh = mesh.with_vertex("normal", Attribute::Vector(normals.into()))?;
@@ -166,12 +166,14 @@ impl<'a> Table<'a> {
         let pairs = [["s", "t"], ["u", "v"], ["texture_u", "texture_v"]];
         if let Some(uv) = pairs.into_iter().find_map(|names| self.take(names)) {
             let mut uv = self.rows.gather(&uv, |uv| uv);
-            notes.extend(finite::mend(&mut uv, "uv", "vertex", |index| finite.contains(index)));
+            notes.extend(finite::replace_non_finite(&mut uv, "uv", "vertex", |index| {
+                finite.contains(index)
+            }));
             mesh = mesh.with_vertex("uv", Attribute::Pair(uv.into()))?;
         } else if let Some(uv) = uv {
             let mut corners: Vec<_> = origins.into_iter().map(|origin| uv[origin]).collect();
-            notes.extend(finite::mend(&mut corners, "uv", "corner", |_| true));
-            mesh = with_corners(mesh, "uv", corners, [0.0; 2], Attribute::Pair)?;
+            notes.extend(finite::replace_non_finite(&mut corners, "uv", "corner", |_| true));
+            mesh = add_corner_data(mesh, "uv", corners, [0.0; 2], Attribute::Pair)?;
         }
         for (name, attribute) in self.take_attributes(&header.attributes, "vertices", notes) {
             mesh = mesh.with_vertex(&name, attribute)?;
@@ -184,11 +186,11 @@ impl<'a> Table<'a> {
         Ok((mesh, finite))
     }
 
-    /// Takes out all that is left: what our own comments say of it, colors, and columns by their names.
+    /// Removes and returns all remaining attributes: colors, attributes that comments declare, and single columns, which keep their names.
     fn take_attributes(
         mut self,
         known: &[(Kind, String)],
-        of: &str,
+        elements: &str,
         notes: &mut Vec<String>,
     ) -> Vec<(String, Attribute)> {
         let mut found = Vec::new();
@@ -215,7 +217,7 @@ impl<'a> Table<'a> {
                     let first = alpha.first().copied().unwrap_or(255.0);
                     let is_opaque = [255.0, 65535.0].contains(&first);
                     if !is_opaque || alpha.iter().any(|alpha| *alpha != first) {
-                        notes.push(format!("`alpha` of {of} is left out: colors are opaque"));
+                        notes.push(format!("`alpha` of {elements} is left out: colors are opaque"));
                     }
                     continue;
                 }
@@ -233,13 +235,13 @@ impl<'a> Table<'a> {
     }
 }
 
-/// All scalars of an element, row by row, in double precision and little endian.
+/// Reads all scalar properties of an element, row by row, as little-endian doubles.
 fn read_numbers(
     element: &Element,
     body: &mut Body<'_>,
     stride: usize,
 ) -> Result<Vec<u8>, PlyError> {
-    // Rows of nothing take no bytes, and a header may promise any number of them.
+    // Rows without properties take no bytes, so a small file may state any number of them.
     if element.properties.is_empty() {
         return Ok(Vec::new());
     }

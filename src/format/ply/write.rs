@@ -4,30 +4,29 @@ use std::ops::Range;
 
 use blake3::Hasher;
 use bytemuck::NoUninit;
+use maquette_node::importers::{FileReader, InputFile};
 use maquette_node::pack::{Content, FileFormat, NewFile};
 use maquette_node::provenance::{Signature, comment_of_ply};
-use maquette_node::reading::{FileReader, Reading};
 use maquette_syntax::error::Error;
 use maquette_value::{Attribute, Column, ControlNet, Faces, Mesh};
-use nalgebra::Point3;
 
 use super::Contents;
 use super::header::{self, CORNER_UV, Kind, TEXCOORD};
-use crate::left_out;
-use crate::rows::{Rows, Table, fill_column, floats, in_pieces, indices};
+use crate::losses;
+use crate::rows::{Rows, Table, concatenate, fill_column, floats, indices};
 use crate::upright::{upright_points, upright_sign};
-use crate::{TooFar, check_mesh, coarse_mesh, finite, picture_file};
+use crate::{CoordinateOverflow, check_mesh, finite, mesh_precision_note, picture_file};
 
-/// Writes a mesh with all attributes of its vertices and faces, and the colors of its texture, if it has no others.
+/// Writes a mesh with all attributes of its vertices and faces. If it has no vertex colors, those of its texture are written.
 pub(crate) struct MeshPly;
 
 impl FileFormat for MeshPly {
     type Value = Mesh;
-    const ENDING: &'static str = "ply";
+    const EXTENSION: &'static str = "ply";
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::PLY;
 
     fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, Error> {
-        Ok(NewFile::only(name, content(mesh, "", upright_sign(mesh))?.into_bytes()))
+        Ok(NewFile::single(name, content(mesh, "", upright_sign(mesh))?.into_bytes()))
     }
 
     fn content<'a>(
@@ -38,17 +37,17 @@ impl FileFormat for MeshPly {
         Ok(Some(content(mesh, comment.as_deref().unwrap_or(""), upright_sign(mesh))?))
     }
 
-    fn doubts(mesh: &Mesh) -> Vec<String> {
-        let mut doubts = Vec::from_iter(coarse_mesh(mesh));
-        doubts.extend(left_out::of_mesh(mesh, <Self as FileFormat>::FIDELITY));
+    fn warnings(mesh: &Mesh) -> Vec<String> {
+        let mut warnings: Vec<_> = mesh_precision_note(mesh).into_iter().collect();
+        warnings.extend(losses::mesh_warning(mesh, <Self as FileFormat>::FIDELITY));
         if corner_uv(mesh).is_some() && mesh.faces().sides() != Some(3) {
-            doubts.push(
-                "other programs find no texture coordinates in it: they are at corners of faces that are not triangles, \
-                 where MeshLab refuses them; write GLB or OBJ"
+            warnings.push(
+                "other programs will not find the texture coordinates: they are at corners of faces that are not triangles, \
+                 which MeshLab does not support; write GLB or OBJ instead"
                     .to_owned(),
             );
         }
-        doubts
+        warnings
     }
 }
 
@@ -57,7 +56,7 @@ pub(crate) struct ControlNetPly;
 
 impl FileFormat for ControlNetPly {
     type Value = ControlNet;
-    const ENDING: &'static str = "ply";
+    const EXTENSION: &'static str = "ply";
 
     fn write(net: &ControlNet, name: &str) -> Result<Vec<NewFile>, Error> {
         let (rows, columns) = (net.rows(), net.columns());
@@ -70,14 +69,14 @@ impl FileFormat for ControlNetPly {
         let faces = Faces::uniform(4, quads.collect::<Vec<u32>>())?;
         let mesh = Mesh::new(upright_points(net.points(), net.frame().is_some()), faces)?
             .with_vertex("weight", Attribute::Number(net.weights().to_vec().into()))?
-            .with_vertex("fixed", Attribute::Flag(net.fixed().to_vec().into()))?;
-        Ok(NewFile::only(name, encode(&mesh)?))
+            .with_vertex("fixed", Attribute::Flag(net.fixed_points().to_vec().into()))?;
+        Ok(NewFile::single(name, encode(&mesh)?))
     }
 }
 
-/// A column of the vertices' table: how its properties read in the header, their bytes, and how they are filled in.
+/// A column of a table: its lines in the header, the number of its bytes per row, and functions that fill and hash it.
 struct TableColumn<'a> {
-    /// What the header says of the properties beside their types.
+    /// The comment that declares the type of the attribute.
     comment: String,
     properties: String,
     size: usize,
@@ -85,14 +84,14 @@ struct TableColumn<'a> {
     hash: HashRows<'a>,
 }
 
-/// Fills a column in at an offset of each row: given rows, the number of the first one, their length, the offset.
+/// Fills a column. The arguments are the rows, the index of the first row, the length of a row, and the offset of the column in a row.
 type Fill<'a> = Box<dyn Fn(&mut [u8], usize, usize, usize) + Send + Sync + 'a>;
 
-/// Hashes what tells some rows of a column from others.
+/// Hashes the content that some rows have in a column.
 type HashRows<'a> = Box<dyn Fn(Range<usize>, &mut Hasher) + Send + Sync + 'a>;
 
 impl<'a> TableColumn<'a> {
-    /// Properties of these names, of which the header tells the kind, and `sign` what else there is to tell.
+    /// Creates a column for properties with these names. `sign` is hashed, because it changes the bytes.
     fn new<T: NoUninit + Send + Sync, B: NoUninit>(
         kind: &str,
         names: &[&str],
@@ -102,8 +101,8 @@ impl<'a> TableColumn<'a> {
     ) -> Self {
         let properties: String =
             names.iter().map(|name| format!("property {kind} {name}\n")).collect();
-        let told = format!("{properties}{sign}");
-        let (items, same) = (items.clone(), items.clone());
+        let layout = format!("{properties}{sign}");
+        let (items, hashed) = (items.clone(), items.clone());
         Self {
             comment: String::new(),
             properties,
@@ -112,20 +111,20 @@ impl<'a> TableColumn<'a> {
                 fill_column(rows, stride, offset, &items[first..], &entry);
             }),
             hash: Box::new(move |rows, to| {
-                to.update(told.as_bytes());
-                same.hash_rows(rows, to);
+                to.update(layout.as_bytes());
+                hashed.hash_rows(rows, to);
             }),
         }
     }
 
-    /// Vectors, y and z with this sign.
+    /// Creates a column of vectors. Their y and z are multiplied by `sign`.
     fn vectors(names: &[&str], vectors: &Column<[f64; 3]>, sign: f64) -> Self {
         Self::new("float", names, sign, vectors, move |&[x, y, z]| floats([x, sign * y, sign * z]))
     }
 
-    /// An attribute under its own name, of vertices or, with `of` as ` face`, of faces. A comment says what its properties are together,
-    /// unless every reader of ours knows.
-    fn attribute(name: &str, attribute: &'a Attribute, of: &str, sign: f64) -> Self {
+    /// Creates a column for an attribute. A comment declares the type of its properties, unless the reader of this crate knows it. The
+    /// comment ends with `domain`: ` face` for faces, nothing for vertices.
+    fn attribute(name: &str, attribute: &'a Attribute, domain: &str, sign: f64) -> Self {
         let name: String = name
             .chars()
             .map(|letter| if letter.is_ascii_alphanumeric() { letter } else { '_' })
@@ -141,11 +140,12 @@ impl<'a> TableColumn<'a> {
         let suffixes = kind.map_or(&[""][..], Kind::suffixes).iter();
         let names: Vec<_> = suffixes.map(|suffix| format!("{name}{suffix}")).collect();
         let names: Vec<_> = names.iter().map(|name| &**name).collect();
-        let comment = kind.map(|kind| format!("comment attribute {} {name}{of}\n", kind.word()));
+        let comment =
+            kind.map(|kind| format!("comment attribute {} {name}{domain}\n", kind.word()));
         Self { comment: comment.unwrap_or_default(), ..Self::numbers(&names, attribute, sign) }
     }
 
-    /// The numbers of an attribute as properties of these names.
+    /// Creates a column for the numbers of an attribute; `names` are the names of its properties.
     fn numbers(names: &[&str], attribute: &'a Attribute, sign: f64) -> Self {
         match attribute {
             Attribute::Number(numbers) => {
@@ -162,25 +162,28 @@ impl<'a> TableColumn<'a> {
     }
 }
 
-/// The mesh as a PLY file, binary and little endian, with `float` positions: normals, texture coordinates, colors (of the texture,
-/// if there are no others) and all other attributes of vertices by name, with a comment that says which of them are flags, pairs,
-/// vectors and colors; texture coordinates of corners as lists of faces, and attributes of faces as those of vertices.
+/// Encodes a mesh as a binary little-endian PLY file with `float` positions, normals, texture coordinates, colors and all other vertex
+/// attributes by name. If the mesh has no vertex colors, those of the texture are written. Comments declare which attributes are flags,
+/// pairs, vectors and colors. Texture coordinates of corners become lists of faces, and attributes of faces are written like those of
+/// vertices.
 ///
-/// # Errors
-/// If a vertex is where single precision cannot tell.
-pub fn encode(mesh: &Mesh) -> Result<Vec<u8>, TooFar> {
+/// Returns an error if a coordinate is too large for single precision.
+pub fn encode(mesh: &Mesh) -> Result<Vec<u8>, CoordinateOverflow> {
     Ok(content(mesh, "", 1.0)?.into_bytes())
 }
 
-/// Makes the file of `encode` in pieces. `lines` follow the `format` line; y and z of all vectors are multiplied by `sign`.
-fn content<'a>(mesh: &'a Mesh, lines: &str, sign: f64) -> Result<Content<'a>, TooFar> {
+/// Creates the file of [`encode`] in pieces. `lines` is inserted after the `format` line; y and z of all vectors are multiplied by `sign`.
+fn content<'a>(mesh: &'a Mesh, lines: &str, sign: f64) -> Result<Content<'a>, CoordinateOverflow> {
     check_mesh(mesh)?;
     let vertex = mesh.vertex();
-    let at = move |point: &Point3<f64>| floats([point.x, sign * point.y, sign * point.z]);
-    let mut parts = vec![TableColumn::new("float", &["x", "y", "z"], sign, mesh.positions(), at)];
+    let positions = mesh.positions();
+    let mut parts =
+        vec![TableColumn::new("float", &["x", "y", "z"], sign, positions, move |point| {
+            floats([point.x, sign * point.y, sign * point.z])
+        })];
     const NORMALS: [&str; 3] = ["nx", "ny", "nz"];
     let given = vertex.vectors("normal");
-    let normals = (given.is_none() && !mesh.faces().is_empty()).then(|| mesh.single_normals());
+    let normals = (given.is_none() && !mesh.faces().is_empty()).then(|| mesh.cached_normals());
     parts.extend(given.map(|given| TableColumn::vectors(&NORMALS, given, sign)));
     parts.extend(normals.as_ref().map(|normals| {
         TableColumn::new("float", &NORMALS, sign, normals, move |&[x, y, z]| {
@@ -190,27 +193,27 @@ fn content<'a>(mesh: &'a Mesh, lines: &str, sign: f64) -> Result<Content<'a>, To
     if let Some(uv) = vertex.pairs("uv") {
         parts.push(TableColumn::new("float", &["s", "t"], 1.0, uv, |&uv| floats(uv)));
     }
-    // Those of the texture are there so that the mesh is colored in every viewer.
+    // Colors of the texture are written because they make the mesh colored in every viewer.
     let given = vertex.colors("color");
-    let seen = given.is_none().then(|| mesh.texture_colors()).flatten();
-    parts.extend(given.or(seen.as_ref()).map(|colors| {
+    let texture_colors = given.is_none().then(|| mesh.texture_colors()).flatten();
+    parts.extend(given.or(texture_colors.as_ref()).map(|colors| {
         TableColumn::new("uchar", &["red", "green", "blue"], 1.0, colors, |&color| color)
     }));
     for (name, attribute) in vertex.iter() {
-        let written = match name {
+        let is_written = match name {
             "normal" => vertex.vectors(name).is_some(),
             "uv" => vertex.pairs(name).is_some(),
             "color" => vertex.colors(name).is_some(),
             _ => false,
         };
-        if !written {
+        if !is_written {
             parts.push(TableColumn::attribute(name, attribute, "", sign));
         }
     }
     let faces = FaceRows::new(mesh, corner_uv(mesh), sign);
 
     let comments = parts.iter().chain(&faces.parts.0).map(|part| &*part.comment);
-    let comments = String::from_iter(comments);
+    let comments: String = comments.collect();
     let properties: String = parts.iter().map(|part| &*part.properties).collect();
     let (n_vertices, n_faces) = (mesh.positions().len(), mesh.faces().len());
     let header = format!(
@@ -218,21 +221,21 @@ fn content<'a>(mesh: &'a Mesh, lines: &str, sign: f64) -> Result<Content<'a>, To
          element face {n_faces}\n{}end_header\n",
         faces.properties()
     );
-    let parts = Side(parts);
+    let parts = TableColumns(parts);
     let vertices = Table::new(n_vertices, parts.size(), parts);
-    let tables = vec![Table::of_bytes(header.into_bytes()), vertices, faces.into_table()];
-    Ok(in_pieces(tables).keeping((normals, seen)))
+    let tables = vec![Table::from_bytes(header.into_bytes()), vertices, faces.into_table()];
+    Ok(concatenate(tables).with_cached_data((normals, texture_colors)))
 }
 
-/// The texture coordinates of corners, which are written if vertices have none.
+/// Returns the texture coordinates of corners, unless vertices have texture coordinates.
 fn corner_uv(mesh: &Mesh) -> Option<&Column<[f64; 2]>> {
     mesh.corner().pairs("uv").filter(|_| mesh.vertex().pairs("uv").is_none())
 }
 
-/// Columns side by side.
-struct Side<'a>(Vec<TableColumn<'a>>);
+/// The columns of a table.
+struct TableColumns<'a>(Vec<TableColumn<'a>>);
 
-impl Rows for Side<'_> {
+impl Rows for TableColumns<'_> {
     fn fill(&self, rows: &mut [u8], first: usize, stride: usize) {
         self.fill_from(0, rows, first, stride);
     }
@@ -242,8 +245,8 @@ impl Rows for Side<'_> {
     }
 }
 
-impl Side<'_> {
-    /// Fills in the columns from an offset of each row on, the first of which has this number.
+impl TableColumns<'_> {
+    /// Fills all columns, the first one at `offset` of each row. `first` is the index of the first row.
     fn fill_from(&self, mut offset: usize, rows: &mut [u8], first: usize, stride: usize) {
         for part in &self.0 {
             (part.fill)(rows, first, stride, offset);
@@ -251,25 +254,25 @@ impl Side<'_> {
         }
     }
 
-    /// Bytes of a row.
+    /// The number of bytes in a row.
     fn size(&self) -> usize {
         self.0.iter().map(|part| part.size).sum()
     }
 }
 
-/// The table of faces: for each its corners, their texture coordinates if vertices have none, and its attributes.
+/// The table of faces: the corners, the texture coordinates of corners (unless vertices have them), and the attributes.
 struct FaceRows<'a> {
     faces: &'a Faces,
     uv: Option<&'a Column<[f64; 2]>>,
-    parts: Side<'a>,
-    /// Whether lists are too long for a length of one byte.
-    long: bool,
+    parts: TableColumns<'a>,
+    /// True if a list is so long that its length does not fit in one byte.
+    has_long_lists: bool,
 }
 
 impl<'a> FaceRows<'a> {
     fn new(mesh: &'a Mesh, uv: Option<&'a Column<[f64; 2]>>, sign: f64) -> Self {
         let faces = mesh.faces();
-        let parts = Side(
+        let parts = TableColumns(
             mesh.face()
                 .iter()
                 .map(|(name, attribute): (&str, &'a Attribute)| match attribute {
@@ -286,12 +289,12 @@ impl<'a> FaceRows<'a> {
             Some(sides) => sides,
             None => faces.iter().map(<[u32]>::len).max().unwrap_or(0),
         };
-        let long = entries * longest > usize::from(u8::MAX);
-        Self { faces, uv, parts, long }
+        let has_long_lists = entries * longest > usize::from(u8::MAX);
+        Self { faces, uv, parts, has_long_lists }
     }
 
     fn properties(&self) -> String {
-        let length = if self.long { "uint" } else { "uchar" };
+        let length = if self.has_long_lists { "uint" } else { "uchar" };
         let mut text = format!("property list {length} uint vertex_indices\n");
         if self.uv.is_some() {
             let name = if self.faces.sides() == Some(3) { TEXCOORD } else { CORNER_UV };
@@ -301,44 +304,45 @@ impl<'a> FaceRows<'a> {
         text
     }
 
-    /// All rows: in memory if they are not of one length.
+    /// Converts the faces to a table. It is built in memory if the rows differ in length.
     fn into_table(self) -> Table<'a> {
         match self.faces.sides() {
             Some(sides) => {
                 let stride = self.size_of_lists(sides) + self.parts.size();
                 Table::new(self.faces.len(), stride, self)
             }
-            None => Table::of_bytes(self.mixed(self.parts.size())),
+            None => Table::from_bytes(self.rows_of_varying_size(self.parts.size())),
         }
     }
 
-    /// All rows of faces with different numbers of corners, each with so many bytes of attributes.
-    fn mixed(&self, attributes: usize) -> Vec<u8> {
+    /// Encodes faces with different numbers of corners. Each face has `attributes` bytes of attributes.
+    fn rows_of_varying_size(&self, attributes: usize) -> Vec<u8> {
         let mut table = vec![0; attributes * self.faces.len()];
         if 0 < attributes {
             self.parts.fill(&mut table, 0, attributes);
         }
-        let size_of = |face: &[u32]| self.size_of_lists(face.len()) + attributes;
-        let mut bytes = vec![0; self.faces.iter().map(size_of).sum()];
+        let sizes: Vec<usize> =
+            self.faces.iter().map(|face| self.size_of_lists(face.len()) + attributes).collect();
+        let mut bytes = vec![0; sizes.iter().sum()];
         let mut rest = &mut bytes[..];
-        for (index, face) in self.faces.iter().enumerate() {
-            let (row, behind) = rest.split_at_mut(size_of(face));
+        for (index, size) in sizes.into_iter().enumerate() {
+            let (row, others) = rest.split_at_mut(size);
             let (lists, end) = row.split_at_mut(row.len() - attributes);
             self.put_lists(index, lists);
             end.copy_from_slice(&table[index * attributes..][..attributes]);
-            rest = behind;
+            rest = others;
         }
         bytes
     }
 
-    /// Bytes that the lists of a face with so many corners take.
+    /// The number of bytes that the lists of a face take.
     fn size_of_lists(&self, corners: usize) -> usize {
-        let length = if self.long { 4 } else { 1 };
+        let length = if self.has_long_lists { 4 } else { 1 };
         let uv = if self.uv.is_some() { length + 8 * corners } else { 0 };
         length + 4 * corners + uv
     }
 
-    /// Fills in the lists of a face.
+    /// Writes the lists of a face into its row.
     fn put_lists(&self, index: usize, mut row: &mut [u8]) {
         let face = self.faces.face(index);
         fn put(bytes: &[u8], row: &mut &mut [u8]) {
@@ -346,8 +350,10 @@ impl<'a> FaceRows<'a> {
             next.copy_from_slice(bytes);
             *row = rest;
         }
-        let length = |count: usize| (count as u32).to_le_bytes();
-        let size = if self.long { 4 } else { 1 };
+        fn length(count: usize) -> [u8; 4] {
+            (count as u32).to_le_bytes()
+        }
+        let size = if self.has_long_lists { 4 } else { 1 };
         put(&length(face.len())[..size], &mut row);
         face.iter().for_each(|vertex| put(&vertex.to_le_bytes(), &mut row));
         if let Some(uv) = self.uv {
@@ -358,7 +364,7 @@ impl<'a> FaceRows<'a> {
     }
 }
 
-/// Rows of faces with equally many corners.
+/// The rows for faces that all have the same number of corners.
 impl Rows for FaceRows<'_> {
     fn fill(&self, rows: &mut [u8], first: usize, stride: usize) {
         let lists = stride - self.parts.size();
@@ -388,18 +394,18 @@ impl Rows for FaceRows<'_> {
 
 impl FileReader for MeshPly {
     type Value = Mesh;
-    const ENDINGS: &'static [&'static str] = &["ply"];
+    const EXTENSIONS: &'static [&'static str] = &["ply"];
     const FIDELITY: maquette_node::Fidelities = crate::fidelity::PLY_READ;
 
-    fn read(file: &Reading<'_>) -> Result<Mesh, Error> {
+    fn read(file: &InputFile<'_>) -> Result<Mesh, Error> {
         let Contents { mesh, finite, notes, face_notes, pictures } =
-            super::read_whole(file.bytes(), file.color_range())?;
-        notes.into_iter().chain(face_notes).for_each(|note| file.doubt(note));
+            super::read_contents(file.bytes(), file.color_range())?;
+        notes.into_iter().chain(face_notes).for_each(|note| file.warn(note));
         let (mesh, left_out) = finite.mesh(mesh);
-        finite::tell(file, left_out, "face");
+        finite::warn_left_out(file, left_out, "face");
         if let [first, _, ..] = &pictures[..] {
-            file.doubt(format!(
-                "the file names {} pictures, but the mesh shows one, `{first}`, also where another one belongs",
+            file.warn(format!(
+                "the file has {} pictures, but the mesh uses only the first, `{first}`, for all faces",
                 pictures.len()
             ));
         }
@@ -409,7 +415,7 @@ impl FileReader for MeshPly {
         })
     }
 
-    const COMPANIONS: Option<fn(&Reading<'_>)> = Some(|file| {
+    const COMPANIONS: Option<fn(&InputFile<'_>)> = Some(|file| {
         let pictures = header::read(file.bytes()).map(|header| header.pictures).unwrap_or_default();
         pictures.first().into_iter().for_each(|name| drop(file.companion(name)));
     });
@@ -423,12 +429,13 @@ mod tests {
     use super::*;
     use crate::ply::read;
 
-    /// A quad beside a triangle.
+    /// Creates a quad beside a triangle.
     fn mesh() -> Mesh {
-        fn at(x: f64, y: f64) -> Point3<f64> {
+        fn point(x: f64, y: f64) -> Point3<f64> {
             Point3::new(x, y, 0.25)
         }
-        let positions = vec![at(0., 0.), at(1., 0.), at(1., 1.), at(0., 1.), at(2., 0.)];
+        let positions =
+            vec![point(0., 0.), point(1., 0.), point(1., 1.), point(0., 1.), point(2., 0.)];
         let faces = Faces::polygons(&[4, 3], vec![0, 1, 2, 3, 1, 4, 2]).unwrap();
         Mesh::new(positions, faces).unwrap()
     }
@@ -438,7 +445,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mesh_that_was_written_reads_the_same_and_has_normals() {
+    fn a_written_mesh_is_read_back_with_normals() {
         let mesh = mesh()
             .with_vertex("uv", Attribute::Pair(pairs(5).into()))
             .and_then(|mesh| mesh.with_vertex("color", Attribute::Color(vec![[1, 2, 3]; 5].into())))
@@ -459,7 +466,7 @@ mod tests {
         let again = read(&encode(&mesh).unwrap()).unwrap();
         assert_eq!(again.corner(), mesh.corner());
         assert_eq!(again.faces(), mesh.faces());
-        assert!(MeshPly::doubts(&mesh)[0].contains("GLB or OBJ"));
+        assert!(MeshPly::warnings(&mesh)[0].contains("GLB or OBJ"));
     }
 
     #[test]
@@ -472,15 +479,15 @@ mod tests {
             let file = encode(&mesh).unwrap();
             assert!(String::from_utf8_lossy(&file).contains(name), "{name}");
             assert_eq!(read(&file).unwrap().corner(), mesh.corner());
-            assert_eq!(MeshPly::doubts(&mesh).is_empty(), name.contains("texcoord"));
+            assert_eq!(MeshPly::warnings(&mesh).is_empty(), name.contains("texcoord"));
         }
     }
 
     #[test]
-    fn attributes_of_faces_read_the_same_of_triangles_and_of_others() {
-        let places = mesh().positions().clone();
+    fn attributes_of_faces_are_read_back_for_triangles_and_polygons() {
+        let positions = mesh().positions().clone();
         let triangles = Faces::triangles(vec![[0, 1, 2], [1, 4, 2]]);
-        for mesh in [mesh(), Mesh::new(places, triangles).unwrap()] {
+        for mesh in [mesh(), Mesh::new(positions, triangles).unwrap()] {
             let mesh = [
                 ("area", Attribute::Number(vec![1.0, 0.5].into())),
                 ("color", Attribute::Color(vec![[1, 2, 3], [4, 5, 6]].into())),
@@ -499,7 +506,7 @@ mod tests {
     }
 
     #[test]
-    fn attributes_of_a_face_without_area_go_with_it() {
+    fn attributes_of_a_degenerate_face_are_left_out() {
         let text = b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
             element face 2\nproperty list uchar int vertex_indices\nproperty int part\nproperty float heat\nend_header\n\
             0 0 0\n1 0 0\n0 1 0\n3 0 0 1 4 0.25\n3 0 1 2 5 0.5\n";
@@ -536,7 +543,7 @@ mod tests {
     }
 
     #[test]
-    fn vectors_pairs_colors_and_flags_come_back_as_what_they_were() {
+    fn vectors_pairs_colors_and_flags_keep_their_type() {
         let attributes = [
             ("direction1", Attribute::Vector(vec![[1.0, 2.0, 3.0]; 5].into())),
             ("at", Attribute::Pair(vec![[4.0, 5.0]; 5].into())),
@@ -563,7 +570,7 @@ mod tests {
             .and_then(|mesh| mesh.with_vertex("at", Attribute::Pair(vec![[4.0, 5.0]; 5].into())))
             .unwrap();
         let file = encode(&mesh).unwrap();
-        // Comments are nothing to them.
+        // Other programs ignore the comments that declare attributes.
         let start = file.windows(11).position(|window| window == b"end_header\n").unwrap();
         let header = std::str::from_utf8(&file[..start]).unwrap().lines();
         let header: String = header

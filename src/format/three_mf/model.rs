@@ -1,4 +1,4 @@
-//! The model in a 3MF file: an XML text of objects, what they look like, and which of them are built.
+//! Parses the model in a 3MF file, an XML text that contains objects, their appearance, and the items to build.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::str::FromStr;
@@ -8,11 +8,11 @@ use nalgebra::{Matrix4, Point3};
 use roxmltree::{Document, Node};
 
 use super::read::ThreeMfReadError;
-use crate::{MOST_NAMESPACES, excerpt, has_many_namespaces, real};
+use crate::{MAX_NAMESPACES, excerpt, has_many_namespaces, parse_real};
 
-/// What a part of the archive says.
+/// The content of a model part, one of the files in the archive.
 pub(super) struct Model {
-    /// Millimeters in its unit.
+    /// Millimeters per unit of the coordinates.
     pub(super) unit: f64,
     pub(super) objects: BTreeMap<u32, Object>,
     pub(super) groups: BTreeMap<u32, Group>,
@@ -21,71 +21,71 @@ pub(super) struct Model {
 
 pub(super) struct Object {
     pub(super) shape: Shape,
-    /// The look of triangles that have none of their own.
-    pub(super) look: Option<Look>,
+    /// The appearance of triangles that do not state one.
+    pub(super) look: Option<Appearance>,
 }
 
 pub(super) enum Shape {
-    Mesh { places: Vec<Point3<f64>>, triangles: Vec<Triangle> },
+    Mesh { positions: Vec<Point3<f64>>, triangles: Vec<Triangle> },
     Components(Vec<Component>),
 }
 
 pub(super) struct Triangle {
     pub(super) vertices: [u32; 3],
-    pub(super) look: Option<Look>,
+    pub(super) look: Option<Appearance>,
 }
 
-/// The entries of a group that the three corners of a triangle have.
-pub(super) struct Look {
+/// The appearance of a triangle: a group, and the entries of the group for the three corners.
+pub(super) struct Appearance {
     pub(super) group: u32,
     pub(super) entries: [u32; 3],
 }
 
-/// What triangles can look like.
+/// A group of colors or texture coordinates to which triangles refer.
 pub(super) enum Group {
     Colors(Vec<Rgb>),
-    /// Places on a picture, `(0, 0)` at its lower left.
+    /// A picture, with texture coordinates; `(0, 0)` is the lower left corner of the picture.
     Picture {
         path: String,
         uv: Vec<[f64; 2]>,
     },
 }
 
-/// A moved object, in an object or on the plate.
+/// A transformed object, as part of another object or on the build plate.
 pub(super) struct Component {
     pub(super) object: u32,
-    /// The part of the archive that has the object, if it is another one.
+    /// The part of the archive that contains the object, if it is another part.
     pub(super) part: Option<String>,
     pub(super) motion: Matrix4<f64>,
 }
 
 impl Model {
-    /// Reads the part `name` of an archive; adds warnings about what is left out.
+    /// Parses the part `name` of an archive. Adds warnings about data that are left out.
     pub(super) fn read(
         name: &str,
         bytes: &[u8],
         notes: &mut Vec<String>,
     ) -> Result<Self, ThreeMfReadError> {
-        fn wrong(line: u32, message: String, name: &str) -> ThreeMfReadError {
+        fn model_error(line: u32, message: String, name: &str) -> ThreeMfReadError {
             ThreeMfReadError::Wrong { part: name.to_owned(), line, message }
         }
-        let text =
-            str::from_utf8(bytes).map_err(|_| wrong(1, "it is not text in UTF-8".into(), name))?;
+        let text = str::from_utf8(bytes)
+            .map_err(|_| model_error(1, "it is not text in UTF-8".into(), name))?;
         if has_many_namespaces(bytes) {
-            return Err(wrong(
+            return Err(model_error(
                 1,
-                format!("it declares more than {MOST_NAMESPACES} namespaces"),
+                format!("it declares more than {MAX_NAMESPACES} namespaces"),
                 name,
             ));
         }
         let text = text.trim_start_matches('\u{feff}');
         let document = Document::parse(text)
-            .map_err(|error| wrong(error.pos().row, error.to_string(), name))?;
+            .map_err(|error| model_error(error.pos().row, error.to_string(), name))?;
         let part = Part { name, document: &document };
         part.model(document.root_element(), notes)
     }
 
-    /// The other parts of the archive that it needs.
+    /// Returns the names of the other parts of the archive to which the model refers.
     pub(super) fn parts(&self) -> impl Iterator<Item = &str> {
         let nested = self.objects.values().flat_map(|object| match &object.shape {
             Shape::Components(components) => &components[..],
@@ -94,7 +94,7 @@ impl Model {
         self.items.iter().chain(nested).filter_map(|component| component.part.as_deref())
     }
 
-    /// The objects that are components of others.
+    /// Returns the objects that are components of other objects.
     pub(super) fn components(&self) -> BTreeSet<u32> {
         let nested = self.objects.values().filter_map(|object| match &object.shape {
             Shape::Components(components) => Some(components),
@@ -104,46 +104,54 @@ impl Model {
     }
 }
 
-/// A part of the archive that is being read.
+/// A part of the archive while it is being parsed.
 struct Part<'a> {
     name: &'a str,
     document: &'a Document<'a>,
 }
 
-type Found<T> = Result<T, ThreeMfReadError>;
+type ModelResult<T> = Result<T, ThreeMfReadError>;
 
 impl Part<'_> {
-    fn wrong(&self, node: Node<'_, '_>, message: String) -> ThreeMfReadError {
+    fn node_error(&self, node: Node<'_, '_>, message: String) -> ThreeMfReadError {
         let line = self.document.text_pos_at(node.range().start).row;
         ThreeMfReadError::Wrong { part: self.name.to_owned(), line, message }
     }
 
-    /// An attribute, if it is there.
-    fn maybe<T: FromStr>(&self, node: Node<'_, '_>, name: &str) -> Found<Option<T>> {
+    /// Parses an optional attribute.
+    fn optional_attribute<T: FromStr>(
+        &self,
+        node: Node<'_, '_>,
+        name: &str,
+    ) -> ModelResult<Option<T>> {
         let Some(text) = node.attribute(name) else { return Ok(None) };
         text.trim().parse().map(Some).map_err(|_| {
             let text = excerpt(text.as_bytes());
-            self.wrong(node, format!("`{name}` of `{}` cannot be `{text}`", node.tag_name().name()))
+            self.node_error(
+                node,
+                format!("invalid value `{text}` of `{name}` in `{}`", node.tag_name().name()),
+            )
         })
     }
 
-    fn needed<T: FromStr>(&self, node: Node<'_, '_>, name: &str) -> Found<T> {
-        self.maybe(node, name)?.ok_or_else(|| {
-            self.wrong(node, format!("`{}` has no `{name}`", node.tag_name().name()))
+    fn attribute<T: FromStr>(&self, node: Node<'_, '_>, name: &str) -> ModelResult<T> {
+        self.optional_attribute(node, name)?.ok_or_else(|| {
+            self.node_error(node, format!("`{}` has no `{name}`", node.tag_name().name()))
         })
     }
 
-    /// A coordinate, which may be NaN.
-    fn real(&self, node: Node<'_, '_>, name: &str) -> Found<f64> {
+    /// Parses a coordinate, which may be NaN.
+    fn real(&self, node: Node<'_, '_>, name: &str) -> ModelResult<f64> {
         let text = node.attribute(name).map(|text| text.trim().as_bytes());
-        text.and_then(real).map_or_else(|| self.needed(node, name), Ok)
+        text.and_then(parse_real).map_or_else(|| self.attribute(node, name), Ok)
     }
 
-    fn model(&self, root: Node<'_, '_>, notes: &mut Vec<String>) -> Found<Model> {
+    fn model(&self, root: Node<'_, '_>, notes: &mut Vec<String>) -> ModelResult<Model> {
         if root.tag_name().name() != "model" {
-            return Err(
-                self.wrong(root, format!("expected `model`, found `{}`", root.tag_name().name()))
-            );
+            return Err(self.node_error(
+                root,
+                format!("expected `model`, found `{}`", root.tag_name().name()),
+            ));
         }
         let unit = match root.attribute("unit").unwrap_or("millimeter") {
             "micron" => 0.001,
@@ -154,7 +162,7 @@ impl Part<'_> {
             "meter" => 1000.0,
             other => {
                 return Err(
-                    self.wrong(root, format!("unknown unit `{}`", excerpt(other.as_bytes())))
+                    self.node_error(root, format!("unknown unit `{}`", excerpt(other.as_bytes())))
                 );
             }
         };
@@ -180,26 +188,26 @@ impl Part<'_> {
             match node.tag_name().name() {
                 "object" => {
                     let object = self.object(node, &mut others)?;
-                    model.objects.insert(self.needed(node, "id")?, object);
+                    model.objects.insert(self.attribute(node, "id")?, object);
                 }
                 "basematerials" => {
                     let colors = self.colors(node, "base", "displaycolor")?;
-                    model.groups.insert(self.needed(node, "id")?, Group::Colors(colors));
+                    model.groups.insert(self.attribute(node, "id")?, Group::Colors(colors));
                 }
                 "colorgroup" => {
                     let colors = self.colors(node, "color", "color")?;
-                    model.groups.insert(self.needed(node, "id")?, Group::Colors(colors));
+                    model.groups.insert(self.attribute(node, "id")?, Group::Colors(colors));
                 }
                 "texture2d" => {
-                    pictures.insert(self.needed(node, "id")?, self.needed(node, "path")?);
+                    pictures.insert(self.attribute(node, "id")?, self.attribute(node, "path")?);
                 }
                 "texture2dgroup" => {
                     let path =
-                        pictures.get(&self.needed(node, "texid")?).cloned().unwrap_or_default();
+                        pictures.get(&self.attribute(node, "texid")?).cloned().unwrap_or_default();
                     let uv =
                         elements(node).map(|it| Ok([self.real(it, "u")?, self.real(it, "v")?]));
-                    let uv = uv.collect::<Found<_>>()?;
-                    model.groups.insert(self.needed(node, "id")?, Group::Picture { path, uv });
+                    let uv = uv.collect::<ModelResult<_>>()?;
+                    model.groups.insert(self.attribute(node, "id")?, Group::Picture { path, uv });
                 }
                 other => drop(others.insert(other)),
             }
@@ -208,7 +216,7 @@ impl Part<'_> {
             others.into_iter().map(|name| format!("`{}`", excerpt(name.as_bytes()))).collect();
         if !others.is_empty() {
             notes.push(format!(
-                "{} of `{}` {} left out: not read from 3MF files",
+                "{} of `{}` {} left out: not supported in 3MF files",
                 others.join(", "),
                 self.name,
                 if others.len() == 1 { "is" } else { "are" }
@@ -217,20 +225,20 @@ impl Part<'_> {
         Ok(model)
     }
 
-    fn colors(&self, group: Node<'_, '_>, element: &str, attribute: &str) -> Found<Vec<Rgb>> {
+    fn colors(&self, group: Node<'_, '_>, element: &str, attribute: &str) -> ModelResult<Vec<Rgb>> {
         let entries = elements(group).filter(|node| node.tag_name().name() == element);
         entries
             .map(|node| {
-                let text: String = self.needed(node, attribute)?;
+                let text: String = self.attribute(node, attribute)?;
                 let digits = text.strip_prefix('#').filter(|it| [6, 8].contains(&it.len()));
                 let number =
                     digits.and_then(|digits| u32::from_str_radix(digits.get(..6)?, 16).ok());
                 let [_, red, green, blue] = number
                     .ok_or_else(|| {
-                        self.wrong(
+                        self.node_error(
                             node,
                             format!(
-                                "`{}` is no color: expected `#RRGGBB`",
+                                "expected a color `#RRGGBB`, found `{}`",
                                 excerpt(text.as_bytes())
                             ),
                         )
@@ -241,22 +249,26 @@ impl Part<'_> {
             .collect()
     }
 
-    fn object<'d>(&self, node: Node<'d, '_>, others: &mut BTreeSet<&'d str>) -> Found<Object> {
-        let group: Option<u32> = self.maybe(node, "pid")?;
-        let entry: u32 = self.maybe(node, "pindex")?.unwrap_or_default();
+    fn object<'d>(
+        &self,
+        node: Node<'d, '_>,
+        others: &mut BTreeSet<&'d str>,
+    ) -> ModelResult<Object> {
+        let group: Option<u32> = self.optional_attribute(node, "pid")?;
+        let entry: u32 = self.optional_attribute(node, "pindex")?.unwrap_or_default();
         let mut shape = Shape::Components(Vec::new());
         for child in elements(node) {
             match child.tag_name().name() {
                 "mesh" => shape = self.mesh(child, group, others)?,
                 "components" => {
                     let components = elements(child).map(|node| self.component(node));
-                    shape = Shape::Components(components.collect::<Found<_>>()?);
+                    shape = Shape::Components(components.collect::<ModelResult<_>>()?);
                 }
                 "metadatagroup" => {}
                 other => drop(others.insert(other)),
             }
         }
-        Ok(Object { shape, look: group.map(|group| Look { group, entries: [entry; 3] }) })
+        Ok(Object { shape, look: group.map(|group| Appearance { group, entries: [entry; 3] }) })
     }
 
     fn mesh<'d>(
@@ -264,40 +276,50 @@ impl Part<'_> {
         node: Node<'d, '_>,
         group: Option<u32>,
         others: &mut BTreeSet<&'d str>,
-    ) -> Found<Shape> {
-        let (mut places, mut triangles) = (Vec::new(), Vec::new());
+    ) -> ModelResult<Shape> {
+        let (mut positions, mut triangles) = (Vec::new(), Vec::new());
         for list in elements(node) {
             match list.tag_name().name() {
                 "vertices" => {
                     for vertex in elements(list) {
                         let [x, y, z] = ["x", "y", "z"].map(|axis| self.real(vertex, axis));
-                        places.push(Point3::new(x?, y?, z?));
+                        positions.push(Point3::new(x?, y?, z?));
                     }
                 }
                 "triangles" => {
                     for triangle in elements(list) {
-                        triangles.push(self.triangle(triangle, group, places.len())?);
+                        triangles.push(self.triangle(triangle, group, positions.len())?);
                     }
                 }
                 other => drop(others.insert(other)),
             }
         }
-        Ok(Shape::Mesh { places, triangles })
+        Ok(Shape::Mesh { positions, triangles })
     }
 
-    fn triangle(&self, node: Node<'_, '_>, group: Option<u32>, count: usize) -> Found<Triangle> {
-        let [a, b, c] = ["v1", "v2", "v3"].map(|name| self.needed::<u32>(node, name));
+    fn triangle(
+        &self,
+        node: Node<'_, '_>,
+        group: Option<u32>,
+        count: usize,
+    ) -> ModelResult<Triangle> {
+        let [a, b, c] = ["v1", "v2", "v3"].map(|name| self.attribute::<u32>(node, name));
         let vertices = [a?, b?, c?];
         if let Some(vertex) = vertices.iter().find(|&&vertex| count <= vertex as usize) {
-            return Err(self.wrong(
+            return Err(self.node_error(
                 node,
-                format!("a triangle names vertex {vertex}, but there are only {count}"),
+                format!(
+                    "a triangle refers to vertex {vertex}, but there are only {count} vertices"
+                ),
             ));
         }
-        let look = match (self.maybe(node, "pid")?.or(group), self.maybe::<u32>(node, "p1")?) {
+        let look = match (
+            self.optional_attribute(node, "pid")?.or(group),
+            self.optional_attribute::<u32>(node, "p1")?,
+        ) {
             (Some(group), Some(first)) => {
-                let [second, third] = ["p2", "p3"].map(|name| self.maybe(node, name));
-                Some(Look {
+                let [second, third] = ["p2", "p3"].map(|name| self.optional_attribute(node, name));
+                Some(Appearance {
                     group,
                     entries: [first, second?.unwrap_or(first), third?.unwrap_or(first)],
                 })
@@ -307,23 +329,23 @@ impl Part<'_> {
         Ok(Triangle { vertices, look })
     }
 
-    fn component(&self, node: Node<'_, '_>) -> Found<Component> {
-        let object = self.needed(node, "objectid")?;
-        // An attribute of the production extension, whatever its prefix.
+    fn component(&self, node: Node<'_, '_>) -> ModelResult<Component> {
+        let object = self.attribute(node, "objectid")?;
+        // `path` is an attribute of the production extension, whose prefix may be any.
         let part = node.attributes().find(|it| it.name() == "path").map(|it| it.value().to_owned());
         let Some(text) = node.attribute("transform") else {
             return Ok(Component { object, part, motion: Matrix4::identity() });
         };
-        let numbers = text.split_whitespace().map(|word| real::<f64>(word.as_bytes()));
+        let numbers = text.split_whitespace().map(|word| parse_real::<f64>(word.as_bytes()));
         let numbers =
             numbers.collect::<Option<Vec<f64>>>().and_then(|it| <[f64; 12]>::try_from(it).ok());
         let rows = numbers.ok_or_else(|| {
-            self.wrong(
+            self.node_error(
                 node,
-                format!("`transform` is `{}`: expected 12 numbers", excerpt(text.as_bytes())),
+                format!("expected 12 numbers in `transform`, found `{}`", excerpt(text.as_bytes())),
             )
         })?;
-        // It multiplies row vectors, with the translation in the last row.
+        // In the file, the matrix multiplies row vectors, and its last row is the translation.
         Ok(Component {
             object,
             part,
@@ -334,7 +356,7 @@ impl Part<'_> {
     }
 }
 
-/// The elements right below one.
+/// The child elements of a node.
 fn elements<'d, 'i>(node: Node<'d, 'i>) -> impl Iterator<Item = Node<'d, 'i>> {
     node.children().filter(Node::is_element)
 }

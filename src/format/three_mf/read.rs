@@ -6,70 +6,69 @@ use maquette_value::{Attribute, Image, Mesh, MeshError, Rgb};
 use nalgebra::{Matrix4, Point3};
 use thiserror::Error;
 
-use super::model::{Group, Look, Model, Object, Shape};
-use crate::corners::{FaceList, with_corners};
-use crate::finite::{self, Finite};
-use crate::zip::{Archive, NotRead};
-use crate::{most_memory, picture_file};
+use super::model::{Appearance, Group, Model, Object, Shape};
+use crate::corners::{FaceList, add_corner_data};
+use crate::finite::{self, FiniteMask};
+use crate::zip::{Archive, ArchiveError};
+use crate::{max_memory, picture_file};
 
-/// Why bytes are not a mesh in a 3MF file.
+/// Error of reading a mesh from a 3MF file.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub(crate) enum ThreeMfReadError {
-    /// No ZIP archive, or a damaged one.
+    /// The file is not a ZIP archive, or is damaged.
     #[error("a 3MF file is a ZIP archive, but {0}")]
-    Archive(#[from] NotRead),
-    /// A part without which there is no model.
-    #[error("the archive has no part `{name}`: it is no 3MF file, or damaged")]
+    Archive(#[from] ArchiveError),
+    /// The archive does not contain a part.
+    #[error("the archive has no part `{name}`: it is not a 3MF file, or is damaged")]
     NoPart {
-        /// Its name.
+        /// The name of the missing part.
         name: String,
     },
-    /// XML that is none, or in which something is missing or wrong.
+    /// The XML is invalid or incomplete.
     #[error("`{part}`, line {line}: {message}")]
     Wrong {
-        /// The part of the archive.
+        /// The name of the part with the error.
         part: String,
-        /// The line, from 1.
+        /// The number of the line, from 1.
         line: u32,
-        /// What is wrong.
+        /// The description of the error.
         message: String,
     },
-    /// An object that is a part of itself, or that is nested too deeply.
+    /// An object is a component of itself, or components are nested too deeply.
     #[error(
-        "object {object} is a component of itself, or nested more than {MOST_NESTED} levels deep"
+        "object {object} is a component of itself, or nested more than {MAX_NESTING} levels deep"
     )]
     Nested {
-        /// The object's id.
+        /// The id of the object.
         object: u32,
     },
-    /// Copies that take too much memory.
+    /// The components would take too much memory.
     #[error(
-        "its components make more than {MOST_COPIES} times as many triangles as the file has bytes: simplify the assembly where it comes from"
+        "the components have more than {MAX_TRIANGLES_PER_BYTE} triangles per byte of the file: simplify the assembly before the export"
     )]
     TooMany,
-    /// No mesh on the plate.
-    #[error("there is no triangle in the file")]
+    /// The build plate has no mesh.
+    #[error("the file has no triangles")]
     Empty,
-    /// A mesh that cannot be.
+    /// The vertices and faces are not a valid mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
 }
 
-const MOST_NESTED: usize = 64;
+const MAX_NESTING: usize = 64;
 
-/// Most triangles that assemblies may make of each byte of the file.
-const MOST_COPIES: usize = 4;
+/// The maximum number of an assembly's triangles per byte of the file.
+const MAX_TRIANGLES_PER_BYTE: usize = 4;
 
-/// The part that holds the model, unless the archive says otherwise.
+/// The usual name of the part with the model.
 const MODEL: &str = "3D/3dmodel.model";
 
-/// The mesh of all items that are built, y up and in mm, and warnings about what is left out.
+/// Reads all items to build as one mesh, y up and in mm, with warnings about data that are left out.
 ///
-/// # Errors
-/// If the bytes are no 3MF file, it is damaged, or there is no triangle in it.
+/// Returns an error if the bytes are not a 3MF file, the file is damaged, or it has no triangles.
 pub(crate) fn read(bytes: &[u8]) -> Result<(Mesh, Vec<String>), ThreeMfReadError> {
     let archive = Archive::open(bytes)?;
-    let most = most_memory(bytes.len());
+    let limit = max_memory(bytes.len());
     let root =
         archive.find(MODEL).or_else(|| archive.names().find(|name| name.ends_with(".model")));
     let root = root.ok_or(ThreeMfReadError::NoPart { name: MODEL.to_owned() })?.to_owned();
@@ -80,7 +79,7 @@ pub(crate) fn read(bytes: &[u8]) -> Result<(Mesh, Vec<String>), ThreeMfReadError
         if models.contains_key(&name) {
             continue;
         }
-        let text = archive.read(&name, most)?;
+        let text = archive.read(&name, limit)?;
         let model = Model::read(&name, &text, &mut notes)?;
         for path in model.parts() {
             let part =
@@ -89,7 +88,8 @@ pub(crate) fn read(bytes: &[u8]) -> Result<(Mesh, Vec<String>), ThreeMfReadError
         }
         models.insert(name, model);
     }
-    let mut assembly = Assembly::new(&archive, &models, MOST_COPIES.saturating_mul(bytes.len()));
+    let mut assembly =
+        Assembly::new(&archive, &models, MAX_TRIANGLES_PER_BYTE.saturating_mul(bytes.len()));
     let items = &models[&root].items;
     let plate = Matrix4::identity();
     for item in items {
@@ -97,44 +97,48 @@ pub(crate) fn read(bytes: &[u8]) -> Result<(Mesh, Vec<String>), ThreeMfReadError
         assembly.add(part, item.object, &(plate * item.motion), 0)?;
     }
     if items.is_empty() {
-        // Some programs write objects and build none of them.
+        // Some programs write objects, but no build items.
         let used = models[&root].components();
         for &object in models[&root].objects.keys().filter(|object| !used.contains(object)) {
             assembly.add(&root, object, &plate, 0)?;
         }
     }
     assembly.notes.splice(0..0, notes);
-    assembly.finish(most)
+    assembly.finish(limit)
 }
 
-/// The meshes of all items, as they are put together.
+/// Collects the meshes of all build items.
 struct Assembly<'a> {
     archive: &'a Archive<'a>,
     models: &'a BTreeMap<String, Model>,
-    /// Triangles that there may be.
-    most: usize,
-    places: Vec<Point3<f64>>,
+    /// The maximum number of triangles in the result.
+    max_triangles: usize,
+    positions: Vec<Point3<f64>>,
     faces: FaceList,
-    /// Of each corner of a face that was given.
+    /// The color of each added corner.
     colors: Vec<Rgb>,
     uv: Vec<[f64; 2]>,
-    /// The picture, by the name of its part.
+    /// The name of the part with the picture.
     picture: Option<String>,
-    /// The names of other pictures.
+    /// The names of the parts with other pictures, which are left out.
     other_pictures: Vec<String>,
-    /// Triangles with a color, with a place on the picture, and all.
+    /// Three numbers of triangles: with a color, with texture coordinates, and in total.
     counts: [usize; 3],
     left_out: usize,
     notes: Vec<String>,
 }
 
 impl<'a> Assembly<'a> {
-    fn new(archive: &'a Archive<'a>, models: &'a BTreeMap<String, Model>, most: usize) -> Self {
+    fn new(
+        archive: &'a Archive<'a>,
+        models: &'a BTreeMap<String, Model>,
+        max_triangles: usize,
+    ) -> Self {
         Self {
             archive,
             models,
-            most,
-            places: Vec::new(),
+            max_triangles,
+            positions: Vec::new(),
             faces: FaceList::default(),
             colors: Vec::new(),
             uv: Vec::new(),
@@ -146,7 +150,7 @@ impl<'a> Assembly<'a> {
         }
     }
 
-    /// Adds an object of a part of the archive, moved.
+    /// Adds an object of the part `part`, transformed by `motion`.
     fn add(
         &mut self,
         part: &str,
@@ -154,7 +158,7 @@ impl<'a> Assembly<'a> {
         motion: &Matrix4<f64>,
         depth: usize,
     ) -> Result<(), ThreeMfReadError> {
-        if depth > MOST_NESTED {
+        if depth > MAX_NESTING {
             return Err(ThreeMfReadError::Nested { object });
         }
         let models = self.models;
@@ -182,19 +186,22 @@ impl<'a> Assembly<'a> {
         object: &Object,
         motion: &Matrix4<f64>,
     ) -> Result<(), ThreeMfReadError> {
-        let Shape::Mesh { places, triangles } = &object.shape else { return Ok(()) };
-        if self.counts[2] + triangles.len() > self.most {
+        let Shape::Mesh { positions, triangles } = &object.shape else { return Ok(()) };
+        if self.counts[2] + triangles.len() > self.max_triangles {
             return Err(ThreeMfReadError::TooMany);
         }
-        let first = self.places.len() as u32;
-        // The plate is under z, and meshes have y up.
-        let upright =
-            |place: Point3<f64>| Point3::new(place.x, place.z, 0.0 - place.y) * model.unit;
-        let moved = places.iter().map(|place| upright(motion.transform_point(place)));
-        let mut moved = Vec::from_iter(moved);
-        let finite = Finite::of(&mut moved);
-        self.places.append(&mut moved);
-        // A mirror image has its inside out.
+        let first = self.positions.len() as u32;
+        // The build plate has z up, but meshes have y up.
+        let mut moved: Vec<_> = positions
+            .iter()
+            .map(|point| {
+                let point = motion.transform_point(point);
+                Point3::new(point.x, point.z, 0.0 - point.y) * model.unit
+            })
+            .collect();
+        let finite = FiniteMask::clear_non_finite(&mut moved);
+        self.positions.append(&mut moved);
+        // A mirroring transformation reverses the orientation of faces.
         let is_mirrored = motion.fixed_view::<3, 3>(0, 0).determinant() < 0.0;
         for triangle in triangles {
             if !triangle.vertices.iter().all(|&vertex| finite.contains(vertex as usize)) {
@@ -204,7 +211,7 @@ impl<'a> Assembly<'a> {
             let order = if is_mirrored { [0, 2, 1] } else { [0, 1, 2] };
             self.faces.push(&order.map(|k| first + triangle.vertices[k]));
             let look = triangle.look.as_ref().or(object.look.as_ref());
-            let (color, uv) = self.look(model, look);
+            let (color, uv) = self.appearance(model, look);
             self.counts[0] += usize::from(color.is_some());
             self.counts[1] += usize::from(uv.is_some());
             self.counts[2] += 1;
@@ -214,11 +221,11 @@ impl<'a> Assembly<'a> {
         Ok(())
     }
 
-    /// The colors and the places on the picture of a triangle's corners.
-    fn look(
+    /// Returns the colors and the texture coordinates of a triangle's corners.
+    fn appearance(
         &mut self,
         model: &Model,
-        look: Option<&Look>,
+        look: Option<&Appearance>,
     ) -> (Option<[Rgb; 3]>, Option<[[f64; 2]; 3]>) {
         let Some((look, group)) =
             look.and_then(|look| Some((look, model.groups.get(&look.group)?)))
@@ -251,22 +258,22 @@ impl<'a> Assembly<'a> {
         }
     }
 
-    fn finish(mut self, most: usize) -> Result<(Mesh, Vec<String>), ThreeMfReadError> {
+    fn finish(mut self, limit: usize) -> Result<(Mesh, Vec<String>), ThreeMfReadError> {
         if self.counts[2] == 0 && self.left_out == 0 {
             return Err(ThreeMfReadError::Empty);
         }
-        self.notes.extend(finite::doubt(self.left_out, "face"));
+        self.notes.extend(finite::left_out_note(self.left_out, "face"));
         self.notes.extend(self.faces.notes());
         for path in &self.other_pictures {
             self.notes.push(format!(
-                "the picture `{path}` is left out: a mesh has one, and its faces show `{}` or nothing",
+                "the picture `{path}` is left out: a mesh can have only one, which is `{}`",
                 self.picture.as_deref().unwrap_or_default()
             ));
         }
         let [colored, textured, all] = self.counts;
-        for (with, what) in [(colored, "color"), (textured, "place on the picture")] {
+        for (with, what) in [(colored, "color"), (textured, "texture coordinates")] {
             if (1..all).contains(&with) {
-                let instead = if what == "color" { "are white" } else { "have zeros in its place" };
+                let instead = if what == "color" { "are white" } else { "get zeros" };
                 self.notes.push(format!(
                     "{} of {all} triangles have no {what}, and {instead}",
                     all - with
@@ -274,16 +281,16 @@ impl<'a> Assembly<'a> {
             }
         }
         let (faces, origins) = self.faces.finish()?;
-        let mut mesh = Mesh::new(self.places, faces)?;
+        let mut mesh = Mesh::new(self.positions, faces)?;
         if colored > 0 {
             let colors: Vec<_> = origins.iter().map(|&origin| self.colors[origin]).collect();
-            mesh = with_corners(mesh, "color", colors, [255; 3], Attribute::Color)?;
+            mesh = add_corner_data(mesh, "color", colors, [255; 3], Attribute::Color)?;
         }
         if textured > 0 {
             let uv: Vec<_> = origins.iter().map(|&origin| self.uv[origin]).collect();
-            mesh = with_corners(mesh, "uv", uv, [0.0; 2], Attribute::Pair)?;
+            mesh = add_corner_data(mesh, "uv", uv, [0.0; 2], Attribute::Pair)?;
             let path = self.picture.unwrap_or_default();
-            match picture(self.archive, &path, most) {
+            match read_picture(self.archive, &path, limit) {
                 Ok(image) => mesh = mesh.with_texture(Some(image)),
                 Err(why) => self.notes.push(format!("{why}: the mesh comes without its picture")),
             }
@@ -292,8 +299,8 @@ impl<'a> Assembly<'a> {
     }
 }
 
-fn picture(archive: &Archive<'_>, path: &str, most: usize) -> Result<Image, String> {
+fn read_picture(archive: &Archive<'_>, path: &str, limit: usize) -> Result<Image, String> {
     let name = archive.find(path).ok_or_else(|| format!("the archive has no picture `{path}`"))?;
-    let bytes = archive.read(name, most).map_err(|error| error.to_string())?;
+    let bytes = archive.read(name, limit).map_err(|error| error.to_string())?;
     picture_file::read(&bytes).map_err(|error| format!("{name}: {error}"))
 }

@@ -1,10 +1,11 @@
-//! The fields of a tolerance that make sense for a type of values.
+//! The fields of a tolerance that are possible for each value type.
 
 use maquette_graph::catalog::Catalog;
 use maquette_value::{Meaning, ValueType};
 
-/// Which fields of a tolerance make sense for a value: one with places, one with other numbers, one of colors or flags alone.
-pub(super) const OF_PLACES: [&str; 11] = [
+/// The possible fields of a tolerance, in three lists: for values with positions, for values with other numbers, and for values that
+/// contain only colors or flags.
+pub(super) const POSITION_FIELDS: [&str; 11] = [
     "max",
     "rms",
     "p99",
@@ -17,27 +18,33 @@ pub(super) const OF_PLACES: [&str; 11] = [
     "remeshed",
     "keep",
 ];
-const OF_NUMBERS: [&str; 6] = ["max", "normals", "attributes", "differing", "relative", "keep"];
-const OF_LEVELS: [&str; 5] = ["differing", "level", "hard", "relative", "keep"];
+const NUMBER_FIELDS: [&str; 6] = ["max", "normals", "attributes", "differing", "relative", "keep"];
+const LEVEL_FIELDS: [&str; 5] = ["differing", "level", "hard", "relative", "keep"];
 
-/// The fields of a tolerance that make sense for a type, by what its numbers mean; all, where it has no values to tell by.
+/// Returns the fields of a tolerance that are possible for a value type. They depend on the meaning of the type's numbers. If the type has
+/// no sample values, all fields are possible.
 fn fields_of(kind: &ValueType) -> &'static [&'static str] {
-    let values = kind.hostile();
+    let values = kind.edge_cases();
     fn means(wanted: &[Meaning], values: &[maquette_node::AnyValue]) -> bool {
         values.iter().any(|value| {
-            value.parts().columns.iter().any(|part| !part.aside && wanted.contains(&part.meaning))
+            value
+                .parts()
+                .columns
+                .iter()
+                .any(|part| !part.is_hidden && wanted.contains(&part.meaning))
         })
     }
     if values.is_empty() || means(&[Meaning::Position], &values) {
-        &OF_PLACES
+        &POSITION_FIELDS
     } else if means(&[Meaning::Number, Meaning::Direction], &values) {
-        &OF_NUMBERS
+        &NUMBER_FIELDS
     } else {
-        &OF_LEVELS
+        &LEVEL_FIELDS
     }
 }
 
-/// The tolerances of a type of values by its name, or the types that are known.
+/// A function that returns the possible fields of a tolerance for the name of a value type. If the name is unknown, it returns the known
+/// names.
 pub(super) type Fields<'a> =
     dyn Fn(&str) -> Result<&'static [&'static str], Vec<&'static str>> + 'a;
 

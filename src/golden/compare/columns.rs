@@ -1,45 +1,45 @@
-//! Two columns, element by element.
+//! Compares two columns element by element.
 
-use maquette_engine::six;
+use maquette_engine::six_digits;
 use maquette_value::parallel::*;
 
 use super::{Measure, Tolerance, in_unit, unit};
 use crate::parts::{Class, GoldenColumn};
 
-/// The default tolerance, as a share of the diagonal of all places or numbers: a billionth. The same program
-/// gives the same bits, so only the last digits of sums that are taken in another order are forgiven, some 1e-13; above that
-/// a fault hides, below a harmless change of code fails.
-const DEFAULT_SHARE: f64 = 1e-9;
+/// The default tolerance: a billionth of the diagonal of all positions, or of the range of all numbers. One program computes the same bits
+/// each time, so only the rounding of sums in another order must be tolerated, some 1e-13. A larger tolerance would hide faults; a smaller
+/// one would fail on harmless changes of code.
+const DEFAULT_FRACTION: f64 = 1e-9;
 
-/// The angle between normals that is allowed where places may move but nothing is said of normals, in degrees: no eye sees less.
-const ANGLE_OF_MOVED: f64 = 0.5;
+/// The default limit for the angle between normals if positions may differ, in degrees. Smaller angles are invisible.
+const DEFAULT_NORMAL_ANGLE: f64 = 0.5;
 
-/// The largest difference that is allowed in a column.
-pub(crate) fn allowed(part: &GoldenColumn, tolerance: &Tolerance) -> f64 {
-    let share = tolerance.share.unwrap_or(DEFAULT_SHARE);
-    given(part, tolerance).unwrap_or_else(|| match part.class {
-        Class::Place | Class::Number => share * size(part),
-        Class::Normal => share.to_degrees(),
+/// Returns the largest allowed difference in a column.
+pub(crate) fn allowed_difference(part: &GoldenColumn, tolerance: &Tolerance) -> f64 {
+    let fraction = tolerance.default_fraction.unwrap_or(DEFAULT_FRACTION);
+    explicit_limit(part, tolerance).unwrap_or_else(|| match part.class {
+        Class::Position | Class::Number => fraction * size(part),
+        Class::Normal => fraction.to_degrees(),
         Class::Level | Class::Exact => 0.0,
     })
 }
 
-/// What a tolerance says of a column, if it does.
-pub(crate) fn given(part: &GoldenColumn, tolerance: &Tolerance) -> Option<f64> {
+/// Returns the limit that a tolerance explicitly sets for a column, or `None`.
+pub(crate) fn explicit_limit(part: &GoldenColumn, tolerance: &Tolerance) -> Option<f64> {
     let limit = limit_of(part, tolerance)?;
-    let said = tolerance.limits().find(|(name, _)| *name == limit).map(|(_, most)| most);
-    said.or(match part.class {
+    let explicit = tolerance.limits().find(|(name, _)| *name == limit).map(|(_, most)| most);
+    explicit.or(match part.class {
         Class::Exact => Some(0.0),
         Class::Level => Some(tolerance.level),
-        Class::Normal => Some(ANGLE_OF_MOVED),
-        // A mean alone is said: then any single place may be anywhere.
-        Class::Place | Class::Number => Some(f64::INFINITY),
+        Class::Normal => Some(DEFAULT_NORMAL_ANGLE),
+        // Only a mean (`rms` or `p99`) is limited, so a single position may be anywhere.
+        Class::Position | Class::Number => Some(f64::INFINITY),
     })
 }
 
-/// The name of what a tolerance says of a column, if it does: that of an attribute, or of a field.
+/// Returns the name of the attribute or field in a tolerance that sets the limit for a column, or `None`.
 pub(crate) fn limit_of<'t>(part: &GoldenColumn, tolerance: &'t Tolerance) -> Option<&'t str> {
-    // `corner uv` and `face area` are meant by `uv` and `area`, too.
+    // A limit for `uv` or `area` also applies to columns such as `corner uv` and `face area`.
     let short = part.name.rsplit(' ').next().unwrap_or_default();
     let attributes = &tolerance.attributes;
     if let Some((name, _)) =
@@ -49,7 +49,7 @@ pub(crate) fn limit_of<'t>(part: &GoldenColumn, tolerance: &'t Tolerance) -> Opt
     }
     let by_mean = tolerance.rms.is_some() || tolerance.p99.is_some();
     let known = match part.class {
-        Class::Place => tolerance.max.is_some() || by_mean,
+        Class::Position => tolerance.max.is_some() || by_mean,
         Class::Normal => tolerance.normals.is_some() || tolerance.max.is_some() || by_mean,
         Class::Number => tolerance.max.is_some() && part.width == 1 && attributes.is_empty(),
         Class::Level => {
@@ -58,7 +58,7 @@ pub(crate) fn limit_of<'t>(part: &GoldenColumn, tolerance: &'t Tolerance) -> Opt
         Class::Exact => tolerance.differing > 0.0,
     };
     let name = match part.class {
-        Class::Place | Class::Number => "max",
+        Class::Position | Class::Number => "max",
         Class::Normal => "normals",
         Class::Level => "level",
         Class::Exact => "differing",
@@ -66,34 +66,34 @@ pub(crate) fn limit_of<'t>(part: &GoldenColumn, tolerance: &'t Tolerance) -> Opt
     known.then_some(name)
 }
 
-/// What the shares of a column are of: the diagonal of the box around all of it.
+/// Returns the size to which relative limits of a column refer: the diagonal of its bounding box.
 pub(crate) fn size(part: &GoldenColumn) -> f64 {
-    // Places are as far apart as the thing is large, whatever their distance to the origin. A column of equal numbers has no
-    // range: then they themselves say what is small.
-    let largest =
-        || part.numbers.iter().filter(|x| x.is_finite()).fold(0.0, |m, x| f64::max(m, x.abs()));
-    match part.class {
-        Class::Place => part.diagonal(),
-        _ => part.diagonal().max(largest() * 1e-3),
+    // For positions the extent is used, because it does not depend on the distance from the origin. Numbers that are all equal have no
+    // range, so the numbers themselves determine the scale.
+    if part.class == Class::Position {
+        return part.diagonal();
     }
+    let finite = part.numbers.iter().filter(|x| x.is_finite());
+    let largest = finite.fold(0.0, |m, x| f64::max(m, x.abs()));
+    part.diagonal().max(largest * 1e-3)
 }
 
-/// How far the numbers of an old column may be from what they were.
+/// The rounding error of a stored column.
 #[derive(Clone, Copy)]
 pub(crate) struct Rounding {
-    /// A single number, at most.
-    pub(crate) half: f64,
-    /// An element, in the unit of differences.
+    /// The maximum error of a single number.
+    pub(crate) max_number_error: f64,
+    /// The maximum error of an element, in the unit of differences.
     pub(crate) error: f64,
 }
 
 impl Rounding {
-    /// They are what they were.
-    pub(crate) const NONE: Self = Self { half: 0.0, error: 0.0 };
+    /// The rounding of a column that is stored exactly.
+    pub(crate) const NONE: Self = Self { max_number_error: 0.0, error: 0.0 };
 }
 
-/// Compares the entries of `old` with those of `new`, of which there are as many; the old one may hold every n-th only.
-/// Differences that rounding alone may make are none.
+/// Compares the entries of `old` with those of `new`, which must have the same count. `old` may contain only every n-th entry. Differences
+/// that rounding alone may cause do not count.
 pub(crate) fn compare_columns(
     old: &GoldenColumn,
     new: &GoldenColumn,
@@ -102,7 +102,7 @@ pub(crate) fn compare_columns(
     rounding: Rounding,
 ) -> Measure {
     let (stride, places) = (old.stride, old.numbers.len() / old.width);
-    let (mut measure, differences) = measure_beyond(
+    let (mut measure, differences) = measure_with_relative(
         &old.name,
         |relative: f64| {
             (0..places)
@@ -110,7 +110,7 @@ pub(crate) fn compare_columns(
                 .with_min_len(4096)
                 .map(|place: usize| {
                     let (a, b) = (old.element(place), new.element(place * stride));
-                    let half = rounding.half * (1.0 + 1e-9);
+                    let half = rounding.max_number_error * (1.0 + 1e-9);
                     if half > 0.0 && a.iter().zip(b).all(|(a, b)| (a - b).abs() <= half) {
                         return 0.0;
                     }
@@ -119,11 +119,11 @@ pub(crate) fn compare_columns(
                 .collect()
         },
         old.class,
-        allowed(new, tolerance),
+        allowed_difference(new, tolerance),
         tolerance,
     );
     measure.error = rounding.error;
-    measure.seen = places as f64 / new.count.max(1) as f64;
+    measure.compared_fraction = places as f64 / new.count.max(1) as f64;
     if let Some(worst) = worst(&differences) {
         let (a, b) = (in_words(old.element(worst)), in_words(new.element(worst * stride)));
         measure.worst = format!("{}: {a} -> {b}", element(worst * stride, row));
@@ -135,8 +135,9 @@ pub(crate) fn compare_columns(
     measure
 }
 
-/// Statistics of the differences that `beyond` gives for a relative bound, and those for the bound 0.
-pub(super) fn measure_beyond(
+/// Returns statistics of the differences that `beyond` returns for the relative limit. Also returns the differences for the
+/// limit 0.
+pub(super) fn measure_with_relative(
     name: &str,
     beyond: impl Fn(f64) -> Vec<f64>,
     class: Class,
@@ -147,16 +148,16 @@ pub(super) fn measure_beyond(
     let mut all = measure(name, &differences, class, allowed);
     if tolerance.relative > 0.0 && matches!(class, Class::Level | Class::Number) {
         let counted = measure(name, &beyond(tolerance.relative), class, allowed);
-        (all.counted, all.differing) = (counted.max, counted.differing);
+        (all.counted_max, all.differing) = (counted.max, counted.differing);
     }
     (all, differences)
 }
 
-/// Statistics of some differences.
+/// Returns statistics of differences.
 pub(crate) fn measure(name: &str, differences: &[f64], class: Class, allowed: f64) -> Measure {
     const CHUNK: usize = 1 << 14;
     let by_share = matches!(class, Class::Level | Class::Exact);
-    // What is allowed of a color does not count.
+    // For colors, differences up to the allowed one do not count.
     let least = if by_share { allowed } else { 0.0 };
     let sums = differences.par_chunks(CHUNK).map(|chunk| {
         let sum: f64 = chunk.iter().map(|d| d * d).sum();
@@ -172,7 +173,7 @@ pub(crate) fn measure(name: &str, differences: &[f64], class: Class, allowed: f6
     Measure {
         name: name.to_owned(),
         max,
-        counted: max,
+        counted_max: max,
         rms: (sum / count).sqrt(),
         p99,
         differing: differing as f64 / count,
@@ -180,9 +181,9 @@ pub(crate) fn measure(name: &str, differences: &[f64], class: Class, allowed: f6
         worst: String::new(),
         allowed,
         error: 0.0,
-        seen: 1.0,
-        by_share,
-        broken: String::new(),
+        compared_fraction: 1.0,
+        is_by_fraction: by_share,
+        failure: String::new(),
     }
 }
 
@@ -192,61 +193,63 @@ fn percentile(differences: &[f64]) -> f64 {
     *sorted.select_nth_unstable_by(place, f64::total_cmp).1
 }
 
-/// Says what of a measure is not allowed. What was kept rounded passes only if it would, however it was rounded.
+/// Records a failure in a measure if it exceeds a limit. If the old value was rounded when it was stored, the measure passes only if every
+/// value that rounds to the stored one would pass.
 pub(crate) fn judge(measure: &mut Measure, class: Class, tolerance: &Tolerance) {
-    /// Rounding that decides more than this share of what is allowed is too rough.
-    const ROUGH: f64 = 0.1;
+    /// The maximum rounding error of a stored value, as a fraction of the limit.
+    const MAX_ERROR_FRACTION: f64 = 0.1;
     let (name, unit, error) = (&measure.name, measure.unit, measure.error);
-    let by_share = measure.by_share;
+    let by_share = measure.is_by_fraction;
     let limits = [
-        ("", measure.counted, Some(measure.allowed).filter(|_| !by_share)),
-        (" (rms)", measure.rms, tolerance.rms.filter(|_| class == Class::Place)),
-        (" (99 %)", measure.p99, tolerance.p99.filter(|_| class == Class::Place)),
+        ("", measure.counted_max, Some(measure.allowed).filter(|_| !by_share)),
+        (" (rms)", measure.rms, tolerance.rms.filter(|_| class == Class::Position)),
+        (" (99 %)", measure.p99, tolerance.p99.filter(|_| class == Class::Position)),
     ];
     for (what, found, limit) in limits {
-        let Some(limit) = limit.filter(|_| measure.broken.is_empty()) else { continue };
-        // What is not a number is not allowed either.
+        let Some(limit) = limit.filter(|_| measure.failure.is_empty()) else { continue };
+        // The comparison is false for NaN, so NaN fails, too.
         if found + error <= limit {
             continue;
         }
         let allowed = in_unit(limit, unit);
         let known = in_unit(error, unit);
-        measure.broken = if !found.is_finite() {
-            format!("`{name}` differs by something that is not a number, allowed is {allowed}")
+        measure.failure = if !found.is_finite() {
+            format!("`{name}` differs by a value that is not a number, allowed is {allowed}")
         } else if found - error > limit {
             format!("`{name}` differs by {}{what}, allowed is {allowed}", in_unit(found, unit))
-        } else if error <= ROUGH * limit {
+        } else if error <= MAX_ERROR_FRACTION * limit {
             format!(
-                "`{name}` differs by {}{what}, known to {known}, allowed is {allowed}",
+                "`{name}` differs by {}{what}, with an uncertainty of {known}, allowed is {allowed}",
                 in_unit(found, unit)
             )
         } else {
             format!(
-                "`{name}` was kept to {known}, too roughly to judge {allowed}{what}: accept it anew where it is as it was"
+                "`{name}` was stored with a precision of {known}, too coarse to check {allowed}{what}: bless it again if it is unchanged"
             )
         };
     }
     if let Some(hard) = tolerance.hard.filter(|_| class == Class::Level)
         && (measure.max > hard || measure.max.is_nan())
     {
-        let (found, allowed) = (six(measure.max), six(hard));
-        measure.broken = format!("`{name}` differs by {found} levels, allowed is {allowed} (hard)");
+        let (found, allowed) = (six_digits(measure.max), six_digits(hard));
+        measure.failure =
+            format!("`{name}` differs by {found} levels, allowed is {allowed} (hard)");
     } else if by_share
-        && measure.counted > measure.allowed
+        && measure.counted_max > measure.allowed
         && measure.differing > tolerance.differing
     {
-        measure.broken = format!(
+        measure.failure = format!(
             "`{name}`: {} % of the entries differ, allowed are {} %",
-            six(100.0 * measure.differing),
-            six(100.0 * tolerance.differing)
+            six_digits(100.0 * measure.differing),
+            six_digits(100.0 * tolerance.differing)
         );
     }
-    if !measure.broken.is_empty() && !measure.worst.is_empty() {
-        measure.broken = format!("{}; worst at {}", measure.broken, measure.worst);
+    if !measure.failure.is_empty() && !measure.worst.is_empty() {
+        measure.failure = format!("{}; worst at {}", measure.failure, measure.worst);
     }
 }
 
-/// The place of the largest difference.
+/// Returns the index of the largest difference.
 pub(super) fn worst(differences: &[f64]) -> Option<usize> {
     let worst =
         (0..differences.len()).max_by(|&a, &b| differences[a].total_cmp(&differences[b]))?;
@@ -262,34 +265,29 @@ fn element(index: usize, row: Option<usize>) -> String {
 
 pub(super) fn in_words(numbers: &[f64]) -> String {
     match numbers {
-        [x] => six(*x),
+        [x] => six_digits(*x),
         _ => {
-            format!("({})", numbers.iter().take(4).map(|x| six(*x)).collect::<Vec<_>>().join(", "))
+            format!(
+                "({})",
+                numbers.iter().take(4).map(|x| six_digits(*x)).collect::<Vec<_>>().join(", ")
+            )
         }
     }
 }
 
-/// How far two elements are apart, or 0 if no number of them is farther from the other than `relative` times the mean of both. Two numbers that are both unknown do not differ; one that is makes them infinitely different.
+/// Returns the difference of two elements. It is 0 if each pair of numbers differs by at most `relative` times the mean of both. Two NaNs
+/// do not differ; one NaN is an infinite difference.
 pub(super) fn difference(class: Class, a: &[f64], b: &[f64], relative: f64) -> f64 {
-    fn apart((a, b): (&f64, &f64)) -> f64 {
-        match (a.is_nan(), b.is_nan()) {
-            (true, true) => 0.0,
-            (true, false) | (false, true) => f64::INFINITY,
-            // Infinite numbers that are equal do not differ.
-            _ if a == b => 0.0,
-            _ => (a - b).abs(),
-        }
-    }
-    let pairs = || a.iter().zip(b);
+    let mut pairs = a.iter().zip(b);
     if relative > 0.0
-        && pairs().all(|(a, b): (&f64, &f64)| (a - b).abs() <= relative * (a.abs() + b.abs()) / 2.0)
+        && pairs.clone().all(|(a, b)| (a - b).abs() <= relative * (a.abs() + b.abs()) / 2.0)
     {
         return 0.0;
     }
     match class {
-        Class::Place | Class::Number => pairs().map(apart).map(|d| d * d).sum::<f64>().sqrt(),
-        Class::Level => pairs().map(apart).fold(0.0, f64::max),
-        Class::Exact => f64::from(u8::from(pairs().map(apart).any(|d| d > 0.0))),
+        Class::Position | Class::Number => distance(a, b),
+        Class::Level => pairs.map(component_difference).fold(0.0, f64::max),
+        Class::Exact => f64::from(u8::from(pairs.any(|pair| component_difference(pair) > 0.0))),
         Class::Normal => {
             fn length(a: &[f64]) -> f64 {
                 a.iter().map(|x| x * x).sum::<f64>().sqrt()
@@ -298,13 +296,28 @@ pub(super) fn difference(class: Class, a: &[f64], b: &[f64], relative: f64) -> f
             if a == b {
                 0.0
             } else if shorter > 0.0 {
-                // By the chord: the arc cosine knows no angle below a millionth of a degree. Where the lengths are others, it
-                // is longer.
-                let half = pairs().map(apart).map(|d| d * d).sum::<f64>().sqrt() / longer / 2.0;
+                // The angle is computed from the chord, because the arc cosine cannot resolve angles below a millionth of a degree. Unequal
+                // lengths make the chord longer.
+                let half = distance(a, b) / longer / 2.0;
                 (2.0 * libm::asin(half.min(1.0))).to_degrees()
             } else {
                 180.0
             }
         }
+    }
+}
+
+/// Returns the length of the difference of two elements.
+fn distance(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(component_difference).map(|d| d * d).sum::<f64>().sqrt()
+}
+
+fn component_difference((a, b): (&f64, &f64)) -> f64 {
+    match (a.is_nan(), b.is_nan()) {
+        (true, true) => 0.0,
+        (true, false) | (false, true) => f64::INFINITY,
+        // Two equal infinite numbers do not differ, although their difference is NaN.
+        _ if a == b => 0.0,
+        _ => (a - b).abs(),
     }
 }

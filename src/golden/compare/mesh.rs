@@ -1,17 +1,18 @@
-//! Compares two meshes: face by face if they have the same faces, else by the distances between their surfaces in both directions.
+//! Compares two meshes. If their faces are equal, they are compared element by element, otherwise by the distances between their surfaces
+//! in both directions.
 
-use maquette_engine::six;
+use maquette_engine::six_digits;
 use maquette_value::Topology;
 use maquette_value::parallel::*;
 use maquette_value::{AnyValue, Attributes, Mesh};
-use maquette_value::{NearestPlace, TriangleTree};
+use maquette_value::{NearestPoint, TriangleTree};
 use nalgebra::{Point3, Vector3};
 
-use super::columns::{difference, in_words, judge, measure, measure_beyond, worst};
-use super::{Comparison, Measure, Tolerance, Verdict, allowed, compare_parts, order};
+use super::columns::{difference, in_words, judge, measure, measure_with_relative, worst};
+use super::{Comparison, Measure, Tolerance, Verdict, allowed_difference, compare_parts, order};
 use crate::parts::{Class, GoldenColumn, GoldenParts};
 
-/// Compares two meshes, of which the columns of the old one may be off by what `error` says for each name.
+/// Compares two meshes. `error` returns the rounding error of a column of the old mesh, given its name.
 pub(crate) fn compare_meshes(
     old: &Mesh,
     new: &Mesh,
@@ -21,7 +22,7 @@ pub(crate) fn compare_meshes(
     let same_faces = old.faces() == new.faces() && old.positions().len() == new.positions().len();
     if same_faces && !tolerance.remeshed {
         fn parts(mesh: &Mesh) -> GoldenParts {
-            GoldenParts::of(&AnyValue::new(mesh.clone())).unwrap_or_default()
+            GoldenParts::from_value(&AnyValue::new(mesh.clone())).unwrap_or_default()
         }
         let (old_parts, new_parts) = rayon::join(|| parts(old), || parts(new));
         let comparison = compare_parts(&old_parts, &new_parts, tolerance);
@@ -31,13 +32,13 @@ pub(crate) fn compare_meshes(
             return comparison;
         }
     }
-    let (a, b) = rayon::join(|| order::of_mesh(old), || order::of_mesh(new));
+    let (a, b) = rayon::join(|| order::mesh_mark(old), || order::mesh_mark(new));
     if a == b && !same_faces {
-        return Comparison::alike(Verdict::Reordered);
+        return Comparison::from_verdict(Verdict::Reordered);
     }
     let mut reasons = Vec::new();
     if !tolerance.remeshed {
-        let (before, now) = rayon::join(|| Topology::of(old), || Topology::of(new));
+        let (before, now) = rayon::join(|| Topology::from_mesh(old), || Topology::from_mesh(new));
         let pairs = before.facts().into_iter().zip(now.facts());
         let changed = pairs.filter(|((_, before), (_, now))| before != now);
         reasons
@@ -45,19 +46,17 @@ pub(crate) fn compare_meshes(
     }
     let (of_old, of_new) = rayon::join(|| TriangleTree::new(old), || TriangleTree::new(new));
     let places = bytemuck::cast_slice(old.positions()).to_vec();
-    let limit = allowed(&GoldenColumn::new("position", Class::Place, 3, places), tolerance);
-    let off = error("position");
-    let to_new = Search::new(old, &of_new, limit + off);
-    let to_old = Search::new(new, &of_old, limit + off);
+    let limit =
+        allowed_difference(&GoldenColumn::new("position", Class::Position, 3, places), tolerance);
+    let rounding_error = error("position");
+    let to_new = Search::new(old, &of_new, limit + rounding_error);
+    let to_old = Search::new(new, &of_old, limit + rounding_error);
     if !tolerance.remeshed {
-        reasons.extend(other_faces(old, new, &of_new, limit + off));
+        reasons.extend(face_differences(old, new, &of_new, limit + rounding_error));
     }
-    let measure = |name: &str, search: &Search, from: &Mesh, to: &TriangleTree| {
-        search.measure(name, from, to, tolerance, [limit, off])
-    };
     let mut measures = vec![
-        measure("surface, old to new", &to_new, old, &of_new),
-        measure("surface, new to old", &to_old, new, &of_old),
+        to_new.measure("surface, old to new", old, &of_new, tolerance, [limit, rounding_error]),
+        to_old.measure("surface, new to old", new, &of_old, tolerance, [limit, rounding_error]),
     ];
     let (of_attributes, lost) = attributes(old, new, &to_new, &of_new, tolerance, error);
     reasons.extend(lost);
@@ -65,34 +64,34 @@ pub(crate) fn compare_meshes(
     Comparison::new(reasons, measures)
 }
 
-/// Faces that are no longer the same although the surface is: other diagonals, other sides.
-fn other_faces(old: &Mesh, new: &Mesh, tree: &TriangleTree, limit: f64) -> Option<String> {
+/// Describes how faces differ if the surfaces are equal: polygons are divided by other diagonals, or faces have the other orientation.
+fn face_differences(old: &Mesh, new: &Mesh, tree: &TriangleTree, limit: f64) -> Option<String> {
     let same_places = old.positions().len() == new.positions().len()
         && old.positions().iter().zip(new.positions().iter()).all(|(a, b)| (a - b).norm() <= limit);
     if same_places {
-        let (before, now) = rayon::join(|| rings(old), || rings(new));
+        let (before, now) = rayon::join(|| sorted_faces(old), || sorted_faces(new));
         let gone = before.iter().filter(|ring| now.binary_search(ring).is_err()).count();
         return (gone > 0)
-            .then(|| format!("{gone} faces join other vertices, or in another sense"));
+            .then(|| format!("{gone} faces have other vertices or another orientation"));
     }
-    /// So many faces tell to which sides a surface looks.
-    const SOME: usize = 1 << 15;
-    let middles = middles_of(old, old.faces().len().div_ceil(SOME).max(1));
+    /// The maximum number of faces whose orientation is tested.
+    const MAX_TESTED_FACES: usize = 1 << 15;
+    let middles = face_centers(old, old.faces().len().div_ceil(MAX_TESTED_FACES).max(1));
     let hits = tree.nearest_to_all(&middles.iter().map(|(_, middle)| *middle).collect::<Vec<_>>());
-    let is_turned = |((face, _), hit): (&(usize, Point3<f64>), &Option<NearestPlace>)| {
+    let flipped = middles.iter().zip(&hits).filter(|((face, _), hit)| {
         hit.is_some_and(|hit| {
             let before = old.area_vector(old.faces().face(*face));
             before.dot(&new.area_vector(new.faces().face(hit.face as usize))) < 0.0
         })
-    };
-    let turned = middles.iter().zip(&hits).filter(|pair| is_turned(*pair)).count();
-    // Where two sheets lie close together, some places are nearest to the wrong one.
-    let share = 100.0 * turned as f64 / middles.len().max(1) as f64;
-    (share > 1.0).then(|| format!("{} % of the faces look to the other side", six(share)))
+    });
+    // A few flipped faces are ignored: between two sheets that are close together, the nearest point may be on the wrong sheet.
+    let percent = 100.0 * flipped.count() as f64 / middles.len().max(1) as f64;
+    (percent > 1.0)
+        .then(|| format!("{} % of the faces have the opposite orientation", six_digits(percent)))
 }
 
-/// The vertices of each face, the least of them first, in order.
-fn rings(mesh: &Mesh) -> Vec<Vec<u32>> {
+/// Returns a sorted list of faces. Each face is the list of its vertices, beginning with the smallest.
+fn sorted_faces(mesh: &Mesh) -> Vec<Vec<u32>> {
     let mut rings: Vec<Vec<u32>> = (0..mesh.faces().len())
         .into_par_iter()
         .map(|face: usize| {
@@ -106,47 +105,51 @@ fn rings(mesh: &Mesh) -> Vec<Vec<u32>> {
     rings
 }
 
-/// Places of one mesh, and where another one is nearest to each.
+/// A search for the nearest point of another mesh, for each of some vertices of a mesh.
 struct Search {
-    /// Every `stride`-th vertex was measured.
+    /// The distance between two measured vertices in the list: 1 if all are measured.
     stride: usize,
-    hits: Vec<Option<NearestPlace>>,
+    hits: Vec<Option<NearestPoint>>,
 }
 
 impl Search {
-    /// Measures all vertices. If there are very many, and each search is long because the meshes are far from each other, only some are
-    /// measured, provided that one of these is beyond the limit already.
+    /// Measures all vertices. If there are very many and each search is slow because the meshes are far apart, only some vertices are
+    /// measured, provided that one of them already exceeds the limit.
     fn new(from: &Mesh, to: &TriangleTree, limit: f64) -> Self {
-        /// So many vertices are measured first: they tell how far apart the surfaces are, and how long the others would take.
-        const SOME: usize = 1 << 15;
-        /// Boxes that a long search visits; one near the surface visits some 40.
-        const LONG: usize = 200;
+        /// The number of vertices that are measured first. From them the distance of the surfaces and the time for all vertices are
+        /// estimated.
+        const FIRST_VERTICES: usize = 1 << 15;
+        /// The number of boxes of the search tree that a slow search visits. A search near the surface visits about 40.
+        const SLOW_SEARCH_BOXES: usize = 200;
         let all = from.positions();
-        let stride = all.len() / SOME;
+        let stride = all.len() / FIRST_VERTICES;
         if stride > 1 {
             let some: Vec<_> = all.iter().step_by(stride).copied().collect();
             let (hits, visited) = to.search(&some);
-            if visited > LONG * some.len() && hits.iter().any(|hit| distance(hit) > limit) {
+            if visited > SLOW_SEARCH_BOXES * some.len()
+                && hits.iter().any(|hit| distance(hit) > limit)
+            {
                 return Self { stride, hits };
             }
         }
         Self { stride: 1, hits: to.nearest_to_all(all) }
     }
 
-    /// Measures how far the surface is from another one: at its vertices and faces, and for other faces at its edges, too.
+    /// Measures the distance of a surface from another surface, at its vertices and faces. If the other surface may have other faces, also
+    /// measures at the midpoints of edges.
     fn measure(
         &self,
         name: &str,
         from: &Mesh,
         to: &TriangleTree,
         tolerance: &Tolerance,
-        [limit, off]: [f64; 2],
+        [limit, rounding_error]: [f64; 2],
     ) -> Measure {
         let mut nearest = self.hits.clone();
         let mut between = Vec::new();
-        // Where only some vertices were measured, one of them is beyond the limit already.
+        // If only some vertices were measured, the limit is already exceeded, so no further points are needed.
         if self.stride == 1 {
-            (between, nearest) = on_faces(from, to, nearest);
+            (between, nearest) = add_face_samples(from, to, nearest);
             if tolerance.remeshed {
                 let edges = edge_midpoints(from);
                 nearest.extend(to.nearest_to_all(&edges));
@@ -154,9 +157,9 @@ impl Search {
             }
         }
         let distances: Vec<f64> = nearest.iter().map(distance).collect();
-        let mut measure = measure(name, &distances, Class::Place, limit);
-        measure.error = off;
-        measure.seen = 1.0 / self.stride as f64;
+        let mut measure = measure(name, &distances, Class::Position, limit);
+        measure.error = rounding_error;
+        measure.compared_fraction = 1.0 / self.stride as f64;
         if let Some(place) = worst(&distances) {
             let vertex = place * self.stride;
             let (element, at) = match between.get(place.wrapping_sub(self.hits.len())) {
@@ -171,30 +174,31 @@ impl Search {
                 measure.worst += &format!(" (of every {}. vertex)", self.stride);
             }
         }
-        judge(&mut measure, Class::Place, tolerance);
+        judge(&mut measure, Class::Position, tolerance);
         measure
     }
 }
 
-fn distance(hit: &Option<NearestPlace>) -> f64 {
+fn distance(hit: &Option<NearestPoint>) -> f64 {
     hit.map_or(f64::INFINITY, |hit| hit.distance_sq.sqrt())
 }
 
-/// A point of a surface between its vertices, on a face or on an edge.
+/// A sample point of a surface, on a face or on an edge.
 struct Sample {
     face: Option<usize>,
     at: Point3<f64>,
 }
 
-/// Adds a sample of each face to `hits`: a face that the other mesh lacks is seen although all its vertices are there.
+/// Adds a sample point of each face to `hits`. It detects that the other mesh lacks a face although all vertices of the face exist.
 ///
-/// The sample is the centroid of three consecutive corners. A polygon may be cut into other triangles in the other mesh, so of its
-/// triples the one nearest to that mesh counts: at two corners at least, every way to cut has this triangle.
-fn on_faces(
+/// The sample point is the centroid of three consecutive corners. The other mesh may divide a polygon into other triangles, so of these
+/// triples the one nearest to the other mesh counts. Every triangulation contains a triangle of three consecutive corners at two corners at
+/// least.
+fn add_face_samples(
     mesh: &Mesh,
     to: &TriangleTree,
-    mut hits: Vec<Option<NearestPlace>>,
-) -> (Vec<Sample>, Vec<Option<NearestPlace>>) {
+    mut hits: Vec<Option<NearestPoint>>,
+) -> (Vec<Sample>, Vec<Option<NearestPoint>>) {
     fn place(vertex: u32, mesh: &Mesh) -> Vector3<f64> {
         mesh.positions()[vertex as usize].coords
     }
@@ -225,7 +229,7 @@ fn on_faces(
     (samples, hits)
 }
 
-/// The midpoint of each edge.
+/// Returns the midpoint of each edge.
 fn edge_midpoints(mesh: &Mesh) -> Vec<Point3<f64>> {
     fn place(vertex: u32, mesh: &Mesh) -> Point3<f64> {
         mesh.positions()[vertex as usize]
@@ -238,7 +242,7 @@ fn edge_midpoints(mesh: &Mesh) -> Vec<Point3<f64>> {
         .collect()
 }
 
-/// Compares the attributes of `old` with those of `new` at the nearest place; says, too, which are gone or new.
+/// Compares the attributes of `old` with the attributes of `new` at the nearest point. Also returns which attributes are missing or new.
 fn attributes(
     old: &Mesh,
     new: &Mesh,
@@ -249,8 +253,9 @@ fn attributes(
 ) -> (Vec<Measure>, Vec<String>) {
     let (mut measures, mut reasons) = (Vec::new(), Vec::new());
     let mut middles = None;
-    for of in [Of::Vertex, Of::Corner, Of::Face] {
-        let [before, now] = [old, new].map(|mesh| GoldenParts::of_attributes(of.attributes(mesh)));
+    for of in [Domain::Vertex, Domain::Corner, Domain::Face] {
+        let [before, now] =
+            [old, new].map(|mesh| GoldenParts::attribute_columns(of.attributes(mesh)));
         for mut part in before.iter().cloned() {
             let Some(other) =
                 now.iter().find(|other| other.name == part.name && other.width == part.width)
@@ -259,16 +264,18 @@ fn attributes(
                 continue;
             };
             part.name = format!("{}{}", of.word(), part.name);
-            let off = error(&part.name);
+            let rounding_error = error(&part.name);
             measures.push(match of {
-                Of::Vertex => at_vertices(&part, other, new, of_vertices, tolerance, off),
+                Domain::Vertex => {
+                    compare_at_vertices(&part, other, new, of_vertices, tolerance, rounding_error)
+                }
                 _ => {
                     let hits = middles.get_or_insert_with(|| {
-                        let middles = middles_of(old, 1);
+                        let middles = face_centers(old, 1);
                         let places: Vec<_> = middles.iter().map(|(_, middle)| *middle).collect();
                         tree.nearest_to_all(&places)
                     });
-                    at_middles(&part, other, old, of, hits, tolerance, off)
+                    compare_at_faces(&part, other, old, of, hits, tolerance, rounding_error)
                 }
             });
         }
@@ -289,15 +296,15 @@ fn attributes(
     (measures, reasons)
 }
 
-/// The elements on which attributes lie.
+/// The kind of elements to which attributes belong.
 #[derive(Clone, Copy)]
-enum Of {
+enum Domain {
     Vertex,
     Corner,
     Face,
 }
 
-impl Of {
+impl Domain {
     fn attributes(self, mesh: &Mesh) -> &Attributes {
         match self {
             Self::Vertex => mesh.vertex(),
@@ -315,26 +322,27 @@ impl Of {
     }
 }
 
-fn at_vertices(
+fn compare_at_vertices(
     part: &GoldenColumn,
     other: &GoldenColumn,
     new: &Mesh,
     search: &Search,
     tolerance: &Tolerance,
-    off: f64,
+    rounding_error: f64,
 ) -> Measure {
-    let difference_at = |place: usize, hit: &Option<NearestPlace>, relative: f64| {
+    let difference_at = |place: usize, hit: &Option<NearestPoint>, relative: f64| {
         let Some(hit) = hit else { return f64::INFINITY };
         let corners = hit.corners.map(|corner| new.faces().corners()[corner as usize] as usize);
-        let most = (0..3).max_by(|&a, &b| hit.shares[a].total_cmp(&hit.shares[b])).unwrap_or(0);
+        let nearest_corner =
+            (0..3).max_by(|&a, &b| hit.barycentric[a].total_cmp(&hit.barycentric[b])).unwrap_or(0);
         let there = match part.class {
-            // What is equal or not has no mean.
-            Class::Exact | Class::Level => other.element(corners[most]).to_vec(),
-            _ => mixed(other, corners, hit.shares),
+            // These values cannot be interpolated, so the value of the nearest corner is used.
+            Class::Exact | Class::Level => other.element(corners[nearest_corner]).to_vec(),
+            _ => interpolate(other, corners, hit.barycentric),
         };
         difference(part.class, part.element(place * search.stride), &there, relative)
     };
-    judged(
+    measure_attribute(
         part,
         "vertex",
         search.stride,
@@ -343,12 +351,12 @@ fn at_vertices(
             hits.map(|(place, hit)| difference_at(place, hit, relative)).collect()
         },
         tolerance,
-        off,
+        rounding_error,
     )
 }
 
-/// Every n-th face and the middle of its first triangle: there, other than at its corners, only one face is near.
-fn middles_of(mesh: &Mesh, stride: usize) -> Vec<(usize, Point3<f64>)> {
+/// Returns every n-th face with the center of its first triangle. Unlike a corner, the center is near to only one face.
+fn face_centers(mesh: &Mesh, stride: usize) -> Vec<(usize, Point3<f64>)> {
     fn middle(face: usize, mesh: &Mesh) -> (usize, Point3<f64>) {
         let corners = first_triangle(mesh, face).map(|corner| mesh.faces().corners()[corner]);
         let sum: Vector3<f64> =
@@ -359,33 +367,33 @@ fn middles_of(mesh: &Mesh, stride: usize) -> Vec<(usize, Point3<f64>)> {
     (0..count).into_par_iter().map(|index| middle(index * stride, mesh)).collect()
 }
 
-/// The corners of the first triangle of a face, by index among the corners of all faces.
+/// Returns the corners of the first triangle of a face, as indices into the corners of all faces.
 fn first_triangle(mesh: &Mesh, face: usize) -> [usize; 3] {
     let first = mesh.faces().first_corner(face);
     let triangle = mesh.face_triangles(face).next().expect("a face has three corners");
     triangle.map(|corner| first + corner as usize)
 }
 
-fn at_middles(
+fn compare_at_faces(
     part: &GoldenColumn,
     other: &GoldenColumn,
     old: &Mesh,
-    of: Of,
-    hits: &[Option<NearestPlace>],
+    of: Domain,
+    hits: &[Option<NearestPoint>],
     tolerance: &Tolerance,
-    off: f64,
+    rounding_error: f64,
 ) -> Measure {
-    let difference_at = |face: usize, hit: &Option<NearestPlace>, relative: f64| {
+    let difference_at = |face: usize, hit: &Option<NearestPoint>, relative: f64| {
         let Some(hit) = hit else { return f64::INFINITY };
-        if let Of::Face = of {
+        if let Domain::Face = of {
             let there = other.element(hit.face as usize);
             return difference(part.class, part.element(face), there, relative);
         }
-        let here = mixed(part, first_triangle(old, face), [1.0 / 3.0; 3]);
+        let here = interpolate(part, first_triangle(old, face), [1.0 / 3.0; 3]);
         let there = hit.corners.map(|corner| corner as usize);
-        difference(part.class, &here, &mixed(other, there, hit.shares), relative)
+        difference(part.class, &here, &interpolate(other, there, hit.barycentric), relative)
     };
-    judged(
+    measure_attribute(
         part,
         "face",
         1,
@@ -394,28 +402,33 @@ fn at_middles(
             hits.map(|(face, hit)| difference_at(face, hit, relative)).collect()
         },
         tolerance,
-        off,
+        rounding_error,
     )
 }
 
-fn mixed(part: &GoldenColumn, elements: [usize; 3], shares: [f64; 3]) -> Vec<f64> {
+fn interpolate(part: &GoldenColumn, elements: [usize; 3], shares: [f64; 3]) -> Vec<f64> {
     (0..part.width)
         .map(|k: usize| (0..3).map(|c| shares[c] * part.element(elements[c])[k]).sum())
         .collect()
 }
 
-fn judged(
+fn measure_attribute(
     part: &GoldenColumn,
     what: &str,
     stride: usize,
     beyond: impl Fn(f64) -> Vec<f64>,
     tolerance: &Tolerance,
-    off: f64,
+    rounding_error: f64,
 ) -> Measure {
-    let (mut measure, differences) =
-        measure_beyond(&part.name, beyond, part.class, allowed(part, tolerance), tolerance);
-    measure.error = off;
-    measure.seen = 1.0 / stride as f64;
+    let (mut measure, differences) = measure_with_relative(
+        &part.name,
+        beyond,
+        part.class,
+        allowed_difference(part, tolerance),
+        tolerance,
+    );
+    measure.error = rounding_error;
+    measure.compared_fraction = 1.0 / stride as f64;
     if let Some(place) = worst(&differences) {
         measure.worst = format!("{what} {}", place * stride);
     }

@@ -1,32 +1,33 @@
-//! A mark of meshes and points that does not change when their elements change places.
+//! A hash of meshes and of points that does not depend on the order of elements.
 
 use maquette_value::parallel::*;
-use maquette_value::random;
-use maquette_value::random::STEP;
+use maquette_value::rng;
+use maquette_value::rng::STEP;
 use maquette_value::{AnyValue, Attributes, Faces, Mesh, Points};
 
 use crate::parts::{GoldenColumn, GoldenParts};
 
-/// The sum of the marks of all faces and vertices, or of all points; none for values in which the order matters.
-pub(crate) fn without_order(value: &AnyValue) -> Option<u128> {
+/// Returns the sum of the marks (hashes) of all faces and vertices, or of all points. Returns `None` for a value whose order matters.
+pub(crate) fn unordered_hash(value: &AnyValue) -> Option<u128> {
     if let Some(mesh) = value.get::<Mesh>() {
-        return Some(of_mesh(mesh));
+        return Some(mesh_mark(mesh));
     }
     value.get::<Points>()?;
-    let parts = GoldenParts::of(value)?;
+    let parts = GoldenParts::from_value(value)?;
     let columns = Vec::from_iter(&parts.columns);
     let count = columns.first().map_or(0, |column| column.count);
     Some(sum(&marks(&columns, count)))
 }
 
-/// A face's mark is that of the ring of its corners, so that it may begin at any of them.
-pub(super) fn of_mesh(mesh: &Mesh) -> u128 {
-    fn of(attributes: &Attributes) -> Vec<(usize, Vec<u64>)> {
+/// Returns the mark of a mesh, the sum of the marks of its elements. The mark of a face does not depend on the corner at which the face
+/// begins.
+pub(super) fn mesh_mark(mesh: &Mesh) -> u128 {
+    fn columns(attributes: &Attributes) -> Vec<(usize, Vec<u64>)> {
         columns_of(attributes)
     }
     let places: &[f64] = bytemuck::cast_slice(mesh.positions());
-    let mut vertex = of(mesh.vertex());
-    let (corner, face) = (of(mesh.corner()), of(mesh.face()));
+    let mut vertex = columns(mesh.vertex());
+    let (corner, face) = (columns(mesh.corner()), columns(mesh.face()));
     let n = [mesh.positions().len(), mesh.faces().corners().len(), mesh.faces().len()];
     vertex.push((3, places.iter().map(|x| x.to_bits()).collect()));
     let [vertex, corner, face] =
@@ -58,7 +59,7 @@ pub(super) fn of_mesh(mesh: &Mesh) -> u128 {
         mix(mix(a.min(b), a.max(b)), sharpness.to_bits())
     });
     let creases: Vec<u64> = creases.collect();
-    // The hash of a mesh that has nothing but the same materials.
+    // The materials are represented by the hash of an empty mesh with these materials.
     let bare = Mesh::new(Vec::new(), Faces::triangles(Vec::new())).ok();
     let texture = bare.filter(|_| !mesh.materials().is_empty()).map_or(0, |bare| {
         let hash = maquette_value::hash_of(&bare.with_materials(mesh.materials().clone()));
@@ -80,7 +81,7 @@ pub(super) fn of_mesh(mesh: &Mesh) -> u128 {
 }
 
 fn columns_of(attributes: &Attributes) -> Vec<(usize, Vec<u64>)> {
-    let parts = GoldenParts::of_attributes(attributes);
+    let parts = GoldenParts::attribute_columns(attributes);
     parts
         .iter()
         .map(|part| (part.width, part.numbers.iter().map(|x| x.to_bits()).collect()))
@@ -104,7 +105,7 @@ fn sum(marks: &[u64]) -> u128 {
         .reduce(|| 0, u128::wrapping_add)
 }
 
-/// The mark with some bits more, in this order.
+/// Mixes further bits into a mark. The order in which bits are mixed in matters.
 fn mix(mark: u64, bits: u64) -> u64 {
-    random::mix((mark ^ bits).wrapping_add(STEP)).wrapping_add(mark.rotate_left(23))
+    rng::mix((mark ^ bits).wrapping_add(STEP)).wrapping_add(mark.rotate_left(23))
 }

@@ -1,11 +1,11 @@
-//! Pairs of values whose difference is known.
+//! Tests with pairs of values whose difference is known.
 
 use maquette_value::{Attribute, Faces, Image, Trace, TraceStep};
 use nalgebra::{Point3, Vector3};
 
 use super::*;
 
-/// A wavy sheet of quads split in two, `n` x `n` vertices.
+/// Creates a wavy sheet of `n` x `n` vertices, whose quads are split into two triangles.
 fn sheet(n: u32) -> Mesh {
     let quads = (0..n - 1).flat_map(|row| (0..n - 1).map(move |column| row * n + column));
     let faces = quads.flat_map(|a| [[a, a + 1, a + n], [a + 1, a + n + 1, a + n]]);
@@ -20,8 +20,8 @@ fn sheet(n: u32) -> Mesh {
     mesh.with_vertex("uv", Attribute::Pair(uv.into())).unwrap()
 }
 
-/// The same mesh with vertices and faces in reverse, and every face begun at its second corner.
-fn reversed(mesh: &Mesh) -> Mesh {
+/// Returns the mesh with its vertices and faces in reverse order. Every face begins at its second corner.
+fn reverse_order(mesh: &Mesh) -> Mesh {
     let last = mesh.positions().len() as u32 - 1;
     let faces = mesh.faces().iter().map(|f| [last - f[1], last - f[2], last - f[0]]);
     let mut faces: Vec<_> = faces.collect();
@@ -32,7 +32,7 @@ fn reversed(mesh: &Mesh) -> Mesh {
     Mesh::new(positions, Faces::triangles(faces)).unwrap().with_vertex("uv", uv).unwrap()
 }
 
-fn moved(mesh: &Mesh, by: Vector3<f64>) -> Mesh {
+fn translate(mesh: &Mesh, by: Vector3<f64>) -> Mesh {
     mesh.with_positions(mesh.positions().iter().map(|p| p + by).collect()).unwrap()
 }
 
@@ -40,8 +40,8 @@ fn check(old: &Mesh, new: &Mesh, tolerance: &Tolerance) -> Comparison {
     compare(&AnyValue::new(old.clone()), &AnyValue::new(new.clone()), tolerance)
 }
 
-fn within(max: f64) -> Tolerance {
-    // The nearest place of a lifted sheet is a little beside: there, texture coordinates are a little others.
+fn tolerance_of(max: f64) -> Tolerance {
+    // The nearest point of a lifted wavy sheet is slightly shifted, and so are the texture coordinates at that point.
     Tolerance {
         max: Some(max),
         attributes: [("uv".to_owned(), 0.1)].into(),
@@ -50,35 +50,35 @@ fn within(max: f64) -> Tolerance {
 }
 
 #[test]
-fn the_verdict_says_what_changed_at_most() {
+fn the_verdict_depends_on_the_largest_difference() {
     let mesh = sheet(30);
     fn verdict(new: &Mesh, max: f64, mesh: &Mesh) -> Verdict {
-        check(mesh, new, &within(max)).verdict
+        check(mesh, new, &tolerance_of(max)).verdict
     }
     assert_eq!(verdict(&mesh.clone(), 0.0, &mesh), Verdict::Identical);
-    assert_eq!(verdict(&reversed(&mesh), 0.0, &mesh), Verdict::Reordered);
-    let lifted = moved(&mesh, Vector3::new(0.0, 0.0, 0.01));
+    assert_eq!(verdict(&reverse_order(&mesh), 0.0, &mesh), Verdict::Reordered);
+    let lifted = translate(&mesh, Vector3::new(0.0, 0.0, 0.01));
     assert_eq!(verdict(&lifted, 0.011, &mesh), Verdict::Within);
     assert_eq!(verdict(&lifted, 0.009, &mesh), Verdict::Different);
     assert_eq!(
-        verdict(&moved(&reversed(&mesh), Vector3::new(0.0, 0.0, 0.01)), 0.011, &mesh),
+        verdict(&translate(&reverse_order(&mesh), Vector3::new(0.0, 0.0, 0.01)), 0.011, &mesh),
         Verdict::Within
     );
 }
 
 #[test]
-fn the_worst_place_is_named() {
+fn the_position_of_the_largest_difference_is_named() {
     let mesh = sheet(30);
     let mut positions = mesh.positions().to_vec();
     positions[321].z += 0.5;
     let bent = mesh.with_positions(positions).unwrap();
-    let comparison = check(&mesh, &bent, &within(0.1));
+    let comparison = check(&mesh, &bent, &tolerance_of(0.1));
     assert_eq!(comparison.reasons.len(), 1);
     assert!(
         comparison.reasons[0].contains("differs by 0.5 mm, allowed is 0.1 mm; worst at entry 321"),
         "{comparison:?}"
     );
-    let comparison = check(&mesh, &reversed(&bent), &within(0.1));
+    let comparison = check(&mesh, &reverse_order(&bent), &tolerance_of(0.1));
     assert!(comparison.reasons.iter().any(|why| why.contains("vertex 578 ")), "{comparison:?}");
 }
 
@@ -88,14 +88,14 @@ fn topology_comes_before_distances() {
     let fewer = mesh.faces().as_triangles().unwrap()[1..].to_vec();
     let holed = Mesh::new(mesh.positions().to_vec(), Faces::triangles(fewer)).unwrap();
     let holed = holed.with_vertex("uv", mesh.vertex().get("uv").unwrap().clone()).unwrap();
-    let comparison = check(&mesh, &holed, &within(100.0));
+    let comparison = check(&mesh, &holed, &tolerance_of(100.0));
     assert_eq!(comparison.verdict, Verdict::Different);
     assert!(comparison.reasons.contains(&"faces: 162 -> 161".to_owned()), "{comparison:?}");
-    let lax = Tolerance { remeshed: true, ..within(100.0) };
+    let lax = Tolerance { remeshed: true, ..tolerance_of(100.0) };
     assert_eq!(check(&mesh, &holed, &lax).verdict, Verdict::Within);
 }
 
-/// The mesh without some faces, and with its vertices.
+/// Returns the mesh without some of its faces. All vertices are kept.
 fn without_faces(mesh: &Mesh, is_gone: impl Fn(usize) -> bool) -> Mesh {
     let faces: Vec<_> = mesh.faces().iter().map(<[u32]>::to_vec).collect();
     let kept = faces.iter().enumerate().filter(|(index, _)| !is_gone(*index));
@@ -105,7 +105,7 @@ fn without_faces(mesh: &Mesh, is_gone: impl Fn(usize) -> bool) -> Mesh {
     Mesh::new(mesh.positions().to_vec(), faces).unwrap()
 }
 
-/// The same sheet of bent quads, each begun at its corner of this number.
+/// Creates a wavy sheet of quads. Each quad begins at its corner with the number `first`.
 fn quads(n: u32, first: usize) -> Mesh {
     let cells = (0..n - 1).flat_map(|row| (0..n - 1).map(move |column| row * n + column));
     let corners = cells.flat_map(|a| {
@@ -118,11 +118,11 @@ fn quads(n: u32, first: usize) -> Mesh {
 }
 
 #[test]
-fn a_face_that_one_mesh_lacks_is_measured_although_all_its_vertices_are_there() {
-    for mesh in [sheet(12).without("uv"), quads(12, 0)] {
+fn a_missing_face_is_measured_although_its_vertices_exist() {
+    for mesh in [sheet(12).without_attribute("uv"), quads(12, 0)] {
         let holed = without_faces(&mesh, |face| face % 9 == 4);
         for remeshed in [false, true] {
-            let tolerance = Tolerance { remeshed, ..within(0.05) };
+            let tolerance = Tolerance { remeshed, ..tolerance_of(0.05) };
             for (old, new, seen) in [(&mesh, &holed, 0), (&holed, &mesh, 1)] {
                 let comparison = check(old, new, &tolerance);
                 assert_eq!(comparison.verdict, Verdict::Different);
@@ -131,7 +131,7 @@ fn a_face_that_one_mesh_lacks_is_measured_although_all_its_vertices_are_there() 
                     measures[seen].max > 0.2 && measures[1 - seen].max < 1e-9,
                     "{comparison:?}"
                 );
-                // Of other faces, the midpoints of edges are measured, too.
+                // If other faces are allowed, the midpoints of edges are measured, so the largest difference may be at an edge.
                 let face = if remeshed { "" } else { "face " };
                 assert!(measures[seen].worst.starts_with(face), "{comparison:?}");
                 assert!(!measures[seen].worst.starts_with("vertex "), "{comparison:?}");
@@ -141,15 +141,15 @@ fn a_face_that_one_mesh_lacks_is_measured_although_all_its_vertices_are_there() 
 }
 
 #[test]
-fn the_corner_at_which_a_bent_face_begins_is_no_distance() {
+fn the_first_corner_of_a_bent_face_does_not_matter() {
     let old = quads(12, 0);
-    let new = moved(&quads(12, 1), Vector3::new(0.0, 0.0, 1e-7));
-    let measures = check(&old, &new, &within(1e-6)).measures;
+    let new = translate(&quads(12, 1), Vector3::new(0.0, 0.0, 1e-7));
+    let measures = check(&old, &new, &tolerance_of(1e-6)).measures;
     assert!(measures.len() >= 2 && measures.iter().all(|it| it.max < 2e-7), "{measures:?}");
 }
 
 #[test]
-fn the_same_surface_of_other_faces_is_another_mesh() {
+fn an_equal_surface_with_other_faces_is_a_different_mesh() {
     let mesh = sheet(10);
     fn with_faces(mesh: &Mesh, change: &dyn Fn(&mut Vec<[u32; 3]>)) -> Mesh {
         let mut faces = mesh.faces().as_triangles().unwrap().to_vec();
@@ -162,36 +162,46 @@ fn the_same_surface_of_other_faces_is_another_mesh() {
         let ([a, b, d], [_, c, _]) = (faces[8], faces[9]);
         (faces[8], faces[9]) = ([a, b, c], [a, c, d]);
     });
-    fn told(new: &Mesh, lax: bool, mesh: &Mesh) -> String {
-        check(mesh, new, &Tolerance { remeshed: lax, ..within(1.0) }).reasons.join("; ")
+    fn reasons(new: &Mesh, lax: bool, mesh: &Mesh) -> String {
+        check(mesh, new, &Tolerance { remeshed: lax, ..tolerance_of(1.0) }).reasons.join("; ")
     }
-    assert_eq!(told(&flipped, false, &mesh), "162 faces join other vertices, or in another sense");
-    assert_eq!(told(&crossed, false, &mesh), "2 faces join other vertices, or in another sense");
-    let moved = moved(&reversed(&flipped), Vector3::new(0.0, 0.0, 0.01));
-    assert_eq!(told(&moved, false, &mesh), "100 % of the faces look to the other side");
-    assert_eq!([told(&flipped, true, &mesh), told(&moved, true, &mesh)], ["", ""]);
+    assert_eq!(
+        reasons(&flipped, false, &mesh),
+        "162 faces have other vertices or another orientation"
+    );
+    assert_eq!(
+        reasons(&crossed, false, &mesh),
+        "2 faces have other vertices or another orientation"
+    );
+    let moved = translate(&reverse_order(&flipped), Vector3::new(0.0, 0.0, 0.01));
+    assert_eq!(reasons(&moved, false, &mesh), "100 % of the faces have the opposite orientation");
+    assert_eq!([reasons(&flipped, true, &mesh), reasons(&moved, true, &mesh)], ["", ""]);
 }
 
 #[test]
-fn a_lost_and_a_changed_attribute_are_seen() {
+fn missing_and_changed_attributes_are_reported() {
     let mesh = sheet(10);
-    let comparison = check(&mesh, &mesh.clone().without("uv"), &Tolerance::default());
+    let comparison = check(&mesh, &mesh.clone().without_attribute("uv"), &Tolerance::default());
     assert_eq!(comparison.reasons, ["`uv` is gone"]);
     let shifted: Vec<_> =
         mesh.vertex().pairs("uv").unwrap().iter().map(|[u, v]| [*u, v + 0.01]).collect();
     let shifted = mesh.clone().with_vertex("uv", Attribute::Pair(shifted.into())).unwrap();
-    let allowing =
+    let uv_tolerance =
         |uv| Tolerance { attributes: [("uv".to_owned(), uv)].into(), ..Tolerance::default() };
-    assert_eq!(check(&mesh, &shifted, &allowing(0.02)).verdict, Verdict::Within);
-    assert_eq!(check(&mesh, &shifted, &allowing(0.005)).verdict, Verdict::Different);
-    assert_eq!(check(&mesh, &reversed(&shifted), &allowing(0.005)).verdict, Verdict::Different);
+    assert_eq!(check(&mesh, &shifted, &uv_tolerance(0.02)).verdict, Verdict::Within);
+    assert_eq!(check(&mesh, &shifted, &uv_tolerance(0.005)).verdict, Verdict::Different);
+    assert_eq!(
+        check(&mesh, &reverse_order(&shifted), &uv_tolerance(0.005)).verdict,
+        Verdict::Different
+    );
 }
 
 #[test]
-fn attributes_of_corners_and_faces_are_compared_when_the_faces_are_others() {
-    // A mesh whose corners and faces have numbers that only depend on their places; its faces in either order.
-    fn numbered(turned: bool, off: f64) -> Mesh {
-        let mesh = sheet(12).without("uv");
+fn corner_and_face_attributes_are_compared_across_different_faces() {
+    // Creates a mesh whose corners and faces have numbers that depend only on their positions. If `turned` is true, the faces are in
+    // reverse order.
+    fn mesh_with_numbers(turned: bool, off: f64) -> Mesh {
+        let mesh = sheet(12).without_attribute("uv");
         let mut faces = mesh.faces().as_triangles().unwrap().to_vec();
         if turned {
             faces.reverse();
@@ -206,36 +216,36 @@ fn attributes_of_corners_and_faces_are_compared_when_the_faces_are_others() {
         let mesh = mesh.with_corner("tint", Attribute::Number(corners.into())).unwrap();
         mesh.with_face("sum", Attribute::Number(sums.into())).unwrap()
     }
-    let old = numbered(false, 0.0);
-    fn near(off: f64) -> Mesh {
-        moved(&numbered(true, off), Vector3::new(0.0, 0.0, 1e-6))
+    let old = mesh_with_numbers(false, 0.0);
+    fn lifted_mesh(off: f64) -> Mesh {
+        translate(&mesh_with_numbers(true, off), Vector3::new(0.0, 0.0, 1e-6))
     }
     let tolerance = Tolerance {
         attributes: [("tint".to_owned(), 1e-3), ("sum".to_owned(), 0.5)].into(),
-        ..within(1e-4)
+        ..tolerance_of(1e-4)
     };
-    assert_eq!(check(&old, &near(0.0), &tolerance).verdict, Verdict::Within);
-    let comparison = check(&old, &near(0.6), &tolerance);
-    fn told(what: &str, comparison_reasons: &[String]) -> bool {
-        comparison_reasons.iter().any(|why| why.contains(what))
+    assert_eq!(check(&old, &lifted_mesh(0.0), &tolerance).verdict, Verdict::Within);
+    let comparison = check(&old, &lifted_mesh(0.6), &tolerance);
+    fn has_reason(what: &str, reasons: &[String]) -> bool {
+        reasons.iter().any(|why| why.contains(what))
     }
     assert!(
-        told("`corner tint` differs by 0.2", &comparison.reasons)
-            && told("`face sum` differs by 0.6", &comparison.reasons),
+        has_reason("`corner tint` differs by 0.2", &comparison.reasons)
+            && has_reason("`face sum` differs by 0.6", &comparison.reasons),
         "{comparison:?}"
     );
 }
 
 #[test]
-fn distances_of_shifted_planes_are_their_shift() {
+fn the_distance_of_shifted_planes_is_the_shift() {
     fn flat(n: u32, z: f64) -> Mesh {
         let mesh = sheet(n);
         let scale = 29.0 / f64::from(n - 1);
         let flat =
             mesh.positions().iter().map(|p| Point3::new(p.x * scale, p.y * scale, z)).collect();
-        mesh.with_positions(flat).unwrap().without("uv")
+        mesh.with_positions(flat).unwrap().without_attribute("uv")
     }
-    let lax = Tolerance { remeshed: true, ..within(0.3) };
+    let lax = Tolerance { remeshed: true, ..tolerance_of(0.3) };
     let comparison = check(&flat(30, 0.0), &flat(41, 0.25), &lax);
     assert_eq!(comparison.verdict, Verdict::Within);
     for measure in &comparison.measures {
@@ -247,7 +257,7 @@ fn distances_of_shifted_planes_are_their_shift() {
 }
 
 #[test]
-fn pixels_may_differ_in_a_share() {
+fn a_fraction_of_pixels_may_differ() {
     fn picture(changed: usize) -> AnyValue {
         let mut pixels = vec![[10, 20, 30]; 100];
         pixels[..changed].iter_mut().for_each(|pixel| pixel[1] = 25);
@@ -264,7 +274,7 @@ fn pixels_may_differ_in_a_share() {
 }
 
 #[test]
-fn one_pixel_that_is_far_off_fails_although_a_share_may_differ() {
+fn a_single_large_difference_fails_the_hard_limit() {
     fn picture(level: u8) -> AnyValue {
         let mut pixels = vec![[100, 100, 100]; 1000];
         pixels[417][2] = level;
@@ -285,7 +295,7 @@ fn one_pixel_that_is_far_off_fails_although_a_share_may_differ() {
 }
 
 #[test]
-fn a_difference_counts_from_a_fraction_of_the_mean_on() {
+fn relative_differences_within_the_limit_do_not_count() {
     fn picture(level: u8) -> AnyValue {
         AnyValue::new(Image::new(10, 10, vec![[level; 3]; 100]).unwrap())
     }
@@ -319,12 +329,12 @@ fn values_of_other_kinds_and_lengths_are_different() {
         Verdict::Within
     );
     assert_eq!(
-        compare(&trace(1.0), &trace(f64::INFINITY), &within(1e9)).verdict,
+        compare(&trace(1.0), &trace(f64::INFINITY), &tolerance_of(1e9)).verdict,
         Verdict::Different
     );
-    assert_eq!(compare(&trace(1.0), &empty, &within(1e9)).reasons[0], "steps: 1 -> 0");
+    assert_eq!(compare(&trace(1.0), &empty, &tolerance_of(1e9)).reasons[0], "steps: 1 -> 0");
     let other = AnyValue::new(sheet(3));
-    assert_eq!(compare(&empty, &other, &within(1e9)).reasons, ["a Trace became a Mesh"]);
+    assert_eq!(compare(&empty, &other, &tolerance_of(1e9)).reasons, ["a Trace became a Mesh"]);
 }
 
 #[test]
@@ -339,6 +349,6 @@ fn numbers_have_six_digits() {
         (0.1 + 0.2, "0.3"),
     ];
     for (x, text) in cases {
-        assert_eq!(six(x), text);
+        assert_eq!(six_digits(x), text);
     }
 }

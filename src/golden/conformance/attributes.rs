@@ -1,60 +1,60 @@
-//! Law 11: of attributes becomes what a node declares. Meshes and points with marks of every kind on all domains go through its example.
+//! Law 11: attributes are handled as a node declares. The test gives marks (attributes of every kind) to all kinds of elements (domains) of
+//! meshes and points, and runs the node's example with them.
 //!
-//! All marks of an element follow from one number, so that an element whose marks do not fit together is found: one that got its
-//! color from here and its vector from there.
+//! All marks of an element are computed from one number. So the test detects if an element of the result has marks from different elements.
 
-use maquette_node::{DOMAINS, Fate, Progress};
+use maquette_node::{DOMAINS, Progress, Transfer};
 use maquette_value::{AnyValue, Attribute, Attributes, Mesh, Points};
 
 use super::extremes::Case;
-use super::{inputs, made};
+use super::{evaluate_node, inputs};
 
-/// The mark that all others of an element follow from.
+/// The name of the mark that contains the number of the element, from which all other marks are computed.
 const MARK: &str = "mark-of-the-law";
 
-/// Of an edge that is marked, by a sharpness that stays.
+/// The sharpness of a marked edge. Nodes must not change it.
 const SHARP: f64 = 10.0;
 
-/// Where marks stand that have a name which nodes know: a mesh has each at its vertices or at its corners.
-const NAMED: [usize; 2] = [0, 1];
+/// The domains that can have marks whose names are known to nodes, such as `uv`: vertices and corners. A test uses one of them at a time.
+const NAMED_DOMAINS: [usize; 2] = [0, 1];
 
-/// Checks what the node of an example declares, and that it declares something for each way that attributes may go.
+/// Checks that the node of an example declares how it handles attributes, for each pair of port and output, and that each declaration is
+/// right.
 pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
     let (entry, node) = (case.entry, &case.graph.nodes()[case.index]);
     let declared = entry.carries();
     for port in &entry.ports() {
         for output in entry.outputs() {
-            fn takes(kind: &str, port_types: &[String]) -> bool {
-                port_types.iter().any(|it| it == kind)
-            }
-            let gives = |kind: &str| output.types.iter().any(|it| it.name == kind);
-            let has_elements = (takes("Mesh", &port.types) || takes("Points", &port.types))
-                && (gives("Mesh") || gives("Points"));
-            let has_cells = takes("RangeImage", &port.types)
-                && ["RangeImage", "Mesh", "Points"].into_iter().any(gives);
-            let said: Vec<_> = declared
+            let accepts_elements = port.types.iter().any(|kind| kind == "Mesh" || kind == "Points");
+            let accepts_cells = port.types.iter().any(|kind| kind == "RangeImage");
+            let gives_elements =
+                output.types.iter().any(|it| ["Mesh", "Points"].contains(&it.name));
+            let gives_cells = output.types.iter().any(|it| it.name == "RangeImage");
+            let has_elements = accepts_elements && gives_elements;
+            let has_cells = accepts_cells && (gives_cells || gives_elements);
+            let declarations: Vec<_> = declared
                 .iter()
                 .filter(|it| (it.port, it.output) == (&port.name[..], output.name))
                 .collect();
-            let is_right = match &said[..] {
+            let is_right = match &declarations[..] {
                 [] => !has_elements && !has_cells,
-                [it] => (it.fates.is_some(), it.cells.is_some()) == (has_elements, has_cells),
+                [it] => (it.transfers.is_some(), it.cells.is_some()) == (has_elements, has_cells),
                 _ => false,
             };
             if !is_right {
                 let (name, port, output) = (&entry.name, &port.name, output.name);
-                broken.push(format!("{name} does not say once what becomes of attributes from `{port}` to `{output}`"));
+                broken.push(format!("{name} does not declare once what becomes of attributes from `{port}` to `{output}`"));
             }
         }
     }
     let Some(good) = inputs(node, case.values) else { return };
-    // What reads files cannot be run by itself.
-    if !matches!(made(node, &good, Progress::none()), Ok(Some(_))) {
+    // A node that fails here, for instance because it reads files, cannot be tested.
+    if !matches!(evaluate_node(node, &good, Progress::silent()), Ok(Some(_))) {
         return;
     }
     for carry in declared {
-        let Some(fates) = carry.fates else { continue };
-        for named in NAMED {
+        let Some(fates) = carry.transfers else { continue };
+        for named in NAMED_DOMAINS {
             let mut given = good.clone();
             let mut marks = Marks::default();
             let slots = node.links.iter().enumerate().filter(|(_, link)| link.port == carry.port);
@@ -63,11 +63,11 @@ pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
                     given[slot] = marked;
                 }
             }
-            // Points have no corners.
+            // There are no elements to mark, because points have no corners.
             if marks.counts[named] == 0 {
                 break;
             }
-            let made = made(node, &given, Progress::none());
+            let made = evaluate_node(node, &given, Progress::silent());
             let at = node.outputs.iter().position(|name| *name == carry.output);
             let (Ok(Some(made)), Some(at)) = (made, at) else {
                 broken.push(format!("{} fails on marked values at `{}`", entry.name, carry.port));
@@ -75,7 +75,7 @@ pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
             };
             for (domain, word) in DOMAINS.iter().enumerate() {
                 let fate = fates[domain];
-                for why in marks.wrong(domain, fate, carry.own, &made[at]) {
+                for why in marks.violations(domain, fate, carry.own, &made[at]) {
                     let (name, fate) = (&entry.name, fate.word());
                     let (port, output) = (carry.port, carry.output);
                     let why = format!(
@@ -90,15 +90,15 @@ pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
     }
 }
 
-/// A kind of marks: its name, the attribute of some numbers, and how the entries of such an attribute are judged.
+/// A kind of mark: its name, and how its attribute is computed from numbers.
 struct Kind {
     name: &'static str,
     make: fn(&[f64]) -> Attribute,
-    /// Whether a mixed entry is still what follows from the mixed number.
+    /// True if interpolating the numbers gives the interpolated attribute.
     is_linear: bool,
 }
 
-/// All kinds, MARK first. Those without the name of the mark have a meaning for nodes.
+/// All kinds of marks; `MARK` is the first. If a name does not begin with `MARK`, it is known to nodes.
 const KINDS: [Kind; 8] = [
     Kind { name: MARK, make: |x| Attribute::Number(x.to_vec().into()), is_linear: true },
     Kind { name: "mark-of-the-law-index", make: index, is_linear: false },
@@ -137,18 +137,19 @@ fn color(x: &[f64]) -> Attribute {
     )
 }
 
-/// What has been marked.
+/// The marks of a test.
 #[derive(Default)]
 struct Marks {
-    /// How many elements of each domain: their numbers are 1, 2 and so on.
+    /// The number of marked elements in each domain. The elements of a domain are numbered from 1.
     counts: [usize; 4],
 }
 
 impl Marks {
-    /// A value with marks at each element; none if it has no attributes. `named` is the domain of those with a name that nodes know.
+    /// Returns a copy of the value with marks at each element. Returns `None` if values of this type have no attributes. `named` is the
+    /// domain that gets the marks whose names are known to nodes.
     fn put(&mut self, value: &AnyValue, named: usize) -> Option<AnyValue> {
         fn numbers(domain: usize, count: usize, counts: &mut [usize; 4]) -> Vec<f64> {
-            // Each port's links have numbers of their own.
+            // The numbers continue from one link to the next, so each link has different numbers.
             let first = counts[domain];
             counts[domain] += count;
             (first + 1..=first + count).map(|number| number as f64).collect::<Vec<_>>()
@@ -169,7 +170,7 @@ impl Marks {
             numbers(1, counts[1], &mut self.counts),
             numbers(3, counts[2], &mut self.counts),
         ];
-        let mut marked = mesh.clone().without("uv").without("color");
+        let mut marked = mesh.clone().without_attribute("uv").without_attribute("color");
         for kind in &KINDS {
             let is_own = kind.name.starts_with(MARK);
             if is_own || named == 0 {
@@ -182,14 +183,14 @@ impl Marks {
                 marked = marked.with_face(kind.name, (kind.make)(&numbers[2])).ok()?;
             }
         }
-        // Those that turn along must be true.
+        // Normals are not arbitrary marks: nodes rotate them with the surface, so they must be the real normals.
         let normals = mesh.vertex_normals();
         let all = Vec::from_iter(0..counts[0] as u32);
         let at = [&all[..], mesh.faces().corners()][named]
             .iter()
             .map(|vertex| normals[*vertex as usize].into())
             .collect();
-        marked = marked.without("normal");
+        marked = marked.without_attribute("normal");
         marked = match named {
             0 => marked.with_vertex("normal", Attribute::Vector(at)).ok()?,
             _ => marked.with_corner("normal", Attribute::Vector(at)).ok()?,
@@ -202,8 +203,15 @@ impl Marks {
         Some(AnyValue::new(marked))
     }
 
-    /// What speaks against a fate of the marks of a domain; `own` are attributes that the node makes itself.
-    fn wrong(&self, domain: usize, fate: Fate, own: &[&str], made: &AnyValue) -> Vec<String> {
+    /// Returns the contradictions between the result `made` and the declared handling `fate` of the marks in a domain. `own` are attributes
+    /// that the node creates itself.
+    fn violations(
+        &self,
+        domain: usize,
+        fate: Transfer,
+        own: &[&str],
+        made: &AnyValue,
+    ) -> Vec<String> {
         let mut wrong = Vec::new();
         if self.counts[domain] == 0 {
             return wrong;
@@ -211,12 +219,12 @@ impl Marks {
         if DOMAINS[domain] == "edge" {
             let mesh = made.get::<Mesh>();
             let is_there = mesh.is_some_and(|mesh| mesh.creases().any(|(_, sharp)| sharp == SHARP));
-            // Others may come beside it.
-            wrong.extend((is_there == (fate == Fate::Dropped)).then(|| "a crease".to_owned()));
+            // The node may add other creases, so only the marked one is checked.
+            wrong.extend((is_there == (fate == Transfer::Dropped)).then(|| "a crease".to_owned()));
             return wrong;
         }
         let Some(found) = attributes(made, domain) else { return wrong };
-        let mut say = |is_wrong: bool, name: &str, why: &str| {
+        let mut report_if = |is_wrong: bool, name: &str, why: &str| {
             if is_wrong {
                 wrong.push(format!("`{name}` {why}"));
             }
@@ -229,12 +237,12 @@ impl Marks {
                 *normal == [0.0; 3]
             }
             let all = normals.iter().all(|normal| is_unit(normal) || is_none(normal));
-            say(!all, "normal", "has vectors that are no directions");
+            report_if(!all, "normal", "has vectors that are no directions");
         }
         let marks = match found.get(MARK) {
             Some(Attribute::Number(marks)) => &marks[..],
             _ => {
-                say(fate != Fate::Dropped, MARK, "is gone");
+                report_if(fate != Transfer::Dropped, MARK, "is gone");
                 return wrong;
             }
         };
@@ -247,37 +255,39 @@ impl Marks {
             x.fract() == 0.0 && is_between(x, slack, most)
         }
         match fate {
-            Fate::Dropped => say(true, MARK, "is there"),
-            Fate::Kept => say(!marks.iter().all(|x| is_given(*x, slack, most)), MARK, "is mixed"),
-            Fate::Interpolated => {
-                say(!marks.iter().all(|x| is_between(*x, slack, most)), MARK, "is outside")
+            Transfer::Dropped => report_if(true, MARK, "is there"),
+            Transfer::Kept => {
+                report_if(!marks.iter().all(|x| is_given(*x, slack, most)), MARK, "is mixed");
+            }
+            Transfer::Interpolated => {
+                report_if(!marks.iter().all(|x| is_between(*x, slack, most)), MARK, "is outside");
             }
         }
         for kind in KINDS[1..].iter().filter(|kind| !own.contains(&kind.name)) {
             let is_own = kind.name.starts_with(MARK);
             let Some(attribute) = found.get(kind.name) else {
-                say(is_own && fate != Fate::Dropped, kind.name, "is gone");
+                report_if(is_own && fate != Transfer::Dropped, kind.name, "is gone");
                 continue;
             };
-            if fate == Fate::Dropped {
-                say(is_own, kind.name, "is there");
+            if fate == Transfer::Dropped {
+                report_if(is_own, kind.name, "is there");
                 continue;
             }
             let follows = (kind.make)(marks);
-            let is_exact = fate == Fate::Kept;
+            let is_exact = fate == Transfer::Kept;
             if is_exact || kind.is_linear {
                 let slack = if is_exact { 0.0 } else { 8.0 * slack };
-                say(!is_near(attribute, &follows, slack), kind.name, "is of another element");
+                report_if(!is_near(attribute, &follows, slack), kind.name, "is of another element");
             } else {
                 let given: Vec<_> = (1..=self.counts[domain]).map(|mark| mark as f64).collect();
-                say(!is_among(attribute, &(kind.make)(&given)), kind.name, "is new");
+                report_if(!is_among(attribute, &(kind.make)(&given)), kind.name, "is new");
             }
         }
         wrong
     }
 }
 
-/// The attributes of a domain.
+/// Returns the attributes of a value in a domain.
 fn attributes(value: &AnyValue, domain: usize) -> Option<&Attributes> {
     if let Some(points) = value.get::<Points>() {
         return (domain == 0).then(|| points.attributes());
@@ -286,22 +296,25 @@ fn attributes(value: &AnyValue, domain: usize) -> Option<&Attributes> {
     Some([mesh.vertex(), mesh.corner(), mesh.face(), mesh.face()][domain])
 }
 
-/// Whether all numbers of two attributes of the same kind are that near.
+/// Returns true if all numbers of two attributes of the same kind differ by at most `slack`.
 fn is_near(a: &Attribute, b: &Attribute, slack: f64) -> bool {
-    fn near(a: &[f64], b: &[f64], slack: f64) -> bool {
+    fn are_near(a: &[f64], b: &[f64], slack: f64) -> bool {
         a.iter().zip(b).all(|(a, b)| (a - b).abs() <= slack)
     }
     match (a, b) {
-        (Attribute::Number(a), Attribute::Number(b)) => near(a, b, slack),
-        (Attribute::Pair(a), Attribute::Pair(b)) => near(a.as_flattened(), b.as_flattened(), slack),
+        (Attribute::Number(a), Attribute::Number(b)) => are_near(a, b, slack),
+        (Attribute::Pair(a), Attribute::Pair(b)) => {
+            are_near(a.as_flattened(), b.as_flattened(), slack)
+        }
         (Attribute::Vector(a), Attribute::Vector(b)) => {
-            near(a.as_flattened(), b.as_flattened(), slack)
+            are_near(a.as_flattened(), b.as_flattened(), slack)
         }
         _ => a == b,
     }
 }
 
-/// Whether entries of what cannot be mixed are some of those that were given; colors, which can, are between them.
+/// Returns true if the entries of an attribute come from the given ones. Colors must be between the given colors; entries that cannot be
+/// interpolated must be equal to given ones.
 fn is_among(found: &Attribute, given: &Attribute) -> bool {
     match (found, given) {
         (Attribute::Index(found), Attribute::Index(given)) => {
@@ -309,8 +322,8 @@ fn is_among(found: &Attribute, given: &Attribute) -> bool {
         }
         (Attribute::Flag(found), Attribute::Flag(_)) => found.iter().all(|flag| *flag <= 1),
         (Attribute::Color(found), Attribute::Color(given)) => (0..3).all(|k| {
-            let all = || given.iter().map(|color| color[k]);
-            let (low, high) = (all().min().unwrap_or(0), all().max().unwrap_or(255));
+            let levels = given.iter().map(|color| color[k]);
+            let (low, high) = (levels.clone().min().unwrap_or(0), levels.max().unwrap_or(255));
             found.iter().all(|color| low <= color[k] && color[k] <= high)
         }),
         _ => false,
@@ -324,45 +337,66 @@ mod tests {
 
     use super::*;
 
-    /// What the law says of two triangles that are given marks and then changed.
-    fn said(domain: usize, fate: Fate, change: impl FnOnce(Mesh) -> Mesh) -> Vec<String> {
+    /// Marks two triangles, changes them, and returns the contradictions to the declared handling.
+    fn violations_after(
+        domain: usize,
+        fate: Transfer,
+        change: impl FnOnce(Mesh) -> Mesh,
+    ) -> Vec<String> {
         let points = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
         let faces = Faces::triangles(vec![[0, 1, 2], [0, 2, 3]]);
         let mesh = Mesh::new(Vec::from(points.map(Point3::from)), faces).unwrap();
         let mut marks = Marks::default();
         let marked = marks.put(&AnyValue::new(mesh), 0).unwrap();
         let changed = AnyValue::new(change(marked.get::<Mesh>().unwrap().clone()));
-        marks.wrong(domain, fate, &[], &changed)
+        marks.violations(domain, fate, &[], &changed)
     }
 
     #[test]
-    fn what_is_as_it_was_is_kept_and_not_dropped_on_every_domain() {
+    fn unchanged_attributes_are_kept_on_every_domain() {
         for domain in 0..DOMAINS.len() {
-            assert_eq!(said(domain, Fate::Kept, |mesh| mesh), [""; 0]);
-            assert_eq!(said(domain, Fate::Interpolated, |mesh| mesh), [""; 0]);
-            assert_ne!(said(domain, Fate::Dropped, |mesh| mesh), [""; 0]);
+            assert_eq!(violations_after(domain, Transfer::Kept, |mesh| mesh), [""; 0]);
+            assert_eq!(violations_after(domain, Transfer::Interpolated, |mesh| mesh), [""; 0]);
+            assert_ne!(violations_after(domain, Transfer::Dropped, |mesh| mesh), [""; 0]);
         }
     }
 
     #[test]
-    fn one_kind_that_goes_another_way_is_found() {
-        let with = |name: &'static str, attribute: Attribute| {
-            move |mesh: Mesh| mesh.with_vertex(name, attribute).unwrap()
-        };
+    fn a_changed_attribute_is_found() {
+        fn replace_attribute(
+            name: &'static str,
+            attribute: Attribute,
+        ) -> impl FnOnce(Mesh) -> Mesh {
+            move |mesh| mesh.with_vertex(name, attribute).unwrap()
+        }
         let other = [4.0, 1.0, 2.0, 3.0];
         for kind in &KINDS[1..] {
-            let said = said(0, Fate::Kept, with(kind.name, (kind.make)(&other)));
-            assert_eq!(said, [format!("`{}` is of another element", kind.name)]);
+            let violations = violations_after(
+                0,
+                Transfer::Kept,
+                replace_attribute(kind.name, (kind.make)(&other)),
+            );
+            assert_eq!(violations, [format!("`{}` is of another element", kind.name)]);
         }
         let mixed = pair(&[1.5, 2.5, 2.5, 3.5]);
-        assert_eq!(said(0, Fate::Interpolated, with("uv", mixed)).len(), 1);
+        assert_eq!(
+            violations_after(0, Transfer::Interpolated, replace_attribute("uv", mixed)).len(),
+            1
+        );
         let new = Attribute::Index(vec![1, 2, 9, 4].into());
-        let said_of_new = said(0, Fate::Interpolated, with("mark-of-the-law-index", new));
-        assert_eq!(said_of_new, ["`mark-of-the-law-index` is new"]);
+        let violations_of_new = violations_after(
+            0,
+            Transfer::Interpolated,
+            replace_attribute("mark-of-the-law-index", new),
+        );
+        assert_eq!(violations_of_new, ["`mark-of-the-law-index` is new"]);
         let long = Attribute::Vector(vec![[0.0, 0.0, 2.0]; 4].into());
-        let said_of_long = said(0, Fate::Kept, with("normal", long));
-        assert_eq!(said_of_long, ["`normal` has vectors that are no directions"]);
-        let gone = said(0, Fate::Kept, |mesh| mesh.without("mark-of-the-law-pair"));
-        assert_eq!(gone, ["`mark-of-the-law-pair` is gone"]);
+        let violations_of_long =
+            violations_after(0, Transfer::Kept, replace_attribute("normal", long));
+        assert_eq!(violations_of_long, ["`normal` has vectors that are no directions"]);
+        let violations = violations_after(0, Transfer::Kept, |mesh| {
+            mesh.without_attribute("mark-of-the-law-pair")
+        });
+        assert_eq!(violations, ["`mark-of-the-law-pair` is gone"]);
     }
 }

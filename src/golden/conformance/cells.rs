@@ -1,17 +1,18 @@
-//! Law 11 for range images: what becomes of the attributes of their cells. Each cell's color tells its number, from which its flags follow.
+//! Law 11 for range images: the attributes of cells. The color of each cell encodes the number of the cell, and the number determines the
+//! flags of the cell.
 
-use maquette_node::{Fate, Progress};
+use maquette_node::{Progress, Transfer};
 use maquette_value::{AnyValue, Attribute, Mesh, RangeImage, Rgb, value_type};
 
 use super::extremes::Case;
-use super::{inputs, made};
+use super::{evaluate_node, inputs};
 
-/// Checks what the node of an example declares of cells. Ports that take several types get range images for it.
+/// Checks what the node declares about the attributes of cells. A port that accepts several types gets a range image.
 pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
     let (entry, node) = (case.entry, &case.graph.nodes()[case.index]);
     let Some(good) = inputs(node, case.values) else { return };
-    // What is shown to nodes that take meshes as well must have enough points to be moved, or to be a surface.
-    let mut others = case.hostile.values(value_type::<RangeImage>().name);
+    // Nodes that also accept meshes need enough points for a surface, so the range image with the most points is used.
+    let mut others = case.edge_cases.values(value_type::<RangeImage>().name);
     others.sort_by_key(|value| {
         std::cmp::Reverse(value.get::<RangeImage>().map_or(0, RangeImage::n_valid))
     });
@@ -26,11 +27,12 @@ pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
             let (mut given, mut count) = (good.clone(), 0);
             for &slot in &slots {
                 let value = range.unwrap_or(&good[slot]);
-                let marked = value.get::<RangeImage>().and_then(|range| marked(range, &mut count));
+                let marked =
+                    value.get::<RangeImage>().and_then(|range| mark_cells(range, &mut count));
                 given[slot] = marked.unwrap_or_else(|| value.clone());
             }
-            let Ok(Some(made)) = made(node, &given, Progress::none()) else { continue };
-            for why in wrong(count, fate, carry.own, &made[at]) {
+            let Ok(Some(made)) = evaluate_node(node, &given, Progress::silent()) else { continue };
+            for why in violations(count, fate, carry.own, &made[at]) {
                 let (name, port, output, fate) =
                     (&entry.name, carry.port, carry.output, fate.word());
                 broken.push(format!("{name}: attributes of each cell from `{port}` to `{output}` are not {fate}: {why}"));
@@ -40,54 +42,55 @@ pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
     }
 }
 
-/// A range image with marks at each cell, which are numbered on from those that were marked before.
-fn marked(range: &RangeImage, count: &mut u32) -> Option<AnyValue> {
+/// Returns a range image in which each cell is marked by its number. The numbers continue after `count`, which is increased.
+fn mark_cells(range: &RangeImage, count: &mut u32) -> Option<AnyValue> {
     let cells = u32::try_from(range.points().len()).ok()?;
     let numbers = *count + 1..=*count + cells;
     *count += cells;
     let range = range.clone().with_colors(numbers.clone().map(color).collect()).ok()?;
-    let range = range.with_filled(numbers.clone().map(filled).collect()).ok()?;
-    Some(AnyValue::new(range.with_joined(numbers.map(joined).collect()).ok()?))
+    let range = range.with_filled(numbers.clone().map(filled_flag).collect()).ok()?;
+    Some(AnyValue::new(range.with_joined(numbers.map(joined_code).collect()).ok()?))
 }
 
-/// The number in a color's bytes.
+/// Returns the color whose bytes encode a number.
 fn color(number: u32) -> Rgb {
     let [a, b, c, _] = number.to_le_bytes();
     [a, b, c]
 }
 
-fn filled(number: u32) -> u8 {
+fn filled_flag(number: u32) -> u8 {
     (number / 2 % 2) as u8
 }
 
-/// One of the two triangles of one division, or none.
-fn joined(number: u32) -> u8 {
+/// Returns the code for one of the triangles in a cell, or for none; the cell's number determines which.
+fn joined_code(number: u32) -> u8 {
     (number / 4 % 3) as u8
 }
 
-/// What speaks against a fate of so many marked cells; `own` are attributes that the node makes itself.
-fn wrong(count: u32, fate: Fate, own: &[&str], made: &AnyValue) -> Vec<String> {
+/// Returns the contradictions between the declared handling `fate` of `count` marked cells and the result `made`. `own` are attributes that
+/// the node creates itself.
+fn violations(count: u32, fate: Transfer, own: &[&str], made: &AnyValue) -> Vec<String> {
     let (range, mesh) = (made.get::<RangeImage>(), made.get::<Mesh>());
     let at_vertices = mesh.and_then(|mesh| mesh.vertex().colors("color"));
     let colors = range.and_then(RangeImage::colors).or(at_vertices.map(|colors| &colors[..]));
     let Some(colors) = colors else {
         return match fate {
-            Fate::Dropped => Vec::new(),
+            Transfer::Dropped => Vec::new(),
             _ => vec!["`color` is gone".into()],
         };
     };
     match fate {
-        // The color of a mesh may be another one's.
-        Fate::Dropped => range.map(|_| "`color` is there".into()).into_iter().collect(),
-        Fate::Interpolated => {
+        // A range image must not have the color. A mesh may have it from another input.
+        Transfer::Dropped => range.map(|_| "`color` is there".into()).into_iter().collect(),
+        Transfer::Interpolated => {
             let is_new = !(0..3).all(|part: usize| {
-                let given = || (1..=count).map(|number| color(number)[part]);
-                let (low, high) = (given().min().unwrap_or(0), given().max().unwrap_or(0));
+                let given = (1..=count).map(|number| color(number)[part]);
+                let (low, high) = (given.clone().min().unwrap_or(0), given.max().unwrap_or(0));
                 colors.iter().all(|color| low <= color[part] && color[part] <= high)
             });
             is_new.then(|| "`color` is outside".into()).into_iter().collect()
         }
-        Fate::Kept => {
+        Transfer::Kept => {
             let numbers: Vec<_> =
                 colors.iter().map(|&[a, b, c]| u32::from_le_bytes([a, b, c, 0])).collect();
             if !numbers.iter().all(|number| (1..=count).contains(number)) {
@@ -112,9 +115,13 @@ fn wrong(count: u32, fate: Fate, own: &[&str], made: &AnyValue) -> Vec<String> {
                     && numbers.iter().enumerate().any(|(at, &number)| found(at) != mark(number));
                 is_wrong.then(|| format!("`{name}` is of another cell"))
             }
-            let joins = range
-                .and_then(|range| follows("joined", &|at| range.joined(at), joined, &numbers, own));
-            follows("filled", &is_filled, filled, &numbers, own).into_iter().chain(joins).collect()
+            let joins = range.and_then(|range| {
+                follows("joined", &|at| range.forced_triangles(at), joined_code, &numbers, own)
+            });
+            follows("filled", &is_filled, filled_flag, &numbers, own)
+                .into_iter()
+                .chain(joins)
+                .collect()
         }
     }
 }
@@ -125,37 +132,44 @@ mod tests {
 
     use super::*;
 
-    /// What the law says of two by three cells that are given marks and then changed.
-    fn said(fate: Fate, change: impl FnOnce(RangeImage) -> RangeImage) -> Vec<String> {
+    /// Marks two by three cells, changes them, and returns the contradictions to `fate`.
+    fn violations_after(
+        fate: Transfer,
+        change: impl FnOnce(RangeImage) -> RangeImage,
+    ) -> Vec<String> {
         let range = RangeImage::new(2, 3, vec![Point3::new(0.0, 0.0, 9.0); 6]).unwrap();
         let mut count = 0;
-        let marked = marked(&range, &mut count).unwrap();
+        let marked = mark_cells(&range, &mut count).unwrap();
         let changed = change(marked.get::<RangeImage>().unwrap().clone());
-        wrong(count, fate, &[], &AnyValue::new(changed))
+        violations(count, fate, &[], &AnyValue::new(changed))
     }
 
     #[test]
-    fn what_is_as_it_was_is_kept_and_not_dropped() {
-        assert_eq!(said(Fate::Kept, |range| range), [""; 0]);
-        assert_eq!(said(Fate::Interpolated, |range| range), [""; 0]);
-        assert_eq!(said(Fate::Dropped, |range| range), ["`color` is there"]);
+    fn unchanged_cells_are_kept() {
+        assert_eq!(violations_after(Transfer::Kept, |range| range), [""; 0]);
+        assert_eq!(violations_after(Transfer::Interpolated, |range| range), [""; 0]);
+        assert_eq!(violations_after(Transfer::Dropped, |range| range), ["`color` is there"]);
     }
 
     #[test]
-    fn one_attribute_that_goes_another_way_is_found() {
-        fn gone(range: RangeImage) -> RangeImage {
+    fn a_changed_cell_attribute_is_found() {
+        fn drop_attributes(range: RangeImage) -> RangeImage {
             RangeImage::new(2, 3, range.points().to_vec()).unwrap()
         }
-        assert_eq!(said(Fate::Kept, gone), ["`color` is gone"]);
-        assert_eq!(said(Fate::Dropped, gone), [""; 0]);
-        fn mixed(range: RangeImage) -> RangeImage {
+        assert_eq!(violations_after(Transfer::Kept, drop_attributes), ["`color` is gone"]);
+        assert_eq!(violations_after(Transfer::Dropped, drop_attributes), [""; 0]);
+        fn mix_colors(range: RangeImage) -> RangeImage {
             range.with_colors(vec![[9, 1, 0]; 6]).unwrap()
         }
-        assert_eq!(said(Fate::Kept, mixed), ["`color` is mixed"]);
-        assert_eq!(said(Fate::Interpolated, mixed), ["`color` is outside"]);
-        let unfilled = |range: RangeImage| range.with_filled(vec![0; 6]).unwrap();
-        assert_eq!(said(Fate::Kept, unfilled), ["`filled` is of another cell"]);
-        let apart = |range: RangeImage| range.with_joined(vec![0; 6]).unwrap();
-        assert_eq!(said(Fate::Kept, apart), ["`joined` is of another cell"]);
+        assert_eq!(violations_after(Transfer::Kept, mix_colors), ["`color` is mixed"]);
+        assert_eq!(violations_after(Transfer::Interpolated, mix_colors), ["`color` is outside"]);
+        fn clear_filled(range: RangeImage) -> RangeImage {
+            range.with_filled(vec![0; 6]).unwrap()
+        }
+        assert_eq!(violations_after(Transfer::Kept, clear_filled), ["`filled` is of another cell"]);
+        fn clear_joined(range: RangeImage) -> RangeImage {
+            range.with_joined(vec![0; 6]).unwrap()
+        }
+        assert_eq!(violations_after(Transfer::Kept, clear_joined), ["`joined` is of another cell"]);
     }
 }

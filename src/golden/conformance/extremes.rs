@@ -1,4 +1,4 @@
-//! Law 8: nodes end, fail or stop soon, with all numbers at the ends of their ranges.
+//! Law 8: if the numbers of a node are at the ends of their ranges, the node finishes, fails or stops soon.
 
 use std::sync::mpsc;
 use std::time::Duration;
@@ -6,35 +6,36 @@ use std::time::Duration;
 use maquette_graph::Graph;
 use maquette_graph::catalog::Entry;
 use maquette_node::{CancelToken, Progress};
-use maquette_syntax::{inside, resolve, variants};
+use maquette_syntax::{resolve, resolve_field, variants};
 use maquette_value::AnyValue;
-use maquette_value::random::Random;
+use maquette_value::rng::Random;
 use serde_json::Value as Json;
 
-use super::{Hostile, Values, call, inputs};
+use super::{EdgeCases, Values, inputs, run_node};
 
-/// What is checked: a node of its example, and the values of the example.
+/// A node in its example graph, with the input values that it has in the example.
 pub(super) struct Case<'a> {
     pub(super) entry: &'a Entry,
     pub graph: &'a Graph,
     pub(super) index: usize,
     pub(super) values: &'a Values,
-    pub(super) hostile: &'a Hostile,
+    pub(super) edge_cases: &'a EdgeCases,
 }
 
-/// How long a node may work before it is told to stop,
-const WORK: Duration = Duration::from_millis(200);
+/// The time after which a running node is cancelled.
+const RUN_TIME: Duration = Duration::from_millis(200);
 
-/// and how much longer it may then go on. Many times the 50 ms between two checks, because the machine may be busy.
-const PATIENCE: Duration = Duration::from_secs(60);
+/// The time that a node gets to stop after it was cancelled. It is many times the 50 ms between two checks, because the machine may be
+/// busy.
+const STOP_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// So many mixtures of numbers and hostile values are tried.
-const MIXTURES: usize = 12;
+/// The number of tests with random combinations of extreme numbers and edge cases.
+const RANDOM_COMBINATIONS: usize = 12;
 
-/// A number of a node: its path, and values at the ends of its range.
+/// A number among a node's parameters: its path, and the values at the ends of its range.
 type Ends = (String, Vec<String>);
 
-/// Checks law 8 for a node; `load` gives its example with other parameters.
+/// Checks law 8 for a node. `load` returns the example of the node with other parameters.
 pub(super) fn check(
     case: &Case<'_>,
     load: &dyn Fn(Vec<(String, String)>) -> Option<Graph>,
@@ -43,7 +44,7 @@ pub(super) fn check(
     let node = &case.graph.nodes()[case.index];
     let Some(good) = inputs(node, case.values) else { return };
     let numbers = numbers(&node.recipe.parameters, case.entry.schema());
-    let mut tell = |set: &[(String, String)], inputs: Vec<AnyValue>| {
+    let mut run_with = |set: &[(String, String)], inputs: Vec<AnyValue>| {
         let paths = set.iter().map(|(path, to)| (format!("{}.{path}", node.name), to.clone()));
         let Some(graph) = load(paths.collect()) else { return };
         if let Err(why) = run(graph, &node.name, inputs) {
@@ -52,14 +53,14 @@ pub(super) fn check(
         }
     };
     for (path, ends) in &numbers {
-        ends.iter().for_each(|to| tell(&[(path.clone(), to.clone())], good.clone()));
+        ends.iter().for_each(|to| run_with(&[(path.clone(), to.clone())], good.clone()));
     }
     let ports = case.entry.ports();
     let mut dice = Random(0);
-    for _ in 0..MIXTURES {
+    for _ in 0..RANDOM_COMBINATIONS {
         let mut set = Vec::new();
         for (path, ends) in &numbers {
-            if let Some(to) = ends.get(dice.below(ends.len() + 1)) {
+            if let Some(to) = ends.get(dice.next_below(ends.len() + 1)) {
                 set.push((path.clone(), to.clone()));
             }
         }
@@ -67,17 +68,17 @@ pub(super) fn check(
         for (input, link) in inputs.iter_mut().zip(&node.links) {
             let port = ports.iter().find(|port| port.name == link.port);
             let kinds = port.iter().flat_map(|port| &port.types);
-            let mut hostile: Vec<_> = kinds.flat_map(|kind| case.hostile.values(kind)).collect();
-            let chosen = dice.below(2 * hostile.len() + 1);
+            let mut hostile: Vec<_> = kinds.flat_map(|kind| case.edge_cases.values(kind)).collect();
+            let chosen = dice.next_below(2 * hostile.len() + 1);
             if chosen < hostile.len() {
                 *input = hostile.swap_remove(chosen);
             }
         }
-        tell(&set, inputs);
+        run_with(&set, inputs);
     }
 }
 
-/// Runs a node on a thread of its own and tells it to stop after a while; an error is what a panic said, or that it did not.
+/// Runs a node on a separate thread and cancels it after a while. Returns an error if the node panics or does not stop.
 fn run(graph: Graph, name: &str, inputs: Vec<AnyValue>) -> Result<(), String> {
     let (send, receive) = mpsc::channel();
     let cancel = CancelToken::default();
@@ -85,21 +86,22 @@ fn run(graph: Graph, name: &str, inputs: Vec<AnyValue>) -> Result<(), String> {
     std::thread::spawn(move || {
         let Some(index) = graph.find(&name) else { return };
         let progress = Progress { report: None, cancel: Some(&token) };
-        // Its loops would have to wait where others keep all common threads busy.
+        // The node gets its own thread pool. In a shared pool its loops would have to wait while other nodes keep all threads busy.
         let own = rayon::ThreadPoolBuilder::new().build().map_err(|error| error.to_string());
-        // Nobody may be waiting any more.
-        let _ = send.send(
-            own.and_then(|own| own.install(|| call(&graph.nodes()[index], &inputs, progress))),
-        );
+        // Sending fails if the receiver has stopped waiting.
+        let _ =
+            send.send(own.and_then(|own| {
+                own.install(|| run_node(&graph.nodes()[index], &inputs, progress))
+            }));
     });
-    let ended = receive.recv_timeout(WORK).or_else(|_| {
+    let ended = receive.recv_timeout(RUN_TIME).or_else(|_| {
         cancel.cancel();
-        receive.recv_timeout(PATIENCE)
+        receive.recv_timeout(STOP_TIMEOUT)
     });
-    ended.unwrap_or_else(|_| Err(format!("{PATIENCE:?} after it was told to stop it goes on")))
+    ended.unwrap_or_else(|_| Err(format!("{STOP_TIMEOUT:?} after cancellation it still runs")))
 }
 
-/// All numbers among parameters, with the ends of their ranges.
+/// Returns all numbers among the parameters, each with the values at the ends of its range.
 fn numbers(parameters: &Json, schema: &Json) -> Vec<Ends> {
     let mut numbers = Vec::new();
     for (name, value) in parameters.as_object().into_iter().flatten() {
@@ -109,7 +111,7 @@ fn numbers(parameters: &Json, schema: &Json) -> Vec<Ends> {
 }
 
 fn collect(value: &Json, field: &Json, root: &Json, path: &str, numbers: &mut Vec<Ends>) {
-    let schema = inside(field, root);
+    let schema = resolve_field(field, root);
     match value {
         Json::Number(_) => numbers.push((path.to_owned(), ends(&schema))),
         Json::Array(items) => {
@@ -122,7 +124,8 @@ fn collect(value: &Json, field: &Json, root: &Json, path: &str, numbers: &mut Ve
             for (name, value) in entries.iter().filter(|(name, _)| !name.starts_with('$')) {
                 let chosen = choices.iter().find(|(known, _)| known == name);
                 match chosen.map(|(_, content)| content.map(|it| resolve(root, it))) {
-                    // The fields of a chosen variant stand directly behind its name in the file.
+                    // In the file, the fields of a chosen enum variant follow the name of the variant directly, so the path does not
+                    // contain the name.
                     Some(Some(content)) if content.get("properties").is_some() => {
                         collect(value, &content, root, path, numbers);
                     }
@@ -141,13 +144,14 @@ fn collect(value: &Json, field: &Json, root: &Json, path: &str, numbers: &mut Ve
     }
 }
 
-/// The least and the greatest number that a schema allows, and where it has no end numbers far out; of real numbers also a small one.
+/// Returns the smallest and the largest number that a schema allows, or very large numbers if there are no limits. For real numbers also
+/// returns a small one.
 fn ends(schema: &Json) -> Vec<String> {
     let is_whole = schema.get("type").and_then(Json::as_str) == Some("integer");
-    fn bound(name: &str, schema: &Json) -> Option<f64> {
+    fn limit(name: &str, schema: &Json) -> Option<f64> {
         schema.get(name).and_then(Json::as_f64)
     }
-    let (least, most) = (bound("minimum", schema), bound("maximum", schema));
+    let (least, most) = (limit("minimum", schema), limit("maximum", schema));
     let ends = match is_whole {
         true => vec![least.unwrap_or(0.0), most.unwrap_or(f64::from(u32::MAX))],
         false => vec![least.unwrap_or(-1e300), 1e-9, most.unwrap_or(1e300)],
@@ -166,7 +170,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ends_are_those_of_the_range_or_far_out() {
+    fn numbers_are_at_the_ends_of_their_range_or_very_large() {
         let whole = serde_json::json!({ "type": "integer", "minimum": 3, "maximum": 9 });
         assert_eq!(ends(&whole), ["3", "9"]);
         let real = serde_json::json!({ "type": "number", "minimum": 0.5 });

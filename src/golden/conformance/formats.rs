@@ -1,31 +1,32 @@
-//! The law of formats that make large files in pieces: they are those of the whole file, wherever they begin and end.
+//! Law 14, for formats that encode large files in pieces: the pieces equal the corresponding parts of the whole file, wherever they begin
+//! and end.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use maquette_node::pack::Format;
 use maquette_value::AnyValue;
-use maquette_value::random::Random;
+use maquette_value::rng::Random;
 
-use super::updates::changed;
+use super::updates::change_numbers;
 
-/// Pieces of so many bytes are asked for: none of them ends where rows do.
+/// The sizes of the pieces in bytes. None of them is a multiple of the size of a row.
 const PIECES: [usize; 3] = [1, 61, 4099];
 
-/// Checks a format with the hostile values of its type.
+/// Checks a format with edge cases of its value type.
 pub(super) fn check(format: &Format, broken: &mut Vec<String>) {
-    for value in (format.kind)().hostile() {
+    for value in (format.kind)().edge_cases() {
         if let Some(why) = catch_unwind(AssertUnwindSafe(|| {
-            wrong(format, &value).or_else(|| mistaken(format, &value))
+            piece_mismatch(format, &value).or_else(|| false_source_claim(format, &value))
         }))
         .unwrap_or(None)
         {
-            broken.push(format!("`.{}`: {why}, with {value:?}", format.ending));
+            broken.push(format!("`.{}`: {why}, with {value:?}", format.extension));
         }
     }
 }
 
-/// How the pieces of a value's file are not what it writes.
-fn wrong(format: &Format, value: &AnyValue) -> Option<String> {
+/// Returns a description of the difference between the pieces of a value's file and the whole file, or `None`.
+fn piece_mismatch(format: &Format, value: &AnyValue) -> Option<String> {
     let whole = format.write(value, "file");
     let content = match format.content(value) {
         Ok(content) => content?,
@@ -38,38 +39,37 @@ fn wrong(format: &Format, value: &AnyValue) -> Option<String> {
     if content.len() != file.bytes.len() {
         return Some(format!("{} bytes in pieces, {} as a whole", content.len(), file.bytes.len()));
     }
-    let differs = |&size: &usize| {
+    let size = PIECES.into_iter().find(|&size| {
         let mut bytes = vec![0xa5; file.bytes.len()];
         let pieces = bytes.chunks_mut(size).enumerate();
         pieces.for_each(|(k, piece)| content.fill(k * size, piece));
         bytes != file.bytes
-    };
-    let size = PIECES.iter().find(|size| differs(size))?;
+    })?;
     Some(format!("pieces of {size} bytes are not those of the whole"))
 }
 
-/// So many changes are made to each value.
+/// The number of changes that are tested with each value.
 const CHANGES: usize = 12;
 
-/// Two pieces that are not the same, but are said to be made of the same.
-fn mistaken(format: &Format, value: &AnyValue) -> Option<String> {
+/// Returns a description of two pieces that claim to have the same source but are different, or `None`.
+fn false_source_claim(format: &Format, value: &AnyValue) -> Option<String> {
     let before = format.content(value).ok()??;
     let mut dice = Random(0);
     (0..CHANGES).find_map(|_| {
-        let changed = changed(value, &mut dice)?;
+        let changed = change_numbers(value, &mut dice)?;
         let now = format.content(&changed).ok()??;
         let common = before.len().min(now.len());
-        let size = PIECES[1 + dice.below(PIECES.len() - 1)];
+        let size = PIECES[1 + dice.next_below(PIECES.len() - 1)];
         let mut stretches = (0..common).step_by(size).map(|k| k..common.min(k + size));
         let wrong = stretches.find(|stretch| {
             let [a, b] = [&before, &now].map(|content| {
                 let mut bytes = vec![0; stretch.len()];
                 content.fill(stretch.start, &mut bytes);
-                (content.stretch(stretch.clone()), bytes)
+                (content.range_hash(stretch.clone()), bytes)
             });
             a.0.is_some() && a.0 == b.0 && a.1 != b.1
         })?;
-        Some(format!("bytes {wrong:?} are said to be those of another value, {changed:?}"))
+        Some(format!("bytes {wrong:?} have the same source as those of another value, {changed:?}, but differ"))
     })
 }
 
@@ -89,15 +89,15 @@ mod tests {
         assert_eq!(broken, [""; 0]);
     }
 
-    /// Makes pieces of other bytes if they begin late.
-    struct Late;
+    /// A faulty format: its pieces depend on the position at which they begin.
+    struct PositionDependent;
 
-    impl FileFormat for Late {
+    impl FileFormat for PositionDependent {
         type Value = Mask;
-        const ENDING: &'static str = "late";
+        const EXTENSION: &'static str = "late";
 
         fn write(_: &Mask, name: &str) -> Result<Vec<NewFile>, Error> {
-            Ok(NewFile::only(name, vec![1; 100]))
+            Ok(NewFile::single(name, vec![1; 100]))
         }
 
         fn content<'a>(
@@ -109,23 +109,23 @@ mod tests {
     }
 
     #[test]
-    fn pieces_that_hang_on_where_they_begin_are_told() {
+    fn pieces_that_depend_on_their_position_are_reported() {
         let mut broken = Vec::new();
-        check(&format::<Late>(), &mut broken);
+        check(&format::<PositionDependent>(), &mut broken);
         assert!(broken[0].starts_with("`.late`: pieces of 1 bytes are not"), "{broken:?}");
     }
 
-    /// Says of all that it is made of the same.
-    struct Same;
+    /// A faulty format: it claims that all pieces have the same source.
+    struct ConstantSource;
 
-    impl FileFormat for Same {
+    impl FileFormat for ConstantSource {
         type Value = Mesh;
-        const ENDING: &'static str = "same";
+        const EXTENSION: &'static str = "same";
 
         fn write(mesh: &Mesh, name: &str) -> Result<Vec<NewFile>, Error> {
             let places: Vec<[f64; 3]> =
                 mesh.positions().iter().map(|it| it.coords.into()).collect();
-            Ok(NewFile::only(name, bytemuck::cast_slice(&places).to_vec()))
+            Ok(NewFile::single(name, bytemuck::cast_slice(&places).to_vec()))
         }
 
         fn content<'a>(
@@ -138,15 +138,15 @@ mod tests {
                 Content::pieces(len, move |place: usize, piece: &mut [u8]| {
                     piece.copy_from_slice(&bytes[place..][..piece.len()]);
                 })
-                .made_of(|_| Hash::of(b"mesh")),
+                .made_of(|_| Hash::compute(b"mesh")),
             ))
         }
     }
 
     #[test]
-    fn pieces_that_are_said_to_be_made_of_the_same_and_are_not_are_told() {
+    fn false_claims_of_a_common_source_are_reported() {
         let mut broken = Vec::new();
-        check(&format::<Same>(), &mut broken);
-        assert!(broken[0].contains("are said to be those of another value"), "{broken:?}");
+        check(&format::<ConstantSource>(), &mut broken);
+        assert!(broken[0].contains("have the same source as those of another value"), "{broken:?}");
     }
 }

@@ -1,4 +1,4 @@
-//! The law of old names: what is called otherwise now is told from what is there.
+//! Law 12: the old names in migrations do not exist any more, and the new names exist.
 
 use maquette_graph::catalog::{Catalog, Entry};
 use maquette_node::pack::{Migration, NewValue, Pack};
@@ -37,7 +37,7 @@ pub(super) fn check(pack: &Pack, catalog: &Catalog, broken: &mut Vec<String>) {
     }
 }
 
-/// Whether a later migration takes up the name that a field got.
+/// Returns true if a later migration renames the field again.
 fn is_renamed(pack: &Pack, old: &str, new: &str) -> bool {
     pack.migrations.iter().any(|it| match *it {
         Migration::Field { old: again, .. } => again == new && again != old,
@@ -49,7 +49,7 @@ fn has(entry: &Entry, field: &str) -> bool {
     entry.schema()["properties"].get(field).is_some()
 }
 
-/// The node of this name, or of the one that it has now.
+/// Returns the node with this name. If the node has been renamed, returns the node with the present name.
 fn present<'c>(name: &str, pack: &Pack, catalog: &'c Catalog) -> Option<&'c Entry> {
     let mut name = name;
     for _ in 0..=pack.migrations.len() {

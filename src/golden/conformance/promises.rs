@@ -1,14 +1,14 @@
-//! Law 10: what nodes promise of their outputs holds.
+//! Law 10: the outputs of nodes have the promised properties.
 
 use maquette_graph::catalog::{Catalog, Entry};
 use maquette_node::{Progress, Source};
 use maquette_value::AnyValue;
 
 use super::extremes::Case;
-use super::{inputs, made};
+use super::{evaluate_node, inputs};
 
-/// Ports, outputs and properties that are named are there.
-pub(super) fn names(entry: &Entry, catalog: &Catalog, broken: &mut Vec<String>) {
+/// Checks that the ports, outputs and properties exist that are named in the node's promises.
+pub(super) fn check_names(entry: &Entry, catalog: &Catalog, broken: &mut Vec<String>) {
     let ports = entry.ports();
     let types_of = |port: &str| {
         let types = ports.iter().find(|known| known.name == port)?.types.iter();
@@ -24,13 +24,13 @@ pub(super) fn names(entry: &Entry, catalog: &Catalog, broken: &mut Vec<String>) 
         if !types.is_some_and(|types: Vec<&maquette_value::ValueType>| {
             types.iter().any(|kind| kind.property(term.property).is_some())
         }) {
-            let (name, at, words) = (&entry.name, term.at, term.in_words());
+            let (name, at, words) = (&entry.name, term.at, term.describe());
             broken.push(format!("{name} says `{words}` of `{at}`, but a port, an output or the property is not there"));
         }
     }
 }
 
-/// The example's own inputs, and these with one after the other replaced by values that are hard to treat.
+/// Checks the promises with the inputs of the example, and with each input replaced by edge cases.
 pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
     let node = &case.graph.nodes()[case.index];
     let Some(good) = inputs(node, case.values) else { return };
@@ -38,7 +38,7 @@ pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
     let ports = case.entry.ports();
     for (slot, link) in node.links.iter().enumerate() {
         let Some(port) = ports.iter().find(|port| port.name == link.port) else { continue };
-        for value in port.types.iter().flat_map(|kind| case.hostile.values(kind)) {
+        for value in port.types.iter().flat_map(|kind| case.edge_cases.values(kind)) {
             let mut given = good.clone();
             let what = format!("{value:?} at `{}`", link.port);
             given[slot] = value;
@@ -47,7 +47,7 @@ pub(super) fn check(case: &Case<'_>, broken: &mut Vec<String>) {
     }
 }
 
-/// What a node promises holds of what it makes of these inputs, if it may be run on them at all.
+/// Checks the promises with these inputs, unless the node rejects the inputs.
 fn judge(case: &Case<'_>, given: &[AnyValue], what: &str, broken: &mut Vec<String>) {
     let node = &case.graph.nodes()[case.index];
     let promises = node.node.promises();
@@ -58,7 +58,7 @@ fn judge(case: &Case<'_>, given: &[AnyValue], what: &str, broken: &mut Vec<Strin
         node_links: &[maquette_graph::Link],
     ) -> bool {
         let values = node_links.iter().zip(given).filter(|(link, _)| link.port == port);
-        values.map(|(_, value)| value).all(|value| value.offence(property).is_none())
+        values.map(|(_, value)| value).all(|value| value.violation(property).is_none())
     }
     let wants = node.node.wants();
     if promises.is_empty()
@@ -66,17 +66,17 @@ fn judge(case: &Case<'_>, given: &[AnyValue], what: &str, broken: &mut Vec<Strin
     {
         return;
     }
-    let Ok(Some(made)) = made(node, given, Progress::none()) else { return };
+    let Ok(Some(made)) = evaluate_node(node, given, Progress::silent()) else { return };
     for (output, property, source) in promises {
         let Some(at) = node.outputs.iter().position(|name| *name == output) else { continue };
-        let offence = made[at].offence(property);
+        let violation = made[at].violation(property);
         let is_kept = match source {
-            Source::From(port) => offence.is_none() || !has(port, property, given, &node.links),
-            Source::Always => offence.is_none(),
-            Source::Never => offence.is_some() || made[at].offence("NonEmpty").is_some(),
+            Source::From(port) => violation.is_none() || !has(port, property, given, &node.links),
+            Source::Always => violation.is_none(),
+            Source::Never => violation.is_some() || made[at].violation("NonEmpty").is_some(),
         };
         if !is_kept {
-            let why = offence.map_or("is so".to_owned(), |offence| offence.what);
+            let why = violation.map_or("is so".to_owned(), |violation| violation.what);
             let name = &case.entry.name;
             broken.push(format!(
                 "{name} breaks its promise of {property} with {what}: `{output}` {why}"

@@ -1,4 +1,4 @@
-//! The laws of types of values: the parts of a value make the same value again, and damaged parts make an error, never a panic.
+//! The laws of value types: an equal value can be created from the parts of a value; and damaged parts cause an error, never a panic.
 
 use std::borrow::Cow;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -7,16 +7,16 @@ use maquette_value::{
     AnyValue, FactValue, Hash, Items, Meaning, Part, Parts, PartsError, ValueType, ranges,
 };
 
-/// How many values of a type are damaged: with more, the same faults would be reported again.
-const DAMAGED: usize = 6;
+/// The maximum number of values of each type whose parts are damaged. More values would only repeat the reports.
+const MAX_DAMAGED: usize = 6;
 
-/// Checks the hostile values of a type.
+/// Checks a value type with its edge cases.
 pub(super) fn check(kind: &ValueType, broken: &mut Vec<String>) {
-    let Some(values) = quietly(|| kind.hostile()) else {
+    let Some(values) = unless_panic(|| kind.edge_cases()) else {
         broken.push(format!("making the hostile values of {} panics", kind.name));
         return;
     };
-    let stride = values.len().div_ceil(DAMAGED).max(1);
+    let stride = values.len().div_ceil(MAX_DAMAGED).max(1);
     for (index, value) in values.iter().enumerate() {
         if check_value(value, broken) && index.is_multiple_of(stride) {
             check_damage(value, broken);
@@ -24,15 +24,15 @@ pub(super) fn check(kind: &ValueType, broken: &mut Vec<String>) {
     }
 }
 
-/// Checks one value as it is; whether it can be made of its parts.
+/// Checks one value. Returns true if the value can be created from its parts.
 fn check_value(value: &AnyValue, broken: &mut Vec<String>) -> bool {
     fn law(law: &str, value: &AnyValue) -> String {
         format!("{}: {law}, with {value:?}", value.kind().name)
     }
-    if quietly(|| (value.describe(), value.probe([0, 0]), value.show())).is_none() {
+    if unless_panic(|| (value.describe(), value.probe([0, 0]), value.show())).is_none() {
         broken.push(law("`describe`, `probe` or `show` panics", value));
     }
-    let Some(parts) = quietly(|| value.parts()) else {
+    let Some(parts) = unless_panic(|| value.parts()) else {
         broken.push(law("`parts` panics", value));
         return false;
     };
@@ -44,143 +44,154 @@ fn check_value(value: &AnyValue, broken: &mut Vec<String>) -> bool {
         broken.push(law(&format!("the elements of its part `{}` are not whole", part.name), value));
         return false;
     }
-    match made(value, &parts) {
-        Made::Nothing(PartsError::Never { .. }) => {}
-        Made::Nothing(error) => {
+    match rebuild(value, &parts) {
+        RebuildResult::Nothing(PartsError::Never { .. }) => {}
+        RebuildResult::Nothing(error) => {
             broken.push(law(&format!("its own parts make no value, because {error}"), value));
         }
-        Made::Value(hash) if hash == value.hash() => return true,
-        Made::Value(_) => broken.push(law("its own parts make another value", value)),
-        Made::Panic => broken.push(law("`from_parts` panics on its own parts", value)),
+        RebuildResult::Value(hash) if hash == value.hash() => return true,
+        RebuildResult::Value(_) => broken.push(law("its own parts make another value", value)),
+        RebuildResult::Panic => broken.push(law("`from_parts` panics on its own parts", value)),
     }
     false
 }
 
-/// What some parts make.
-enum Made {
+/// The result of creating a value from parts.
+enum RebuildResult {
     Value(Hash),
     Nothing(PartsError),
     Panic,
 }
 
-fn made(value: &AnyValue, parts: &Parts<'_>) -> Made {
-    match quietly(|| value.kind().from_parts(parts)) {
-        Some(Ok(made)) => Made::Value(made.hash()),
-        Some(Err(error)) => Made::Nothing(error),
-        None => Made::Panic,
+fn rebuild(value: &AnyValue, parts: &Parts<'_>) -> RebuildResult {
+    match unless_panic(|| value.kind().from_parts(parts)) {
+        Some(Ok(made)) => RebuildResult::Value(made.hash()),
+        Some(Err(error)) => RebuildResult::Nothing(error),
+        None => RebuildResult::Panic,
     }
 }
 
-/// The result, unless there is a panic.
-fn quietly<T>(make: impl FnOnce() -> T) -> Option<T> {
+/// Returns the result of a function, or `None` if the function panics.
+fn unless_panic<T>(make: impl FnOnce() -> T) -> Option<T> {
     catch_unwind(AssertUnwindSafe(make)).ok()
 }
 
-/// What must come of damaged parts.
+/// The result that is required for damaged parts.
 #[derive(Clone, Copy, PartialEq)]
-enum Must {
-    /// Anything but a panic.
+enum RequiredResult {
+    /// Any result except a panic.
     Return,
-    /// An error, or a value that is another one.
+    /// An error, or a different value.
     Differ,
     /// An error.
     Fail,
 }
 
-/// Damages one part or fact after the other.
+/// Damages each part and each fact of a value, one at a time, and checks the result.
 fn check_damage(value: &AnyValue, broken: &mut Vec<String>) {
     let parts = value.parts();
-    let mut judge = |what: String, must: Must, damaged: &Parts<'_>| {
-        let wrong = match (must, made(value, damaged)) {
-            (_, Made::Panic) => "panics",
-            (Must::Fail, Made::Value(_)) => "is no error",
-            (Must::Differ, Made::Value(hash)) if hash == value.hash() => "is not noticed",
+    let mut check_parts = |what: String, must: RequiredResult, damaged: &Parts<'_>| {
+        let wrong = match (must, rebuild(value, damaged)) {
+            (_, RebuildResult::Panic) => "panics",
+            (RequiredResult::Fail, RebuildResult::Value(_)) => "is not an error",
+            (RequiredResult::Differ, RebuildResult::Value(hash)) if hash == value.hash() => {
+                "is not noticed"
+            }
             _ => return,
         };
         broken.push(format!("{}: `from_parts` {wrong}: {what}, in {value:?}", value.kind().name));
     };
     if !parts.is_empty() {
-        judge("no part at all".into(), Must::Fail, &Parts::default());
+        check_parts("no part at all".into(), RequiredResult::Fail, &Parts::default());
     }
     for index in 0..parts.facts.len() {
         let name = &parts.facts[index].name;
         let mut damaged = parts.clone();
         for size in [[usize::MAX; 2], [usize::MAX, 0], [1 << 40, 1 << 40]] {
             damaged.facts[index].value = FactValue::Size(size);
-            judge(format!("the fact `{name}` says {size:?}"), Must::Return, &damaged);
+            check_parts(
+                format!("the fact `{name}` says {size:?}"),
+                RequiredResult::Return,
+                &damaged,
+            );
             damaged.facts[index].value = FactValue::Count(size[0]);
-            judge(format!("the fact `{name}` says {}", size[0]), Must::Return, &damaged);
+            check_parts(
+                format!("the fact `{name}` says {}", size[0]),
+                RequiredResult::Return,
+                &damaged,
+            );
         }
         damaged.facts.remove(index);
-        judge(format!("the fact `{name}` is missing"), Must::Return, &damaged);
+        check_parts(format!("the fact `{name}` is missing"), RequiredResult::Return, &damaged);
     }
     for (index, part) in parts.columns.iter().enumerate() {
         let name = &part.name;
-        let with = |part: Part<'static>| {
+        let replace_part = |part: Part<'static>| {
             let mut damaged = parts.clone();
             damaged.columns[index] = part;
             damaged
         };
-        let own = |width: usize, numbers: Vec<f64>| Part {
+        let part_with = |width: usize, numbers: Vec<f64>| Part {
             name: Cow::Owned(name.clone().into_owned()),
             width,
             items: Items::F64(numbers.into()),
-            ..bare(part)
+            ..empty_part(part)
         };
         let mut missing = parts.clone();
         missing.columns.remove(index);
-        judge(format!("the part `{name}` is missing"), Must::Return, &missing);
+        check_parts(format!("the part `{name}` is missing"), RequiredResult::Return, &missing);
         let numbers = part.items.numbers().into_owned();
-        let wider = with(own(part.width + 1, numbers.clone()));
-        judge(format!("the elements of `{name}` are longer"), Must::Differ, &wider);
-        let flat = with(own(0, numbers.clone()));
-        judge(format!("the elements of `{name}` are empty"), Must::Fail, &flat);
+        let wider = replace_part(part_with(part.width + 1, numbers.clone()));
+        check_parts(format!("the elements of `{name}` are longer"), RequiredResult::Differ, &wider);
+        let flat = replace_part(part_with(0, numbers.clone()));
+        check_parts(format!("the elements of `{name}` are empty"), RequiredResult::Fail, &flat);
         let mut longer = numbers.clone();
         longer.push(0.0);
-        let longer = with(own(part.width, longer));
-        judge(format!("`{name}` is longer by a number"), Must::Differ, &longer);
+        let longer = replace_part(part_with(part.width, longer));
+        check_parts(format!("`{name}` is longer by a number"), RequiredResult::Differ, &longer);
         let (Some(last), whole) = (numbers.len().checked_sub(1), is_whole(part)) else { continue };
-        let shorter = with(own(part.width, numbers[..last].to_vec()));
-        judge(format!("`{name}` is shorter by a number"), Must::Differ, &shorter);
+        let shorter = replace_part(part_with(part.width, numbers[..last].to_vec()));
+        check_parts(format!("`{name}` is shorter by a number"), RequiredResult::Differ, &shorter);
         for at in [0, last] {
-            let most = ranges(&numbers, 1)[0].map_or(0.0, |range| range.greatest);
+            let most = ranges(&numbers, 1)[0].map_or(0.0, |range| range.max);
             for (wrong, is_whole) in
                 [(f64::NAN, false), (-1.0, false), (0.5, false), (1e300, false), (most + 1.0, true)]
             {
                 let mut numbers = numbers.clone();
                 numbers[at] = wrong;
-                let must = if whole && !is_whole { Must::Fail } else { Must::Return };
-                let damaged = with(own(part.width, numbers));
-                judge(format!("number {at} of `{name}` is {wrong}"), must, &damaged);
+                let must =
+                    if whole && !is_whole { RequiredResult::Fail } else { RequiredResult::Return };
+                let damaged = replace_part(part_with(part.width, numbers));
+                check_parts(format!("number {at} of `{name}` is {wrong}"), must, &damaged);
             }
         }
     }
 }
 
-/// Whether only whole numbers that 32 bits can tell may stand in a part.
+/// Returns true if a part may contain only whole numbers of 32 bits.
 fn is_whole(part: &Part<'_>) -> bool {
     let is_small = !matches!(part.items, Items::F64(_) | Items::F32(_));
     is_small && matches!(part.meaning, Meaning::Level | Meaning::Index | Meaning::Exact)
 }
 
-/// A part without its numbers.
-fn bare(part: &Part<'_>) -> Part<'static> {
+/// Returns a copy of a part that contains no numbers.
+fn empty_part(part: &Part<'_>) -> Part<'static> {
     Part {
         name: Cow::Borrowed(""),
-        on: part.on,
+        element_kind: part.element_kind,
         meaning: part.meaning,
         width: part.width,
         items: Items::F64(Cow::Borrowed(&[])),
-        aside: part.aside,
+        is_hidden: part.is_hidden,
     }
 }
 
 #[cfg(test)]
 mod tests {
     use maquette_value::{
-        Attribute, CaptureFrame, Chart, Contour, ControlNet, Curve, Direction, Faces, Image,
-        KnotVector, MATERIAL, Map, MapKind, Material, Mesh, On, Pinhole, Points, RangeImage,
-        Region, Registration, Surface, TYPES, Transparency, Wrap,
+        Attribute, CaptureFrame, Chart, Contour, ControlNet, Curve, Direction, ElementKind, Faces,
+        Image, KnotVector, MATERIAL_ATTRIBUTE, Map, MapKind, Material, Mesh, Pinhole, Points,
+        RangeImage, Region, Registration, Surface, TYPES, Transparency, Wrap,
     };
     use nalgebra::{Matrix4, Point3};
 
@@ -208,7 +219,7 @@ mod tests {
         let mesh = mesh.with_vertex("uv", Attribute::Pair(vec![[0.25, 0.5]; 5].into())).unwrap();
         let mesh = mesh.with_vertex("color", Attribute::Color(vec![[9, 8, 7]; 5].into())).unwrap();
         let mesh = mesh.with_vertex("filled", Attribute::Flag(vec![1; 5].into())).unwrap();
-        // Names that other parts have, too.
+        // The attributes have the names of other parts of a mesh.
         let mesh = mesh.with_vertex("sides", Attribute::Index(vec![7; 5].into())).unwrap();
         let mesh =
             mesh.with_vertex("position", Attribute::Vector(vec![[0.5; 3]; 5].into())).unwrap();
@@ -220,8 +231,8 @@ mod tests {
         mesh.with_texture(Some(texture.with_camera(Some(CAMERA)))).with_frame(Some(frame()))
     }
 
-    /// Two faces that look different, one by a picture in a file.
-    fn painted() -> Mesh {
+    /// A mesh with two materials, one of them with a picture file.
+    fn mesh_with_materials() -> Mesh {
         let base = Map { wrap: [Wrap::Mirror, Wrap::Clamp], ..Map::new("a.png", vec![1, 2, 3]) };
         let skin = Material {
             name: "skin".to_owned(),
@@ -235,7 +246,10 @@ mod tests {
             ..mesh().materials()[0].clone()
         };
         let numbers = Attribute::Index(vec![1, 0].into());
-        mesh().with_face(MATERIAL, numbers).unwrap().with_materials([skin, Material::default()])
+        mesh()
+            .with_face(MATERIAL_ATTRIBUTE, numbers)
+            .unwrap()
+            .with_materials([skin, Material::default()])
     }
 
     fn net() -> ControlNet {
@@ -272,7 +286,7 @@ mod tests {
         let image = Image::new(2, 1, vec![[1, 2, 3]; 2]).unwrap().with_camera(Some(CAMERA));
         vec![
             AnyValue::new(mesh()),
-            AnyValue::new(painted()),
+            AnyValue::new(mesh_with_materials()),
             AnyValue::new(net()),
             AnyValue::new(Surface::new(net(), knots(3), knots(4)).unwrap()),
             AnyValue::new(range),
@@ -286,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn the_engines_values_keep_the_laws() {
+    fn the_values_of_the_engine_keep_the_laws() {
         let mut broken = Vec::new();
         TYPES.iter().for_each(|kind| check(kind, &mut broken));
         for value in ordinary() {
@@ -297,16 +311,16 @@ mod tests {
     }
 
     #[test]
-    fn every_type_of_the_engine_has_hostile_values_with_parts() {
+    fn every_type_of_the_engine_has_edge_cases_with_parts() {
         for kind in TYPES {
-            let values = kind.hostile();
+            let values = kind.edge_cases();
             assert!(!values.is_empty(), "{}", kind.name);
             assert!(values.iter().all(|value| !value.parts().columns.is_empty()), "{}", kind.name);
             assert!(values.iter().any(|value| !value.show().is_empty()), "{}", kind.name);
         }
     }
 
-    /// What is said of a mesh one number of which is another one.
+    /// Returns the error of creating a mesh from parts with a wrong number.
     fn error(name: &str, number: f64) -> String {
         let value = AnyValue::new(mesh());
         let mut parts = value.parts();
@@ -318,10 +332,11 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_said_with_its_part() {
-        assert_eq!(error("position", f64::NAN), "vertex 0 is not at a finite place");
-        assert_eq!(error("corners", 9.0), "face 0 names vertex 9, but there are only 5");
-        let whole = "number 1 of the part `corners` is 0.5, where a whole number from 0 to 4294967295 is expected";
+    fn errors_name_the_part() {
+        assert_eq!(error("position", f64::NAN), "the position of vertex 0 is not finite");
+        assert_eq!(error("corners", 9.0), "face 0 refers to vertex 9, but there are only 5");
+        let whole =
+            "number 1 of the part `corners` is 0.5, expected a whole number from 0 to 4294967295";
         assert_eq!(error("corners", 0.5), whole);
         assert_eq!(
             error("corner normal", f64::NAN),
@@ -329,18 +344,21 @@ mod tests {
         );
         assert_eq!(
             error("color", 256.0),
-            "number 1 of the part `color` is 256, where a whole number from 0 to 255 is expected"
+            "number 1 of the part `color` is 256, expected a whole number from 0 to 255"
         );
     }
 
     #[test]
-    fn a_mesh_is_made_of_two_arrays() {
+    fn a_mesh_can_be_created_from_two_arrays() {
         let mut parts = Parts::default();
         let positions = vec![0.0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
-        parts.push("position", On::Vertex, Meaning::Position, 3, positions);
-        let made = |parts: &Parts<'_>| maquette_value::value_type::<Mesh>().from_parts(parts);
-        assert_eq!(made(&parts).unwrap_err().to_string(), "the part `corners` is missing");
-        parts.push("corners", On::Face, Meaning::Index, 3, vec![0u32, 1, 2]);
-        assert_eq!(made(&parts).unwrap().get::<Mesh>().unwrap().faces().len(), 1);
+        parts.push("position", ElementKind::Vertex, Meaning::Position, 3, positions);
+        let kind = maquette_value::value_type::<Mesh>();
+        assert_eq!(
+            kind.from_parts(&parts).unwrap_err().to_string(),
+            "the part `corners` is missing"
+        );
+        parts.push("corners", ElementKind::Face, Meaning::Index, 3, vec![0u32, 1, 2]);
+        assert_eq!(kind.from_parts(&parts).unwrap().get::<Mesh>().unwrap().faces().len(), 1);
     }
 }

@@ -1,51 +1,54 @@
-//! A value beside what was kept of one: the same, the same but reordered, near enough, or different and where.
+//! Compares a value with a golden. The value is equal, reordered, within the tolerance, or different; a difference is located.
 //!
-//! Every entry is compared. Numbers were kept rounded, so each difference is known up to an error that is far below the tolerance: rounding
-//! makes no value pass that would fail otherwise, and a difference within the error does not count.
+//! Every entry is compared. The stored numbers are rounded, so each measured difference has an error far below the tolerance. A value that
+//! would fail with exact numbers never passes because of rounding, and a difference that is smaller than the error does not count.
 
 use maquette_value::{AnyValue, Image, Mesh};
 
-use super::pack::{Column, Kept, mark};
+use super::pack::{StoredColumn, StoredNumbers, mark};
 use super::summary::{Line, SKETCH, summary};
-use super::{BECAUSE, FORM, Golden, KEPT_FOR, KEPT_IN, Written, every, picture_of};
+use super::{
+    FILE_LABEL, FORM, Golden, KEPT_FOR, REASON_LABEL, WrittenFile, picture_of, sample_picture,
+};
 use crate::compare::{
-    Comparison, Measure, Rounding, Tolerance, Verdict, allowed, compare_columns, compare_meshes,
-    compare_parts, different_facts, given, in_unit, measure, unit, without_order,
+    Comparison, Measure, Rounding, Tolerance, Verdict, allowed_difference, compare_columns,
+    compare_meshes, compare_parts, different_facts, explicit_limit, in_unit, measure, unit,
+    unordered_hash,
 };
 use crate::parts::{CORNERS, Class, GoldenColumn, GoldenParts, SIDES};
 use crate::sketch::Sketch;
 
-/// What is said of a golden that an earlier program wrote.
-const OF_EARLIER_FORM: &str = "the value is another one, and its golden is of an earlier form, which cannot judge by how much: \
-     accept it anew (--bless) with the graph as it was, or look at the result and bless that";
+/// The message for a golden that an earlier version of the program wrote.
+const OF_EARLIER_FORM: &str = "the value has changed, and its golden has an earlier format, which cannot tell by how much: \
+     bless it (--bless) with the old graph, or check the result and bless that";
 
 impl Golden {
-    /// How a value, written to these files, differs from what was kept.
+    /// Compares a value with the golden. `files` describes the files to which the value was written.
     pub(crate) fn compare(
         &self,
         value: &AnyValue,
-        outputs: &[Written],
+        outputs: &[WrittenFile],
         tolerance: &Tolerance,
     ) -> Comparison {
         if self.line("hash") == Some(&value.hash().to_string()) {
             let reasons = self.changed_files(outputs);
             return if reasons.is_empty() {
-                Comparison::alike(Verdict::Identical)
+                Comparison::from_verdict(Verdict::Identical)
             } else {
                 Comparison::new(reasons, Vec::new())
             };
         }
-        let mark = without_order(value).map(|mark| format!("{mark:032x}"));
+        let mark = unordered_hash(value).map(|mark| format!("{mark:032x}"));
         if mark.is_some() && self.line("hash without order") == mark.as_deref() {
-            return Comparison::alike(Verdict::Reordered);
+            return Comparison::from_verdict(Verdict::Reordered);
         }
-        if self.is_earlier() {
+        if self.has_earlier_form() {
             return Comparison::new(vec![OF_EARLIER_FORM.into()], Vec::new());
         }
         self.compare_numbers(value, tolerance)
     }
 
-    fn changed_files(&self, outputs: &[Written]) -> Vec<String> {
+    fn changed_files(&self, outputs: &[WrittenFile]) -> Vec<String> {
         let mut reasons = Vec::new();
         for file in outputs {
             let text = &file.content;
@@ -65,7 +68,7 @@ impl Golden {
     }
 
     fn compare_numbers(&self, value: &AnyValue, tolerance: &Tolerance) -> Comparison {
-        let parts = GoldenParts::of(value);
+        let parts = GoldenParts::from_value(value);
         let now = summary(value, parts.as_ref(), &[], tolerance);
         let mut reasons = self.changed_facts(&now, tolerance);
         let Some(parts) = parts else {
@@ -77,27 +80,27 @@ impl Golden {
         let same: Vec<_> = parts
             .columns
             .iter()
-            .map(|part| self.sketch(part) == Some(Sketch::of(&part.numbers)))
+            .map(|part| self.sketch(part) == Some(Sketch::compute(&part.numbers)))
             .collect();
-        let (told, mut measures) = self.measure(value, &parts, &same, tolerance);
-        reasons.extend(told);
+        let (found, mut measures) = self.measure(value, &parts, &same, tolerance);
+        reasons.extend(found);
         if !reasons.is_empty() && !tolerance.remeshed {
-            // It is known to be another mesh by its faces; that its surface is within the tolerance is not worth a line.
-            let is_near =
-                |m: &&mut Measure| m.name.starts_with("surface,") && m.max - m.error <= m.allowed;
-            measures.iter_mut().filter(is_near).for_each(|m| m.broken.clear());
+            // The differences of faces already show that the mesh is different, so a surface within the tolerance needs no message.
+            for measure in measures.iter_mut().filter(|m| m.name.starts_with("surface,")) {
+                if measure.max - measure.error <= measure.allowed {
+                    measure.failure.clear();
+                }
+            }
         }
         if self.stride() > 1 {
-            // Where sums over all numbers of a column were judged, its range tells nothing more.
-            fn lax(name: &str, parts: &GoldenParts, tolerance: &Tolerance) -> bool {
-                parts.column(name).is_some_and(|part| is_lax(part, tolerance))
-            }
+            // Some columns are compared by their sketches, the sums over all of their numbers. The ranges of these columns need not be
+            // compared.
             reasons.extend(self.changed_numbers(now.iter().filter(|line| {
                 let column = line
                     .text
                     .contains(" .. ")
                     .then(|| parts.columns.iter().find(|part| line.label.starts_with(&part.name)));
-                column.flatten().is_none_or(|part| lax(&part.name, &parts, tolerance))
+                column.flatten().is_none_or(|part| is_lax(part, tolerance))
             })));
         }
         if same.iter().all(|same| *same) && reasons.is_empty() {
@@ -106,7 +109,7 @@ impl Golden {
         Comparison::new(reasons, measures)
     }
 
-    /// How far the value is from what was kept, and what else is to be said.
+    /// Returns the differences between the value and the golden: reasons for the verdict "different", and measures.
     fn measure(
         &self,
         value: &AnyValue,
@@ -117,51 +120,54 @@ impl Golden {
         if let (Some(old), Some(new)) = (self.picture(), picture_of(value)) {
             return self.measure_picture(old, &new, parts, tolerance);
         }
-        let Some(kept) = self.kept() else {
-            return (vec!["nothing was kept by which it could be judged".into()], Vec::new());
+        let Some(stored) = self.numbers() else {
+            return (vec!["nothing was stored that it could be compared with".into()], Vec::new());
         };
         let other_faces = [SIDES, CORNERS]
             .iter()
-            .any(|name| kept.numbers(name) != parts.column(name).map(|part| &part.numbers[..]));
+            .any(|name| stored.numbers(name) != parts.column(name).map(|part| &part.numbers[..]));
         if let (true, Some(old), Some(new)) =
             (other_faces || tolerance.remeshed, self.mesh(), value.get::<Mesh>())
         {
-            let bare = new.clone().with_creases([]).expect("no crease is none too many");
+            let bare = new.clone().with_creases([]).expect("an empty list of creases is valid");
             let new = bare.with_texture(None).with_frame(None);
-            let off = |name: &str| kept.column(name).map_or(0.0, |column| column.precision.error);
-            let surfaces = compare_meshes(&old, &new, tolerance, &off);
-            let of_measure =
-                |reason: &&String| surfaces.measures.iter().any(|m| m.broken == **reason);
-            let told = surfaces.reasons.iter().filter(|reason| !of_measure(reason));
-            return (told.cloned().collect(), surfaces.measures);
+            let surfaces = compare_meshes(&old, &new, tolerance, &|name| {
+                stored.column(name).map_or(0.0, |column| column.precision.error)
+            });
+            let mut reasons = surfaces.reasons;
+            reasons.retain(|reason| surfaces.measures.iter().all(|m| m.failure != *reason));
+            return (reasons, surfaces.measures);
         }
-        let mut told = Vec::new();
+        let mut reasons = Vec::new();
         let mut measures = Vec::new();
         for (part, same) in parts.columns.iter().zip(same) {
-            match kept.column(&part.name) {
-                None if part.faces && self.stride() > 1 => {
+            match stored.column(&part.name) {
+                None if part.is_faces && self.stride() > 1 => {
                     if !same {
-                        told.push(format!("`{}` differs where nothing was kept", part.name));
+                        reasons.push(format!(
+                            "`{}` differs in entries that were not stored",
+                            part.name
+                        ));
                     }
                 }
-                None => told.push(format!("`{}` is new", part.name)),
+                None => reasons.push(format!("`{}` is new", part.name)),
                 Some(old) if old.part.count != part.count || old.part.width != part.width => {
                     fn size(part: &GoldenColumn) -> String {
                         format!("{} x {}", part.count, part.width)
                     }
                     let (before, now) = (size(&old.part), size(part));
-                    told.push(format!("`{}`: {before} entries became {now}", part.name));
+                    reasons.push(format!("`{}`: {before} entries became {now}", part.name));
                 }
                 Some(_) if *same => {
-                    let most = allowed(part, tolerance);
-                    measures.push(measure(&part.name, &[], part.class, most));
+                    let limit = allowed_difference(part, tolerance);
+                    measures.push(measure(&part.name, &[], part.class, limit));
                 }
-                Some(old) => measures.push(self.measure_column(old, part, kept, tolerance)),
+                Some(old) => measures.push(self.measure_column(old, part, stored, tolerance)),
             }
         }
-        let gone = kept.columns.iter().filter(|column| parts.column(&column.part.name).is_none());
-        told.extend(gone.map(|column| format!("`{}` is gone", column.part.name)));
-        (told, measures)
+        let gone = stored.columns.iter().filter(|column| parts.column(&column.part.name).is_none());
+        reasons.extend(gone.map(|column| format!("`{}` is gone", column.part.name)));
+        (reasons, measures)
     }
 
     fn measure_picture(
@@ -172,29 +178,31 @@ impl Golden {
         tolerance: &Tolerance,
     ) -> (Vec<String>, Vec<Measure>) {
         let stride = self.stride();
-        let (old, some) = (as_kept(old, parts), as_kept(&every(new, stride), parts));
+        let (old, some) =
+            (picture_parts(old, parts), picture_parts(&sample_picture(new, stride), parts));
         let mut measures = compare_parts(&old, &some, tolerance).measures;
         if stride > 1 {
             let n_new = new.pixels().len().max(1) as f64;
             for measure in &mut measures {
                 measure.worst += &format!(" (of every {stride}. pixel)");
-                measure.seen = some.columns.first().map_or(1.0, |part| part.count as f64 / n_new);
+                measure.compared_fraction =
+                    some.columns.first().map_or(1.0, |part| part.count as f64 / n_new);
             }
         }
         let nothing_seen = measures.iter().all(|measure| measure.max == 0.0);
         let lax =
             [tolerance.differing, tolerance.level, tolerance.relative].iter().any(|it| *it > 0.0);
-        let told = (stride > 1 && nothing_seen && !lax)
-            .then(|| "the picture differs where nothing was kept".to_owned());
-        (told.into_iter().collect(), measures)
+        let reasons = (stride > 1 && nothing_seen && !lax)
+            .then(|| "the picture differs in pixels that were not stored".to_owned());
+        (reasons.into_iter().collect(), measures)
     }
 
-    /// How far a column, some number of which is another one, is from what it was.
+    /// Measures the differences of a column that has changed.
     fn measure_column(
         &self,
-        old: &Column,
+        old: &StoredColumn,
         new: &GoldenColumn,
-        kept: &Kept,
+        stored: &StoredNumbers,
         tolerance: &Tolerance,
     ) -> Measure {
         let fine = old.with_last_digits(new);
@@ -203,27 +211,27 @@ impl Golden {
             (Some(fine), Some(last)) => (fine, last.step, last.error),
             _ => (&old.part, old.precision.step, old.precision.error),
         };
-        // Numbers that are equal or not, and colors, are whole: they are what they were.
-        let rounding =
-            if error > 0.0 { Rounding { half: step / 2.0, error } } else { Rounding::NONE };
-        let mut measure = compare_columns(numbers, new, kept.row, tolerance, rounding);
-        let most = measure.allowed;
+        // Flags and colors have no rounding error: they are whole numbers, which are stored exactly.
+        let rounding = if error > 0.0 {
+            Rounding { max_number_error: step / 2.0, error }
+        } else {
+            Rounding::NONE
+        };
+        let mut measure = compare_columns(numbers, new, stored.row, tolerance, rounding);
+        let limit = measure.allowed;
         let reach = old.precision.last.map_or(0.0, |last| last.reach(new.width));
-        let is_sure = measure.counted - measure.error > most;
-        let is_forgiven = tolerance.relative > 0.0 && measure.counted <= most;
-        if !measure.by_share
+        let is_sure = measure.counted_max - measure.error > limit;
+        let is_forgiven = tolerance.relative > 0.0 && measure.counted_max <= limit;
+        if !measure.is_by_fraction
             && !is_sure
             && !is_forgiven
-            && (most == 0.0 && error > 0.0 || has_moved && most < reach)
+            && (limit == 0.0 && error > 0.0 || has_moved && limit < reach)
         {
-            fn written(x: f64, measure_unit: &str) -> String {
-                in_unit(x, measure_unit)
-            }
-            measure.broken = format!(
+            measure.failure = format!(
                 "`{}` differs by more than {}, which is allowed, but nowhere by more than {}",
                 new.name,
-                written(most, measure.unit),
-                written(measure.max + measure.error, measure.unit)
+                in_unit(limit, measure.unit),
+                in_unit(measure.max + measure.error, measure.unit)
             );
         }
         if old.part.stride > 1 && !is_lax(new, tolerance) && !is_sure {
@@ -232,20 +240,23 @@ impl Golden {
         measure
     }
 
-    /// Decides on a column of which only some numbers were kept, and which may differ in the last digits alone.
+    /// Compares a column by its sketch. This is done if only some of its numbers were stored, and if only a difference in the last digits
+    /// is allowed.
     fn judge_by_sums(&self, part: &GoldenColumn, measure: &mut Measure) {
         let Some(sketch) = self.sketch(part) else { return };
-        let apart = sketch.apart(&Sketch::of(&part.numbers));
-        let apart = if part.class == Class::Normal { apart.to_degrees() } else { apart };
+        let distance = sketch.distance(&Sketch::compute(&part.numbers));
+        let distance = if part.class == Class::Normal { distance.to_degrees() } else { distance };
         let name = &part.name;
-        if apart <= measure.allowed && !measure.by_share {
-            measure.broken.clear();
-        } else if measure.broken.is_empty() {
-            measure.broken = match part.class {
-                Class::Exact | Class::Level => format!("`{name}` differs where nothing was kept"),
+        if distance <= measure.allowed && !measure.is_by_fraction {
+            measure.failure.clear();
+        } else if measure.failure.is_empty() {
+            measure.failure = match part.class {
+                Class::Exact | Class::Level => {
+                    format!("`{name}` differs in entries that were not stored")
+                }
                 class => {
-                    let apart = in_unit(apart, unit(class));
-                    format!("`{name}` differs by up to {apart}, where nothing was kept")
+                    let distance = in_unit(distance, unit(class));
+                    format!("`{name}` differs by up to {distance} in entries that were not stored")
                 }
             };
         }
@@ -255,18 +266,17 @@ impl Golden {
         self.line(&format!("{SKETCH}{}", part.name)).and_then(Sketch::read)
     }
 
-    /// Counts and kinds that are not as they were.
+    /// Describes counts and kinds that have changed.
     fn changed_facts(&self, now: &[Line], tolerance: &Tolerance) -> Vec<String> {
-        const OWN: [&str; 6] = ["hash", "hash without order", FORM, "kept", KEPT_FOR, BECAUSE];
-        fn by_itself(label: &str) -> bool {
-            OWN.contains(&label)
-                || ["file ", "needed ", KEPT_IN, SKETCH]
+        const SEPARATE_LABELS: [&str; 6] =
+            ["hash", "hash without order", FORM, "kept", KEPT_FOR, REASON_LABEL];
+        fn is_judged_separately(label: &str) -> bool {
+            SEPARATE_LABELS.contains(&label)
+                || ["file ", "needed ", FILE_LABEL, SKETCH]
                     .iter()
                     .any(|start| label.starts_with(start))
         }
-        let is_number =
-            |label: &str| now.iter().any(|line| line.label == label && line.slack.is_some());
-        fn about_faces(label: &str) -> bool {
+        fn is_about_faces(label: &str) -> bool {
             [
                 "vertices",
                 "edges",
@@ -280,34 +290,32 @@ impl Golden {
             ]
             .contains(&label)
         }
-        fn lax(label: &str, tolerance_remeshed: bool) -> bool {
-            tolerance_remeshed && about_faces(label)
-        }
         let old = self.lines.iter().filter(|(label, text)| {
-            // A column that is gone is reported as a whole, without its numbers.
-            !by_itself(label)
-                && !is_number(label)
-                && !lax(label, tolerance.remeshed)
-                && !text.contains(" .. ")
+            let is_number = now.iter().any(|line| line.label == *label && line.tolerance.is_some());
+            // If a column is missing, the column itself is reported, and its ranges are not.
+            let may_differ = tolerance.remeshed && is_about_faces(label);
+            !is_judged_separately(label) && !is_number && !may_differ && !text.contains(" .. ")
         });
         let new = now.iter().filter(|line| {
-            line.slack.is_none() && !by_itself(&line.label) && !lax(&line.label, tolerance.remeshed)
+            line.tolerance.is_none()
+                && !is_judged_separately(&line.label)
+                && !(tolerance.remeshed && is_about_faces(&line.label))
         });
         let new: Vec<_> = new.map(|line| (line.label.clone(), line.text.clone())).collect();
         different_facts(&old.cloned().collect::<Vec<_>>(), &new)
     }
 
-    /// Statistics that are not as they were.
+    /// Describes the statistics in the summary that have changed.
     fn changed_numbers<'a>(&self, now: impl Iterator<Item = &'a Line>) -> Vec<String> {
         fn numbers(text: &str) -> Vec<f64> {
             let words = text.split([' ', ',']).filter(|word| !word.is_empty());
             words.filter_map(|word| word.parse().ok()).collect()
         }
         let mut reasons = Vec::new();
-        for Line { label, text, slack } in now {
+        for Line { label, text, tolerance: slack } in now {
             let (Some(slack), Some(before)) = (slack, self.line(label)) else { continue };
             let (old, new) = (numbers(before), numbers(text));
-            // Six digits are kept of each number.
+            // The summary contains six digits of each number, so the last digit may differ.
             if old.len() != new.len()
                 || !old.iter().zip(&new).all(|(a, b): (&f64, &f64)| {
                     (a - b).abs() <= slack + 1e-5 * a.abs().max(b.abs())
@@ -320,20 +328,20 @@ impl Golden {
     }
 }
 
-/// The reason where the hash differs, but nothing that is compared.
-const NOTHING_COMPARED: &str = "its hash is another one, but nothing that is compared";
+/// The reason that is reported if the hash has changed but everything that is compared is equal.
+const NOTHING_COMPARED: &str = "its hash has changed, but nothing that is compared";
 
-/// Whether a test file allows some difference of a column.
+/// Returns true if the tolerance explicitly allows some difference of a column.
 fn is_lax(part: &GoldenColumn, tolerance: &Tolerance) -> bool {
     let by_share = matches!(part.class, Class::Level | Class::Exact);
-    given(part, tolerance).is_some_and(|most| most > 0.0)
+    explicit_limit(part, tolerance).is_some_and(|limit| limit > 0.0)
         || (by_share && tolerance.differing > 0.0)
         || (matches!(part.class, Class::Level | Class::Number) && tolerance.relative > 0.0)
 }
 
-impl Column {
-    /// The old numbers to their last digits: those with the digits that were kept that are nearest to the new ones. None if no
-    /// digits were kept, or if some number is another one, because it moved too far.
+impl StoredColumn {
+    /// Restores the old numbers with their last digits: of all numbers with the stored last digits, the old number is the nearest to the
+    /// new one. Returns `None` if no last digits were stored, or if a number has moved too far.
     fn with_last_digits(&self, new: &GoldenColumn) -> Option<GoldenColumn> {
         let last = self.precision.last?;
         let many = 1i64 << last.bits;
@@ -362,8 +370,8 @@ impl Column {
     }
 }
 
-/// The parts of a value that was kept as a picture, by those of one of its type.
-fn as_kept(picture: &Image, like: &GoldenParts) -> GoldenParts {
+/// Returns the parts of a value that was stored as a picture. `like` are the parts of any value of the same type.
+fn picture_parts(picture: &Image, like: &GoldenParts) -> GoldenParts {
     GoldenParts {
         facts: Vec::new(),
         columns: like
@@ -387,8 +395,8 @@ fn as_kept(picture: &Image, like: &GoldenParts) -> GoldenParts {
 #[cfg(test)]
 mod tests {
     use maquette_value::{
-        CaptureFrame, Column, ControlNet, Encoder, Faces, KnotVector, Mask, Meaning, On, Parts,
-        Summary, Surface, Value,
+        CaptureFrame, Column, ControlNet, ElementKind, Encoder, Faces, KnotVector, Mask, Meaning,
+        Parts, Summary, Surface, Value,
     };
     use nalgebra::{Matrix4, Point3};
 
@@ -396,12 +404,12 @@ mod tests {
     use crate::compare::Keep;
     use crate::store::{files, read};
 
-    /// What is kept of a value.
-    fn kept(value: &AnyValue) -> Golden {
-        kept_by(value, &Tolerance::default())
+    /// Returns the golden that is stored for a value.
+    fn golden_of(value: &AnyValue) -> Golden {
+        golden_with(value, &Tolerance::default())
     }
 
-    fn kept_by(value: &AnyValue, tolerance: &Tolerance) -> Golden {
+    fn golden_with(value: &AnyValue, tolerance: &Tolerance) -> Golden {
         let folder = tempfile::tempdir().unwrap();
         for file in files(value, &[], &[], tolerance) {
             std::fs::write(folder.path().join(format!("x{}", file.name)), file.bytes).unwrap();
@@ -410,17 +418,17 @@ mod tests {
     }
 
     fn compare(old: &AnyValue, new: &AnyValue) -> Comparison {
-        kept(old).compare(new, &[], &Tolerance::default())
+        golden_of(old).compare(new, &[], &Tolerance::default())
     }
 
-    /// A sheet so rough that only some of it is kept.
+    /// Creates a rough sheet. Only a part of it is stored in its golden.
     fn rough() -> Mesh {
         let quads = (0..119).flat_map(|row| (0..119).map(move |column| row * 120 + column));
         let faces = quads.flat_map(|a| [[a, a + 1, a + 120], [a + 1, a + 121, a + 120]]);
         Mesh::new(
             (0..14_400)
                 .map(|k: u32| {
-                    // Pseudo-random: the output function of MurmurHash3 (Appleby, 2011).
+                    // The numbers are pseudo-random: the output function of MurmurHash3 (Appleby, 2011).
                     let mixed = (k ^ k >> 16).wrapping_mul(0x85eb_ca6b);
                     let mixed = (mixed ^ mixed >> 13).wrapping_mul(0xc2b2_ae35);
                     let rough = f64::from((mixed ^ mixed >> 16) >> 20) / 4096.0;
@@ -432,73 +440,83 @@ mod tests {
         .unwrap()
     }
 
-    fn moved(mesh: &Mesh, vertex: usize, by: f64) -> AnyValue {
+    fn move_vertex(mesh: &Mesh, vertex: usize, by: f64) -> AnyValue {
         let mut positions = mesh.positions().to_vec();
         positions[vertex].z += by;
         AnyValue::new(mesh.with_positions(positions).unwrap())
     }
 
-    /// A tolerance with which only some of a value is kept.
-    fn sampled() -> Tolerance {
+    /// Returns a tolerance with which only a part of a value is stored.
+    fn sampled_tolerance() -> Tolerance {
         Tolerance { keep: Keep::Sampled { every: 9 }, ..Tolerance::default() }
     }
 
     #[test]
-    fn a_micrometer_at_one_vertex_is_seen_even_if_it_was_not_kept() {
+    fn a_change_of_a_vertex_that_is_not_stored_is_detected() {
         let mesh = rough();
         let old = AnyValue::new(mesh.clone());
-        let golden = kept_by(&old, &sampled());
-        let comparison = golden.compare(&moved(&mesh, 7, 1e-3), &[], &sampled());
+        let golden = golden_with(&old, &sampled_tolerance());
+        let comparison = golden.compare(&move_vertex(&mesh, 7, 1e-3), &[], &sampled_tolerance());
         assert_eq!(comparison.verdict, Verdict::Different);
-        assert!(comparison.reasons[0].contains("where nothing was kept"), "{comparison:?}");
-        assert!((comparison.seen() - 1.0 / 9.0).abs() < 1e-3, "{comparison:?}");
-        // The last digit is forgiven.
-        let last = golden.compare(&moved(&mesh, 7, 1e-12), &[], &sampled());
+        assert!(
+            comparison.reasons[0].contains("in entries that were not stored"),
+            "{comparison:?}"
+        );
+        assert!((comparison.compared_fraction() - 1.0 / 9.0).abs() < 1e-3, "{comparison:?}");
+        // A difference in the last digit of a number is allowed.
+        let last = golden.compare(&move_vertex(&mesh, 7, 1e-12), &[], &sampled_tolerance());
         assert_eq!(last.verdict, Verdict::Within, "{last:?}");
     }
 
     #[test]
-    fn the_kept_ones_tell_where() {
+    fn stored_entries_tell_the_position() {
         let mesh = rough();
-        let golden = kept_by(&AnyValue::new(mesh.clone()), &sampled());
-        let comparison = golden.compare(&moved(&mesh, 900, 0.5), &[], &sampled());
+        let golden = golden_with(&AnyValue::new(mesh.clone()), &sampled_tolerance());
+        let comparison = golden.compare(&move_vertex(&mesh, 900, 0.5), &[], &sampled_tolerance());
         assert!(comparison.reasons[0].contains("worst at entry 900:"), "{comparison:?}");
     }
 
     #[test]
-    fn what_was_kept_for_a_wide_bound_does_not_judge_a_narrow_one() {
+    fn numbers_stored_for_a_wide_limit_cannot_check_a_narrow_one() {
         let mesh = rough();
         let wide = Tolerance { rms: Some(1e-4), ..Tolerance::default() };
         let narrow = Tolerance { rms: Some(1e-7), ..Tolerance::default() };
-        let golden = kept_by(&AnyValue::new(mesh.clone()), &wide);
-        assert!(golden.outdated(&narrow).is_some() && golden.outdated(&wide).is_none());
-        let judged =
-            |by: f64| golden.compare(&moved(&mesh, 7, by), &[], &narrow).reasons.join("; ");
-        assert!(judged(1e-7).contains("too roughly to judge"), "{}", judged(1e-7));
-        assert!(judged(1.0).contains("differs by 0.00833333 mm (rms)"), "{}", judged(1.0));
+        let golden = golden_with(&AnyValue::new(mesh.clone()), &wide);
+        assert!(
+            golden.outdated_reason(&narrow).is_some() && golden.outdated_reason(&wide).is_none()
+        );
+        for (by, expected) in
+            [(1e-7, "too coarse to check"), (1.0, "differs by 0.00833333 mm (rms)")]
+        {
+            let reasons = golden.compare(&move_vertex(&mesh, 7, by), &[], &narrow).reasons;
+            assert!(reasons.join("; ").contains(expected), "{reasons:?}");
+        }
     }
 
     #[test]
-    fn a_golden_of_an_earlier_form_says_so_and_how_to_accept_it_anew() {
+    fn an_earlier_golden_format_is_reported_with_a_way_out() {
         let mesh = rough();
         let value = AnyValue::new(mesh.clone());
-        let mut golden = kept(&value);
+        let mut golden = golden_of(&value);
         golden.lines.retain(|(label, _)| label != FORM);
         assert_eq!(golden.compare(&value, &[], &Tolerance::default()).verdict, Verdict::Identical);
-        assert!(golden.outdated(&Tolerance::default()).is_some());
-        let told = golden.compare(&moved(&mesh, 7, 1e-12), &[], &Tolerance::default());
-        assert!(told.reasons[0].contains("earlier form") && told.reasons[0].contains("--bless"));
+        assert!(golden.outdated_reason(&Tolerance::default()).is_some());
+        let comparison = golden.compare(&move_vertex(&mesh, 7, 1e-12), &[], &Tolerance::default());
+        assert!(
+            comparison.reasons[0].contains("earlier format")
+                && comparison.reasons[0].contains("--bless")
+        );
     }
 
     #[test]
-    fn a_surface_is_measured_on_both_sides_although_its_faces_are_others() {
+    fn surfaces_with_other_faces_are_measured_in_both_directions() {
         let mesh = rough();
         fn lax(max: f64) -> Tolerance {
             Tolerance { remeshed: true, max: Some(max), ..Tolerance::default() }
         }
-        let golden = kept_by(&AnyValue::new(mesh.clone()), &lax(0.5));
-        // One vertex is pulled out, and a face is split there.
-        fn changed(by: f64, mesh: &Mesh) -> AnyValue {
+        let golden = golden_with(&AnyValue::new(mesh.clone()), &lax(0.5));
+        // Adds a vertex in the middle of a face, and moves it by a distance along the normal.
+        fn split_face(by: f64, mesh: &Mesh) -> AnyValue {
             let mut positions = mesh.positions().to_vec();
             let mut faces = mesh.faces().as_triangles().unwrap().to_vec();
             let [a, b, c] = faces[7000];
@@ -511,31 +529,34 @@ mod tests {
             faces.extend([[b, c, new], [c, a, new]]);
             AnyValue::new(Mesh::new(positions, Faces::triangles(faces)).unwrap())
         }
-        let far = golden.compare(&changed(40.0, &mesh), &[], &lax(0.5));
+        let far = golden.compare(&split_face(40.0, &mesh), &[], &lax(0.5));
         assert!(far.reasons[0].contains("surface, new to old"), "{far:?}");
-        assert_eq!(golden.compare(&changed(0.3, &mesh), &[], &lax(0.5)).verdict, Verdict::Within);
+        assert_eq!(
+            golden.compare(&split_face(0.3, &mesh), &[], &lax(0.5)).verdict,
+            Verdict::Within
+        );
     }
 
     #[test]
-    fn another_diagonal_is_another_mesh() {
+    fn another_diagonal_is_a_different_mesh() {
         let mesh = rough();
         let mut faces = mesh.faces().as_triangles().unwrap().to_vec();
         let ([a, b, d], [_, c, _]) = (faces[500], faces[501]);
         (faces[500], faces[501]) = ([a, b, c], [a, c, d]);
         let other = Mesh::new(mesh.positions().to_vec(), Faces::triangles(faces)).unwrap();
         let comparison = compare(&AnyValue::new(mesh), &AnyValue::new(other));
-        fn told(what: &str, comparison_reasons: &[String]) -> bool {
-            comparison_reasons.iter().any(|why| why.starts_with(what))
+        fn has_reason(what: &str, reasons: &[String]) -> bool {
+            reasons.iter().any(|why| why.starts_with(what))
         }
-        assert!(told("2 faces join other vertices", &comparison.reasons), "{comparison:?}");
+        assert!(has_reason("2 faces have other vertices", &comparison.reasons), "{comparison:?}");
         assert!(
-            told("`surface, old to new` differs by 0.2", &comparison.reasons),
+            has_reason("`surface, old to new` differs by 0.2", &comparison.reasons),
             "{comparison:?}"
         );
     }
 
     #[test]
-    fn one_pixel_is_seen() {
+    fn one_changed_pixel_is_detected() {
         fn mask(pixel: i32) -> AnyValue {
             let pixels = (0..10_000).map(|k| u8::from(k == pixel)).collect();
             AnyValue::new(Mask::new(100, 100, pixels).unwrap())
@@ -547,7 +568,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_column_holds_is_not_overlooked() {
+    fn changes_outside_of_columns_are_detected() {
         fn frame(z: f64) -> CaptureFrame {
             CaptureFrame {
                 camera: None,
@@ -564,7 +585,7 @@ mod tests {
     }
 
     #[test]
-    fn a_kept_surface_is_a_mesh_again() {
+    fn a_stored_surface_can_be_restored_as_a_mesh() {
         let net = ControlNet::new(
             3,
             4,
@@ -578,10 +599,10 @@ mod tests {
         }
         let surface = Surface::new(net, knots(3), knots(4)).unwrap();
         let mesh = surface.tessellate(0, 0).unwrap();
-        assert_eq!(kept(&AnyValue::new(surface)).mesh().unwrap(), mesh);
+        assert_eq!(golden_of(&AnyValue::new(surface)).mesh().unwrap(), mesh);
     }
 
-    /// Bends of a sheet of metal, whose columns are called as those of a mesh.
+    /// A value type whose columns have the names of columns of a mesh.
     #[derive(Clone)]
     struct Bends(Column<f64>);
 
@@ -602,21 +623,21 @@ mod tests {
 
         fn parts(&self) -> Parts<'_> {
             let mut parts = Parts::default();
-            parts.push("sides", On::Entry, Meaning::Number, 1, &self.0[..]);
-            parts.push("corners", On::Entry, Meaning::Number, 1, &self.0[..]);
+            parts.push("sides", ElementKind::Entry, Meaning::Number, 1, &self.0[..]);
+            parts.push("corners", ElementKind::Entry, Meaning::Number, 1, &self.0[..]);
             parts
         }
     }
 
     #[test]
-    fn columns_that_are_only_called_like_faces_are_numbers() {
+    fn columns_with_the_names_of_faces_may_be_numbers() {
         fn bends(first: f64) -> AnyValue {
             AnyValue::new(Bends(vec![first, -7.25, 1e9].into()))
         }
-        for tolerance in [Tolerance::default(), sampled()] {
-            let golden = kept_by(&bends(0.5), &tolerance);
-            let column = &golden.kept().unwrap().column("corners").unwrap().part;
-            assert_eq!((column.faces, column.count), (false, 3));
+        for tolerance in [Tolerance::default(), sampled_tolerance()] {
+            let golden = golden_with(&bends(0.5), &tolerance);
+            let column = &golden.numbers().unwrap().column("corners").unwrap().part;
+            assert_eq!((column.is_faces, column.count), (false, 3));
             assert!((column.numbers[1] + 7.25).abs() < 1e-3, "{column:?}");
             fn verdict(value: AnyValue, golden: &Golden, tolerance: &Tolerance) -> Verdict {
                 golden.compare(&value, &[], tolerance).verdict

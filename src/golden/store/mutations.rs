@@ -1,6 +1,6 @@
-//! One entry is moved by a little less and by a little more than each bound: nothing passes wrongly, and nothing fails wrongly.
+//! Tests of limits. One entry is moved by slightly less and by slightly more than each limit; the comparison must pass and fail.
 
-use maquette_value::random::{STEP, even, mix};
+use maquette_value::rng::{STEP, even, mix};
 use maquette_value::{
     AnyValue, Attribute, ControlNet, Curve, Faces, Field, Image, KnotVector, Labels, Mask, Mesh,
     Points, RangeImage, Surface,
@@ -10,12 +10,12 @@ use nalgebra::{Point3, Vector3};
 use super::{Golden, files, read};
 use crate::compare::{Tolerance, Verdict};
 
-/// Pseudo-random, from 0 to 1.
+/// Returns a pseudo-random number from 0 to 1.
 fn chance(seed: usize) -> f64 {
     even(mix((seed as u64).wrapping_mul(STEP)))
 }
 
-fn kept(value: &AnyValue, tolerance: &Tolerance) -> Golden {
+fn golden_of(value: &AnyValue, tolerance: &Tolerance) -> Golden {
     let folder = tempfile::tempdir().unwrap();
     for file in files(value, &[], &[], tolerance) {
         std::fs::write(folder.path().join(format!("x{}", file.name)), file.bytes).unwrap();
@@ -23,7 +23,7 @@ fn kept(value: &AnyValue, tolerance: &Tolerance) -> Golden {
     read(folder.path(), "x").unwrap()
 }
 
-/// How far entries are moved, as a share of what is allowed.
+/// The distances by which entries are moved, as fractions of the limit, each with the expected verdict.
 const MOVES: [(f64, Verdict); 5] = [
     (0.9, Verdict::Within),
     (0.96, Verdict::Within),
@@ -32,13 +32,14 @@ const MOVES: [(f64, Verdict); 5] = [
     (1e7, Verdict::Different),
 ];
 
-/// How many of all places are tried, the first and the last among them: the environment variable `PLACES`, or 9.
-fn places_tried(count: usize) -> usize {
+/// Returns the number of elements that are tested, including the first and the last. The number is the environment variable
+/// `PLACES`, or 9.
+fn tested_positions(count: usize) -> usize {
     let said = std::env::var("PLACES").ok().and_then(|text| text.parse().ok());
     said.unwrap_or(9).clamp(2, count.max(2))
 }
 
-/// Moves `old` at places among `count` so that a bound is nearly and just not kept.
+/// Moves elements of `old` by distances just below and just above a limit, and checks the verdicts.
 fn check(
     what: &str,
     old: AnyValue,
@@ -46,30 +47,30 @@ fn check(
     (count, bound): (usize, f64),
     moved: impl Fn(usize, f64) -> AnyValue,
 ) {
-    let golden = kept(&old, tolerance);
+    let golden = golden_of(&old, tolerance);
     assert_eq!(golden.compare(&old, &[], tolerance).verdict, Verdict::Identical, "{what}");
-    let tried = places_tried(count);
+    let tried = tested_positions(count);
     for k in 0..tried {
         let place = k * (count - 1) / (tried - 1);
-        for (share, verdict) in MOVES {
-            // The guess at what is harmless is kept to a tenth.
-            if share == 0.96 && *tolerance == Tolerance::default() {
+        for (fraction, verdict) in MOVES {
+            // With the default tolerance, the verdict is certain only for differences that are a tenth away from the limit.
+            if fraction == 0.96 && *tolerance == Tolerance::default() {
                 continue;
             }
-            let comparison = golden.compare(&moved(place, share * bound), &[], tolerance);
+            let comparison = golden.compare(&moved(place, fraction * bound), &[], tolerance);
             assert_eq!(
                 comparison.verdict, verdict,
-                "{what}: {share} of {bound} at {place}: {comparison:?}"
+                "{what}: {fraction} of {bound} at {place}: {comparison:?}"
             );
-            let far = comparison.measures.iter().filter(|m| !m.by_share);
+            let far = comparison.measures.iter().filter(|m| !m.is_by_fraction);
             let least = far.map(|m| m.max - m.error).fold(0.0, f64::max);
-            let is_true = least <= 1.000_001 * share * bound;
-            assert!(is_true || tolerance.rms.is_some(), "{what}: {share} of {bound} is {least}");
+            let is_true = least <= 1.000_001 * fraction * bound;
+            assert!(is_true || tolerance.rms.is_some(), "{what}: {fraction} of {bound} is {least}");
         }
     }
 }
 
-/// The default bound of numbers with such a diagonal.
+/// Returns the default limit for numbers if the diagonal of their range is `diagonal`.
 fn default_bound(diagonal: f64) -> f64 {
     1e-9 * diagonal
 }
@@ -84,8 +85,8 @@ fn diagonal(points: &[Point3<f64>]) -> f64 {
     (corner(f64::max, f64::NEG_INFINITY, points) - corner(f64::min, f64::INFINITY, points)).norm()
 }
 
-/// Points of a rough sheet far from the origin.
-fn places(rows: usize, columns: usize) -> Vec<Point3<f64>> {
+/// Returns points of a rough sheet far from the origin.
+fn sheet_points(rows: usize, columns: usize) -> Vec<Point3<f64>> {
     (0..rows * columns)
         .map(|k: usize| {
             let (x, y) = ((k % columns) as f64, (k / columns) as f64);
@@ -98,7 +99,7 @@ fn places(rows: usize, columns: usize) -> Vec<Point3<f64>> {
         .collect()
 }
 
-fn shifted(points: &[Point3<f64>], place: usize, by: f64) -> Vec<Point3<f64>> {
+fn shift_point(points: &[Point3<f64>], place: usize, by: f64) -> Vec<Point3<f64>> {
     let mut points = points.to_vec();
     let direction =
         Vector3::new(chance(place) - 0.5, chance(place + 1) - 0.5, chance(place + 2) - 0.5);
@@ -111,34 +112,35 @@ const SIDE: u32 = 50;
 fn mesh() -> Mesh {
     let quads = (0..SIDE - 1).flat_map(|row| (0..SIDE - 1).map(move |column| row * SIDE + column));
     let faces = quads.flat_map(|a| [[a, a + 1, a + SIDE], [a + 1, a + SIDE + 1, a + SIDE]]);
-    Mesh::new(places(SIDE as usize, SIDE as usize), Faces::triangles(faces.collect())).unwrap()
+    Mesh::new(sheet_points(SIDE as usize, SIDE as usize), Faces::triangles(faces.collect()))
+        .unwrap()
 }
 
-fn within(max: f64) -> Tolerance {
+fn tolerance_of(max: f64) -> Tolerance {
     Tolerance { max: Some(max), ..Tolerance::default() }
 }
 
 #[test]
-fn places_of_a_mesh_are_judged_at_each_bound() {
+fn positions_of_a_mesh_are_compared_at_each_limit() {
     let mesh = mesh();
     let n = mesh.positions().len();
     let all = [0.5, 1e-3, 1e-7, default_bound(diagonal(mesh.positions()))];
     for (k, bound) in all.into_iter().enumerate() {
-        let tolerance = if k == 3 { Tolerance::default() } else { within(bound) };
+        let tolerance = if k == 3 { Tolerance::default() } else { tolerance_of(bound) };
         check("max", AnyValue::new(mesh.clone()), &tolerance, (n, bound), |place, by| {
-            AnyValue::new(mesh.with_positions(shifted(mesh.positions(), place, by)).unwrap())
+            AnyValue::new(mesh.with_positions(shift_point(mesh.positions(), place, by)).unwrap())
         });
     }
-    // One vertex moves so far that the mean over all of them is this.
+    // One vertex moves so far that the root mean square over all vertices reaches the limit.
     let rms = Tolerance { rms: Some(0.004), ..Tolerance::default() };
     check("rms", AnyValue::new(mesh.clone()), &rms, (n, 0.004), |place, by| {
         let by = by * (n as f64).sqrt();
-        AnyValue::new(mesh.with_positions(shifted(mesh.positions(), place, by)).unwrap())
+        AnyValue::new(mesh.with_positions(shift_point(mesh.positions(), place, by)).unwrap())
     });
     for tolerance in [
         Tolerance { p99: Some(0.02), ..Tolerance::default() },
         Tolerance { rms: Some(0.02), ..Tolerance::default() },
-        within(0.02),
+        tolerance_of(0.02),
     ] {
         check("all", AnyValue::new(mesh.clone()), &tolerance, (n, 0.02), |place, by| {
             let mut positions = mesh.positions().to_vec();
@@ -152,10 +154,10 @@ fn places_of_a_mesh_are_judged_at_each_bound() {
 }
 
 #[test]
-fn a_move_far_below_the_bound_is_no_difference() {
+fn a_move_far_below_the_limit_is_no_difference() {
     let mesh = mesh();
-    let tolerance = Tolerance { rms: Some(0.004), ..within(0.5) };
-    let golden = kept(&AnyValue::new(mesh.clone()), &tolerance);
+    let tolerance = Tolerance { rms: Some(0.004), ..tolerance_of(0.5) };
+    let golden = golden_of(&AnyValue::new(mesh.clone()), &tolerance);
     let moved =
         mesh.with_positions(mesh.positions().iter().map(|p| p + Vector3::repeat(1e-9)).collect());
     let comparison = golden.compare(&AnyValue::new(moved.unwrap()), &[], &tolerance);
@@ -164,14 +166,14 @@ fn a_move_far_below_the_bound_is_no_difference() {
 }
 
 #[test]
-fn attributes_and_normals_are_judged_at_their_bounds() {
+fn attributes_and_normals_are_compared_at_their_limits() {
     let plain = mesh();
     let counts = [plain.positions().len(), plain.faces().corners().len(), plain.faces().len()];
     fn numbers(count: usize) -> Vec<f64> {
         (0..count).map(|k| 7.0 * chance(k)).collect()
     }
     for (of, count) in counts.into_iter().enumerate() {
-        fn with(numbers: Vec<f64>, plain: &Mesh, of: usize) -> AnyValue {
+        fn mesh_with_heat(numbers: Vec<f64>, plain: &Mesh, of: usize) -> AnyValue {
             let heat = Attribute::Number(numbers.into());
             AnyValue::new(match of {
                 0 => plain.clone().with_vertex("heat", heat).unwrap(),
@@ -191,13 +193,13 @@ fn attributes_and_normals_are_judged_at_their_bounds() {
             };
             check(
                 "heat",
-                with(numbers(count), &plain, of),
+                mesh_with_heat(numbers(count), &plain, of),
                 &tolerance,
                 (count, bound),
                 |place, by| {
                     let mut numbers = numbers(count);
                     numbers[place] -= by;
-                    with(numbers, &plain, of)
+                    mesh_with_heat(numbers, &plain, of)
                 },
             );
         }
@@ -205,7 +207,7 @@ fn attributes_and_normals_are_judged_at_their_bounds() {
     let normals: Vec<[f64; 3]> = (0..counts[0])
         .map(|k| Vector3::new(chance(k) - 0.5, chance(k + 1) - 0.5, 1.0).normalize().into())
         .collect();
-    fn with(normals: Vec<[f64; 3]>, plain: &Mesh) -> AnyValue {
+    fn mesh_with_normals(normals: Vec<[f64; 3]>, plain: &Mesh) -> AnyValue {
         AnyValue::new(
             plain.clone().with_vertex("normal", Attribute::Vector(normals.into())).unwrap(),
         )
@@ -218,26 +220,26 @@ fn attributes_and_normals_are_judged_at_their_bounds() {
         };
         check(
             "normal",
-            with(normals.clone(), &plain),
+            mesh_with_normals(normals.clone(), &plain),
             &tolerance,
             (counts[0], bound),
             |place, by| {
                 let mut normals = normals.clone();
                 let normal = Vector3::from(normals[place]);
                 let beside = normal.cross(&Vector3::new(0.3, -0.8, 0.1)).normalize();
-                // Beyond half a turn there is nothing farther.
+                // Larger angles are not possible, because half a rotation is the largest.
                 let angle = by.min(170.0).to_radians();
                 normals[place] = (normal * libm::cos(angle) + beside * libm::sin(angle)).into();
-                with(normals, &plain)
+                mesh_with_normals(normals, &plain)
             },
         );
     }
 }
 
 #[test]
-fn grids_and_lists_of_places_are_judged_at_their_bounds() {
-    let points = places(90, 60);
-    // Some cells were not measured.
+fn grids_and_lists_of_positions_are_compared_at_their_limits() {
+    let points = sheet_points(90, 60);
+    // Some cells have no measured point, which is NaN.
     let holed: Vec<_> = (0..points.len())
         .map(|k| if k % 7 == 3 { Point3::new(f64::NAN, f64::NAN, f64::NAN) } else { points[k] })
         .collect();
@@ -251,9 +253,9 @@ fn grids_and_lists_of_places_are_judged_at_their_bounds() {
     fn polyline(points: Vec<Point3<f64>>) -> Curve {
         Curve::polyline(points, false).unwrap()
     }
-    let range = |points: Vec<Point3<f64>>| AnyValue::new(RangeImage::new(60, 90, points).unwrap());
-    let cloud = |points: Vec<Point3<f64>>| AnyValue::new(Points::new(points).unwrap());
     type Make<'a> = &'a dyn Fn(Vec<Point3<f64>>) -> AnyValue;
+    let range: Make<'_> = &|points| AnyValue::new(RangeImage::new(60, 90, points).unwrap());
+    let cloud: Make<'_> = &|points| AnyValue::new(Points::new(points).unwrap());
     let curve: Make<'_> = &|points| AnyValue::new(polyline(points));
     let moved_net: Make<'_> =
         &|points| AnyValue::new(net(near.to_vec()).with_points(points).unwrap());
@@ -262,32 +264,32 @@ fn grids_and_lists_of_places_are_judged_at_their_bounds() {
         AnyValue::new(Surface::new(net, knots(30), knots(60)).unwrap())
     };
     let cases: [(&str, &[Point3<f64>], Make<'_>); 5] = [
-        ("range", &holed, &range),
-        ("points", &points, &cloud),
+        ("range", &holed, range),
+        ("points", &points, cloud),
         ("curve", &points, curve),
         ("net", near, moved_net),
         ("surface", near, surface),
     ];
     for (what, places, make) in cases {
         for bound in [0.05, default_bound(diagonal(places))] {
-            let tolerance = if bound == 0.05 { within(bound) } else { Tolerance::default() };
+            let tolerance = if bound == 0.05 { tolerance_of(bound) } else { Tolerance::default() };
             let old = make(places.to_vec());
             check(what, old, &tolerance, (places.len(), bound), |place, by| {
-                // A cell that was not measured has nothing to move; its neighbor has.
+                // A cell without a point cannot be moved, so its neighbor is moved instead.
                 let place = if places[place].x.is_nan() { place - 1 } else { place };
-                make(shifted(places, place, by))
+                make(shift_point(places, place, by))
             });
         }
     }
 }
 
 #[test]
-fn fields_are_judged_at_their_bounds() {
+fn fields_are_compared_at_their_limits() {
     let pixels: Vec<f32> = (0..6400).map(|k| chance(k) as f32 * 8.0).collect();
     fn field(pixels: Vec<f32>) -> AnyValue {
         AnyValue::new(Field::new(80, 80, pixels).unwrap())
     }
-    check("field", field(pixels.clone()), &within(0.25), (6400, 0.25), |place, by| {
+    check("field", field(pixels.clone()), &tolerance_of(0.25), (6400, 0.25), |place, by| {
         let mut pixels = pixels.clone();
         pixels[place] += by as f32;
         field(pixels)
@@ -295,7 +297,7 @@ fn fields_are_judged_at_their_bounds() {
 }
 
 #[test]
-fn pixels_are_judged_by_level_and_share() {
+fn pixels_are_compared_by_level_and_fraction() {
     let (width, height) = (120, 90);
     let n = width * height;
     let colors: Vec<[u8; 3]> =
@@ -310,23 +312,29 @@ fn pixels_are_judged_by_level_and_share() {
         picture(colors, width, height)
     });
     let some = Tolerance { differing: 0.05, ..Tolerance::default() };
-    // So many pixels from one on, around the end.
-    let changed = |from: usize, share: f64| {
-        let many = (share.min(1.0) * n as f64).round() as usize;
+    // Changes a fraction of the pixels, from the pixel `from` on. At the end of the picture, continues at the beginning.
+    let changed = |from: usize, fraction: f64| {
+        let many = (fraction.min(1.0) * n as f64).round() as usize;
         (0..many).map(move |k| (from + k) % n)
     };
-    check("differing", picture(colors.clone(), width, height), &some, (n, 0.05), |from, share| {
-        let mut colors = colors.clone();
-        changed(from, share).for_each(|pixel| colors[pixel][2] += 1);
-        picture(colors, width, height)
-    });
+    check(
+        "differing",
+        picture(colors.clone(), width, height),
+        &some,
+        (n, 0.05),
+        |from, fraction| {
+            let mut colors = colors.clone();
+            changed(from, fraction).for_each(|pixel| colors[pixel][2] += 1);
+            picture(colors, width, height)
+        },
+    );
     let inside: Vec<u8> = (0..n).map(|k| u8::from(chance(k) > 0.5)).collect();
     fn mask(inside: Vec<u8>, width: usize, height: usize) -> AnyValue {
         AnyValue::new(Mask::new(width, height, inside).unwrap())
     }
-    check("mask", mask(inside.clone(), width, height), &some, (n, 0.05), |from, share| {
+    check("mask", mask(inside.clone(), width, height), &some, (n, 0.05), |from, fraction| {
         let mut inside = inside.clone();
-        changed(from, share).for_each(|pixel| inside[pixel] = 1 - inside[pixel]);
+        changed(from, fraction).for_each(|pixel| inside[pixel] = 1 - inside[pixel]);
         mask(inside, width, height)
     });
     let label: Vec<u32> = (0..n).map(|k| (k / 1000) as u32).collect();
@@ -338,10 +346,10 @@ fn pixels_are_judged_by_level_and_share() {
         labels(label.clone(), width, height),
         &some,
         (n - 1000, 0.05),
-        |from, share| {
+        |from, fraction| {
             let mut label = label.clone();
-            // The first pixels of all labels stay, so that they keep their numbers.
-            let (from, many) = (1000 + from, (share.min(1.0) * n as f64).round() as usize);
+            // The first pixel of each label is not changed, because labels are numbered in the order of their first pixels.
+            let (from, many) = (1000 + from, (fraction.min(1.0) * n as f64).round() as usize);
             let free =
                 (0..n).map(|k| (from + k) % n).filter(|pixel| pixel % 1000 >= 1 && *pixel >= 1000);
             for pixel in free.take(many) {
@@ -353,14 +361,14 @@ fn pixels_are_judged_by_level_and_share() {
 }
 
 #[test]
-fn one_pixel_and_one_corner_are_seen_where_nothing_is_allowed() {
+fn a_single_pixel_or_corner_fails_without_tolerance() {
     let (width, height) = (200, 150);
     let colors: Vec<[u8; 3]> =
         (0..width * height).map(|k| [0, 1, 2].map(|c| (255.0 * chance(3 * k + c)) as u8)).collect();
     fn picture(colors: Vec<[u8; 3]>, width: usize, height: usize) -> AnyValue {
         AnyValue::new(Image::new(width, height, colors).unwrap())
     }
-    let golden = kept(&picture(colors.clone(), width, height), &Tolerance::default());
+    let golden = golden_of(&picture(colors.clone(), width, height), &Tolerance::default());
     for place in [0, 1, 200, 7777, width * height - 1] {
         let mut colors = colors.clone();
         colors[place][0] ^= 1;
@@ -371,12 +379,12 @@ fn one_pixel_and_one_corner_are_seen_where_nothing_is_allowed() {
         assert!(comparison.reasons[0].contains(&at), "{comparison:?}");
     }
     let mesh = mesh();
-    let golden = kept(&AnyValue::new(mesh.clone()), &within(0.5));
+    let golden = golden_of(&AnyValue::new(mesh.clone()), &tolerance_of(0.5));
     let mut faces = mesh.faces().as_triangles().unwrap().to_vec();
     faces[2000].swap(0, 1);
     let other = Mesh::new(mesh.positions().to_vec(), Faces::triangles(faces)).unwrap();
     assert_eq!(
-        golden.compare(&AnyValue::new(other), &[], &within(0.5)).verdict,
+        golden.compare(&AnyValue::new(other), &[], &tolerance_of(0.5)).verdict,
         Verdict::Different
     );
 }

@@ -1,16 +1,17 @@
-//! All numbers of a value in few bytes: rounded to far below the tolerance, reduced to residuals of a prediction from their neighbors, and
-//! entropy-coded.
+//! Packs all numbers of a value into few bytes. The numbers are rounded far below the tolerance, predicted from their neighbors, and the
+//! residuals of the prediction are entropy-coded.
 
 use std::borrow::Cow;
 use std::sync::OnceLock;
 
 use maquette_value::Hash;
 use maquette_value::parallel::*;
+use nalgebra::Point3;
 use serde_json::{Value as Json, json};
 
 use self::coder::{Coder, EVEN, Reader, Writer};
-use self::numbers::{Layout, MeshNeighbors, Whole};
-use super::precision::{FEW, Last, Precision, precision};
+use self::numbers::{Layout, MeshNeighbors, WholeNumbers};
+use super::precision::{LastDigits, MAX_EXACT_NUMBERS, Precision, precision};
 use crate::compare::Tolerance;
 use crate::parts::{CORNERS, Class, GoldenColumn, GoldenParts, SIDES};
 
@@ -18,52 +19,58 @@ mod coder;
 mod faces;
 mod numbers;
 
-/// The columns that are the faces of a mesh, in the order in which they are needed.
+/// The names of the columns with the faces of a mesh, in the order in which they are decoded.
 const FACES: [&str; 2] = [SIDES, CORNERS];
 
 const MAGIC: &[u8; 8] = b"golden2\n";
 
-/// How goldens of an earlier form begin.
+/// The first bytes of a golden in the earlier format.
 pub(super) const EARLIER: &[u8] = b"golden1\n";
 
-/// A column as it was kept.
+/// A stored column.
 #[derive(Clone, Debug)]
-pub(crate) struct Column {
-    /// Its numbers, rounded.
+pub(crate) struct StoredColumn {
+    /// The rounded numbers.
     pub(crate) part: GoldenColumn,
     pub(super) precision: Precision,
-    /// Which elements are as they were, to the last bit; none if all are.
+    /// For each element, true if it is stored to the last bit. Empty if all elements are.
     pub(super) odd: Vec<bool>,
     /// The last digits of all numbers.
     pub(super) digits: Vec<u8>,
-    /// The mark of all numbers with their last digits.
+    /// The hash of all numbers with their last digits.
     pub(super) mark: String,
 }
 
-/// Everything that was kept of a value's numbers.
+/// All stored numbers of a value.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Kept {
-    pub(crate) columns: Vec<Column>,
-    /// Elements in a row, where the elements are pixels or control points.
+pub(crate) struct StoredNumbers {
+    pub(crate) columns: Vec<StoredColumn>,
+    /// The number of elements per row, if the elements are pixels or control points.
     pub(crate) row: Option<usize>,
 }
 
-impl Kept {
-    /// The column of this name.
-    pub(crate) fn column(&self, name: &str) -> Option<&Column> {
+impl StoredNumbers {
+    /// Returns the column with this name.
+    pub(crate) fn column(&self, name: &str) -> Option<&StoredColumn> {
         self.columns.iter().find(|column| column.part.name == name)
     }
 
-    /// The numbers of a column.
+    /// Returns the points of a column of positions.
+    pub(super) fn points(&self, name: &str) -> Option<Vec<Point3<f64>>> {
+        let points = self.numbers(name)?.chunks_exact(3);
+        Some(points.map(|p| Point3::new(p[0], p[1], p[2])).collect())
+    }
+
+    /// Returns the numbers of a column.
     pub(super) fn numbers(&self, name: &str) -> Option<&[f64]> {
         self.column(name).map(|column| &column.part.numbers[..])
     }
 }
 
-/// The whole numbers nearest to those of a column, in units of the step. Elements with others are odd.
-fn rounded(part: &GoldenColumn, precision: &Precision) -> Whole {
+/// Rounds the numbers of a column to whole numbers of steps. Elements that are stored to the last bit are marked as odd.
+fn round_to_step(part: &GoldenColumn, precision: &Precision) -> WholeNumbers {
     let (step, finest) = (precision.step, precision.finest());
-    let mut whole = Whole { width: part.width, ..Whole::default() };
+    let mut whole = WholeNumbers { width: part.width, ..WholeNumbers::default() };
     for element in part.numbers.chunks(part.width) {
         let is_odd = precision.is_odd(element, finest);
         whole.numbers.extend(element.iter().map(|x| match is_odd {
@@ -76,32 +83,34 @@ fn rounded(part: &GoldenColumn, precision: &Precision) -> Whole {
     whole
 }
 
-/// The mark of numbers in units of the finest step.
+/// Returns the hash (the mark) of numbers in units of the finest step.
 pub(super) fn mark(numbers: impl Iterator<Item = i64>) -> String {
-    Hash::of(&numbers.flat_map(i64::to_le_bytes).collect::<Vec<u8>>()).short().to_string()
+    Hash::compute(&numbers.flat_map(i64::to_le_bytes).collect::<Vec<u8>>()).short().to_string()
 }
 
-/// The faces of a mesh, for the columns of its vertices.
+/// The faces of a mesh. Columns of the mesh's vertices are predicted from neighbors in these faces.
 #[derive(Default)]
 struct Mesh {
     vertices: usize,
     sides: Vec<usize>,
     corners: Vec<u32>,
-    around: OnceLock<Option<MeshNeighbors>>,
+    neighbors: OnceLock<Option<MeshNeighbors>>,
 }
 
 impl Mesh {
-    /// What lies around the elements of a column of so many.
+    /// Returns the neighborhoods from which the elements of a column with `count` elements are predicted.
     fn layout(&self, name: &str, count: usize, stride: usize, row: Option<usize>) -> Layout<'_> {
         let of_vertices = !name.starts_with("corner ") && !name.starts_with("face ");
-        // Other columns with as many elements cost some bytes more at most.
-        if of_vertices && stride == 1 && count == self.vertices && !self.sides.is_empty() {
-            if let Some(around) = self
-                .around
+        // A column of other elements with an equal count is taken for one of vertices, too. That costs at most some more bytes.
+        if of_vertices
+            && stride == 1
+            && count == self.vertices
+            && !self.sides.is_empty()
+            && let Some(around) = self
+                .neighbors
                 .get_or_init(|| MeshNeighbors::new(self.vertices, &self.sides, &self.corners))
-            {
-                return Layout::Mesh(around);
-            }
+        {
+            return Layout::Mesh(around);
         }
         match row {
             Some(row) if row > 1 && stride == 1 && count.is_multiple_of(row) => Layout::Grid(row),
@@ -117,16 +126,16 @@ fn sides_of(sides: Option<&[f64]>, width: usize, count: usize) -> Vec<usize> {
     }
 }
 
-/// The numbers of all columns, or of every n-th of their elements.
+/// Packs the numbers of all columns, or of every `stride`-th of their elements.
 pub(super) fn pack(parts: &GoldenParts, tolerance: &Tolerance, stride: usize) -> Vec<u8> {
-    // Some corners say nothing of a mesh, whose counts and mark without order are in the summary.
+    // Without all of its corners a mesh cannot be restored, so the faces are left out. Their count and unordered hash are in the summary.
     let mut columns: Vec<&GoldenColumn> =
-        parts.columns.iter().filter(|part| stride == 1 || !part.faces).collect();
+        parts.columns.iter().filter(|part| stride == 1 || !part.is_faces).collect();
     columns.sort_by_key(|part| FACES.iter().position(|name| part.name == *name).unwrap_or(2));
     let (mut head, mut body) = (Vec::new(), Vec::new());
     let mut mesh = Mesh::default();
     if let Some(corners) = columns.iter().find(|part| is_faces(part)) {
-        let sides = parts.column(SIDES).filter(|part| part.faces).map(|part| &part.numbers[..]);
+        let sides = parts.column(SIDES).filter(|part| part.is_faces).map(|part| &part.numbers[..]);
         mesh.sides = sides_of(sides, corners.width, corners.count);
         mesh.corners = corners.numbers.iter().map(|&x| x as u32).collect();
         mesh.vertices = parts.column("position").map_or(0, |part| part.count);
@@ -135,46 +144,49 @@ pub(super) fn pack(parts: &GoldenParts, tolerance: &Tolerance, stride: usize) ->
         .into_iter()
         .map(|part| {
             let precision = precision(part, tolerance);
-            let is_whole = part.count <= FEW || stride == 1;
-            let part = if is_whole { Cow::Borrowed(part) } else { Cow::Owned(part.every(stride)) };
+            let is_whole = part.count <= MAX_EXACT_NUMBERS || stride == 1;
+            let part = if is_whole { Cow::Borrowed(part) } else { Cow::Owned(part.sample(stride)) };
             let layout = mesh.layout(&part.name, part.count, part.stride, parts.row);
             (part, layout, precision)
         })
         .collect();
-    // With the last digits apart and, if there are any, without: what takes fewer bytes is kept.
+    // If a column has separate last digits, it is packed both with and without them, and the shorter result is used.
     let ways: Vec<_> = columns
         .iter()
         .flat_map(|column| {
-            let precisions = [Some(column.2), column.2.whole()].into_iter().flatten();
+            let precisions = [Some(column.2), column.2.in_one_part()].into_iter().flatten();
             precisions.map(move |precision| (column, precision))
         })
         .collect();
-    let bytes_of = |(column, precision): &(&(Cow<'_, GoldenColumn>, Layout<'_>, _), Precision)| {
-        let (part, layout, _) = column;
-        if !is_faces(part) {
-            return packed(part, layout, precision);
-        }
-        let mut writer = Writer::new();
-        faces::code(&mut writer, &mesh.sides, &mesh.corners);
-        writer.finish()
-    };
-    let bytes: Vec<Vec<u8>> = ways.par_iter().map(&bytes_of).collect();
-    let mut ways = ways.iter().map(|(_, precision)| *precision).zip(bytes);
+    let pack_column_as =
+        |(column, precision): &(&(Cow<'_, GoldenColumn>, Layout<'_>, _), Precision)| {
+            let (part, layout, _) = column;
+            if !is_faces(part) {
+                return pack_column(part, layout, precision);
+            }
+            let mut writer = Writer::new();
+            faces::code(&mut writer, &mesh.sides, &mesh.corners);
+            writer.finish()
+        };
+    let bytes: Vec<Vec<u8>> = ways.par_iter().map(&pack_column_as).collect();
+    let mut packed_columns = ways.iter().map(|(_, precision)| *precision).zip(bytes);
     for (part, _, precision) in &columns {
-        let count = 1 + usize::from(precision.whole().is_some());
-        let way =
-            ways.by_ref().take(count).min_by_key(|(way, bytes)| (bytes.len(), way.last.is_some()));
+        let count = 1 + usize::from(precision.in_one_part().is_some());
+        let way = packed_columns
+            .by_ref()
+            .take(count)
+            .min_by_key(|(way, bytes)| (bytes.len(), way.last.is_some()));
         let (precision, bytes) = way.expect("a way for each column");
         let last = precision.last.map(|last| {
             let fine = Precision { step: last.step, ..precision };
-            let whole = rounded(part, &fine);
+            let whole = round_to_step(part, &fine);
             json!({"step": last.step, "bits": last.bits, "error": last.error, "mark": mark(whole.numbers.into_iter())})
         });
         let mut column = json!({
             "name": part.name, "class": class_word(part.class), "width": part.width, "count": part.count,
             "stride": part.stride, "step": precision.step, "error": precision.error, "last": last, "bytes": bytes.len(),
         });
-        if !part.faces && FACES.contains(&&part.name[..]) {
+        if !part.is_faces && FACES.contains(&&part.name[..]) {
             column[NO_FACES] = true.into();
         }
         head.push(column);
@@ -189,21 +201,21 @@ pub(super) fn pack(parts: &GoldenParts, tolerance: &Tolerance, stride: usize) ->
     bytes
 }
 
-/// Says of a column that is called like the faces of a mesh that it is none.
+/// The key in the header of a column that has the name of a column of faces but does not contain faces.
 const NO_FACES: &str = "no faces";
 
-/// The corners of faces have a way of their own, as long as all of them are kept.
+/// Returns true if a column contains all corners of faces. Such a column is coded in its own way.
 fn is_faces(part: &GoldenColumn) -> bool {
-    part.faces && part.name == CORNERS && part.stride == 1
+    part.is_faces && part.name == CORNERS && part.stride == 1
 }
 
-fn packed(part: &GoldenColumn, layout: &Layout<'_>, precision: &Precision) -> Vec<u8> {
+fn pack_column(part: &GoldenColumn, layout: &Layout<'_>, precision: &Precision) -> Vec<u8> {
     let mut writer = Writer::new();
     if precision.step > 0.0 {
-        let whole = rounded(part, precision);
+        let whole = round_to_step(part, precision);
         let read = numbers::code(&mut writer, layout, whole.odd.len(), &whole);
         if let Some(last) = precision.last {
-            let fine = rounded(part, &Precision { step: last.step, ..*precision });
+            let fine = round_to_step(part, &Precision { step: last.step, ..*precision });
             code_digits(&mut writer, last.bits, &read, |place| fine.numbers[place] as u64);
         }
     } else {
@@ -212,11 +224,11 @@ fn packed(part: &GoldenColumn, layout: &Layout<'_>, precision: &Precision) -> Ve
     writer.finish()
 }
 
-/// The last digits of all elements that are not odd.
+/// Codes the last digits of all elements that are not stored to the last bit.
 fn code_digits(
     coder: &mut impl Coder,
     bits: u32,
-    whole: &Whole,
+    whole: &WholeNumbers,
     given: impl Fn(usize) -> u64,
 ) -> Vec<u8> {
     (0..whole.numbers.len())
@@ -227,7 +239,7 @@ fn code_digits(
         .collect()
 }
 
-/// Numbers to the last bit: byte by byte, each by what its place mostly has.
+/// Codes numbers to the last bit. They are coded byte by byte, and each byte is predicted from the frequent bytes at its position.
 fn code_bits(coder: &mut impl Coder, count: usize, given: impl Fn(usize) -> u64) -> Vec<f64> {
     let mut bits = vec![[EVEN; 256]; 8];
     (0..count)
@@ -247,7 +259,7 @@ fn code_bits(coder: &mut impl Coder, count: usize, given: impl Fn(usize) -> u64)
 }
 
 const CLASSES: [(Class, &str); 5] = [
-    (Class::Place, "place"),
+    (Class::Position, "place"),
     (Class::Normal, "normal"),
     (Class::Number, "number"),
     (Class::Level, "level"),
@@ -258,19 +270,19 @@ fn class_word(class: Class) -> &'static str {
     CLASSES.iter().find(|(known, _)| *known == class).map_or("", |(_, word)| word)
 }
 
-/// The columns that [`pack`] wrote; none if the bytes are damaged.
-pub(super) fn unpack(bytes: &[u8]) -> Option<Kept> {
-    /// No head that this program writes is longer.
-    const LONGEST: usize = 1 << 24;
-    /// Nor has a value more numbers.
-    const MOST: usize = 1 << 28;
+/// Returns the columns that [`pack`] has written, or `None` if the bytes are damaged.
+pub(super) fn unpack(bytes: &[u8]) -> Option<StoredNumbers> {
+    /// The maximum size of a header, in bytes.
+    const MAX_HEAD_BYTES: usize = 1 << 24;
+    /// The maximum number of numbers in a column.
+    const MAX_NUMBERS: usize = 1 << 28;
     let packed = bytes.strip_prefix(MAGIC)?;
     let (length, rest) = packed.split_first_chunk()?;
     let (head, mut body) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
-    let content = miniz_oxide::inflate::decompress_to_vec_with_limit(head, LONGEST).ok()?;
+    let content = miniz_oxide::inflate::decompress_to_vec_with_limit(head, MAX_HEAD_BYTES).ok()?;
     let head: Json = serde_json::from_slice(&content).ok()?;
     let row = head["row"].as_u64().map(|row| row as usize);
-    let mut kept = Kept { columns: Vec::new(), row };
+    let mut stored = StoredNumbers { columns: Vec::new(), row };
     let mut mesh = Mesh::default();
     for column in head["columns"].as_array()? {
         fn number(name: &str, column: &Json) -> Option<usize> {
@@ -278,14 +290,14 @@ pub(super) fn unpack(bytes: &[u8]) -> Option<Kept> {
         }
         let (width, stride) = (number("width", column)?.max(1), number("stride", column)?.max(1));
         let count = number("count", column)?;
-        let length = count.div_ceil(stride).checked_mul(width).filter(|n| *n <= MOST)?;
-        let (own, rest) = body.split_at_checked(number("bytes", column)?)?;
+        let length = count.div_ceil(stride).checked_mul(width).filter(|n| *n <= MAX_NUMBERS)?;
+        let (packed_bytes, rest) = body.split_at_checked(number("bytes", column)?)?;
         body = rest;
         let class = CLASSES.iter().find(|(_, word)| column["class"] == *word)?.0;
         let name = column["name"].as_str()?.to_owned();
         let last = match &column["last"] {
             Json::Null => None,
-            last => Some(Last {
+            last => Some(LastDigits {
                 step: last["step"].as_f64()?,
                 bits: last["bits"].as_u64().filter(|bits| *bits <= 8)? as u32,
                 error: last["error"].as_f64()?,
@@ -294,12 +306,20 @@ pub(super) fn unpack(bytes: &[u8]) -> Option<Kept> {
         let (step, error) = (column["step"].as_f64()?, column["error"].as_f64()?);
         let precision = Precision { step, error, last, shortest: 0.0 };
         let faces = FACES.contains(&&name[..]) && column[NO_FACES] != true;
-        let mut part =
-            GoldenColumn { name, class, width, count, stride, faces, numbers: Vec::new() };
-        let mut reader = Reader::new(own);
+        let mut part = GoldenColumn {
+            name,
+            class,
+            width,
+            count,
+            stride,
+            is_faces: faces,
+            numbers: Vec::new(),
+        };
+        let mut reader = Reader::new(packed_bytes);
         let (mut odd, mut digits) = (Vec::new(), Vec::new());
         if is_faces(&part) {
-            let sides = kept.column(SIDES).map(|column| &column.part).filter(|part| part.faces);
+            let sides =
+                stored.column(SIDES).map(|column| &column.part).filter(|part| part.is_faces);
             mesh.sides = sides_of(sides.map(|part| &part.numbers[..]), width, count);
             let position =
                 head["columns"].as_array()?.iter().find(|column| column["name"] == "position")?;
@@ -311,7 +331,7 @@ pub(super) fn unpack(bytes: &[u8]) -> Option<Kept> {
             part.numbers = mesh.corners.iter().map(|&vertex| f64::from(vertex)).collect();
         } else if step > 0.0 {
             let layout = mesh.layout(&part.name, count, stride, row);
-            let given = Whole { width, ..Whole::default() };
+            let given = WholeNumbers { width, ..WholeNumbers::default() };
             let whole = numbers::code(&mut reader, &layout, length / width, &given);
             if let Some(last) = last {
                 digits = code_digits(&mut reader, last.bits, &whole, |_| 0);
@@ -328,7 +348,7 @@ pub(super) fn unpack(bytes: &[u8]) -> Option<Kept> {
             part.numbers = code_bits(&mut reader, length, |_| 0);
         }
         let mark = column["last"]["mark"].as_str().unwrap_or_default().to_owned();
-        kept.columns.push(Column { part, precision, odd, digits, mark });
+        stored.columns.push(StoredColumn { part, precision, odd, digits, mark });
     }
-    Some(kept)
+    Some(stored)
 }

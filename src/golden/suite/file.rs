@@ -1,4 +1,4 @@
-//! The `.ron` files of a project one by one: what each is, and every problem of it. The command line and editors are told the same.
+//! Checks single `.ron` files of a project, for the command line and for editors.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -6,14 +6,14 @@ use std::sync::Arc;
 use maquette_format::handles;
 use maquette_graph::catalog::Catalog;
 use maquette_graph::{Graph, InputValues, Options};
-use maquette_syntax::error::{Problem, Severity, Source, Span, code};
+use maquette_syntax::error::{Diagnostic, Severity, Source, Span, code};
 use maquette_syntax::first_word;
 use maquette_value::HandleSpace;
 
 use crate::case;
 use crate::case::TestFile;
 
-/// What the `.ron` files of a project are.
+/// The kind of a `.ron` file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FileKind {
     Graph,
@@ -23,38 +23,39 @@ pub enum FileKind {
 }
 
 impl FileKind {
-    pub fn of(path: &Path, text: &str) -> Self {
+    pub fn detect(path: &Path, text: &str) -> Self {
         match first_word(text) {
             "Test" => Self::Test,
             "Sweep" => Self::Sweep,
-            _ if path.to_string_lossy().ends_with(case::ENDING) => Self::Test,
+            _ if path.to_string_lossy().ends_with(case::EXTENSION) => Self::Test,
             "Handles" | "[" => Self::Handles,
             _ => Self::Graph,
         }
     }
 
-    /// The problems of a file with this text, and the test if it is one that can be read.
-    pub fn problems(
+    /// Returns the errors and warnings of a file with this text. If the file is a valid test file, also returns the test.
+    pub fn diagnostics(
         self,
         path: &Path,
         text: String,
         catalog: &Catalog,
         options: &Options,
-    ) -> (Vec<Problem>, Option<TestFile>) {
+    ) -> (Vec<Diagnostic>, Option<TestFile>) {
         match self {
             Self::Graph => {
                 let checked = Graph::load_text(path, text, catalog, options);
-                let unused = checked.graph.as_ref().map(Graph::unused).unwrap_or_default();
-                (checked.problems.iter().chain(unused).cloned().collect(), None)
+                let unused = checked.graph.as_ref().map(Graph::unused_warnings).unwrap_or_default();
+                (checked.diagnostics.iter().chain(unused).cloned().collect(), None)
             }
             Self::Test => match case::read_text(path, text, catalog) {
-                (Some(test), mut problems) => {
-                    let is_whole = problems.is_empty();
-                    let found = of_test(&test, catalog, options).into_iter();
-                    problems.extend(found.filter(|it| !test.doubts.cover_problem(it)));
-                    (problems, is_whole.then_some(test))
+                (Some(test), mut diagnostics) => {
+                    let is_whole = diagnostics.is_empty();
+                    let found = check_test(&test, catalog, options).into_iter();
+                    diagnostics
+                        .extend(found.filter(|it| !test.uncertain_parts.covers_diagnostic(it)));
+                    (diagnostics, is_whole.then_some(test))
                 }
-                (None, problems) => (problems, None),
+                (None, diagnostics) => (diagnostics, None),
             },
             Self::Sweep => (crate::sweep::read_text(path, &text, catalog, options).1, None),
             Self::Handles => {
@@ -62,7 +63,12 @@ impl FileKind {
                 (
                     read.err()
                         .map(|error: handles::HandlesFileError| {
-                            of_file(code::WRONG_VALUE, path, text.clone(), error.to_string())
+                            file_diagnostic(
+                                code::WRONG_VALUE,
+                                path,
+                                text.clone(),
+                                error.to_string(),
+                            )
                         })
                         .into_iter()
                         .collect(),
@@ -73,35 +79,41 @@ impl FileKind {
     }
 }
 
-/// The problems of the graphs that a test is about, with what each of its cases sets, and what of the test does not fit them.
-fn of_test(test: &TestFile, catalog: &Catalog, own: &Options) -> Vec<Problem> {
-    let mut problems = Vec::new();
+/// Returns the errors of the graphs of a test, loaded with the settings of each case. Also returns an error for each part of the test that
+/// does not fit its graph.
+fn check_test(test: &TestFile, catalog: &Catalog, own: &Options) -> Vec<Diagnostic> {
+    let mut diagnostics = Vec::new();
     for (case, graph) in
         (0..test.cases.len()).flat_map(|case| test.graphs.iter().map(move |graph| (case, graph)))
     {
         let load = |set: &[(String, String)]| {
             let set = own.set.iter().chain(set).cloned().collect();
-            // Tests are judged without pins.
+            // Tests ignore pins, so that the nodes themselves are tested.
             Graph::load(graph, catalog, &Options { set, pins: false, ..own.clone() })
         };
-        let checked = test.loaded(case, load);
-        problems.extend(checked.problems);
-        let Some(graph) = checked.graph.or_else(|| test.loaded_with_what_fits(case, load)) else {
+        let checked = test.load_case(case, load);
+        diagnostics.extend(checked.diagnostics);
+        let Some(graph) = checked.graph.or_else(|| test.load_valid_settings(case, load)) else {
             continue;
         };
-        problems.extend(test.wrong_inputs(case, &graph));
-        // Then its outputs are files.
+        diagnostics.extend(test.wrong_inputs(case, &graph));
+        // If the graph has inputs, its outputs become files as soon as the inputs have values.
         let fed = match graph.inputs().is_empty() {
             true => Ok(graph),
             false => graph.with_inputs(&InputValues::default(), catalog),
         };
-        problems.extend(fed.map(|graph| test.misfits(&graph)).unwrap_or_default());
+        diagnostics.extend(fed.map(|graph| test.validate(&graph)).unwrap_or_default());
     }
-    problems
+    diagnostics
 }
 
-/// A problem of a whole file; if it is about a place in it, its message says where.
-pub fn of_file(code: &'static str, path: &Path, text: String, message: String) -> Problem {
+/// Creates an error about a file as a whole. If the error has a position, the position is a part of the message.
+pub fn file_diagnostic(
+    code: &'static str,
+    path: &Path,
+    text: String,
+    message: String,
+) -> Diagnostic {
     let source = Arc::new(Source { name: path.to_owned(), text });
-    Problem::new(Severity::Error, code, (source, Span::default()), message)
+    Diagnostic::new(Severity::Error, code, (source, Span::default()), message)
 }

@@ -1,23 +1,23 @@
-//! The report of tests: one page that needs nothing else, with what was, what is, and where they differ.
+//! The HTML report of tests: one page that needs no other files, with old values, new values and differences.
 
 use std::fmt::Write as _;
 
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
+use maquette_engine::digits::six_digits;
 use maquette_engine::eval::NodeTrace;
-use maquette_engine::six::six;
 use maquette_syntax::error::Severity;
 
 use super::junit::escape;
 use super::picture::{self, Figure};
-use super::{Case, Compared, Report, State};
+use super::{Case, OutputComparison, Report, State};
 use crate::compare::{Measure, Verdict};
 
 const STYLE: &str = include_str!("report.css");
 
-/// The page.
+/// Returns the HTML page of a report.
 pub fn page(report: &Report) -> String {
-    let failed = report.count(Case::failed) + report.orphans.len() + report.problems.len();
+    let failed = report.count(Case::has_failed) + report.orphans.len() + report.diagnostics.len();
     let passed = report.count(|case| case.state == State::Passed);
     let skipped = report.count(|case| matches!(case.state, State::Skipped(_)));
     let title = format!("{passed} passed, {failed} failed");
@@ -32,8 +32,8 @@ pub fn page(report: &Report) -> String {
         report.seconds,
         if skipped > 0 { format!(", {skipped} skipped") } else { String::new() },
     );
-    for problem in &report.problems {
-        let (name, message) = (problem.source.name.display().to_string(), &problem.message);
+    for diagnostic in &report.diagnostics {
+        let (name, message) = (diagnostic.source.name.display().to_string(), &diagnostic.message);
         let _ = write!(
             text,
             "<article class=\"case\"><h2>{}</h2><ul class=\"reasons\"><li>{}</li></ul></article>",
@@ -41,7 +41,7 @@ pub fn page(report: &Report) -> String {
             escape(message)
         );
     }
-    let failed: Vec<&Case> = report.cases.iter().filter(|case| case.failed()).collect();
+    let failed: Vec<&Case> = report.cases.iter().filter(|case| case.has_failed()).collect();
     push_contents(&mut text, &failed);
     for (index, case) in failed.iter().enumerate() {
         push_case(&mut text, case, index);
@@ -57,10 +57,10 @@ pub fn page(report: &Report) -> String {
     text + "</main></body></html>\n"
 }
 
-/// The failed cases with the first thing that is wrong, if they are so many that one would have to look for them.
+/// If there are many failed cases, adds a table of contents with the first failure of each.
 fn push_contents(text: &mut String, failed: &[&Case]) {
-    const FEW: usize = 3;
-    if failed.len() <= FEW {
+    const MAX_WITHOUT_CONTENTS: usize = 3;
+    if failed.len() <= MAX_WITHOUT_CONTENTS {
         return;
     }
     text.push_str(
@@ -86,9 +86,10 @@ fn push_case(text: &mut String, case: &Case, index: usize) {
         escape(&case.name)
     );
     let _ = write!(text, "<article class=\"case\" id=\"case-{index}\"><h2>{title}</h2>");
-    let errors = case.problems.iter().filter(|problem| problem.severity == Severity::Error);
-    let own = errors.chain(case.violations.iter().map(|violation| &violation.problem));
-    let own: Vec<_> = own.map(|problem| escape(&problem.message)).collect();
+    let errors =
+        case.diagnostics.iter().filter(|diagnostic| diagnostic.severity == Severity::Error);
+    let own = errors.chain(case.violations.iter().map(|violation| &violation.diagnostic));
+    let own: Vec<_> = own.map(|diagnostic| escape(&diagnostic.message)).collect();
     let orphans = case
         .orphans
         .iter()
@@ -100,9 +101,10 @@ fn push_case(text: &mut String, case: &Case, index: usize) {
         text.push_str("<h3>What changed in the graph</h3>");
         push_list(text, "nodes", nodes.iter().map(|node| escape(node)));
     }
-    for violation in case.violations.iter().filter(|violation| !violation.places.is_empty()) {
+    for violation in case.violations.iter().filter(|violation| !violation.positions.is_empty()) {
         let value = violation.value.as_ref();
-        let figures = value.and_then(|value| picture::marked(value, &violation.places));
+        let figures =
+            value.and_then(|value| picture::violation_figures(value, &violation.positions));
         push_figures(text, &figures.unwrap_or_default());
     }
     for output in
@@ -121,7 +123,7 @@ fn push_list(text: &mut String, class: &str, items: impl Iterator<Item = String>
     }
 }
 
-fn push_output(text: &mut String, output: &Compared) {
+fn push_output(text: &mut String, output: &OutputComparison) {
     let files = output.files.join(", ");
     let _ = write!(
         text,
@@ -135,15 +137,15 @@ fn push_output(text: &mut String, output: &Compared) {
         m.max > 0.0
     }
     if output.comparison.measures.iter().any(|m| differs(&m)) {
-        text.push_str("<div class=\"wide\"><table><tr><th>measured<th>largest<th>rms<th>99 %<th>allowed<th>seen<th>worst place</tr>");
+        text.push_str("<div class=\"wide\"><table><tr><th>measured<th>largest<th>rms<th>99 %<th>allowed<th>compared<th>worst position</tr>");
         for m in output.comparison.measures.iter().filter(differs) {
-            let class = if m.broken.is_empty() { "" } else { " class=\"bad\"" };
+            let class = if m.failure.is_empty() { "" } else { " class=\"bad\"" };
             fn number(x: f64) -> String {
-                if x.is_finite() { six(x) } else { "∞".into() }
+                if x.is_finite() { six_digits(x) } else { "∞".into() }
             }
-            let numbers = match m.by_share {
-                // Numbers that are equal or not have no size.
-                true => format!("<td colspan=\"3\">{} % differ", six(100.0 * m.differing)),
+            let numbers = match m.is_by_fraction {
+                // Differences of flags have no size, so only the fraction of different elements is shown.
+                true => format!("<td colspan=\"3\">{} % differ", six_digits(100.0 * m.differing)),
                 false => [m.max, m.rms, m.p99].map(|x| format!("<td>{}", number(x))).concat(),
             };
             let _ = write!(
@@ -152,7 +154,7 @@ fn push_output(text: &mut String, output: &Compared) {
                 escape(&m.name),
                 m.unit,
                 number(m.allowed),
-                six(100.0 * m.seen),
+                six_digits(100.0 * m.compared_fraction),
                 escape(&m.worst)
             );
         }
@@ -194,10 +196,10 @@ fn push_profile(text: &mut String, nodes: &[NodeTrace]) {
     let longest = nodes.iter().map(|node| node.seconds).fold(1e-9, f64::max);
     text.push_str("<details><summary>Nodes</summary><div class=\"wide\"><table><tr><th>node<th>type<th>state<th>why<th>time</tr>");
     for node in nodes {
-        let share = 100.0 * node.seconds / longest;
+        let percent = 100.0 * node.seconds / longest;
         let _ = write!(
             text,
-            "<tr><td>{}<td>{}<td>{}<td>{}<td class=\"time\"><span style=\"width:{share:.1}%\"></span>{:.1} ms</tr>",
+            "<tr><td>{}<td>{}<td>{}<td>{}<td class=\"time\"><span style=\"width:{percent:.1}%\"></span>{:.1} ms</tr>",
             escape(&node.name),
             escape(&node.node),
             node.state.word(),
@@ -209,7 +211,7 @@ fn push_profile(text: &mut String, nodes: &[NodeTrace]) {
 }
 
 fn push_table(text: &mut String, report: &Report) {
-    let rest: Vec<&Case> = report.cases.iter().filter(|case| !case.failed()).collect();
+    let rest: Vec<&Case> = report.cases.iter().filter(|case| !case.has_failed()).collect();
     if rest.is_empty() {
         return;
     }
@@ -219,10 +221,10 @@ fn push_table(text: &mut String, report: &Report) {
         let verdict = match &case.state {
             State::Skipped(why) => format!("skipped: {}", escape(why)),
             _ => {
-                let seen = case.outputs.iter().map(|output| output.comparison.seen());
+                let seen = case.outputs.iter().map(|output| output.comparison.compared_fraction());
                 let seen = seen.fold(1.0, f64::min);
                 let some = if seen < 1.0 {
-                    format!(", {} % seen", six(100.0 * seen))
+                    format!(", {} % seen", six_digits(100.0 * seen))
                 } else {
                     String::new()
                 };

@@ -1,45 +1,59 @@
-//! One case of one graph: evaluated, compared, judged.
+//! Runs one case of one graph: evaluates it and compares its outputs.
 
 use std::path::PathBuf;
 use std::time::Instant;
 
+use maquette_engine::digits::six_digits;
 use maquette_engine::eval::RunTrace;
-use maquette_engine::session::{Finished, Run, Session, Wanted};
-use maquette_engine::six::six;
+use maquette_engine::session::{Run, RunResult, Session, Targets};
 use maquette_engine::writing;
 use maquette_engine::writing::Sources;
-use maquette_graph::{Expected, Graph, GraphOutput, Options};
-use maquette_syntax::error::{Problem, Severity, code};
+use maquette_graph::{Graph, GraphExpectation, GraphNode, GraphOutput, Options};
+use maquette_syntax::error::{Diagnostic, Severity, code};
 use maquette_value::AnyValue;
 
 use super::nodes::nodes_of;
 use super::orphans::goldens;
-use super::{Case, Compared, State, beside};
-use crate::case::{Allowed, TestFile};
+use super::{Case, OutputComparison, State, test_folder};
+use crate::case::{OutputTolerance, TestFile};
 use crate::compare::{Comparison, Measure, Tolerance, Verdict, limit_of};
 use crate::parts::GoldenParts;
 use crate::store;
-use crate::store::{Golden, NoGolden, Written};
+use crate::store::{Golden, GoldenError, WrittenFile};
 
-/// A tolerance this many times wider than what was ever needed is worth a word.
-const TOO_WIDE: f64 = 10.0;
+/// The minimum ratio of a tolerance to the largest accepted difference for which the tolerance is noted as too large.
+const MAX_EXCESS: f64 = 10.0;
 
-/// How much a measure's values differ at least, with its name; none if rounding alone may be what differs.
-fn surely(measure: &Measure) -> Option<(String, f64)> {
+/// Returns the name of a measure and the part of its difference that rounding cannot have caused. Returns `None` if rounding alone may be
+/// the cause.
+fn certain_difference(measure: &Measure) -> Option<(String, f64)> {
     let least = measure.max - measure.error;
     (0.0 < least && least < f64::INFINITY).then(|| (measure.name.clone(), least))
 }
 
-/// What of a case's goldens would be kept otherwise now, although the values are the same.
-fn outdated(outputs: &[Compared]) -> Vec<String> {
-    let same = outputs.iter().filter(|output| output.comparison.verdict == Verdict::Identical);
-    let told = same.filter_map(|output| {
-        Some(format!("{}: the golden {}; --bless keeps it anew", output.name, output.outdated?))
-    });
-    told.collect()
+/// Returns the name of the golden of a node's output. The name of a node inside of a use contains a path, but the golden of the node is a
+/// file in the same folder as all others.
+fn expected_name(node: &GraphNode, output: usize) -> String {
+    let name = match node.outputs.len() {
+        1 => node.name.clone(),
+        _ => format!("{}.{}", node.name, node.outputs[output]),
+    };
+    name.replace('/', ".")
 }
 
-/// One case of one graph.
+/// Describes the goldens that would now be stored differently although their values are equal.
+fn outdated_notes(outputs: &[OutputComparison]) -> Vec<String> {
+    let same = outputs.iter().filter(|output| output.comparison.verdict == Verdict::Identical);
+    let notes = same.filter_map(|output| {
+        Some(format!(
+            "{}: the golden {}; --bless stores it again",
+            output.name, output.outdated_reason?
+        ))
+    });
+    notes.collect()
+}
+
+/// A case of a graph that is to be run.
 #[derive(Clone)]
 pub(super) struct Job<'a> {
     pub(super) test: &'a TestFile,
@@ -53,7 +67,7 @@ impl Job<'_> {
         format!("{} {}", self.graph.display(), self.test.cases[self.case].0)
     }
 
-    /// What comes of it; with `locked`, used graphs must be what lock files say.
+    /// Runs the case. If `locked` is true, used graphs must match the lock files.
     pub(super) fn run(&self, session: &mut Session, locked: bool) -> Case {
         let start = Instant::now();
         let (name, test_case) = &self.test.cases[self.case];
@@ -61,11 +75,11 @@ impl Job<'_> {
             graph: self.graph.clone(),
             name: name.clone(),
             folder: self.folder.clone(),
-            beside: beside(self.test).to_owned(),
+            test_folder: test_folder(self.test).to_owned(),
             sources: Sources::default(),
             state: State::Broken,
             outputs: Vec::new(),
-            problems: Vec::new(),
+            diagnostics: Vec::new(),
             violations: Vec::new(),
             warnings: Vec::new(),
             orphans: Vec::new(),
@@ -77,7 +91,7 @@ impl Job<'_> {
         };
         match &test_case.skip {
             Some(why) if why.trim().is_empty() => {
-                case.problems.push(self.test.problem(
+                case.diagnostics.push(self.test.diagnostic(
                     code::WRONG_VALUE,
                     test_case.span,
                     format!("case `{name}` is skipped without a reason"),
@@ -91,58 +105,62 @@ impl Job<'_> {
             None => {}
         }
         let options = Options { locked, ..Options::default() };
-        let checked = self.test.loaded(self.case, |set| {
+        let checked = self.test.load_case(self.case, |set| {
             session.load(&self.graph, &Options { set: set.to_vec(), ..options.clone() })
         });
         case.sources = Sources::of_checked(&self.graph, &checked);
-        case.problems = checked.problems;
+        case.diagnostics = checked.diagnostics;
         let Some(graph) = checked.graph else { return case };
         let wrong = self.test.wrong_inputs(self.case, &graph);
         if !wrong.is_empty() {
-            case.problems.extend(wrong);
+            case.diagnostics.extend(wrong);
             return case;
         }
-        let graph = match self.fed(graph, &test_case.inputs, session) {
+        let graph = match self.bind_inputs(graph, &test_case.inputs, session) {
             Ok(graph) => graph,
-            Err(problems) => {
-                case.problems.extend(problems);
+            Err(diagnostics) => {
+                case.diagnostics.extend(diagnostics);
                 return case;
             }
         };
         let expected = self.test.expect.iter().flat_map(|(expectation, _)| expectation.values());
         let names: Vec<_> = graph.output_names().chain(expected).collect();
         let idle = Run::default();
-        let graph = session.resolved_for(&graph, &names, idle.observer, &idle.cancel);
-        case.problems.extend(self.test.misfits(&graph));
+        let graph = session.resolve_for(&graph, &names, idle.observer, &idle.cancel);
+        case.diagnostics.extend(self.test.validate(&graph));
         let expectations = self.expectations(&graph);
         let values = expectations.iter().flat_map(|expected| expected.expectation.values());
-        let values = values.filter(|name| graph.value_named(name).is_some());
-        let wanted = Wanted::OutputsAnd(values.map(str::to_owned).collect());
-        let broken = case.problems.iter().any(|problem| problem.severity == Severity::Error);
-        let mut finished = match session.run(&graph, &Run { wanted, ..Run::default() }) {
+        let values = values.filter(|name| graph.find_value(name).is_some());
+        let wanted = Targets::OutputsAnd(values.map(str::to_owned).collect());
+        let broken =
+            case.diagnostics.iter().any(|diagnostic| diagnostic.severity == Severity::Error);
+        let mut finished = match session.run(&graph, &Run { targets: wanted, ..Run::default() }) {
             Ok(finished) => finished,
-            Err(problems) => {
-                case.problems.extend(problems);
+            Err(diagnostics) => {
+                case.diagnostics.extend(diagnostics);
                 return case;
             }
         };
-        case.problems.extend(finished.failures());
+        case.diagnostics.extend(finished.failures());
         case.violations = std::mem::take(&mut finished.violations);
         case.trace = finished.trace();
         case.nodes = Some(nodes_of(&graph, &case.trace));
         let session = &*session;
         case.outputs = session.install(|| self.outputs(&graph, &finished, session, &mut case));
-        case.violations.extend(finished.judged(&Vec::from_iter(&expectations)));
-        // A golden whose output has no value belongs to that output.
+        case.violations.extend(finished.check_expectations(&Vec::from_iter(&expectations)));
+        // If an output has no value, its golden still belongs to it.
         let compared: usize = case.outputs.iter().map(|output| output.files.len()).sum();
         if compared == graph.outputs().len() {
             case.orphans = self.orphans(&case.outputs);
         }
-        case.notes = self.wide(&case.outputs);
-        case.notes.extend(outdated(&case.outputs));
+        case.notes = self.wide_tolerances(&case.outputs);
+        case.notes.extend(outdated_notes(&case.outputs));
         self.judge_budget(&mut case);
         case.judge_warnings();
-        let failed = case.problems.iter().any(|problem| problem.severity == Severity::Error)
+        let failed = case
+            .diagnostics
+            .iter()
+            .any(|diagnostic| diagnostic.severity == Severity::Error)
             || case.outputs.iter().any(|o| o.comparison.verdict == Verdict::Different)
             || !(case.violations.is_empty() && case.warnings.is_empty() && case.orphans.is_empty());
         case.state = if broken {
@@ -156,76 +174,73 @@ impl Job<'_> {
         case
     }
 
-    /// The graph with the values in some files at its inputs.
-    fn fed(
+    /// Returns the graph with the values from files as its inputs.
+    fn bind_inputs(
         &self,
         graph: Graph,
         inputs: &[(String, PathBuf)],
         session: &Session,
-    ) -> Result<Graph, Vec<Problem>> {
+    ) -> Result<Graph, Vec<Diagnostic>> {
         if inputs.is_empty() {
             return Ok(graph);
         }
         let (values, _) = session.read_inputs(&graph, inputs)?;
-        session.fed(&graph, &values)
+        session.bind_inputs(&graph, &values)
     }
 
-    /// What the test expects, beside the graph itself.
-    fn expectations(&self, graph: &Graph) -> Vec<Expected> {
+    /// Returns the expectations that the test adds to those of the graph.
+    fn expectations(&self, graph: &Graph) -> Vec<GraphExpectation> {
         let source = &self.test.source;
-        let expected = self.test.expected(graph);
-        expected.map(|(expectation, span)| graph.expecting(expectation, source, span)).collect()
+        let expected = self.test.valid_expectations(graph);
+        expected
+            .map(|(expectation, span)| graph.bind_expectation(expectation, source, span))
+            .collect()
     }
 
-    fn allowed(&self, files: &[String]) -> Option<&Allowed> {
+    fn tolerance_of(&self, files: &[String]) -> Option<&OutputTolerance> {
         self.test.compare.iter().find(|allowed| files.contains(&allowed.output))
     }
 
-    /// Every value that some output gives, compared with its golden.
+    /// Compares the value of each output with its golden.
     fn outputs(
         &self,
         graph: &Graph,
-        finished: &Finished,
+        finished: &RunResult,
         session: &Session,
         case: &mut Case,
-    ) -> Vec<Compared> {
+    ) -> Vec<OutputComparison> {
         let mut places: Vec<(usize, usize)> =
             graph.outputs().iter().map(|o| (o.node, o.output)).collect();
         places.sort_unstable();
         places.dedup();
-        // A node inside of a use is named by the way to it; its golden is a file beside the others.
-        let name_of = |(node, output): (usize, usize)| {
-            let (name, outputs) = (&graph.nodes()[node].name, &graph.nodes()[node].outputs);
-            let name = match outputs.len() {
-                1 => name.clone(),
-                _ => format!("{name}.{}", outputs[output]),
-            };
-            name.replace('/', ".")
-        };
-        let named: Vec<_> = places.iter().copied().map(name_of).collect();
+        let named: Vec<_> = places
+            .iter()
+            .map(|&(node, output)| expected_name(&graph.nodes()[node], output))
+            .collect();
         let mut compared = Vec::new();
-        for (node, output) in places {
-            let mine = graph.outputs().iter().filter(|o| (o.node, o.output) == (node, output));
-            let mine: Vec<&GraphOutput> = mine.collect();
-            let Some(value) = finished.value(&mine[0].name) else { continue };
-            let names: Vec<String> = mine.iter().map(|output| output.name.clone()).collect();
+        for ((node, output), name) in places.into_iter().zip(&named) {
+            let same = graph.outputs().iter().filter(|o| (o.node, o.output) == (node, output));
+            let outputs: Vec<&GraphOutput> = same.collect();
+            let Some(value) = finished.value(&outputs[0].name) else { continue };
+            let names: Vec<String> = outputs.iter().map(|output| output.name.clone()).collect();
             let start = Instant::now();
-            let files = self.written(&mine, value, finished, session, &mut case.problems);
+            let files =
+                self.write_outputs(&outputs, value, finished, session, &mut case.diagnostics);
             case.file_seconds += start.elapsed().as_secs_f64();
-            let tolerance =
-                self.allowed(&names).map(|allowed| allowed.tolerance.clone()).unwrap_or_default();
-            let name = self.golden_name(name_of((node, output)), &names, &named);
+            let tolerance = self
+                .tolerance_of(&names)
+                .map(|allowed| allowed.tolerance.clone())
+                .unwrap_or_default();
+            let name = self.golden_name(name.clone(), &names, &named);
             compared.push(self.compare(name, names, value, &files, &tolerance));
         }
         compared
     }
 
-    /// The name of the golden of some outputs: that of the node which gives them, or of the one that did so when it was accepted, if the
-    /// node has another name now.
-    /// A golden belongs to outputs: its file has the node's name of the day it was accepted, and after a rename the files that its summary
-    /// names identify it.
+    /// Returns the name of the golden for some outputs of a node: the node's name, or its former name if the node was renamed since the
+    /// golden was accepted.
     fn golden_name(&self, name: String, outputs: &[String], named: &[String]) -> String {
-        if !matches!(store::read(&self.folder, &name), Err(NoGolden::Missing)) {
+        if !matches!(store::read(&self.folder, &name), Err(GoldenError::Missing)) {
             return name;
         }
         fn is_of(golden: &Golden, outputs: &[String]) -> bool {
@@ -237,39 +252,39 @@ impl Job<'_> {
         before.unwrap_or(name)
     }
 
-    /// The files that a value is written to. This program writes equal values to equal files: what it wrote of one before is
-    /// noted on disk, where no other program's notes are, and is not written again.
-    fn written(
+    /// Returns the files to which a value is written. One build of the program writes equal values to equal files. So the description of
+    /// the files is stored on disk for this build, and the value is not encoded again.
+    fn write_outputs(
         &self,
         outputs: &[&GraphOutput],
         value: &AnyValue,
-        finished: &Finished,
+        finished: &RunResult,
         session: &Session,
-        problems: &mut Vec<Problem>,
-    ) -> Vec<Written> {
+        diagnostics: &mut Vec<Diagnostic>,
+    ) -> Vec<WrittenFile> {
         let names = outputs.iter().map(|output| format!("/{}", output.name));
         let key = PathBuf::from(format!("written/{}{}", value.hash(), String::from_iter(names)));
-        let known = session.note(&key).and_then(|note| Written::read(&note));
+        let known = session.note(&key).and_then(|note| WrittenFile::read(&note));
         if let Some(known) = known {
             return known;
         }
         let (mut files, mut complete) = (Vec::new(), true);
         for output in outputs {
             match finished.files(&output.name) {
-                Some(Ok(written)) => files.extend(written.iter().map(Written::of)),
+                Some(Ok(written)) => files.extend(written.iter().map(WrittenFile::from_file)),
                 Some(Err(error)) => {
                     complete = false;
                     let message = format!("cannot write `{}`: {error}", output.name);
-                    problems.push(Problem {
+                    diagnostics.push(Diagnostic {
                         source: finished.graph().source().clone(),
-                        ..self.test.problem(code::FAILED, output.span, message)
+                        ..self.test.diagnostic(code::FAILED, output.span, message)
                     });
                 }
                 None => complete = false,
             }
         }
         if complete {
-            session.keep_note(&key, || Written::note(&files));
+            session.keep_note(&key, || WrittenFile::note(&files));
         }
         files
     }
@@ -279,50 +294,50 @@ impl Job<'_> {
         name: String,
         names: Vec<String>,
         value: &AnyValue,
-        files: &[Written],
+        files: &[WrittenFile],
         tolerance: &Tolerance,
-    ) -> Compared {
+    ) -> OutputComparison {
         let golden = store::read(&self.folder, &name);
         let comparison = match &golden {
             Ok(golden) => golden.compare(value, files, tolerance),
-            Err(NoGolden::Missing) => Comparison::new(
-                vec!["there is no golden; look at the result, then bless it".into()],
+            Err(GoldenError::Missing) => Comparison::new(
+                vec!["there is no golden; check the result, then bless it".into()],
                 Vec::new(),
             ),
-            Err(NoGolden::Damaged(why)) => {
+            Err(GoldenError::Damaged(why)) => {
                 Comparison::new(vec![format!("the golden {why}")], Vec::new())
             }
         };
         let identical = comparison.verdict == Verdict::Identical;
-        let mut needed = golden.as_ref().map(Golden::needed).unwrap_or_default();
+        let mut needed = golden.as_ref().map(Golden::accepted_differences).unwrap_or_default();
         if comparison.verdict == Verdict::Within {
-            for (name, most) in comparison.measures.iter().filter_map(surely) {
+            for (name, most) in comparison.measures.iter().filter_map(certain_difference) {
                 match needed.iter_mut().find(|(known, _)| *known == name) {
                     Some((_, before)) => *before = before.max(most),
                     None => needed.push((name, most)),
                 }
             }
         }
-        let outdated = golden.as_ref().ok().and_then(|golden| golden.outdated(tolerance));
-        Compared {
+        let outdated = golden.as_ref().ok().and_then(|golden| golden.outdated_reason(tolerance));
+        OutputComparison {
             name,
             files: names,
             comparison,
             golden,
-            outdated,
+            outdated_reason: outdated,
             value: value.clone(),
             changed: !identical || outdated.is_some(),
-            written: files.to_vec(),
-            needed,
+            files_written: files.to_vec(),
+            accepted_differences: needed,
             tolerance: tolerance.clone(),
         }
     }
 
-    /// Goldens in the case's folder that no output asks for.
-    fn orphans(&self, outputs: &[Compared]) -> Vec<PathBuf> {
+    /// Returns the goldens in the folder of the case that belong to no output.
+    fn orphans(&self, outputs: &[OutputComparison]) -> Vec<PathBuf> {
         let sources = Sources::default();
-        if writing::Destination::own(beside(self.test), &sources)
-            .judge_folder(&self.folder)
+        if writing::Destination::without_links(test_folder(self.test), &sources)
+            .check_folder(&self.folder)
             .is_err()
         {
             return Vec::new();
@@ -332,35 +347,26 @@ impl Job<'_> {
         goldens.into_values().flatten().collect()
     }
 
-    /// Tolerances that are much wider than any difference was, now or when a golden was accepted.
-    fn wide(&self, outputs: &[Compared]) -> Vec<String> {
+    /// Describes the tolerances that are much larger than all differences, both the present ones and those when a golden was accepted.
+    fn wide_tolerances(&self, outputs: &[OutputComparison]) -> Vec<String> {
         let mut notes = Vec::new();
         for output in outputs {
-            let Some(allowed) = self.allowed(&output.files) else { continue };
-            let before = output.golden.as_ref().map(Golden::needed).unwrap_or_default();
-            let now = output.comparison.measures.iter().filter_map(surely);
+            let Some(allowed) = self.tolerance_of(&output.files) else { continue };
+            let before =
+                output.golden.as_ref().map(Golden::accepted_differences).unwrap_or_default();
+            let now = output.comparison.measures.iter().filter_map(certain_difference);
             let needed: Vec<(String, f64)> = before.into_iter().chain(now).collect();
-            let parts = GoldenParts::of(&output.value).unwrap_or_default();
+            let parts = GoldenParts::from_value(&output.value).unwrap_or_default();
             for (name, limit) in allowed.tolerance.limits() {
-                fn is_of(
-                    measure: &str,
-                    name: &str,
-                    parts: &GoldenParts,
-                    allowed_tolerance: &Tolerance,
-                ) -> bool {
-                    match parts.column(measure) {
-                        Some(part) => limit_of(part, allowed_tolerance) == Some(name),
-                        None => name == "max" && measure.starts_with("surface,"),
-                    }
-                }
-                let of_limit = needed
-                    .iter()
-                    .filter(|(measure, _)| is_of(measure, name, &parts, &allowed.tolerance));
+                let of_limit = needed.iter().filter(|(measure, _)| match parts.column(measure) {
+                    Some(part) => limit_of(part, &allowed.tolerance) == Some(name),
+                    None => name == "max" && measure.starts_with("surface,"),
+                });
                 let most = of_limit.map(|(_, needed)| *needed).fold(0.0, f64::max);
-                if most > 0.0 && most * TOO_WIDE < limit {
-                    let (limit, most) = (six(limit), six(most));
+                if most > 0.0 && most * MAX_EXCESS < limit {
+                    let (limit, most) = (six_digits(limit), six_digits(most));
                     notes.push(format!(
-                        "{}: the tolerance `{name}` of {limit} is more than ten times wider than ever needed ({most})",
+                        "{}: the tolerance `{name}` of {limit} is more than ten times the largest difference so far ({most})",
                         output.name
                     ));
                 }
@@ -381,7 +387,7 @@ impl Job<'_> {
             if let Some(budget) = budget.filter(|budget| spent > *budget) {
                 let span = self.test.cases[self.case].1.span;
                 let message = format!("{what} {spent:.2} {unit}; the budget is {budget} {unit}");
-                case.problems.push(self.test.problem(code::EXPECTED, span, message));
+                case.diagnostics.push(self.test.diagnostic(code::EXPECTED, span, message));
             }
         }
     }

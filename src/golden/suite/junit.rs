@@ -1,19 +1,19 @@
-//! Results for CI systems: JUnit's XML.
+//! The JUnit XML report, for CI systems.
 
 use std::fmt::Write as _;
 
-use maquette_engine::six::six;
+use maquette_engine::digits::six_digits;
 
 use super::{Report, State};
 use crate::compare::Comparison;
 
-/// The document.
+/// Returns the JUnit document of a report.
 pub fn document(report: &Report) -> String {
     let mut text = String::from("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n");
     let failures = report.count(|case| case.state == State::Failed) + report.orphans.len();
-    let errors = report.count(|case| case.state == State::Broken) + report.problems.len();
+    let errors = report.count(|case| case.state == State::Broken) + report.diagnostics.len();
     let skipped = report.count(|case| matches!(case.state, State::Skipped(_)));
-    let tests = report.cases.len() + report.orphans.len() + report.problems.len();
+    let tests = report.cases.len() + report.orphans.len() + report.diagnostics.len();
     let _ = writeln!(
         text,
         "<testsuites><testsuite name=\"maquette\" tests=\"{tests}\" failures=\"{failures}\" errors=\"{errors}\" skipped=\"{skipped}\" time=\"{:.3}\">",
@@ -53,9 +53,9 @@ pub fn document(report: &Report) -> String {
             "<testcase classname=\"goldens\" name=\"{name}\"><failure message=\"belongs to no test\"/></testcase>"
         );
     }
-    for problem in &report.problems {
+    for diagnostic in &report.diagnostics {
         let (name, message) =
-            (escape(&problem.source.name.display().to_string()), escape(&problem.message));
+            (escape(&diagnostic.source.name.display().to_string()), escape(&diagnostic.message));
         let _ = writeln!(
             text,
             "<testcase classname=\"tests\" name=\"{name}\"><error message=\"{message}\"/></testcase>"
@@ -64,15 +64,16 @@ pub fn document(report: &Report) -> String {
     text + "</testsuite></testsuites>\n"
 }
 
-/// The verdict, what differs most, and how much was looked at.
+/// Describes a comparison by its verdict, the largest difference, and the fraction of entries that was compared.
 fn in_words(comparison: &Comparison) -> String {
     let verdict = comparison.verdict.word().to_owned();
     let worst = comparison.worst().map(|worst| worst.in_words());
-    let seen = format!("{} % of the entries seen", six(100.0 * comparison.seen()));
+    let seen =
+        format!("{} % of the entries seen", six_digits(100.0 * comparison.compared_fraction()));
     [Some(verdict), worst, Some(seen)].into_iter().flatten().collect::<Vec<_>>().join("; ")
 }
 
-/// Text inside of XML and HTML; what XML cannot hold is left out.
+/// Escapes text for XML and HTML. Characters that XML does not allow are removed.
 pub(super) fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for c in text.chars() {
@@ -94,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_no_document_may_hold_is_left_out() {
+    fn characters_that_xml_forbids_are_removed() {
         assert_eq!(
             escape("a\u{0}\u{1b}[\u{7f}\u{9b}\u{fffe}\u{ffff}<\"&>\n\té"),
             "a[&lt;&quot;&amp;&gt;\n\té"

@@ -1,39 +1,41 @@
-//! The nodes of a graph as they were when its golden was accepted, and how they differ now: why a result changed.
+//! The nodes of a graph as text. Goldens store this text, so that a report can explain why a result has changed.
 
 use maquette_engine::eval::RunTrace;
-use maquette_graph::{Graph, in_short, parameter_difference, parameter_name};
+use maquette_graph::{Graph, parameter_difference, parameter_name, short_text};
 use maquette_syntax::{FILE, with_article};
 use serde_json::Value as Json;
 
-/// Begins the line of a warning, among those of the nodes.
+/// The beginning of each line with a warning.
 const WARNING: &str = "warning  ";
 
-/// Which warnings of nodes came or went, in words. That of a node which only got another name did neither.
+/// Describes new and missing warnings of nodes. If only the node was renamed, its warning is neither new nor missing.
 pub(super) fn changed_warnings(before: &str, now: &str) -> Vec<String> {
-    fn of(text: &str) -> Vec<&str> {
+    fn warning_lines(text: &str) -> Vec<&str> {
         text.lines().filter_map(|line| line.strip_prefix(WARNING)).collect()
     }
-    let (old, new) = (of(before), of(now));
-    let mut gone: Vec<_> = old.iter().filter(|line| !new.contains(line)).collect();
-    let mut came: Vec<_> = new.iter().filter(|line| !old.contains(line)).collect();
-    gone.retain(|was| {
-        let renamed = came.iter().position(|is| is_renamed((before, was), (now, is)));
-        renamed.map(|at| came.remove(at)).is_none()
+    let (old, new) = (warning_lines(before), warning_lines(now));
+    let mut missing: Vec<_> = old.iter().filter(|line| !new.contains(line)).collect();
+    let mut added: Vec<_> = new.iter().filter(|line| !old.contains(line)).collect();
+    missing.retain(|was| {
+        let renamed = added.iter().position(|is| is_renamed((before, was), (now, is)));
+        renamed.map(|at| added.remove(at)).is_none()
     });
-    let gone = gone.into_iter().map(|line| format!("there is no longer the warning {line}"));
-    gone.chain(came.into_iter().map(|line| format!("there is a new warning {line}"))).collect()
+    let gone = missing.into_iter().map(|line| format!("missing warning {line}"));
+    gone.chain(added.into_iter().map(|line| format!("new warning {line}"))).collect()
 }
 
-/// Whether two lines of warnings say the same of nodes of one type, of which one is gone and the other one new.
+/// Returns true if two warnings are equal, their nodes have the same type, the first node no longer exists, and the second node is new.
 fn is_renamed((before, was): (&str, &str), (now, is): (&str, &str)) -> bool {
-    fn named(line: &str) -> Option<(&str, &str)> {
+    fn split_warning(line: &str) -> Option<(&str, &str)> {
         line.strip_prefix('`')?.split_once("`: ")
     }
-    let (Some((old, was)), Some((new, is))) = (named(was), named(is)) else { return false };
-    let kind = |text: &'_ str, name: &str| {
-        let line = nodes(text).map(split).find(|(other, _)| *other == name)?;
-        line.1.split(' ').next().map(str::to_owned)
+    let (Some((old, was)), Some((new, is))) = (split_warning(was), split_warning(is)) else {
+        return false;
     };
+    fn kind<'t>(text: &'t str, name: &str) -> Option<&'t str> {
+        let (_, line) = nodes(text).map(split).find(|(other, _)| *other == name)?;
+        line.split(' ').next()
+    }
     let is_gone = kind(now, old).is_none() && kind(before, new).is_none();
     was == is && is_gone && kind(before, old) == kind(now, new)
 }
@@ -46,11 +48,11 @@ fn nodes(text: &str) -> impl Iterator<Item = &str> {
     text.lines().filter(|line| !line.starts_with(WARNING))
 }
 
-/// What of the nodes' lines differs: "node `raised`: parameter `distance` 12 -> 15".
+/// Describes the nodes whose lines differ, such as "node `raised`: parameter `distance` 12 -> 15".
 pub(super) fn changed_lines(before: &str, now: &str) -> Vec<String> {
     let (mut old, new) =
         (nodes(before).map(split).collect::<Vec<_>>(), nodes(now).map(split).collect::<Vec<_>>());
-    // The tenth element stands behind the ninth.
+    // Natural sort: compare numeric path segments as numbers.
     old.sort_by_cached_key(|(name, _)| {
         name.split('/').map(|part| (part.parse::<usize>().ok(), part)).collect::<Vec<_>>()
     });
@@ -59,9 +61,10 @@ pub(super) fn changed_lines(before: &str, now: &str) -> Vec<String> {
         match new.iter().find(|(other, _)| other == name) {
             None => changes.push(format!("node `{name}` is gone")),
             Some((_, is)) if is != was => {
-                let told = Line::read(was).zip(Line::read(is)).and_then(|(was, is)| was.told(is));
-                let told = told.unwrap_or_else(|| "it is another one".to_owned());
-                changes.push(format!("node `{name}`: {told}"));
+                let difference =
+                    Line::read(was).zip(Line::read(is)).and_then(|(was, is)| was.difference(is));
+                let difference = difference.unwrap_or_else(|| "it has changed".to_owned());
+                changes.push(format!("node `{name}`: {difference}"));
             }
             Some(_) => {}
         }
@@ -74,12 +77,12 @@ pub(super) fn changed_lines(before: &str, now: &str) -> Vec<String> {
     changes
 }
 
-/// What a line says of a node behind its name.
+/// A line about a node, parsed. The name of the node is not included.
 struct Line<'a> {
     kind: &'a str,
     parameters: Json,
     links: &'a str,
-    /// The names of files, each with a hash behind it.
+    /// The names of the node's files, each followed by a hash.
     files: Vec<&'a str>,
 }
 
@@ -93,10 +96,11 @@ impl<'a> Line<'a> {
         Some(Self { kind, parameters, links, files: files.split_whitespace().collect() })
     }
 
-    /// How a later one differs, as `why` says it; none if that cannot be seen.
-    fn told(mut self, now: Self) -> Option<String> {
-        const MOST: usize = 3;
-        let mut told = Vec::new();
+    /// Describes the difference between this line and a later one, in the form that `maquette why` uses. Returns `None` if no difference is
+    /// visible.
+    fn difference(mut self, now: Self) -> Option<String> {
+        const MAX_PARAMETERS: usize = 3;
+        let mut changes = Vec::new();
         if self.kind != now.kind {
             return Some(format!(
                 "it is {}, and was {} before",
@@ -105,32 +109,32 @@ impl<'a> Line<'a> {
             ));
         }
         while let Some((path, was, is)) = parameter_difference(&self.parameters, &now.parameters) {
-            if told.len() == MOST {
-                told.push("and more".to_owned());
+            if changes.len() == MAX_PARAMETERS {
+                changes.push("and more".to_owned());
                 break;
             }
-            let change = format!("{} -> {}", in_short(&was), in_short(&is));
+            let change = format!("{} -> {}", short_text(&was), short_text(&is));
             if path.is_empty() {
                 return Some(format!("its parameters {change}"));
             }
-            told.push(format!("parameter `{}` {change}", parameter_name(&path)));
+            changes.push(format!("parameter `{}` {change}", parameter_name(&path)));
             let steps = path.iter().map(|step| step.replace('~', "~0").replace('/', "~1"));
             let steps = String::from_iter(steps.map(|step| format!("/{step}")));
             *self.parameters.pointer_mut(&steps)? = is;
         }
         if self.links != now.links {
-            told.push(format!("links ({}) -> ({})", short(self.links), short(now.links)));
+            changes.push(format!("links ({}) -> ({})", short(self.links), short(now.links)));
         }
         let same_names = self.files.iter().step_by(2).eq(now.files.iter().step_by(2));
         match same_names {
             true => {
                 let pairs = self.files.chunks(2).zip(now.files.chunks(2));
                 let changed = pairs.filter(|(was, is)| was != is);
-                told.extend(changed.map(|(was, _)| format!("file {} changed", was[0])));
+                changes.extend(changed.map(|(was, _)| format!("file {} changed", was[0])));
             }
-            false => told.push("it reads other files".to_owned()),
+            false => changes.push("it reads other files".to_owned()),
         }
-        (!told.is_empty()).then(|| told.join(", "))
+        (!changes.is_empty()).then(|| changes.join(", "))
     }
 }
 
@@ -141,7 +145,7 @@ fn short(text: &str) -> String {
     }
 }
 
-/// Each node's type, parameters and links on a line, sorted; then each warning.
+/// Returns all needed nodes as text: one line for each node with its type, parameters and links, sorted; then one line for each warning.
 pub(super) fn nodes_of(graph: &Graph, needed: &RunTrace) -> String {
     let mut lines = Vec::new();
     for node in
@@ -159,7 +163,7 @@ pub(super) fn nodes_of(graph: &Graph, needed: &RunTrace) -> String {
         let mut parameters = node.recipe.parameters.clone();
         without_machine(&mut parameters);
         let files = node.files.iter().filter_map(|file| {
-            let hash = maquette_value::Hash::of(&maquette_value::plain::read(&file.path).ok()?);
+            let hash = maquette_value::Hash::compute(&maquette_value::fs::read(&file.path).ok()?);
             Some(format!(" {} {}", file.given, hash.short()))
         });
         let files: String = files.collect();
@@ -172,7 +176,7 @@ pub(super) fn nodes_of(graph: &Graph, needed: &RunTrace) -> String {
     lines.join("\n") + "\n"
 }
 
-/// Takes away what depends on where the graph is: the paths of files, which are named apart.
+/// Removes the paths of files from parameters, because the paths depend on the location of the graph. The files are listed separately.
 fn without_machine(parameters: &mut Json) {
     match parameters {
         Json::Object(entries) => {
@@ -189,7 +193,7 @@ mod tests {
     use super::changed_lines;
 
     #[test]
-    fn what_changed_is_told_in_words() {
+    fn changed_nodes_are_described_in_words() {
         fn line(at: &str, step: &str, hash: &str) -> String {
             format!(
                 "posts/{at}  Transform {{\"rotate\":[0.0,5.0],\"translate\":[{step},0.0]}} (mesh: m.mesh) a.obj {hash}\n"
@@ -206,7 +210,7 @@ mod tests {
             ]
         );
         let other = line("2", "2.0", "1").replace("m.mesh", "n.mesh");
-        let told = ["node `posts/2`: links (mesh: m.mesh) -> (mesh: n.mesh)"];
-        assert_eq!(changed_lines(&line("2", "2.0", "1"), &other), told);
+        let expected = ["node `posts/2`: links (mesh: m.mesh) -> (mesh: n.mesh)"];
+        assert_eq!(changed_lines(&line("2", "2.0", "1"), &other), expected);
     }
 }

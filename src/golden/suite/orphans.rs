@@ -1,48 +1,48 @@
-//! Goldens that no test asks for any more. The summary of a golden names the files that belong to it; other files in the folders of goldens
-//! are not ours and are left alone. Links are not followed.
+//! Finds orphans: goldens that no test uses any more. The summary of a golden lists the files of the golden; other files in the folders of
+//! goldens are left alone. Links are not followed.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use maquette_value::Hash;
-use maquette_value::plain;
 
-use super::{FOLDER, NODES, SUFFIXES, beside, jobs_of};
+use super::{GOLDENS_FOLDER, NODES_FILE, SUFFIXES, jobs_of, test_folder};
 use crate::case;
 use crate::case::TestFile;
-use crate::store::kept_in;
+use crate::store::file_label;
 
-/// The goldens in a folder by name, each with its files.
+/// Returns the goldens in a folder by name, each with the paths of its files.
 pub(super) fn goldens(folder: &Path) -> BTreeMap<String, Vec<PathBuf>> {
     let mut goldens = BTreeMap::new();
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let file = entry.file_name().to_string_lossy().into_owned();
-        let Some(name) = file.strip_suffix(".txt").filter(|_| file != NODES) else { continue };
-        let summary = plain::read_own_text(&entry.path()).ok();
+        let Some(name) = file.strip_suffix(".txt").filter(|_| file != NODES_FILE) else { continue };
+        let summary = maquette_value::fs::read_text_no_follow(&entry.path()).ok();
         if let Some(suffixes) = summary.and_then(|summary| suffixes(&summary)) {
             let files = suffixes.iter().map(|suffix| folder.join(format!("{name}{suffix}")));
-            goldens.insert(name.to_owned(), files.filter(|file| plain::is_own(file)).collect());
+            goldens.insert(
+                name.to_owned(),
+                files.filter(|file| maquette_value::fs::is_regular_file(file)).collect(),
+            );
         }
     }
     goldens
 }
 
-/// What follows the name of a golden in the names of its files, as its summary says; none if the text is no summary.
+/// Returns the suffixes of a golden's files, as its summary lists them. Returns `None` if the text is not a summary.
 fn suffixes(summary: &str) -> Option<Vec<&'static str>> {
-    let facts = || summary.lines().filter_map(|line| line.split_once("  "));
-    let fact = |label: &str| facts().find(|(name, _)| *name == label).map(|(_, fact)| fact.trim());
-    fact("type")?;
-    Hash::parse(fact("hash")?)?;
-    let named: Vec<_> = SUFFIXES
-        .into_iter()
-        .filter(|suffix| facts().any(|(name, _)| name == kept_in(suffix)))
-        .collect();
+    let lines = summary.lines().filter_map(|line| line.split_once("  "));
+    let facts: BTreeMap<&str, &str> = lines.map(|(name, fact)| (name, fact.trim())).collect();
+    facts.get("type")?;
+    Hash::parse(facts.get("hash")?)?;
+    let named: Vec<_> =
+        SUFFIXES.into_iter().filter(|suffix| facts.contains_key(&file_label(suffix)[..])).collect();
     if !named.is_empty() {
         return Some([&[".txt"], &named[..]].concat());
     }
-    // Goldens of the earlier form say only how much they keep.
-    Some(match fact("kept") {
+    // A golden of the earlier format does not list its files; it only states how much of the value it stores.
+    Some(match facts.get("kept").copied() {
         Some(kept) if kept.ends_with("pixel") => vec![".txt", ".png"],
         Some("every 1. element") => vec![".txt", ".bin"],
         Some(_) => vec![".txt", ".bin", ".view.png"],
@@ -50,18 +50,18 @@ fn suffixes(summary: &str) -> Option<Vec<&'static str>> {
     })
 }
 
-/// Goldens in folders that no test beside them claims. Whose goldens they are is not known while a test beside them cannot be read:
-/// then there are none.
-pub(super) fn unclaimed(tests: &[TestFile]) -> Vec<PathBuf> {
-    let folders: BTreeSet<&Path> = tests.iter().map(beside).collect();
+/// Returns the goldens that no test next to their folder uses. If a test cannot be read, it is unknown which goldens it uses, so none of
+/// that folder is returned.
+pub(super) fn unclaimed_goldens(tests: &[TestFile]) -> Vec<PathBuf> {
+    let folders: BTreeSet<&Path> = tests.iter().map(test_folder).collect();
     let mut orphans = Vec::new();
     for folder in folders {
-        let Some(claimed) = claimed(folder) else { continue };
-        walk(&folder.join(FOLDER), &mut |folder| {
+        let Some(claimed) = claimed_folders(folder) else { continue };
+        walk(&folder.join(GOLDENS_FOLDER), &mut |folder| {
             if !claimed.contains(folder) {
                 let mut files: Vec<_> = goldens(folder).into_values().flatten().collect();
-                let nodes = folder.join(NODES);
-                if !files.is_empty() && plain::is_own(&nodes) {
+                let nodes = folder.join(NODES_FILE);
+                if !files.is_empty() && maquette_value::fs::is_regular_file(&nodes) {
                     files.push(nodes);
                 }
                 orphans.append(&mut files);
@@ -72,19 +72,20 @@ pub(super) fn unclaimed(tests: &[TestFile]) -> Vec<PathBuf> {
     orphans
 }
 
-/// The folders of goldens of all tests in a folder, also of those that are not run now; none if one of them cannot be read.
-fn claimed(folder: &Path) -> Option<BTreeSet<PathBuf>> {
+/// Returns the goldens folders of all tests in a folder, including tests that are not run now. Returns `None` if one of the tests cannot be
+/// read.
+fn claimed_folders(folder: &Path) -> Option<BTreeSet<PathBuf>> {
     let mut claimed = BTreeSet::new();
     for file in fs::read_dir(if folder == Path::new("") { Path::new(".") } else { folder }).ok()? {
         let path = folder.join(file.ok()?.file_name());
-        if path.to_string_lossy().ends_with(case::ENDING) {
+        if path.to_string_lossy().ends_with(case::EXTENSION) {
             claimed.extend(jobs_of(&case::skim(&path)?).into_iter().map(|job| job.folder));
         }
     }
     Some(claimed)
 }
 
-/// A folder and all inside of it.
+/// Calls `found` for a folder and all folders inside it.
 fn walk(folder: &Path, found: &mut impl FnMut(&Path)) {
     if !fs::symlink_metadata(folder).is_ok_and(|metadata| metadata.is_dir()) {
         return;

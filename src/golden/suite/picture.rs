@@ -1,23 +1,23 @@
-//! Pictures for the report: what was, what is, and how far apart they are.
+//! Pictures for the report: the old values, the new values and their differences.
 
+use maquette_engine::digits::six_digits;
 use maquette_engine::distances::distances;
-use maquette_engine::six::six;
 use maquette_format::png;
 use maquette_render::{View, render};
 use maquette_value::{AnyValue, Attribute, Image, Mesh, Rgb};
 use nalgebra::Point3;
 
-use super::Compared;
+use super::OutputComparison;
 use crate::parts::{Class, GoldenColumn, GoldenParts};
-use crate::store::{Golden, every, picture_of};
+use crate::store::{Golden, picture_of, sample_picture};
 
-/// A picture with its caption; two are shown in turn.
+/// A picture with its caption. If there are two pictures, the page shows them alternately.
 pub(crate) struct Figure {
     pub(crate) caption: String,
     pub(crate) pictures: Vec<Vec<u8>>,
 }
 
-/// From where meshes are looked at: yaw, pitch, in words.
+/// The cameras for pictures of meshes, each with yaw and pitch in degrees and a description.
 const CAMERAS: [(f64, f64, &str); 3] = [
     (0.0, 0.0, "from the front"),
     (50.0, 20.0, "from the right"),
@@ -33,51 +33,57 @@ impl Figure {
     }
 }
 
-/// The pictures of an output that is not as it was.
-pub(crate) fn figures(output: &Compared) -> Vec<Figure> {
+/// Returns the pictures that show how an output has changed.
+pub(crate) fn figures(output: &OutputComparison) -> Vec<Figure> {
     let golden = output.golden.as_ref().ok();
     if let Some(mesh) = output.value.as_mesh() {
-        return of_mesh(&mesh, golden);
+        return mesh_figures(&mesh, golden);
     }
-    let (old, new) = pictures(&output.value, golden);
+    let (old, new) = old_and_new_picture(&output.value, golden);
     let Some(new) = new else { return Vec::new() };
     let Some(old) = old else {
         return Figure::new("new", &[&new]).into_iter().collect();
     };
     let mut figures = vec![Figure::new("old", &[&old]), Figure::new("new", &[&new])];
     if (old.width(), old.height()) == (new.width(), new.height()) {
-        let (picture, share) = difference(&old, &new);
-        let caption = format!("difference: {} % of the pixels", six(100.0 * share));
+        let (picture, fraction) = difference(&old, &new);
+        let caption = format!("difference: {} % of the pixels", six_digits(100.0 * fraction));
         figures.push(Figure::new(caption, &[&picture]));
         figures.push(Figure::new("old and new in turn", &[&old, &new]));
     }
     figures.into_iter().flatten().collect()
 }
 
-/// The golden and the new value as pictures, both with only those elements that were kept.
-fn pictures(value: &AnyValue, golden: Option<&Golden>) -> (Option<Image>, Option<Image>) {
+/// Returns the golden and the new value as pictures. Both contain only the elements that the golden stores.
+fn old_and_new_picture(
+    value: &AnyValue,
+    golden: Option<&Golden>,
+) -> (Option<Image>, Option<Image>) {
     if let Some(new) = picture_of(value) {
         let old = golden.and_then(Golden::picture);
         let size = old.map_or([0, 0], |old| [old.width(), old.height()]);
-        let new = if old.is_some() { shrunk(&new, size) } else { new };
+        let new = if old.is_some() { shrink(&new, size) } else { new };
         return (old.cloned(), Some(new));
     }
-    let Some(parts) = GoldenParts::of(value) else { return (None, None) };
+    let Some(parts) = GoldenParts::from_value(value) else { return (None, None) };
     let Some(part) = grid_part(&parts) else { return (None, None) };
-    let kept = golden.and_then(Golden::kept).and_then(|kept| kept.column(&part.name));
-    let Some(kept) = kept
-        .map(|kept| &kept.part)
-        .filter(|kept| kept.count == part.count && kept.width == part.width)
+    let stored = golden.and_then(Golden::numbers).and_then(|stored| stored.column(&part.name));
+    let Some(stored) = stored
+        .map(|stored| &stored.part)
+        .filter(|stored| stored.count == part.count && stored.width == part.width)
     else {
-        return (None, gray(part, parts.row, part));
+        return (None, column_picture(part, parts.row, part));
     };
-    (gray(kept, parts.row, kept), gray(&part.every(kept.stride), parts.row, kept))
+    (
+        column_picture(stored, parts.row, stored),
+        column_picture(&part.sample(stored.stride), parts.row, stored),
+    )
 }
 
-fn of_mesh(new: &Mesh, golden: Option<&Golden>) -> Vec<Figure> {
-    // Both are seen from the same side.
+fn mesh_figures(new: &Mesh, golden: Option<&Golden>) -> Vec<Figure> {
+    // The old mesh gets the frame of the new one, so both are shown from the same side.
     let old = golden.and_then(Golden::mesh).map(|old| old.with_frame(new.frame().copied()));
-    let far = match (&old, golden) {
+    let distances_to_old = match (&old, golden) {
         (Some(old), _) => Some(distances(new, old)),
         (None, Some(golden)) => golden.differences(new),
         (None, None) => None,
@@ -92,11 +98,15 @@ fn of_mesh(new: &Mesh, golden: Option<&Golden>) -> Vec<Figure> {
         } else {
             figures.push(Figure::new(format!("new, {words}"), &[&now]));
         }
-        if let Some(far) = &far {
-            let most = far.iter().copied().filter(|x| x.is_finite()).fold(0.0, f64::max);
-            let colors = far.iter().map(|&x| heat(if most > 0.0 { x / most } else { 0.0 }));
-            let picture = colored(new, colors.collect()).map(|mesh| render(&mesh, &view));
-            let caption = format!("distance to the old one, {words}: gray 0, red {} mm", six(most));
+        if let Some(distances_to_old) = &distances_to_old {
+            let largest =
+                distances_to_old.iter().copied().filter(|x| x.is_finite()).fold(0.0, f64::max);
+            let colors = distances_to_old
+                .iter()
+                .map(|&x| heat(if largest > 0.0 { x / largest } else { 0.0 }));
+            let picture = color_vertices(new, colors.collect()).map(|mesh| render(&mesh, &view));
+            let caption =
+                format!("distance to the old one, {words}: gray 0, red {} mm", six_digits(largest));
             figures.extend(picture.map(|picture| Figure::new(caption, &[&picture])));
         }
     }
@@ -106,8 +116,8 @@ fn of_mesh(new: &Mesh, golden: Option<&Golden>) -> Vec<Figure> {
     figures.into_iter().flatten().collect()
 }
 
-/// A mesh or surface with the vertices near some places in red.
-pub(crate) fn marked(value: &AnyValue, places: &[Point3<f64>]) -> Option<Vec<Figure>> {
+/// Returns pictures of a mesh or surface in which the vertices near the positions `places` are red.
+pub(crate) fn violation_figures(value: &AnyValue, places: &[Point3<f64>]) -> Option<Vec<Figure>> {
     let mesh = value.as_mesh()?;
     let (low, high) = mesh.bounds()?;
     let near_sq = (high - low).norm_squared() * 1e-4;
@@ -118,7 +128,7 @@ pub(crate) fn marked(value: &AnyValue, places: &[Point3<f64>]) -> Option<Vec<Fig
         .positions()
         .iter()
         .map(|vertex| heat(f64::from(u8::from(is_near(vertex, near_sq, places)))));
-    let mesh = colored(&mesh, colors.collect())?;
+    let mesh = color_vertices(&mesh, colors.collect())?;
     Some(
         CAMERAS
             .into_iter()
@@ -133,12 +143,12 @@ pub(crate) fn marked(value: &AnyValue, places: &[Point3<f64>]) -> Option<Vec<Fig
     )
 }
 
-fn colored(mesh: &Mesh, colors: Vec<Rgb>) -> Option<Mesh> {
-    let plain = mesh.clone().with_texture(None).without("color");
+fn color_vertices(mesh: &Mesh, colors: Vec<Rgb>) -> Option<Mesh> {
+    let plain = mesh.clone().with_texture(None).without_attribute("color");
     plain.with_vertex("color", Attribute::Color(colors.into())).ok()
 }
 
-/// From gray (0) over yellow to red (1).
+/// Returns a color for a number from 0 to 1: gray for 0, then yellow, and red for 1.
 fn heat(x: f64) -> Rgb {
     const RAMP: [[f64; 3]; 4] =
         [[205.0, 208.0, 212.0], [247.0, 214.0, 92.0], [235.0, 110.0, 40.0], [170.0, 15.0, 30.0]];
@@ -148,39 +158,40 @@ fn heat(x: f64) -> Rgb {
     [0, 1, 2].map(|k| (RAMP[before][k] * (1.0 - t) + RAMP[before + 1][k] * t).round() as u8)
 }
 
-/// Where two pictures differ: black where they do not.
+/// Returns a picture of the differences between two pictures, which is black where they are equal. Also returns the fraction of different
+/// pixels.
 fn difference(old: &Image, new: &Image) -> (Image, f64) {
     let mut count = 0;
     let pixels = old.pixels().iter().zip(new.pixels()).map(|(a, b)| {
-        let most = (0..3).map(|k| a[k].abs_diff(b[k])).max().unwrap_or(0);
-        count += usize::from(most > 0);
-        // The least difference is seen, too.
-        if most == 0 { [0; 3] } else { heat(0.3 + 0.7 * f64::from(most) / 255.0) }
+        let largest = (0..3).map(|k| a[k].abs_diff(b[k])).max().unwrap_or(0);
+        count += usize::from(largest > 0);
+        // The color begins at 0.3 of the scale, so that even the smallest difference is visible.
+        if largest == 0 { [0; 3] } else { heat(0.3 + 0.7 * f64::from(largest) / 255.0) }
     });
     let pixels: Vec<Rgb> = pixels.collect();
-    let share = count as f64 / pixels.len().max(1) as f64;
-    (Image::new(old.width(), old.height(), pixels).expect("a pixel for each place"), share)
+    let fraction = count as f64 / pixels.len().max(1) as f64;
+    (Image::new(old.width(), old.height(), pixels).expect("one pixel per position"), fraction)
 }
 
-/// The same picture with as many pixels as one of which only some are known.
-fn shrunk(picture: &Image, size: [usize; 2]) -> Image {
+/// Reduces a picture to the size of a picture that was stored in part.
+fn shrink(picture: &Image, size: [usize; 2]) -> Image {
     let stride = picture.width().div_ceil(size[0].max(1)).max(1);
-    if stride == 1 { picture.clone() } else { every(picture, stride) }
+    if stride == 1 { picture.clone() } else { sample_picture(picture, stride) }
 }
 
-/// The first column that fills a grid.
+/// Returns the first column whose elements fill a grid.
 fn grid_part(parts: &GoldenParts) -> Option<&GoldenColumn> {
     let row = parts.row.filter(|row| *row > 1)?;
     parts.columns.iter().find(|part| part.count.is_multiple_of(row) && part.count >= 2 * row)
 }
 
-/// A column as a picture: depths and numbers in gray, as far as those of `scale` reach, labels in colors. What was not kept is as
-/// what was kept before it.
-fn gray(part: &GoldenColumn, row: Option<usize>, scale: &GoldenColumn) -> Option<Image> {
+/// Returns a column as a picture. Positions and numbers are gray, scaled to the range of the column `scale`; labels have colors. An element
+/// that was not stored gets the color of the last stored element before it.
+fn column_picture(part: &GoldenColumn, row: Option<usize>, scale: &GoldenColumn) -> Option<Image> {
     let row = row?;
-    let component = if part.class == Class::Place { part.width - 1 } else { 0 };
+    let component = if part.class == Class::Position { part.width - 1 } else { 0 };
     let range = *scale.ranges().get(component)?;
-    let (low, high) = range.map_or((0.0, 1.0), |range| (range.least, range.greatest));
+    let (low, high) = range.map_or((0.0, 1.0), |range| (range.min, range.max));
     Image::new(
         row,
         part.count / row,

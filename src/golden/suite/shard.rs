@@ -1,8 +1,8 @@
-//! A part of all test cases, for one of several machines.
+//! Shards: parts of all test cases, each for one of several machines.
 
 use std::str::FromStr;
 
-/// The part `index` of `count`, both from 1. The parts of one list of names are disjoint and together the whole list.
+/// The part with the number `index` of `count` parts; both are counted from 1. Each name in a list belongs to exactly one part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
     index: usize,
@@ -10,7 +10,8 @@ pub struct Shard {
 }
 
 impl Shard {
-    /// Marks the names that are in this part: sorted, they are dealt one by one, so that the parts are equally large.
+    /// For each name, returns true if the name belongs to this part. The sorted names are dealt to the parts one by one, so the parts are
+    /// equally large.
     pub(super) fn contains(self, names: &[String]) -> Vec<bool> {
         let mut sorted = Vec::from_iter(0..names.len());
         sorted.sort_by_key(|&place| &names[place]);
@@ -21,7 +22,7 @@ impl Shard {
         is_in
     }
 
-    /// Returns true for one of the parts: it reports what belongs to no case.
+    /// Returns true if this is the first part. Only the first part reports errors that belong to no case.
     pub(super) fn is_first(self) -> bool {
         self.index == 1
     }
@@ -45,13 +46,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn parts_are_disjoint_equally_large_and_together_everything_in_any_order() {
+    fn shards_partition_the_cases_evenly_in_any_order() {
         let mut names: Vec<_> = (0..29).map(|k| format!("g{}.ron default", k * 7 % 29)).collect();
         for count in [1, 2, 8, 40] {
             fn part(index: usize, names: &[String], count: usize) -> Vec<String> {
                 let is_in = Shard { index, count }.contains(names);
-                let own = names.iter().zip(is_in).filter(|(_, is_in)| *is_in);
-                let mut own: Vec<_> = own.map(|(name, _)| name.clone()).collect();
+                let selected = names.iter().zip(is_in).filter(|(_, is_in)| *is_in);
+                let mut own: Vec<_> = selected.map(|(name, _)| name.clone()).collect();
                 own.sort();
                 own
             }
@@ -70,7 +71,7 @@ mod tests {
     }
 
     #[test]
-    fn a_part_that_is_none_is_refused() {
+    fn invalid_shards_are_rejected() {
         for wrong in ["0/8", "9/8", "0/0", "1/0", "2", "/", "a/b", "-1/8", "1/8/2", " 1/8", ""] {
             assert!(wrong.parse::<Shard>().is_err(), "{wrong}");
         }

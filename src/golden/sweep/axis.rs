@@ -1,24 +1,24 @@
-//! What differs from task to task: values and files, one with the other or each with each.
+//! Axes of a sweep: values and files that differ between tasks, combined pairwise or as a product.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use maquette_syntax::error::{Span, code};
-use maquette_syntax::paths::{PathProblem, may_read};
-use maquette_syntax::{Body, Finding, Help, Kind, Tree};
+use maquette_syntax::paths::{PathError, may_read};
+use maquette_syntax::{Body, Help, Kind, LocalDiagnostic, Tree};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::files::Meant;
+use super::files::FilesAxis;
 use super::table::{self};
 
-/// What differs from task to task.
+/// Values or files that differ between tasks.
 #[derive(Deserialize, JsonSchema)]
 pub(super) enum Axis {
-    /// Each with each: the last one changes fastest. `Product([Values("growth", [5, 12]), Values("levels", [0, 1])])` is four tasks.
+    /// All combinations; the last axis changes fastest. `Product([Values("growth", [5, 12]), Values("levels", [0, 1])])` is four tasks.
     Product(Vec<Self>),
-    /// The first with the first, the second with the second: all have equally many. `Zip([Values("growth", [5, 12]), Values("levels", [0, 1])])`
-    /// is two tasks.
+    /// Pairs: the first values together, then the second ones. All axes have the same length. `Zip([Values("growth", [5, 12]),
+    /// Values("levels", [0, 1])])` is two tasks.
     Zip(Vec<Self>),
     /// Values of a parameter (`name`) or of a field (`node.field`), as with `--set`: `Values("growth", [5, 12, 20])`.
     Values(
@@ -27,46 +27,46 @@ pub(super) enum Axis {
         #[schemars(with = "Vec<serde_json::Value>")]
         Vec<serde::de::IgnoredAny>,
     ),
-    /// Equally spaced values from one to another, both included: `Range("growth", 5, 20, 4)` is 5, 10, 15 and 20.
+    /// Equally spaced values between two values, both included: `Range("growth", 5, 20, 4)` is 5, 10, 15 and 20.
     Range(
         #[schemars(extend("format" = "target"))] String,
         f64,
         f64,
         #[schemars(range(min = 2, max = 1_000_000))] u32,
     ),
-    /// The rows of a table, a task each: `Table("values.csv")`. Its columns are named as in `Values`, in the first line of a CSV file, or as the
-    /// keys of the objects in a list of JSON.
+    /// Rows of a table, one task per row: `Table("values.csv")`. The names of its columns, as in `Values`, are the first line of a CSV file
+    /// or the keys of the objects in a JSON list.
     Table(String),
-    /// Files, a task each: `Files("scans/*/range.pcd", set: "scan.range")`.
+    /// Files, one task per file: `Files("scans/*/range.pcd", set: "scan.range")`.
     Files {
-        /// Which files, relative to this one: `*` stands for any letters, `?` for one. Folders may be meant, too.
+        /// Pattern of paths, relative to this file: `*` stands for any characters, `?` for one. Folders match, too.
         pattern: String,
-        /// The parameter or field that names the file, as with `--set`. If it is left out, and so is `input`, each file that the graph
-        /// reads is replaced: by one of the same name in the folder, or by the file itself if it has the same ending.
+        /// Parameter or field that gets the path, as with `--set`. If this and `input` are omitted, each file that the graph reads is
+        /// replaced: by the file of the same name in a matching folder, or by a matching file with the same extension.
         #[serde(default)]
         #[schemars(extend("format" = "target"))]
         set: String,
-        /// The input of the graph that the file is for, as with `--input`.
+        /// Input of the graph that gets the file, as with `--input`.
         #[serde(default)]
         #[schemars(extend("format" = "input"))]
         input: String,
-        /// Files beside it, by what names them: `{"scan.color": "color.png"}`.
+        /// Files in the same folder, by the parameter or field that gets each: `{"scan.color": "color.png"}`.
         #[serde(default)]
         #[schemars(extend("propertyNames" = { "format": "target" }))]
         beside: BTreeMap<String, String>,
-        /// What it is called in `out` and on the contact sheet: what stands for the `*`. `file` if it is left out.
+        /// Name of the value in `out` and on the contact sheet; the value is the text that matches the `*`. `file` if omitted.
         #[serde(default)]
         name: String,
     },
 }
 
-/// The values of a task, or of one axis.
+/// The values of one task, or the part of them that comes from one axis.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Row {
-    /// As they are shown, one for each name.
+    /// The values as text for display, one for each name.
     pub values: Vec<String>,
     pub set: Vec<Set>,
-    /// The files at inputs, as with `--input`.
+    /// The files that are the values of inputs, as with `--input`.
     pub inputs: Vec<(String, PathBuf)>,
 }
 
@@ -75,14 +75,20 @@ pub struct Row {
 pub struct Set {
     pub target: String,
     pub text: String,
-    /// Where it stands in the sweep.
+    /// The span of the value in the sweep.
     pub(crate) span: Span,
-    /// Where it is said what is set.
-    pub(crate) of: Span,
+    /// The span of the target in the sweep.
+    pub(crate) target_span: Span,
 }
 
 impl Row {
-    fn and(&self, other: &Self) -> Self {
+    /// Returns true if the row sets a value for this target (a parameter or field).
+    pub(super) fn sets(&self, target: &str) -> bool {
+        self.set.iter().any(|set| set.target == target)
+    }
+
+    /// Returns a row with the values of both rows.
+    fn join(&self, other: &Self) -> Self {
         Self {
             values: [&self.values[..], &other.values].concat(),
             set: [&self.set[..], &other.set].concat(),
@@ -94,36 +100,37 @@ impl Row {
 /// The rows of an axis.
 #[derive(Default)]
 pub(super) struct Rows {
-    /// What the values are called, and where that stands.
+    /// The names of the values, with their spans.
     pub(super) names: Vec<(String, Span)>,
     pub(super) rows: Vec<Row>,
 }
 
-/// More tasks than anybody means.
-const MOST: usize = 1_000_000;
+/// The maximum number of tasks.
+const MAX_TASKS: usize = 1_000_000;
 
-/// Reads axes.
+/// Reads the axes of a sweep.
 pub(super) struct Reader<'a> {
     pub(super) text: &'a str,
     /// The folder of the sweep.
     pub(super) folder: &'a Path,
-    /// The folder of the graph, that paths which are set are relative to.
+    /// The folder of the graph. Paths in values are relative to it.
     pub(super) graph_folder: &'a Path,
-    /// The folders that files may lie in.
+    /// The folders in which files may be.
     pub(super) roots: &'a [PathBuf],
-    /// What names the files of the graph, by their names and endings.
+    /// Returns the files that the graph reads, each with the field that contains its path.
     pub(super) reads: &'a dyn Fn() -> Vec<(String, PathBuf)>,
-    pub(super) findings: Vec<Finding>,
-    pub(super) warnings: Vec<Finding>,
+    pub(super) diagnostics: Vec<LocalDiagnostic>,
+    pub(super) warnings: Vec<LocalDiagnostic>,
 }
 
-/// How many tasks an axis makes at least, by its values.
+/// Returns a lower bound for the number of tasks that an axis describes. It is computed without creating the tasks.
 fn count(axis: &Tree) -> usize {
     let name = axis.name().map_or_else(String::new, |name| name.text);
-    fn list(place: usize, axis_kind: &Kind) -> &[Tree] {
-        match axis_kind {
+    /// Returns the items of the list that is the argument of an axis with this index.
+    fn list(axis: &Tree, index: usize) -> &[Tree] {
+        match &axis.kind {
             Kind::Call { body: Body::Items(items), .. } => {
-                match items.get(place).map(|it| &it.kind) {
+                match items.get(index).map(|it| &it.kind) {
                     Some(Kind::List(items)) => &items[..],
                     _ => &[],
                 }
@@ -132,9 +139,9 @@ fn count(axis: &Tree) -> usize {
         }
     }
     match &name[..] {
-        "Product" => list(0, &axis.kind).iter().map(count).fold(1, usize::saturating_mul),
-        "Zip" => list(0, &axis.kind).iter().map(count).max().unwrap_or(1),
-        "Values" => list(1, &axis.kind).len().max(1),
+        "Product" => list(axis, 0).iter().map(count).fold(1, usize::saturating_mul),
+        "Zip" => list(axis, 0).iter().map(count).max().unwrap_or(1),
+        "Values" => list(axis, 1).len().max(1),
         "Range" => match &axis.kind {
             Kind::Call { body: Body::Items(items), .. } => {
                 match items.get(3).map(|item| &item.kind) {
@@ -149,7 +156,7 @@ fn count(axis: &Tree) -> usize {
 }
 
 impl Reader<'_> {
-    pub(super) fn find(
+    pub(super) fn report(
         &mut self,
         code: &'static str,
         span: Span,
@@ -157,41 +164,40 @@ impl Reader<'_> {
         help: impl Into<Help>,
     ) {
         let (message, help) = (message.into(), help.into());
-        self.findings.push(Finding { code, span, message, help, note: None });
+        self.diagnostics.push(LocalDiagnostic { code, span, message, help, note: None });
     }
 
-    /// The rows of an axis that fits its schema.
+    /// Returns the rows of an axis. The axis must match its schema.
     pub(super) fn rows(&mut self, axis: &Axis, tree: &Tree) -> Rows {
         let items: &[Tree] = match &tree.kind {
             Kind::Call { body: Body::Items(items), .. } => items,
             _ => &[],
         };
-        let inner = |items: &'_ [Tree]| match items.first().map(|list| &list.kind) {
-            Some(Kind::List(trees)) => trees.clone(),
-            _ => Vec::new(),
+        let inner: &[Tree] = match items.first().map(|list| &list.kind) {
+            Some(Kind::List(trees)) => trees,
+            _ => &[],
         };
         match axis {
             Axis::Product(axes) => {
-                // Before any of them is made: files count as one.
-                if MOST < count(tree) {
+                // The number of tasks is checked before any row is created. Files count as one task, because their number is not known yet.
+                if MAX_TASKS < count(tree) {
                     return self.too_many(tree.span);
                 }
-                let all = self.all(axes, &inner(items), tree.span);
+                let all = self.inner_rows(axes, inner, tree.span);
                 let counts = all.iter().map(|rows| rows.rows.len());
-                if MOST < counts.fold(1, usize::saturating_mul) {
+                if MAX_TASKS < counts.fold(1, usize::saturating_mul) {
                     return self.too_many(tree.span);
                 }
                 let mut product = Rows { rows: vec![Row::default()], ..Rows::default() };
                 for Rows { names, rows } in all {
                     product.names.extend(names);
-                    let each = product.rows.iter().flat_map(|a| rows.iter().map(|b| a.and(b)));
+                    let each = product.rows.iter().flat_map(|a| rows.iter().map(|b| a.join(b)));
                     product.rows = each.collect();
                 }
                 product
             }
             Axis::Zip(axes) => {
-                let trees = inner(items);
-                let all = self.all(axes, &trees, tree.span);
+                let all = self.inner_rows(axes, inner, tree.span);
                 let Some(most) = all.iter().map(|rows| rows.rows.len()).max() else {
                     return Rows::default();
                 };
@@ -209,14 +215,14 @@ impl Reader<'_> {
                         all[few].rows.len(),
                         name(longest, &all)
                     );
-                    let help = "what is zipped has equally many; `Product` takes each with each";
-                    self.find(code::WRONG_VALUE, trees[few].span, message, help);
+                    let help = "use the same number of values in `Zip`, or use `Product` for all combinations";
+                    self.report(code::WRONG_VALUE, inner[few].span, message, help);
                     return Rows::default();
                 }
                 let mut zipped = Rows { rows: vec![Row::default(); most], ..Rows::default() };
                 for Rows { names, rows } in all.into_iter().filter(|rows| !rows.rows.is_empty()) {
                     zipped.names.extend(names);
-                    let each = zipped.rows.iter().zip(&rows).map(|(a, b)| a.and(b));
+                    let each = zipped.rows.iter().zip(&rows).map(|(a, b)| a.join(b));
                     zipped.rows = each.collect();
                 }
                 zipped
@@ -225,24 +231,29 @@ impl Reader<'_> {
             Axis::Range(name, from, to, count) => self.range(name, (*from, *to, *count), items),
             Axis::Table(path) => self.table(path, tree.span),
             Axis::Files { pattern, set, input, beside, name } => {
-                self.files(&Meant { pattern, set, input, beside, name, tree })
+                self.files(&FilesAxis { pattern, set, input, files_in_folder: beside, name, tree })
             }
         }
     }
 
     fn too_many(&mut self, span: Span) -> Rows {
-        let help = "sweep over less, or divide the sweep into several";
-        self.find(code::WRONG_VALUE, span, format!("this is more than {MOST} tasks"), help);
+        let help = "use fewer values, or divide the sweep into several";
+        self.report(
+            code::WRONG_VALUE,
+            span,
+            format!("expected at most {MAX_TASKS} tasks, found more"),
+            help,
+        );
         Rows::default()
     }
 
-    fn all(&mut self, axes: &[Axis], trees: &[Tree], span: Span) -> Vec<Rows> {
+    fn inner_rows(&mut self, axes: &[Axis], trees: &[Tree], span: Span) -> Vec<Rows> {
         if axes.is_empty() {
-            self.find(
+            self.report(
                 code::WRONG_VALUE,
                 span,
-                "there is nothing in the list",
-                "write Values(..) or Files(..) into it",
+                "the list is empty",
+                "add Values(..) or Files(..)",
             );
         }
         axes.iter().zip(trees).map(|(axis, tree)| self.rows(axis, tree)).collect()
@@ -252,11 +263,11 @@ impl Reader<'_> {
         let [target, list] = items else { return Rows::default() };
         let Kind::List(values) = &list.kind else { return Rows::default() };
         if values.is_empty() {
-            self.find(
+            self.report(
                 code::WRONG_VALUE,
                 list.span,
                 format!("`{name}` has no values"),
-                "write some: [5, 12, 20]",
+                "add some, such as [5, 12, 20]",
             );
         }
         let rows = values
@@ -267,7 +278,7 @@ impl Reader<'_> {
                     target: name.to_owned(),
                     text: text.to_owned(),
                     span: value.span,
-                    of: target.span,
+                    target_span: target.span,
                 };
                 let values = vec![value.text().unwrap_or(text).to_owned()];
                 Row { values, set: vec![set], inputs: Vec::new() }
@@ -279,8 +290,8 @@ impl Reader<'_> {
     fn range(&mut self, name: &str, (from, to, count): (f64, f64, u32), items: &[Tree]) -> Rows {
         let [target, first, ..] = items else { return Rows::default() };
         let last = f64::from(count - 1);
-        let row = |index: u32| {
-            // The ends are exact, and so are the values between whole numbers that are whole.
+        let rows = (0..count).map(|index| {
+            // This formula is exact at both ends, and for whole numbers between whole numbers.
             let step = f64::from(index);
             let value = if index == count - 1 { to } else { from + (to - from) * step / last };
             let text = value.to_string();
@@ -288,30 +299,29 @@ impl Reader<'_> {
                 target: name.to_owned(),
                 text: text.clone(),
                 span: first.span,
-                of: target.span,
+                target_span: target.span,
             };
             Row { values: vec![text], set: vec![set], inputs: Vec::new() }
-        };
-        let rows = (0..count).map(row).collect();
-        Rows { names: vec![(name.to_owned(), target.span)], rows }
+        });
+        Rows { names: vec![(name.to_owned(), target.span)], rows: rows.collect() }
     }
 
     fn table(&mut self, path: &str, span: Span) -> Rows {
         let file = self.folder.join(path);
         if let Err(problem) = may_read(path, &file, self.roots) {
             let (code, message, help) = match problem {
-                PathProblem::Outside { message, help } => (code::OUTSIDE, message, help),
-                PathProblem::Missing { message, help } => (code::MISSING_FILE, message, help),
+                PathError::Outside { message, help } => (code::OUTSIDE, message, help),
+                PathError::Missing { message, help } => (code::MISSING_FILE, message, help),
             };
-            self.find(code, span, message, help);
+            self.report(code, span, message, help);
             return Rows::default();
         }
-        let read = maquette_value::plain::read_text(&file);
-        let read = read.map_err(|error| format!("cannot read it: {error}"));
+        let read = maquette_value::fs::read_text(&file);
+        let read = read.map_err(|error| format!("cannot read the table: {error}"));
         let table = match read.and_then(|text| table::read(path, &text)) {
             Ok(table) => table,
             Err(why) => {
-                self.find(code::WRONG_VALUE, span, format!("{path}: {why}"), "");
+                self.report(code::WRONG_VALUE, span, format!("{path}: {why}"), "");
                 return Rows::default();
             }
         };
@@ -323,7 +333,7 @@ impl Reader<'_> {
                     target: name.clone(),
                     text: cell.text.clone(),
                     span,
-                    of: span,
+                    target_span: span,
                 });
                 let values = cells.iter().map(|cell| cell.shown.clone()).collect();
                 Row { values, set: set.collect(), inputs: Vec::new() }

@@ -1,60 +1,60 @@
-//! `Sweep(..)`: the file of a batch, read and checked.
+//! `Sweep(..)`: reads and checks the file of a batch.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use maquette_graph::catalog::Catalog;
-use maquette_graph::{Checked, Files, Graph, Options};
+use maquette_graph::{CheckedGraph, Files, Graph, Options};
 use maquette_graph::{Word, words_of_choices, words_of_fields};
-use maquette_syntax::error::{MOST_TOLD, Place, Problem, Severity, Source, Span, code};
+use maquette_syntax::error::{Diagnostic, MAX_REPORTED, Position, Severity, Source, Span, code};
 use maquette_syntax::paths::{folder_of_new, project_root};
-use maquette_syntax::spelling::one_file;
+use maquette_syntax::spelling::same_file_message;
 use maquette_syntax::{
-    Body, Field, Finding, Help, Kind, Mistake, Name, ReadText, Sheet, Tree, Walk, nearest_or_all,
-    parse, quoted, read_tree, twice,
+    Body, Field, Help, Kind, LocalDiagnostic, Name, ReadText, SourceMap, SyntaxError, Tree, Walk,
+    duplicate_keys, nearest_or_all, parse, quote, read_tree,
 };
 use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::axis::{Axis, Reader, Row, Rows, Set};
-use super::names::{Clash, Template, Wrong, clash};
+use super::names::{Clash, Template, TemplateError, find_clash};
 
-/// How files of sweeps are called.
-pub const ENDING: &str = ".sweep.ron";
+/// The extension of sweep files.
+pub const EXTENSION: &str = ".sweep.ron";
 
-/// A file of tasks as it is written.
+/// A sweep file.
 #[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct File {
-    /// The graph, relative to this file.
+    /// Graph, relative to this file.
     graph: String,
-    /// What differs from task to task.
+    /// Values or files that differ between tasks.
     over: Axis,
-    /// Values that all tasks have, as with `--set`: of parameters (`name`) and fields (`node.field`).
+    /// Values that all tasks share, as with `--set`: of parameters (`name`) and fields (`node.field`).
     #[serde(default)]
     #[expect(dead_code, reason = "what is set is text, which is taken from the file")]
     #[schemars(with = "BTreeMap<String, serde_json::Value>", extend("propertyNames" = { "format": "target" }))]
     set: BTreeMap<String, serde::de::IgnoredAny>,
-    /// The name of each task, which is the folder of its outputs: `"{scan}/{growth}"`. Without it all values, with `_` between them.
+    /// Name of each task, which is the folder of its outputs: `"{scan}/{growth}"`. If omitted, all values joined by `_`.
     #[serde(default)]
     out: String,
-    /// What the contact sheet shows of each task.
+    /// Picture of each task on the contact sheet.
     #[serde(default)]
     picture: Picture,
 }
 
-/// What the contact sheet shows of each task.
+/// The picture of each task on the contact sheet.
 #[derive(Clone, Debug, Deserialize, JsonSchema, PartialEq)]
 #[serde(default, deny_unknown_fields)]
 pub struct Picture {
-    /// The output. Without it the first one with faces, or else the first one that can be seen.
+    /// Output to show. If omitted, the first one with faces, or else the first one that can be shown.
     #[schemars(extend("format" = "output"))]
     pub output: String,
-    /// From how far to the right and above it is seen.
+    /// Angles of the camera to the right and upward.
     #[schemars(extend("unit" = "deg"))]
     pub camera: (f64, f64),
-    /// How much nearer than what just fits.
+    /// Magnification relative to a view that just fits.
     #[schemars(range(min = 0.01, max = 100.0))]
     pub zoom: f64,
     /// Width and height.
@@ -62,7 +62,7 @@ pub struct Picture {
     pub size: (Side, Side),
 }
 
-/// One side of a picture.
+/// Width or height of a picture.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema, PartialEq)]
 #[serde(transparent)]
 #[schemars(transparent)]
@@ -79,82 +79,103 @@ impl Default for Picture {
     }
 }
 
-/// The tasks of one graph.
+/// The tasks of a sweep, which evaluate one graph with different values.
 #[derive(Debug)]
 pub struct Sweep {
     pub source: Arc<Source>,
-    /// The graph's file.
+    /// The path of the graph file.
     pub graph: PathBuf,
-    /// What the values of tasks are called.
+    /// The names of the values that differ between tasks.
     pub names: Vec<String>,
     pub tasks: Vec<Task>,
     pub picture: Picture,
 }
 
-/// One evaluation of the graph.
+/// A task of a sweep: one evaluation of the graph.
 #[derive(Clone, Debug)]
 pub struct Task {
-    /// The folder of its outputs.
+    /// The name of the task, which is also the name of the folder for its outputs.
     pub name: String,
     pub row: Row,
 }
 
-/// A sweep, if there are no errors, and all problems of it.
-pub(crate) type Read = (Option<Sweep>, Vec<Problem>);
+/// The sweep if the file has no errors, and all errors and warnings.
+pub(crate) type ReadResult = (Option<Sweep>, Vec<Diagnostic>);
 
-/// Reads the text of a sweep that stands, or will stand, in this file. Nothing is run, but each value is tried on the graph.
-pub fn read_text(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> Read {
+/// Parses the text of a sweep file. No node is run, but each value is set in the graph to check that it is valid.
+pub fn read_text(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> ReadResult {
     read(path, text, catalog, options, true)
 }
 
-/// The same without trying values, for who runs one of many tasks: what is wrong with its own is told by its record.
-pub fn read_untried(path: &Path, text: &str, catalog: &Catalog, options: &Options) -> Read {
+/// Parses the text of a sweep file without checking its values in the graph. This is used to run a single task, whose record contains the
+/// errors of its values.
+pub fn read_without_trying(
+    path: &Path,
+    text: &str,
+    catalog: &Catalog,
+    options: &Options,
+) -> ReadResult {
     read(path, text, catalog, options, false)
 }
 
-fn read(path: &Path, text: &str, catalog: &Catalog, options: &Options, tries: bool) -> Read {
+fn read(
+    path: &Path,
+    text: &str,
+    catalog: &Catalog,
+    options: &Options,
+    tries_values: bool,
+) -> ReadResult {
     let source = Arc::new(Source { name: path.to_owned(), text: text.to_owned() });
-    let sheet = Sheet::new(source.clone(), PathBuf::new());
-    let ReadText { tree, mistakes, doubts } = ReadText::new(&sheet, parse(text), &["Sweep"]);
-    let is_whole = doubts.is_none();
-    let mut checker = Checker { source, catalog, options, tries, is_whole, problems: Vec::new() };
+    let sheet = SourceMap::new(source.clone(), PathBuf::new());
+    let ReadText { tree, errors, uncertain_parts } = ReadText::new(&sheet, parse(text), &["Sweep"]);
+    let is_whole = uncertain_parts.is_none();
+    let mut checker = Checker {
+        source,
+        catalog,
+        options,
+        tries: tries_values,
+        is_whole,
+        diagnostics: Vec::new(),
+    };
     let sweep = tree.and_then(|mut tree| {
-        with_names(&mut tree);
+        name_fields(&mut tree);
         checker.sweep(&tree)
     });
-    let mut problems = checker.problems;
-    if let Some(doubts) = doubts {
-        problems.retain(|problem| !doubts.cover_problem(problem));
-        for Mistake { span, message, help } in mistakes {
+    let mut diagnostics = checker.diagnostics;
+    if let Some(uncertain_parts) = uncertain_parts {
+        diagnostics.retain(|diagnostic| !uncertain_parts.covers_diagnostic(diagnostic));
+        for SyntaxError { span, message, help } in errors {
             let note = None;
-            problems
-                .push(Finding { code: code::SYNTAX, span, message, help, note }.at(&sheet.source));
+            diagnostics.push(
+                LocalDiagnostic { code: code::SYNTAX, span, message, help, note }
+                    .into_diagnostic(&sheet.source),
+            );
         }
     }
-    problems.sort_by_key(|problem| problem.span);
-    let has_error = problems.iter().any(|problem| problem.severity == Severity::Error);
-    (sweep.filter(|_| !has_error), problems)
+    diagnostics.sort_by_key(|diagnostic| diagnostic.span);
+    let has_error = diagnostics.iter().any(|diagnostic| diagnostic.severity == Severity::Error);
+    (sweep.filter(|_| !has_error), diagnostics)
 }
 
-/// Gives fields to what needs no names where nothing else stands: `Files("scans/*")`, `picture: "model.glb"`.
-fn with_names(tree: &mut Tree) {
+/// Adds the names of fields that may be omitted, as in `Files("scans/*")` or `picture: "model.glb"`.
+fn name_fields(tree: &mut Tree) {
     let Kind::Call { body: Body::Fields(fields), .. } = &mut tree.kind else { return };
     for field in fields {
         match &field.name.text[..] {
-            "picture" => with_name(&mut field.value, "output"),
-            "over" => of_axis(&mut field.value),
+            "picture" => name_field(&mut field.value, "output"),
+            "over" => name_axis_fields(&mut field.value),
             _ => {}
         }
     }
 }
 
-fn of_axis(tree: &mut Tree) {
+fn name_axis_fields(tree: &mut Tree) {
     match &mut tree.kind {
-        Kind::Call { name: Some(name), .. } if name.text == "Files" => with_name(tree, "pattern"),
+        Kind::Call { name: Some(name), .. } if name.text == "Files" => name_field(tree, "pattern"),
         Kind::Call { body: Body::Items(items), .. } => {
             for item in items {
                 if let Kind::List(axes) = &mut item.kind {
-                    axes.iter_mut().for_each(of_axis);
+                    axes.iter_mut().for_each(name_axis_fields);
                 }
             }
         }
@@ -162,8 +183,8 @@ fn of_axis(tree: &mut Tree) {
     }
 }
 
-/// Makes a field of a text that stands alone.
-fn with_name(tree: &mut Tree, field: &str) {
+/// Converts a text that is written without a field name to a call with the field `field`.
+fn name_field(tree: &mut Tree, field: &str) {
     fn fields(value: Tree, field: &str) -> Body {
         let span = Span { start: value.span.start, end: value.span.start };
         Body::Fields(vec![Field { name: Name { text: field.to_owned(), span }, value }])
@@ -189,47 +210,49 @@ struct Checker<'a> {
     source: Arc<Source>,
     catalog: &'a Catalog,
     options: &'a Options,
-    /// Whether each value is tried on the graph.
+    /// True if each value is set in the graph to check that it is valid.
     tries: bool,
-    /// Whether there are no syntax errors.
+    /// True if the file has no syntax errors.
     is_whole: bool,
-    problems: Vec<Problem>,
+    diagnostics: Vec<Diagnostic>,
 }
 
 impl Checker<'_> {
-    fn find(&mut self, code: &'static str, span: Span, message: String, help: impl Into<Help>) {
-        let finding = Finding { code, span, message, help: help.into(), note: None };
-        self.problems.push(finding.at(&self.source));
+    fn report(&mut self, code: &'static str, span: Span, message: String, help: impl Into<Help>) {
+        let diagnostic = LocalDiagnostic { code, span, message, help: help.into(), note: None };
+        self.diagnostics.push(diagnostic.into_diagnostic(&self.source));
     }
 
     fn sweep(&mut self, tree: &Tree) -> Option<Sweep> {
         if tree.name().is_none_or(|name| name.text != "Sweep") {
-            let message = format!("a sweep is Sweep(..), not {}", tree.in_words());
+            let message = format!("expected Sweep(..), found {}", tree.describe());
             let help = "begin with `Sweep(graph: \"name.ron\", over: Values(\"name\", [1, 2]))`";
-            self.find(code::SYNTAX, tree.span, message, help);
+            self.report(code::SYNTAX, tree.span, message, help);
             return None;
         }
         let schema = schema();
         let mut walk = Walk {
             node: "Sweep",
             root: &schema,
-            sheet: None,
-            findings: Vec::new(),
+            source_map: None,
+            diagnostics: Vec::new(),
             links: Vec::new(),
             files: Vec::new(),
         };
         walk.node(tree);
-        let mut findings = walk.findings;
-        findings.extend(twice(entries(tree, "set"), "value"));
-        self.problems.extend(findings.into_iter().map(|finding| finding.at(&self.source)));
-        if !self.problems.is_empty() {
+        let mut diagnostics = walk.diagnostics;
+        diagnostics.extend(duplicate_keys(entries(tree, "set"), "value"));
+        self.diagnostics.extend(
+            diagnostics.into_iter().map(|diagnostic| diagnostic.into_diagnostic(&self.source)),
+        );
+        if !self.diagnostics.is_empty() {
             return None;
         }
         let file: File = match read_tree(tree) {
             Ok(file) => file,
             Err(error) => {
                 let span = error.span.unwrap_or(tree.span);
-                self.find(code::WRONG_VALUE, span, error.message, "");
+                self.report(code::WRONG_VALUE, span, error.message, "");
                 return None;
             }
         };
@@ -238,7 +261,7 @@ impl Checker<'_> {
         if !graph.is_file() && !self.options.has_text(&graph) {
             let message = format!("there is no graph `{}`", file.graph);
             let span = field(tree, "graph").map_or(tree.span, |field| field.span);
-            self.find(code::MISSING_FILE, span, message, "the path is relative to this file");
+            self.report(code::MISSING_FILE, span, message, "the path is relative to this file");
             return None;
         }
         let text = self.source.text.clone();
@@ -246,12 +269,17 @@ impl Checker<'_> {
             .iter()
             .filter_map(|(key, value)| {
                 let text = text[value.span.start..value.span.end].to_owned();
-                Some(Set { target: key.text()?.to_owned(), text, span: value.span, of: key.span })
+                Some(Set {
+                    target: key.text()?.to_owned(),
+                    text,
+                    span: value.span,
+                    target_span: key.span,
+                })
             })
             .collect();
         let rows = self.rows(&file, tree, &folder, &graph)?;
-        self.idle(&all, &rows);
-        let mut sweep = self.named(&file, tree, &graph, &all, rows)?;
+        self.warn_of_unused(&all, &rows);
+        let mut sweep = self.name_tasks(&file, tree, &graph, &all, rows)?;
         if !self.is_whole {
             sweep
                 .tasks
@@ -259,82 +287,86 @@ impl Checker<'_> {
                 .for_each(|task| task.row.set.retain(|set| parse(&set.text).1.is_empty()));
         }
         if self.tries {
-            self.tried(&sweep);
+            self.try_values(&sweep);
         }
         Some(sweep)
     }
 
-    /// What differs from task to task.
+    /// Returns the rows of an axis: the values of each task that differ between tasks.
     fn rows(&mut self, file: &File, tree: &Tree, folder: &Path, graph: &Path) -> Option<Rows> {
         let (over, graph_folder) = (field(tree, "over")?, folder_of_new(graph));
         let roots = self.options.roots.iter().filter_map(|root| std::fs::canonicalize(root).ok());
         let roots = Vec::from_iter([project_root(&graph_folder)].into_iter().chain(roots));
-        // What each task replaces need not be there.
+        // A file of the graph that each task replaces need not exist.
         let options = Options { files: Files::Ignored, ..self.options.clone() };
-        let reads = || reads(&Graph::load(graph, self.catalog, &options));
         let here = folder_of_new(&folder.join("sweep"));
         let mut reader = Reader {
             text: &self.source.text,
             folder: &here,
             graph_folder: &graph_folder,
             roots: &roots,
-            reads: &reads,
-            findings: Vec::new(),
+            reads: &|| files_read(&Graph::load(graph, self.catalog, &options)),
+            diagnostics: Vec::new(),
             warnings: Vec::new(),
         };
         let rows = reader.rows(&file.over, over);
-        let (mut findings, warnings) = (reader.findings, reader.warnings);
-        findings.truncate(MOST_TOLD);
+        let (mut diagnostics, warnings) = (reader.diagnostics, reader.warnings);
+        diagnostics.truncate(MAX_REPORTED);
         let mut known = BTreeSet::new();
         for (name, span) in &rows.names {
             if !known.insert(name) {
                 let message = format!("`{name}` is swept twice");
-                let help = "give one of them another name, or leave it out";
+                let help = "rename or remove one of them";
                 let (span, help) = (*span, help.into());
-                findings.push(Finding { code: code::BAD_NAME, span, message, help, note: None });
+                diagnostics.push(LocalDiagnostic {
+                    code: code::BAD_NAME,
+                    span,
+                    message,
+                    help,
+                    note: None,
+                });
             }
         }
-        let is_right = findings.is_empty();
-        self.problems.extend(findings.into_iter().map(|finding| finding.at(&self.source)));
-        warnings.into_iter().take(MOST_TOLD).for_each(|warning| self.warn(warning));
+        let is_right = diagnostics.is_empty();
+        self.diagnostics.extend(
+            diagnostics.into_iter().map(|diagnostic| diagnostic.into_diagnostic(&self.source)),
+        );
+        warnings.into_iter().take(MAX_REPORTED).for_each(|warning| self.warn(warning));
         is_right.then_some(rows)
     }
 
-    /// Warns of values for all tasks that count for none, since each task has one of its own.
-    fn idle(&mut self, all: &[Set], rows: &Rows) {
-        fn own(target: &str, rows_rows: &[Row]) -> Option<Span> {
-            let first = rows_rows.first()?.set.iter().find(|set| set.target == target)?;
-            rows_rows
-                .iter()
-                .all(|row| row.set.iter().any(|set| set.target == target))
-                .then_some(first.of)
+    /// Warns of values for all tasks that have no effect, because each task sets the parameter or field itself.
+    fn warn_of_unused(&mut self, all: &[Set], rows: &Rows) {
+        /// If all rows set a parameter or field, returns the span of its name in `over`.
+        fn overriding_span(target: &str, rows: &[Row]) -> Option<Span> {
+            let first = rows.first()?.set.iter().find(|set| set.target == target)?;
+            rows.iter().all(|row| row.sets(target)).then_some(first.target_span)
         }
-        let in_file = all.iter().filter(|set| own(&set.target, &rows.rows).is_some());
-        let in_file = in_file.map(|set| (set.of, format!("`{}`", set.target)));
+        let in_file = all.iter().filter(|set| overriding_span(&set.target, &rows.rows).is_some());
+        let in_file = in_file.map(|set| (set.target_span, format!("`{}`", set.target)));
         let given = self.options.set.iter().filter_map(|(target, text)| {
-            Some((own(target, &rows.rows)?, format!("`--set {target}={text}`")))
+            Some((overriding_span(target, &rows.rows)?, format!("`--set {target}={text}`")))
         });
         for (span, what) in in_file.chain(given).collect::<Vec<_>>() {
-            let message =
-                format!("{what} counts for no task: each has a value of its own from `over`");
-            let finding = Finding {
+            let message = format!("{what} has no effect: each task has its own value from `over`");
+            let diagnostic = LocalDiagnostic {
                 code: code::UNUSED,
                 span,
                 message,
-                help: "leave it out".into(),
+                help: "remove it".into(),
                 note: None,
             };
-            self.warn(finding);
+            self.warn(diagnostic);
         }
     }
 
-    fn warn(&mut self, finding: Finding) {
-        let told = finding.at(&self.source);
-        self.problems.push(Problem { severity: Severity::Warning, ..told });
+    fn warn(&mut self, diagnostic: LocalDiagnostic) {
+        let diagnostic = diagnostic.into_diagnostic(&self.source);
+        self.diagnostics.push(Diagnostic { severity: Severity::Warning, ..diagnostic });
     }
 
-    /// The tasks with their names.
-    fn named(
+    /// Creates the tasks from the rows, and names them.
+    fn name_tasks(
         &mut self,
         file: &File,
         tree: &Tree,
@@ -353,7 +385,7 @@ impl Checker<'_> {
                 ) {
                     Ok(template) => template,
                     Err(wrong) => {
-                        self.wrong(&wrong, out, &names);
+                        self.report_template(&wrong, out, &names);
                         return None;
                     }
                 }
@@ -366,16 +398,13 @@ impl Checker<'_> {
             .map(|(index, row)| template.name(index, &row.values))
             .collect();
         let span = out.map_or(tree.span, |out| out.span);
-        fn told(index: usize, names: &[String], rows_rows: &[Row]) -> String {
-            values_in_words(names, &rows_rows[index].values)
-        }
-        let (message, help): (_, Help) = match clash(&named) {
+        let (message, help): (_, Help) = match find_clash(&named) {
             None => {
                 let tasks = named
                     .into_iter()
                     .zip(rows.rows)
                     .map(|(name, mut row): (String, Row)| {
-                        // What a task sets itself counts.
+                        // If a task sets a value itself, that value is used instead of the one for all tasks.
                         let mut set: Vec<_> = all
                             .iter()
                             .filter(|set| row.set.iter().all(|own| own.target != set.target))
@@ -393,34 +422,34 @@ impl Checker<'_> {
                     "{}: {} and {}",
                     match named[first] == named[second] {
                         true => format!("two tasks have the name `{}`", named[second]),
-                        false => one_file("tasks", &named[first], &named[second]),
+                        false => same_file_message("tasks", &named[first], &named[second]),
                     },
-                    told(first, &names, &rows.rows),
-                    told(second, &names, &rows.rows)
+                    values_in_words(&names, &rows.rows[first].values),
+                    values_in_words(&names, &rows.rows[second].values)
                 ),
-                telling_apart(&rows, &template, &file.out, [first, second]).into(),
+                distinguishing_help(&rows, &template, &file.out, [first, second]).into(),
             ),
             Some(Clash::Inside(outer, inner)) => (
                 format!(
-                    "the folder `{}` of one task lies in `{}`, which is that of another",
+                    "the folder `{}` of one task is inside `{}`, the folder of another task",
                     named[inner], named[outer]
                 ),
-                "give all tasks equally many folders".into(),
+                "use the same number of folders for all tasks".into(),
             ),
-            Some(Clash::Own(index)) => (
+            Some(Clash::Reserved(index)) => (
                 format!(
-                    "no task can have the name `{}`: the batch has its records and its contact sheet there",
+                    "`{}` cannot name a task: the batch writes its records and its contact sheet there",
                     named[index]
                 ),
-                "put a word before it: `out: \"of-{a}\"`".into(),
+                "add a word before it: `out: \"of-{a}\"`".into(),
             ),
         };
-        self.find(code::BAD_NAME, span, message, help);
+        self.report(code::BAD_NAME, span, message, help);
         None
     }
 
-    fn wrong(&mut self, wrong: &Wrong, out: &Tree, names: &[String]) {
-        // Where it stands, unless escapes are before it.
+    fn report_template(&mut self, wrong: &TemplateError, out: &Tree, names: &[String]) {
+        // This is the position of the error in the file, unless the text contains escape sequences.
         let start = out.span.start + 1 + wrong.at;
         let text = &self.source.text[out.span.start..out.span.end];
         let is_plain = !text.contains('\\') && text.starts_with('"');
@@ -428,27 +457,30 @@ impl Checker<'_> {
         let known: Vec<_> = names.iter().map(String::as_str).collect();
         let help: Help = match &wrong.unknown {
             Some(unknown) => String::from(nearest_or_all(unknown, "the names", &known)).into(),
-            None => "`{name}` stands for a value, `/` divides folders".into(),
+            None => "use `{name}` for a value and `/` between folders".into(),
         };
-        self.find(code::BAD_NAME, span, wrong.message.clone(), help);
+        self.report(code::BAD_NAME, span, wrong.message.clone(), help);
     }
 
-    /// Tries each value on the graph, with those of the first task for the others. What is wrong with one is told at its place.
-    fn tried(&mut self, sweep: &Sweep) {
+    /// Sets each value in the graph, together with the other values of the first task, and checks the graph. Each error is reported at the
+    /// value that causes it.
+    fn try_values(&mut self, sweep: &Sweep) {
         let Some(Task { row: first, .. }) = sweep.tasks.first() else { return };
         let checked = self.graph_with(sweep, &first.set);
-        self.unfit(sweep, checked.graph.as_ref());
-        let own = self.graph_with(sweep, &[]).problems;
-        for problem in &checked.problems {
-            let is_own = own.contains(problem);
+        self.report_unknown_names(sweep, checked.graph.as_ref());
+        let own = self.graph_with(sweep, &[]).diagnostics;
+        for diagnostic in &checked.diagnostics {
+            let is_own = own.contains(diagnostic);
             let by = if is_own {
                 None
             } else {
                 first.set.iter().find(|set| {
-                    self.graph_with(sweep, std::slice::from_ref(set)).problems.contains(problem)
+                    self.graph_with(sweep, std::slice::from_ref(set))
+                        .diagnostics
+                        .contains(diagnostic)
                 })
             };
-            self.tell(problem, &first.set, by.map(|set| set.of));
+            self.report_graph_diagnostic(diagnostic, &first.set, by.map(|set| set.target_span));
         }
         fn pair(set: &Set) -> (String, String) {
             (set.target.clone(), set.text.clone())
@@ -464,91 +496,96 @@ impl Checker<'_> {
                 .filter(|set| new.iter().all(|new| new.target != set.target))
                 .chain(&new)
                 .cloned();
-            for problem in self.graph_with(sweep, &Vec::from_iter(with)).problems {
-                if !checked.problems.contains(&problem) && self.problems.len() < MOST_TOLD {
-                    self.tell(&problem, &new, Some(*span));
+            for diagnostic in self.graph_with(sweep, &Vec::from_iter(with)).diagnostics {
+                if !checked.diagnostics.contains(&diagnostic)
+                    && self.diagnostics.len() < MAX_REPORTED
+                {
+                    self.report_graph_diagnostic(&diagnostic, &new, Some(*span));
                 }
             }
         }
     }
 
-    /// Tells a problem of the graph: at the value that it is about, or at the one with which it came.
-    fn tell(&mut self, problem: &Problem, set: &[Set], new: Option<Span>) {
+    /// Reports an error of the graph at the value that the error is about, or else at the value that caused it.
+    fn report_graph_diagnostic(&mut self, diagnostic: &Diagnostic, set: &[Set], new: Option<Span>) {
         fn words(set: &Set) -> String {
             format!("--set {}={}", set.target, set.text)
         }
         let (span, message) = match (
             set.iter().find(|set| {
                 let words = words(set);
-                let note = problem.note.as_ref().is_some_and(|(_, note)| note.contains(&words));
-                note || problem.message.contains(&words)
+                let note = diagnostic.note.as_ref().is_some_and(|(_, note)| note.contains(&words));
+                note || diagnostic.message.contains(&words)
             }),
             new,
         ) {
             (Some(set), _) => {
-                // What is not there is told once, and not for each value.
-                let is_unknown = [code::UNKNOWN_LINK, code::UNKNOWN_FIELD].contains(&problem.code);
-                let span = if is_unknown { set.of } else { set.span };
-                (span, problem.message.replace(&format!("{}: ", words(set)), ""))
+                // An unknown name is reported only once, although every value of the axis causes the error.
+                let is_unknown =
+                    [code::UNKNOWN_LINK, code::UNKNOWN_FIELD].contains(&diagnostic.code);
+                let span = if is_unknown { set.target_span } else { set.span };
+                (span, diagnostic.message.replace(&format!("{}: ", words(set)), ""))
             }
-            (None, Some(span)) => (span, format!("{}: {}", place(problem), problem.message)),
-            (None, None) => return self.problems.push(problem.clone()),
+            (None, Some(span)) => {
+                (span, format!("{}: {}", format_position(diagnostic), diagnostic.message))
+            }
+            (None, None) => return self.diagnostics.push(diagnostic.clone()),
         };
         let source = (self.source.clone(), span);
-        let told = Problem::new(problem.severity, problem.code, source, message);
-        let told = Problem { help: problem.help.clone(), ..told };
-        if !self.problems.contains(&told) {
-            self.problems.push(told);
+        let reported = Diagnostic::new(diagnostic.severity, diagnostic.code, source, message);
+        let reported = Diagnostic { help: diagnostic.help.clone(), ..reported };
+        if !self.diagnostics.contains(&reported) {
+            self.diagnostics.push(reported);
         }
     }
 
-    /// What the sweep names and the graph does not have: inputs, and the output that is shown.
-    fn unfit(&mut self, sweep: &Sweep, graph: Option<&Graph>) {
+    /// Reports the names in the sweep that do not exist in the graph: names of inputs, and of the output that is shown.
+    fn report_unknown_names(&mut self, sweep: &Sweep, graph: Option<&Graph>) {
         let Some(graph) = graph else { return };
         let known: Vec<_> = graph.inputs().iter().map(|input| &input.name[..]).collect();
         let inputs =
             sweep.tasks[0].row.inputs.iter().filter(|(name, _)| !known.contains(&&name[..]));
         for (name, _) in inputs {
             let help = match known.is_empty() {
-                true => "it has no inputs at all: `set` puts files into fields".into(),
+                true => "it has no inputs; use `set` to put files into fields".into(),
                 false => nearest_or_all(name, "its inputs", &known),
             };
             let message = format!("the graph has no input `{name}`");
-            self.find(code::UNKNOWN_FIELD, self.text_at(name), message, help);
+            self.report(code::UNKNOWN_FIELD, self.text_at(name), message, help);
         }
         let picture = &sweep.picture.output;
         let outputs: Vec<_> = graph.results().map(|(name, _)| name).collect();
         fn is_there(outputs: &[&str], picture: &str, graph: &Graph) -> bool {
-            outputs.contains(&&picture[..]) || graph.value_named(picture).is_some()
+            outputs.contains(&picture) || graph.find_value(picture).is_some()
         }
         if !picture.is_empty() && !is_there(&outputs, picture, graph) {
             let message = format!("the graph has no output `{picture}`");
             let help = nearest_or_all(picture, "its outputs", &outputs);
-            self.find(code::UNKNOWN_LINK, self.text_at(picture), message, help);
+            self.report(code::UNKNOWN_LINK, self.text_at(picture), message, help);
         }
     }
 
-    /// Where a text stands in the file.
+    /// Returns the span of a given text in the file.
     fn text_at(&self, text: &str) -> Span {
-        let quoted = quoted(text);
+        let quoted = quote(text);
         let start = self.source.text.find(&quoted);
         start.map_or_else(Span::default, |start| Span { start, end: start + quoted.len() })
     }
 
-    fn graph_with(&self, sweep: &Sweep, set: &[Set]) -> Checked {
-        Graph::load(&sweep.graph, self.catalog, &with(set, self.options))
+    fn graph_with(&self, sweep: &Sweep, set: &[Set]) -> CheckedGraph {
+        Graph::load(&sweep.graph, self.catalog, &options_with(set, self.options))
     }
 }
 
-/// Options with values that a task sets.
-pub fn with(set: &[Set], options: &Options) -> Options {
+/// Returns the options for loading a graph, with the values that a task sets.
+pub fn options_with(set: &[Set], options: &Options) -> Options {
     let own = set.iter().map(|set| (set.target.clone(), set.text.clone()));
     let set = options.set.iter().cloned().chain(own).collect();
     Options { set, ..options.clone() }
 }
 
-/// What names the files that a graph reads in its own file, and these files.
-fn reads(checked: &Checked) -> Vec<(String, PathBuf)> {
+/// Returns the files that the graph's own nodes read, each with the field that contains its path.
+fn files_read(checked: &CheckedGraph) -> Vec<(String, PathBuf)> {
     let graph = checked.graph.as_ref().or(checked.partial.as_ref());
     let own =
         graph.into_iter().flat_map(|graph| graph.nodes().iter()).filter(|it| it.uses.is_empty());
@@ -559,37 +596,42 @@ fn reads(checked: &Checked) -> Vec<(String, PathBuf)> {
     .collect()
 }
 
-/// `doll.ron:12:3`.
-fn place(problem: &Problem) -> String {
-    let Place { line, column } = Place::of(&problem.source.text, problem.span.start);
-    format!("{}:{line}:{column}", problem.source.name.display())
+/// Formats the position of a diagnostic, such as `doll.ron:12:3`.
+fn format_position(diagnostic: &Diagnostic) -> String {
+    let Position { line, column } =
+        Position::from_offset(&diagnostic.source.text, diagnostic.span.start);
+    format!("{}:{line}:{column}", diagnostic.source.name.display())
 }
 
-/// `growth = 5, levels = 0`.
+/// Formats the values of a task, such as `growth = 5, levels = 0`.
 pub(crate) fn values_in_words(names: &[String], values: &[String]) -> String {
     let each = names.iter().zip(values).map(|(name, value)| format!("{name} = {value}"));
     Vec::from_iter(each).join(", ")
 }
 
-/// What gives two tasks, which have one name by this template, names of their own: all values that differ somewhere and that it does not tell.
-fn telling_apart(rows: &Rows, by: &Template, out: &str, [first, second]: [usize; 2]) -> String {
-    fn values(row: usize, rows_rows: &[Row]) -> &Vec<String> {
-        &rows_rows[row].values
+/// Returns a help text for two tasks with equal names. It suggests to add the values that differ between tasks and are missing in the
+/// template.
+fn distinguishing_help(
+    rows: &Rows,
+    by: &Template,
+    out: &str,
+    [first, second]: [usize; 2],
+) -> String {
+    if rows.rows[first].values == rows.rows[second].values {
+        return "remove one of the two equal sets of values".into();
     }
-    if values(first, &rows.rows) == values(second, &rows.rows) {
-        return "the same values stand there twice: leave one of them out".into();
-    }
-    fn differs(index: usize, rows_rows: &[Row]) -> bool {
-        let values = rows_rows.iter().map(|row| &row.values[index]);
-        values.collect::<BTreeSet<_>>().len() > 1
-    }
-    let untold =
-        (0..rows.names.len()).filter(|&index| !by.tells(index) && differs(index, &rows.rows));
-    match String::from_iter(untold.map(|index| format!("_{{{}}}", rows.names[index].0))) {
-        all_told if all_told.is_empty() => {
-            "in names capital letters do not count, and one `-` stands for all that is no letter, digit, `.`, `_`, `+` or `-`".into()
+    let missing = (0..rows.names.len()).filter(|&index| {
+        let mut values = rows.rows.iter().map(|row| &row.values[index]);
+        let first = values.next();
+        !by.contains(index) && values.any(|value| Some(value) != first)
+    });
+    match String::from_iter(missing.map(|index| format!("_{{{}}}", rows.names[index].0))) {
+        missing if missing.is_empty() => {
+            "use values that differ in more than the case of letters; characters other than letters, digits, `.`, `_`, `+` and `-` are written as `-`".into()
         }
-        untold => format!("name what differs: `out: {}`", quoted(&format!("{out}{untold}"))),
+        missing => {
+            format!("add the values that differ: `out: {}`", quote(&format!("{out}{missing}")))
+        }
     }
 }
 
@@ -604,19 +646,19 @@ fn entries<'t>(tree: &'t Tree, name: &str) -> &'t [(Tree, Tree)] {
     }
 }
 
-/// The schema of a sweep.
+/// Returns the JSON schema of sweep files.
 pub fn schema() -> serde_json::Value {
     schemars::schema_for!(File).into()
 }
 
-/// The words of sweeps.
+/// Returns the vocabulary of sweep files.
 pub fn words() -> Vec<Word> {
-    fn of(within: &str, schema: schemars::Schema) -> Vec<Word> {
+    fn field_words(within: &str, schema: schemars::Schema) -> Vec<Word> {
         words_of_fields("sweep", within, &schema.into())
     }
     let axes: serde_json::Value = schemars::schema_for!(Axis).into();
-    let mut words = of("Sweep", schemars::schema_for!(File));
-    words.extend(of("picture", schemars::schema_for!(Picture)));
+    let mut words = field_words("Sweep", schemars::schema_for!(File));
+    words.extend(field_words("picture", schemars::schema_for!(Picture)));
     words.extend(words_of_choices("sweep", "over", &axes));
     words
 }

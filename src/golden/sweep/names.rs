@@ -1,4 +1,4 @@
-//! Names of tasks: folders that every file system takes.
+//! Names of tasks. Each is a valid folder name on every file system.
 
 use std::collections::HashMap;
 
@@ -7,49 +7,46 @@ use maquette_value::Hash;
 use unicode_normalization::UnicodeNormalization;
 use unicode_normalization::char::is_combining_mark;
 
-/// A name made of values: `{scan}/{growth}_{levels}`.
+/// A template for names, such as `{scan}/{growth}_{levels}`.
 pub(super) struct Template {
     pieces: Vec<Piece>,
 }
 
 enum Piece {
     Text(String),
-    /// Which of the values.
+    /// The value with this index.
     Value(usize),
     /// The number of the task.
     Index,
 }
 
-/// What is wrong with a template: where in it, what, and what was meant to be a name, if that is it.
+/// An error in a template: its offset, the message, and if the error is an unknown name, the name.
 #[derive(Debug, PartialEq)]
-pub(super) struct Wrong {
+pub(super) struct TemplateError {
     pub(super) at: usize,
     pub(super) message: String,
     pub(super) unknown: Option<String>,
 }
 
-/// Folders and files of a batch itself.
-const OWN: [&str; 2] = ["tasks", "index.html"];
+/// The names of folders and files that the batch itself writes.
+const RESERVED: [&str; 2] = ["tasks", "index.html"];
 
-/// Longer parts of names are cut.
-const LONGEST: usize = 100;
+/// The maximum length of a part of a name, in bytes. Longer parts are cut.
+const MAX_PART_BYTES: usize = 100;
 
 impl Template {
-    /// Reads a template of values with these names; `{{` stands for a brace.
-    pub(super) fn read(text: &str, names: &[&str]) -> Result<Self, Wrong> {
-        fn wrong(at: usize, message: &str) -> Wrong {
-            Wrong { at, message: message.to_owned(), unknown: None }
+    /// Parses a template whose values have these names. `{{` represents a brace.
+    pub(super) fn read(text: &str, names: &[&str]) -> Result<Self, TemplateError> {
+        fn wrong(at: usize, message: &str) -> TemplateError {
+            TemplateError { at, message: message.to_owned(), unknown: None }
         }
         if let Some(at) = text.find(['\\', ':', '\0']) {
-            return Err(wrong(
-                at,
-                "folders are divided by `/`, and have no `\\` and `:` in their names",
-            ));
+            return Err(wrong(at, "expected folder names without `\\` and `:`, separated by `/`"));
         }
         let mut at = 0;
         for part in text.split('/') {
             if part.trim().is_empty() || part == "." || part == ".." {
-                return Err(wrong(at, "each part of a name between `/` has letters"));
+                return Err(wrong(at, "expected a name between `/`"));
             }
             at += part.len() + 1;
         }
@@ -66,10 +63,10 @@ impl Template {
                     let (name, behind) =
                         rest.split_once('}').ok_or_else(|| wrong(at, "`{` is not closed"))?;
                     let index = names.iter().position(|known| *known == name);
-                    fn unknown(at: usize, name: &str) -> Wrong {
-                        Wrong {
+                    fn unknown(at: usize, name: &str) -> TemplateError {
+                        TemplateError {
                             unknown: Some(name.to_owned()),
-                            ..wrong(at, &format!("nothing in `over` has the name `{name}`"))
+                            ..wrong(at, &format!("unknown name `{name}` in `over`"))
                         }
                     }
                     pieces.push(Piece::Text(std::mem::take(&mut plain)));
@@ -80,7 +77,7 @@ impl Template {
                     });
                     rest = behind;
                 }
-                '}' => return Err(wrong(at, "`}` closes nothing; `}}` stands for one")),
+                '}' => return Err(wrong(at, "unmatched `}`; use `}}` for a brace")),
                 c => plain.push(c),
             }
         }
@@ -88,7 +85,7 @@ impl Template {
         Ok(Self { pieces })
     }
 
-    /// All values, with `_` between them.
+    /// Creates a template that contains all values, joined by `_`.
     pub(super) fn of_all(count: usize) -> Self {
         fn gap(index: usize) -> String {
             if index == 0 { String::new() } else { "_".to_owned() }
@@ -97,31 +94,31 @@ impl Template {
         Self { pieces: pieces.collect() }
     }
 
-    /// Whether the name tells this one of the values.
-    pub(super) fn tells(&self, value: usize) -> bool {
+    /// Returns true if the template contains the value with this index.
+    pub(super) fn contains(&self, value: usize) -> bool {
         self.pieces.iter().any(|piece| matches!(piece, Piece::Value(index) if *index == value))
     }
 
-    /// The name of the task of this number with these values.
+    /// Returns the name of the task with this index and these values.
     pub(super) fn name(&self, index: usize, values: &[String]) -> String {
         let mut name = String::new();
         for piece in &self.pieces {
             match piece {
                 Piece::Text(text) => name += text,
-                Piece::Value(value) => name += &plain(&values[*value]),
+                Piece::Value(value) => name += &value_as_name(&values[*value]),
                 Piece::Index => name += &index.to_string(),
             }
         }
-        let parts = name.split('/').map(safe);
+        let parts = name.split('/').map(portable_name);
         Vec::from_iter(parts).join("/")
     }
 }
 
-/// A value as a part of a name: letters, digits and `.`, `_`, `+`, `-`, with one `-` for what stands between.
-fn plain(value: &str) -> String {
+/// Converts a value to a part of a name. Letters, digits and `.`, `_`, `+`, `-` are kept; any other characters become a single `-`.
+fn value_as_name(value: &str) -> String {
     let mut name = String::new();
     let mut has_gap = false;
-    // An accent after its letter, as macOS writes names, is no letter: it is joined with it.
+    // The text is composed (Unicode NFC) first. In decomposed form, in which macOS writes names, an accent would not be a letter.
     for c in value.nfc() {
         if c.is_alphanumeric() || is_combining_mark(c) || ".+-_".contains(c) {
             if std::mem::take(&mut has_gap) && !name.is_empty() {
@@ -135,20 +132,21 @@ fn plain(value: &str) -> String {
     if name.is_empty() { "empty".to_owned() } else { name }
 }
 
-/// A folder's name that every file system takes.
-fn safe(part: &str) -> String {
+/// Returns a folder name that is valid on every file system.
+fn portable_name(part: &str) -> String {
     const DEVICES: [&str; 4] = ["con", "prn", "aux", "nul"];
     let mut name = String::from_iter(part.chars().map(|c| match c {
         '<' | '>' | '"' | '|' | '?' | '*' => '-',
         c if c.is_control() => '-',
         c => c,
     }));
-    if name.len() > LONGEST {
-        let hash = Hash::of(name.as_bytes()).to_string();
-        let end = (0..=LONGEST - 9).rev().find(|&end| name.is_char_boundary(end)).unwrap_or(0);
+    if name.len() > MAX_PART_BYTES {
+        let hash = Hash::compute(name.as_bytes()).to_string();
+        let end =
+            (0..=MAX_PART_BYTES - 9).rev().find(|&end| name.is_char_boundary(end)).unwrap_or(0);
         name = format!("{}-{}", &name[..end], &hash[..8]);
     }
-    // Windows leaves these out at the end; elsewhere a dot in front hides a folder.
+    // Windows drops dots and spaces at the end of a name. On other systems a leading dot hides a folder.
     let trimmed = name.trim_end_matches(['.', ' ']).trim_start_matches(' ').to_owned();
     let name = if trimmed.is_empty() || trimmed.starts_with('.') {
         format!("_{trimmed}")
@@ -163,26 +161,26 @@ fn safe(part: &str) -> String {
     if is_port || DEVICES.contains(&&stem[..]) { format!("{name}_") } else { name }
 }
 
-/// Two tasks that would be in each other's way, and how.
+/// A conflict between the names of tasks.
 #[derive(Debug, PartialEq)]
 pub(super) enum Clash {
-    /// They have one name where neither capital letters nor the form of letters with accents count.
+    /// Two tasks have names that are equal if the case of letters and the form of accents are ignored.
     Same(usize, usize),
-    /// The folder of the second lies in that of the first.
+    /// The folder of the second task is inside of the folder of the first.
     Inside(usize, usize),
-    /// A task has the name of what a batch has beside its tasks.
-    Own(usize),
+    /// A task has a name that the batch itself uses.
+    Reserved(usize),
 }
 
-/// What is wrong with names as a whole.
-pub(super) fn clash(names: &[String]) -> Option<Clash> {
+/// Returns the first conflict between the names of tasks, or `None`.
+pub(super) fn find_clash(names: &[String]) -> Option<Clash> {
     let key = file_key;
     let mut known = HashMap::with_capacity(names.len());
     for (index, name) in names.iter().enumerate() {
         let key = key(name);
         let first = key.split('/').next().unwrap_or_default();
-        if OWN.contains(&first) {
-            return Some(Clash::Own(index));
+        if RESERVED.contains(&first) {
+            return Some(Clash::Reserved(index));
         }
         if let Some(other) = known.insert(key, index) {
             return Some(Clash::Same(other, index));
@@ -199,16 +197,16 @@ pub(super) fn clash(names: &[String]) -> Option<Clash> {
 mod tests {
     use super::*;
 
-    fn named(template: &str, values: &[&str]) -> String {
+    fn name_of(template: &str, values: &[&str]) -> String {
         let template = Template::read(template, &["scan", "growth"]).unwrap();
         template.name(7, &values.iter().map(|value| (*value).to_owned()).collect::<Vec<_>>())
     }
 
     #[test]
-    fn names_are_made_of_values_and_fit_every_file_system() {
-        assert_eq!(named("{scan}/{growth}", &["doll", "12.0"]), "doll/12.0");
-        assert_eq!(named("{{{growth}}}", &["", "-3"]), "{-3}");
-        assert_eq!(named("{index}-{scan}", &["doll", ""]), "7-doll");
+    fn names_are_valid_on_every_file_system() {
+        assert_eq!(name_of("{scan}/{growth}", &["doll", "12.0"]), "doll/12.0");
+        assert_eq!(name_of("{{{growth}}}", &["", "-3"]), "{-3}");
+        assert_eq!(name_of("{index}-{scan}", &["doll", ""]), "7-doll");
         for (value, name) in [
             ("mm(0.4)", "mm-0.4"),
             ("(1, -2.5, 3)", "1--2.5-3"),
@@ -225,15 +223,18 @@ mod tests {
             ("\u{202e}/\n", "empty"),
             ("end.", "end"),
         ] {
-            assert_eq!(named("{scan}", &[value, ""]), name);
+            assert_eq!(name_of("{scan}", &[value, ""]), name);
         }
-        let long = named("{scan}", &[&"ä".repeat(300), ""]);
-        assert!(long.len() <= LONGEST && long.ends_with(|c: char| c.is_ascii_hexdigit()), "{long}");
-        assert_ne!(long, named("{scan}", &[&"ä".repeat(301), ""]));
+        let long = name_of("{scan}", &[&"ä".repeat(300), ""]);
+        assert!(
+            long.len() <= MAX_PART_BYTES && long.ends_with(|c: char| c.is_ascii_hexdigit()),
+            "{long}"
+        );
+        assert_ne!(long, name_of("{scan}", &[&"ä".repeat(301), ""]));
     }
 
     #[test]
-    fn a_template_that_means_nothing_is_told_at_its_place() {
+    fn invalid_templates_are_reported_at_their_position() {
         fn wrong(template: &str) -> (usize, String) {
             let wrong = Template::read(template, &["scan"]).err().unwrap();
             (wrong.at, wrong.message)
@@ -253,14 +254,15 @@ mod tests {
     }
 
     #[test]
-    fn tasks_that_are_in_each_others_way_are_found() {
-        let clash =
-            |names: &[&str]| clash(&names.iter().map(|it| (*it).to_owned()).collect::<Vec<_>>());
+    fn clashing_task_names_are_found() {
+        fn clash(names: &[&str]) -> Option<Clash> {
+            find_clash(&names.iter().map(|it| (*it).to_owned()).collect::<Vec<_>>())
+        }
         assert_eq!(clash(&["a", "b/c", "b/d"]), None);
         assert_eq!(clash(&["a", "b", "A"]), Some(Clash::Same(0, 2)));
         assert_eq!(clash(&["caf\u{e9}", "Cafe\u{301}"]), Some(Clash::Same(0, 1)));
         assert_eq!(clash(&["a/b", "c", "a"]), Some(Clash::Inside(2, 0)));
-        assert_eq!(clash(&["a", "Tasks/b"]), Some(Clash::Own(1)));
-        assert_eq!(clash(&["index.html"]), Some(Clash::Own(0)));
+        assert_eq!(clash(&["a", "Tasks/b"]), Some(Clash::Reserved(1)));
+        assert_eq!(clash(&["index.html"]), Some(Clash::Reserved(0)));
     }
 }

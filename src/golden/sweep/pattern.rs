@@ -1,32 +1,34 @@
-//! Files by a pattern: `scans/*/range.pcd`.
+//! Finds files by a pattern such as `scans/*/range.pcd`.
 
 use std::cmp::Ordering;
-use std::fs;
 use std::path::{Path, PathBuf};
+use std::{fs, io};
 
-/// A file that fits a pattern, and what stands for its stars: its own name without its ending, if there are none.
+/// A file that matches a pattern, with the text that the wildcards match. If the pattern has no wildcards, the text is the file name
+/// without extension.
 #[derive(Debug, PartialEq)]
-pub(super) struct Found {
+pub(super) struct MatchedPath {
     pub(super) path: PathBuf,
     pub(super) name: String,
 }
 
-/// The greatest number of files that a part of a pattern may fit.
+/// The maximum number of files that may match a part of a pattern.
 const MAX_FOUND: usize = 100_000;
 
-/// The files and folders that fit a pattern, in the order of their names, in which numbers count as numbers. Hidden ones only fit a
-/// pattern with a dot.
+/// Returns the files and folders that match a pattern, in natural order of their names. A hidden file matches only if the pattern has a
+/// leading dot, too.
 ///
 /// # Errors
-/// In words, if it is no pattern, or a folder cannot be read.
-pub(super) fn matches(folder: &Path, pattern: &str) -> Result<Vec<Found>, String> {
+/// A message if the pattern is invalid or a folder cannot be read.
+pub(super) fn matches(folder: &Path, pattern: &str) -> Result<Vec<MatchedPath>, String> {
     let parts: Vec<_> = pattern.split('/').collect();
     if parts.iter().any(|part| part.is_empty()) {
-        return Err("a pattern is a path relative to this file, `scans/*/range.pcd`".to_owned());
+        return Err("expected a path relative to this file, such as `scans/*/range.pcd`".to_owned());
     }
     if parts.iter().any(|part| part.contains("**")) {
         return Err(
-            "`**` is no pattern: write a `*` for each folder between, `scans/*/*.pcd`".to_owned()
+            "unsupported pattern `**`: write a `*` for each folder, such as `scans/*/*.pcd`"
+                .to_owned(),
         );
     }
     let is_plain = parts.iter().all(|part| !part.contains(['*', '?']));
@@ -36,33 +38,38 @@ pub(super) fn matches(folder: &Path, pattern: &str) -> Result<Vec<Found>, String
         for (path, stars) in found {
             if !part.contains(['*', '?']) {
                 let path = path.join(part);
-                // So that what is found is called the same from wherever it is looked for.
+                // The path is made canonical, so that a file always has one path.
                 let path =
                     if part == ".." { fs::canonicalize(&path).unwrap_or(path) } else { path };
                 next.extend(path.exists().then_some((path, stars)));
                 continue;
             }
-            let unread = |error: std::io::Error| format!("cannot read {}: {error}", path.display());
             let entries = match fs::read_dir(&path) {
                 Ok(entries) => entries,
-                // A file beside the folders that are meant.
+                // The path is a file next to matching folders, so it has no content to search.
                 Err(_) if !path.is_dir() => continue,
-                Err(error) => return Err(unread(error)),
+                Err(error) => return Err(read_error(&path, &error)),
             };
             for entry in entries {
-                let name = entry.map_err(unread)?.file_name().to_string_lossy().into_owned();
+                let name = entry
+                    .map_err(|error| read_error(&path, &error))?
+                    .file_name()
+                    .to_string_lossy()
+                    .into_owned();
                 if name.starts_with('.') && !part.starts_with('.') {
                     continue;
                 }
-                if let Some(star) = standing_for(part, &name).filter(|_| next.len() <= MAX_FOUND) {
+                if let Some(star) = wildcard_text(part, &name).filter(|_| next.len() <= MAX_FOUND) {
                     let stars = stars.iter().cloned().chain([star]).collect();
                     next.push((path.join(name), stars));
                 }
             }
         }
         if MAX_FOUND < next.len() {
-            // Links that lead back to a folder above make ever more paths.
-            return Err(format!("more than {MAX_FOUND} files fit `{pattern}`: write fewer stars"));
+            // A link to a parent folder creates an unlimited number of paths.
+            return Err(format!(
+                "more than {MAX_FOUND} files match `{pattern}`: use fewer wildcards"
+            ));
         }
         found = next;
     }
@@ -73,20 +80,26 @@ pub(super) fn matches(folder: &Path, pattern: &str) -> Result<Vec<Found>, String
                 path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
             }
             let name = if is_plain { stem(&path) } else { stars.join("_") };
-            Found { path, name }
+            MatchedPath { path, name }
         })
         .collect();
-    found.sort_by(|a, b| natural(&a.name, &b.name).then_with(|| a.path.cmp(&b.path)));
+    found.sort_by(|a, b| natural_order(&a.name, &b.name).then_with(|| a.path.cmp(&b.path)));
     Ok(found)
 }
 
-/// What stands in a name from the first star of a pattern to the last one; none if the name does not fit.
-fn standing_for(pattern: &str, name: &str) -> Option<String> {
+/// Returns the message about a folder that cannot be read.
+fn read_error(folder: &Path, error: &io::Error) -> String {
+    format!("cannot read {}: {error}", folder.display())
+}
+
+/// Returns the part of a name that corresponds to the pattern from its first wildcard to its last. Returns `None` if the name does not
+/// match.
+fn wildcard_text(pattern: &str, name: &str) -> Option<String> {
     fn is_wild(c: char) -> bool {
         c == '*' || c == '?'
     }
     let (pattern, name) = (pattern.chars().collect::<Vec<_>>(), name.chars().collect::<Vec<_>>());
-    if !fits(&pattern, &name) {
+    if !matches_pattern(&pattern, &name) {
         return None;
     }
     let before = pattern.iter().take_while(|c| !is_wild(**c)).count();
@@ -94,8 +107,8 @@ fn standing_for(pattern: &str, name: &str) -> Option<String> {
     Some(String::from_iter(&name[before..name.len() - behind]))
 }
 
-/// Whether a name fits a pattern: goes back to the last star where it does not.
-fn fits(pattern: &[char], name: &[char]) -> bool {
+/// Returns true if a name matches a pattern. If the match fails, the function backtracks to the last `*`.
+fn matches_pattern(pattern: &[char], name: &[char]) -> bool {
     let (mut at, mut in_name) = (0, 0);
     let mut star: Option<(usize, usize)> = None;
     while in_name < name.len() {
@@ -120,13 +133,14 @@ fn fits(pattern: &[char], name: &[char]) -> bool {
     pattern[at..].iter().all(|c| *c == '*')
 }
 
-/// `scan-2` before `scan-10`.
-fn natural(a: &str, b: &str) -> Ordering {
+/// Compares names in natural order, so that `scan-2` is before `scan-10`.
+fn natural_order(a: &str, b: &str) -> Ordering {
     let (mut a, mut b) = (a, b);
     loop {
-        let digits =
-            |text: &str| text.len() - text.trim_start_matches(|c: char| c.is_ascii_digit()).len();
-        let (in_a, in_b) = (digits(a), digits(b));
+        fn leading_digits(text: &str) -> usize {
+            text.len() - text.trim_start_matches(|c: char| c.is_ascii_digit()).len()
+        }
+        let (in_a, in_b) = (leading_digits(a), leading_digits(b));
         if 0 < in_a && 0 < in_b {
             fn number(text: &str) -> String {
                 text.trim_start_matches('0').to_owned()
@@ -153,7 +167,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn files_and_folders_are_found_in_the_order_of_their_numbers() {
+    fn files_and_folders_are_found_in_natural_order() {
         let folder = tempfile::tempdir().unwrap();
         let scans = folder.path().join("scans");
         for name in ["doll-10", "doll-2", "doll-1", ".hidden", "empty"] {
@@ -182,7 +196,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn links_in_a_circle_come_to_an_end() {
+    fn cyclic_links_terminate() {
         let folder = tempfile::tempdir().unwrap();
         for name in ["a", "b", "c"] {
             fs::create_dir(folder.path().join(name)).unwrap();
@@ -195,11 +209,13 @@ mod tests {
         let many = vec!["*"; 40].join("/");
         assert!(matches(folder.path(), &many).unwrap_err().contains("more than 100000 files"));
         let back = vec!["*/*/*/.."; 20].join("/");
-        assert!(matches(folder.path(), &back).is_err_and(|why| why.contains("write fewer stars")));
+        assert!(
+            matches(folder.path(), &back).is_err_and(|why| why.contains("use fewer wildcards"))
+        );
     }
 
     #[test]
-    fn stars_and_question_marks_stand_for_letters() {
+    fn wildcards_match_characters() {
         for (pattern, name, star) in [
             ("*", "", Some("")),
             ("a*b*c", "aXbYbZc", Some("XbYbZ")),
@@ -209,7 +225,7 @@ mod tests {
             ("?", "ab", None),
             ("*.pcd", "a.pcd.bak", None),
         ] {
-            assert_eq!(standing_for(pattern, name).as_deref(), star, "{pattern} {name}");
+            assert_eq!(wildcard_text(pattern, name).as_deref(), star, "{pattern} {name}");
         }
     }
 }

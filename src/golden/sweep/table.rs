@@ -1,26 +1,26 @@
-//! Tables of values, a task a row: CSV and JSON. What could be meant in two ways is refused.
+//! Tables of values in CSV or JSON, with one task per row. Ambiguous input is an error.
 
-use maquette_syntax::quoted;
+use maquette_syntax::quote;
 use serde_json::Value as Json;
 
-/// A table, with equally many cells in each row.
+/// A table. All of its rows have the same number of cells.
 #[derive(Debug, PartialEq)]
 pub(super) struct Table {
     pub(super) names: Vec<String>,
     pub(super) rows: Vec<Vec<Cell>>,
 }
 
-/// A value: as RON, and as it is shown.
+/// A value in two forms: as RON, and as it is displayed.
 #[derive(Debug, PartialEq)]
 pub(super) struct Cell {
     pub(super) text: String,
     pub(super) shown: String,
 }
 
-/// Reads a table by the extension of its path.
+/// Reads a table. The extension of the path determines the format.
 ///
 /// # Errors
-/// In words, with the line.
+/// A message with the number of the line.
 pub(super) fn read(path: &str, text: &str) -> Result<Table, String> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let table =
@@ -43,7 +43,8 @@ pub(super) fn read(path: &str, text: &str) -> Result<Table, String> {
     Ok(table)
 }
 
-/// The value of a field of CSV: a text if it is in quotes, or is no number, `true`, `false` or RON in brackets.
+/// Returns the value of a CSV field. The value is text if the field is in quotes, or if it is neither a number, `true`, `false`, nor RON in
+/// brackets.
 fn cell(field: &Field) -> Cell {
     let shown = field.text.clone();
     let is_word = ["true", "false"].contains(&&shown[..]);
@@ -54,7 +55,7 @@ fn cell(field: &Field) -> Cell {
         || is_number(&shown)
         || starts_call
         || shown.starts_with('[') && shown.ends_with(']');
-    let text = if is_value && !field.is_quoted { shown.clone() } else { quoted(&shown) };
+    let text = if is_value && !field.is_quoted { shown.clone() } else { quote(&shown) };
     Cell { text, shown }
 }
 
@@ -63,7 +64,7 @@ fn is_number(text: &str) -> bool {
     begins.starts_with(|c: char| c.is_ascii_digit() || c == '.') && text.parse::<f64>().is_ok()
 }
 
-/// A field of CSV, and the line on which it begins.
+/// A field of a CSV file, and the number of the line on which the field begins.
 struct Field {
     text: String,
     is_quoted: bool,
@@ -106,7 +107,7 @@ fn csv(text: &str) -> Result<Table, String> {
     Ok(Table { names, rows })
 }
 
-/// The records of a CSV file, without empty lines (RFC 4180).
+/// Returns the records of a CSV file (RFC 4180). Empty lines are left out.
 fn records(text: &str) -> Result<Vec<Vec<Field>>, String> {
     let (mut records, mut record) = (Vec::new(), Vec::new());
     let (mut rest, mut line) = (text, 1);
@@ -132,7 +133,7 @@ fn records(text: &str) -> Result<Vec<Vec<Field>>, String> {
             line += field.matches('\n').count();
             rest = rest.trim_start_matches(' ');
             if !rest.is_empty() && !rest.starts_with([',', '\n', '\r']) {
-                return Err(format!("line {line}: expected a comma behind a quote"));
+                return Err(format!("line {line}: expected a comma after a quote"));
             }
             field
         } else {
@@ -195,10 +196,10 @@ fn json(text: &str) -> Result<Table, String> {
     Ok(table)
 }
 
-/// A value as RON; `None` for objects.
+/// Returns a JSON value as RON, or `None` for an object.
 fn ron(value: &Json) -> Option<String> {
     Some(match value {
-        Json::String(text) => quoted(text),
+        Json::String(text) => quote(text),
         Json::Array(items) => {
             let items = items.iter().map(ron).collect::<Option<Vec<_>>>()?;
             format!("[{}]", items.join(", "))
@@ -220,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn a_table_is_the_same_whatever_its_form() {
+    fn all_formats_of_a_table_are_equivalent() {
         let expected = [["growth", "name"], ["5", "\"a, \\\"b\\\"\""], ["mm(2.5)", "\"x\""]];
         for text in [
             "growth,name\n5,\"a, \"\"b\"\"\"\nmm(2.5),x\n",
@@ -242,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn what_could_be_meant_otherwise_is_refused() {
+    fn ambiguous_tables_are_rejected() {
         for (path, text, word) in [
             ("t.csv", "a;b\n1;2\n", "semicolon"),
             ("t.csv", "a\tb\n1\t2\n", "tab"),
@@ -253,7 +254,7 @@ mod tests {
             ("t.csv", "a,a\n1,2\n", "two columns"),
             ("t.csv", "a,\n1,2\n", "no name"),
             ("t.csv", "a\n\"1\n", "not closed"),
-            ("t.csv", "a\n\"1\"2\n", "comma behind"),
+            ("t.csv", "a\n\"1\"2\n", "comma after"),
             ("t.csv", "a\n", "found none"),
             ("t.csv", "", "found none"),
             ("t.json", "{}", "list"),

@@ -1,35 +1,35 @@
-//! What people and programs are told of a type of nodes: its ports, outputs and parameters, in words.
+//! Descriptions of node types for people and programs: ports, outputs and parameters.
 
 use maquette_node::{Carry, Exactness};
-use maquette_syntax::{inside, resolve, ron, variants};
+use maquette_syntax::{resolve, resolve_field, to_ron, variants};
 use serde_json::{Value as Json, json};
 
-/// The documentation of a type of nodes: a built-in one, or a graph that others use.
+/// The documentation of a node type, which is a built-in node or a graph used as a node.
 pub struct Description<'a> {
     pub name: &'a str,
-    /// The pack, or the file.
+    /// The pack of a built-in node, or the file of a graph.
     pub pack: &'a str,
-    /// That of a graph which says one.
+    /// The version of a graph, if the graph declares one.
     pub version: Option<&'a str>,
     pub schema: &'a Json,
-    /// Names and types.
+    /// The name of each output, and its types.
     pub outputs: Vec<(String, Vec<&'static str>)>,
-    /// Outputs and what is promised of them, in words.
+    /// The names of outputs with their promised properties, as text.
     pub promises: Vec<(String, String)>,
-    /// What becomes of attributes, where that is said.
+    /// The effect of the node on attributes, if it is documented.
     pub carries: &'static [Carry],
-    /// How equal its results are on all machines and for all builds.
+    /// The degree to which results agree between machines and builds.
     pub exactness: Exactness,
 }
 
 impl Description<'_> {
-    /// Its ports, in order.
+    /// Returns the ports in order.
     pub fn ports(&self) -> Vec<PortDescription> {
         ports(self.schema)
     }
 
-    /// What is promised of an output, in words.
-    pub fn promised<'d>(&'d self, output: &str) -> impl Iterator<Item = &'d str> {
+    /// Returns the promised properties of an output, as text.
+    pub fn promises_of<'d>(&'d self, output: &str) -> impl Iterator<Item = &'d str> {
         let of_it = self.promises.iter().filter(move |(name, _)| name == output);
         of_it.map(|(_, words)| &words[..])
     }
@@ -45,13 +45,13 @@ impl Description<'_> {
         }
         let outputs = self.outputs.iter().map(|(name, types)| {
             let mut output = json!({ "name": name, "types": types });
-            let promises = Vec::from_iter(self.promised(name));
+            let promises = Vec::from_iter(self.promises_of(name));
             if !promises.is_empty() {
                 output["promises"] = json!(promises);
             }
             output
         });
-        let mut told = json!({
+        let mut described = json!({
             "name": self.name,
             "pack": self.pack,
             "doc": self.schema.get("description").cloned().unwrap_or_default(),
@@ -61,23 +61,23 @@ impl Description<'_> {
             "exactness": self.exactness.to_json(),
         });
         if !self.carries.is_empty() {
-            told["attributes"] = self.carries.iter().map(|carry| carry.to_json()).collect();
+            described["attributes"] = self.carries.iter().map(|carry| carry.to_json()).collect();
         }
         if let Some(version) = self.version {
-            told["version"] = version.into();
+            described["version"] = version.into();
         }
-        told
+        described
     }
 }
 
-/// A port, as it is described to people and programs.
+/// The description of a port for people and programs.
 pub struct PortDescription {
     pub name: String,
     pub types: Vec<String>,
     pub optional: bool,
     pub many: bool,
-    /// Properties of the values, in words.
-    pub wants: Vec<String>,
+    /// The required properties of the values, as text.
+    pub requirements: Vec<String>,
     pub doc: String,
 }
 
@@ -90,14 +90,14 @@ impl PortDescription {
             "many": self.many,
             "doc": self.doc,
         });
-        if !self.wants.is_empty() {
-            port["wants"] = json!(self.wants);
+        if !self.requirements.is_empty() {
+            port["wants"] = json!(self.requirements);
         }
         port
     }
 }
 
-/// The ports among the fields of a schema, in order.
+/// Returns the ports among the fields of a schema, in order.
 pub fn ports(schema: &Json) -> Vec<PortDescription> {
     let properties = schema.get("properties").and_then(Json::as_object);
     let required = schema.get("required").and_then(Json::as_array);
@@ -113,7 +113,7 @@ pub fn ports(schema: &Json) -> Vec<PortDescription> {
         .collect()
 }
 
-fn words(list: &Json) -> Vec<String> {
+fn string_list(list: &Json) -> Vec<String> {
     let words = list.as_array().into_iter().flatten();
     words.filter_map(Json::as_str).map(str::to_owned).collect()
 }
@@ -126,24 +126,25 @@ fn port(name: &str, field: &Json, optional: bool) -> Option<PortDescription> {
         types: types.iter().filter_map(Json::as_str).map(str::to_owned).collect(),
         optional,
         many: items.is_some(),
-        wants: words(&field["wants"]),
+        requirements: string_list(&field["wants"]),
         doc: field["description"].as_str().unwrap_or_default().to_owned(),
     })
 }
 
-/// What a parameter takes, on one line.
+/// Describes on one line the values that a parameter accepts.
 pub fn describe_parameter(schema: &Json, root: &Json) -> String {
-    described(schema, root, &[])
+    describe_type(schema, root, &[])
 }
 
-/// The same within some types, by what refers to them: one that holds itself is not described for ever.
-fn described(schema: &Json, root: &Json, within: &[&str]) -> String {
+/// Describes a schema that is nested in the types `within`. These are identified by their references, so that the description of a
+/// recursive type ends.
+fn describe_type(schema: &Json, root: &Json, within: &[&str]) -> String {
     let refers = schema.get("$ref").and_then(Json::as_str);
     if refers.is_some_and(|refers| within.contains(&refers)) {
         return "..".into();
     }
     let within = &within.iter().copied().chain(refers).collect::<Vec<_>>()[..];
-    let schema = &inside(schema, root);
+    let schema = &resolve_field(schema, root);
     let variants = variants(schema);
     if !variants.is_empty() {
         return variants
@@ -160,15 +161,13 @@ fn described(schema: &Json, root: &Json, within: &[&str]) -> String {
     match schema.get("type").and_then(Json::as_str) {
         Some("array") => {
             let fixed = schema.get("prefixItems").and_then(Json::as_array);
-            let count = fixed.map(Vec::len).or_else(|| {
-                let bound = |name: &str| schema.get(name).and_then(Json::as_u64);
-                bound("minItems")
-                    .filter(|least| bound("maxItems") == Some(*least))
-                    .map(|n| n as usize)
-            });
-            let item =
-                |k: usize| fixed.and_then(|fixed| fixed.get(k)).or_else(|| schema.get("items"));
-            let words = |k| item(k).map_or_else(String::new, |item| described(item, root, within));
+            let (least, most) = (schema.get("minItems"), schema.get("maxItems"));
+            let bound = least.filter(|_| least == most).and_then(Json::as_u64);
+            let count = fixed.map(Vec::len).or_else(|| bound.map(|count| count as usize));
+            let words = |k: usize| {
+                let item = fixed.and_then(|fixed| fixed.get(k)).or_else(|| schema.get("items"));
+                item.map_or_else(String::new, |item| describe_type(item, root, within))
+            };
             match count {
                 Some(count) => {
                     let words = (0..count).map(words).collect::<Vec<_>>().join(", ");
@@ -182,12 +181,11 @@ fn described(schema: &Json, root: &Json, within: &[&str]) -> String {
         Some("string") => schema.get("format").and_then(Json::as_str).unwrap_or("text").to_owned(),
         Some("boolean") => "true | false".into(),
         Some(kind @ ("number" | "integer")) => {
-            let limit = |name: &str| schema.get(name).and_then(Json::as_f64);
-            let (least, most) = (limit("minimum"), limit("maximum"));
-            // The narrower of two limits counts.
-            let above = limit("exclusiveMinimum");
+            let [least, most, above, below] =
+                ["minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum"]
+                    .map(|name| schema.get(name).and_then(Json::as_f64));
+            // If both limits exist, the narrower one applies.
             let above = above.filter(|above| least.is_none_or(|least| least <= *above));
-            let below = limit("exclusiveMaximum");
             let below = below.filter(|below| most.is_none_or(|most| *below <= most));
             let lowest = above.map(|above| format!(" above {above}"));
             let lowest = lowest.or_else(|| least.map(|least| format!(" from {least}")));
@@ -213,22 +211,22 @@ fn describe_content(content: &Json, root: &Json, within: &[&str]) -> String {
         Some(fields) => {
             let fields = fields.iter().map(|(name, field)| {
                 let (kind, default) =
-                    (described(field, root, within), describe_default(field, root));
+                    (describe_type(field, root, within), describe_default(field, root));
                 format!("{name}: {kind}{default}")
             });
             format!("({})", fields.collect::<Vec<_>>().join(", "))
         }
         None => {
-            let inner = described(&content, root, within);
+            let inner = describe_type(&content, root, within);
             if inner.starts_with('(') { inner } else { format!("({inner})") }
         }
     }
 }
 
-/// ` = default`, as a graph file would have it, if the schema has one.
+/// Returns ` = default`, with the default as it would be written in a graph file. Empty if the schema has no default.
 pub fn describe_default(schema: &Json, root: &Json) -> String {
     let default = schema.get("default");
-    default.map_or_else(String::new, |default| format!(" = {}", ron(default, schema, root)))
+    default.map_or_else(String::new, |default| format!(" = {}", to_ron(default, schema, root)))
 }
 
 #[cfg(test)]
@@ -237,12 +235,12 @@ mod tests {
 
     #[test]
     fn ranges_say_whether_their_ends_belong_to_them() {
-        for (schema, told) in [
+        for (schema, described) in [
             (json!({}), "number"),
             (json!({ "minimum": 0.0 }), "number from 0"),
             (json!({ "minimum": 0.0, "maximum": 1.0 }), "number 0 to 1"),
             (json!({ "maximum": 1.0, "unit": "mm" }), "number up to 1 mm"),
-            // The narrower of two limits counts.
+            // If both limits exist, the narrower one applies.
             (json!({ "minimum": 0.0, "exclusiveMinimum": 0.0, "unit": "mm" }), "number above 0 mm"),
             (json!({ "minimum": 1.0, "exclusiveMinimum": 0.0 }), "number from 1"),
             (json!({ "exclusiveMinimum": 0.0, "maximum": 2.0 }), "number above 0, up to 2"),
@@ -250,7 +248,7 @@ mod tests {
         ] {
             let mut schema = schema;
             schema["type"] = "number".into();
-            assert_eq!(describe_parameter(&schema, &json!({})), told);
+            assert_eq!(describe_parameter(&schema, &json!({})), described);
         }
     }
 

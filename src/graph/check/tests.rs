@@ -1,28 +1,29 @@
-//! Files with very many mistakes: the work grows as the file does.
+//! Files with many errors, to test that the work is proportional to the size of the file.
 
 use std::path::Path;
 
-use maquette_syntax::LOOKS;
+use maquette_syntax::COMPARISONS;
 
 use crate::Options;
 use crate::catalog::Catalog;
 use crate::load::load_text;
 
-/// The problems of a text without built-in nodes, and how many names were compared to find them.
-fn problems(text: String) -> (usize, usize) {
+/// Returns the number of diagnostics for a text, checked without built-in nodes, and the number of names that were compared for
+/// suggestions.
+fn diagnostics(text: String) -> (usize, usize) {
     let catalog = Catalog::new(&[]);
-    LOOKS.set(0);
+    COMPARISONS.set(0);
     let checked = load_text(Path::new("graph.ron"), text, &catalog, &Options::default());
-    (checked.problems.len(), LOOKS.get())
+    (checked.diagnostics.len(), COMPARISONS.get())
 }
 
 fn graph(params: &str, nodes: &str, outputs: &str) -> String {
     format!("Graph(format: 1, params: {{{params}}}, nodes: {{{nodes}}}, outputs: {{{outputs}}})")
 }
 
-/// Four times the mistakes, among four times the names, take four times the comparisons.
+/// Checks that four times as many errors, among four times as many names, take at most four times as many comparisons.
 fn check_growth(text: impl Fn(usize) -> String) {
-    let [(few, little), (many, much)] = [300, 1200].map(|count| problems(text(count)));
+    let [(few, little), (many, much)] = [300, 1200].map(|count| diagnostics(text(count)));
     assert!(few >= 300 && many >= 1200, "{few} and {many} problems");
     assert!(0 < little && much <= 4 * little + 1000, "{little} and {much} comparisons");
 }
@@ -57,10 +58,10 @@ fn ten_times_as_many_unknown_parameters_take_ten_times_as_long() {
 }
 
 #[test]
-fn the_first_mistakes_of_many_get_a_guess() {
+fn the_first_errors_of_many_get_a_guess() {
     let nodes = "\"scan\": Switch(cases: {\"a\": \"scn\"}, choose: a),";
     let catalog = Catalog::new(&[]);
     let text = graph("", nodes, "");
     let checked = load_text(Path::new("graph.ron"), text, &catalog, &Options::default());
-    assert_eq!(checked.problems[0].help, "did you mean `scan`?");
+    assert_eq!(checked.diagnostics[0].help, "did you mean `scan`?");
 }

@@ -1,83 +1,87 @@
-//! The elements of a `ForEach` whose number is known late, in the flat graph.
+//! Expands the elements of a `ForEach` whose number is not known when the file is read.
 
 use std::collections::HashSet;
 
 use maquette_syntax::error::code;
 
-use super::{Elemental, Expansion, MOST, One, Put, Scope, Target, Values, linked};
-use crate::definition::{Counted, Definition, Draft, Elements, Pick, Repeat};
-use crate::each::{element_name, numbered};
+use super::{
+    Expansion, Instance, MAX_NODES, NewNode, RepeatedValues, Scope, Target, Values, link_targets,
+};
+use crate::dangling_names::{element_count_text, missing_element};
+use crate::definition::{Definition, ElementCount, Elements, ParsedNode, Pick, Repeat};
 use crate::flat::{Count, Loop};
-use crate::stage::{cut_node, refused_node};
-use crate::top::{field_of, name_of};
-use crate::unfound::{beyond, elements};
+use crate::for_each::{element_name, number_field};
+use crate::header::{field_of, name_of};
+use crate::stage::{elements_node, failing_node};
 use crate::{GraphUse, Link};
 
 impl Expansion<'_, '_> {
-    /// The node that takes data apart: an output for each element, or one for an example.
-    pub(super) fn elements(
+    /// Adds the node that splits data into elements. It has one output per element, or one output for an example.
+    pub(super) fn expand_elements(
         &mut self,
         definition: &Definition,
-        draft: &Draft,
+        parsed: &ParsedNode,
         elements: &Elements,
         scope: &Scope,
         values: &Values,
     ) -> Vec<Target> {
         let name = format!("{}{}", scope.prefix, elements.each);
-        let most = self.checked(definition, scope, |check| {
-            check.most(elements.most.as_ref(), scope.values(definition))
+        let most = self.with_check(definition, scope, |check| {
+            check.max_elements(elements.max_elements.as_ref(), scope.values(definition))
         });
-        let (Some(most), Some(link)) = (most, draft.links.first()) else { return Vec::new() };
+        let (Some(most), Some(link)) = (most, parsed.links.first()) else { return Vec::new() };
         let count = self.counts.get(&name);
-        let built = cut_node(elements, most, count, &link.text, &draft.tree);
-        let targets = linked(draft, 0, values).into_iter();
+        let built = elements_node(elements, most, count, &link.text, &parsed.tree);
+        let targets = link_targets(parsed, 0, values).into_iter();
         let links = targets.map(|(node, output)| Link { port: "over".into(), node, output });
         let is_open = !matches!(count, Some(Count::Of(_)));
         let count = if let Some(Count::Of(count)) = count { *count } else { 1 };
         let (links, outputs) = (links.collect(), vec!["value"; count]);
-        let put = Put { name: One::default().name(draft, scope), built, links, outputs };
-        let node = self.put(definition, draft, put, scope);
+        let new_node =
+            NewNode { name: Instance::default().name(parsed, scope), built, links, outputs };
+        let node = self.push_node(definition, parsed, new_node, scope);
         self.loops.push(Loop { name, node, is_open });
         (0..count).map(|output| (node, output)).collect()
     }
 
-    /// Puts the elements of a repeated draft in: as many as are known, or an example.
-    pub(super) fn repeated(
+    /// Adds the elements of a repeated node: all of them if their number is known, otherwise an example.
+    pub(super) fn expand_repeated(
         &mut self,
         definition: &Definition,
-        draft: &Draft,
+        parsed: &ParsedNode,
         repeat: &Repeat,
         scope: &Scope,
         values: &Values,
-    ) -> Elemental {
-        let name = format!("{}{}", scope.prefix, draft.name.text);
+    ) -> RepeatedValues {
+        let name = format!("{}{}", scope.prefix, parsed.name.text);
         let (count, data) = match &repeat.count {
-            Counted::Data(elements, port) => {
+            ElementCount::Data(elements, port) => {
                 let is_known = matches!(self.counts.get(&name), Some(Count::Of(_)));
-                let data = &values.single[*elements];
+                let data = &values.first_targets[*elements];
                 (is_known.then_some(data.len()), Some((port, data)))
             }
-            Counted::Number(_) => {
+            ElementCount::Number(_) => {
                 let own = scope.values(definition);
-                let count = self.checked(definition, scope, |check| check.how_many(repeat, own));
+                let count =
+                    self.with_check(definition, scope, |check| check.element_count(repeat, own));
                 (Some(count.unwrap_or(0)), None)
             }
         };
-        let outputs: Vec<_> = draft.what.outputs().into_iter().map(str::to_owned).collect();
+        let outputs: Vec<_> = parsed.what.outputs().into_iter().map(str::to_owned).collect();
         let carried = repeat.carry.iter().filter_map(|(port, _)| {
             Some((port, outputs.iter().position(|output| output == port)?))
         });
         let carried = Vec::from_iter(carried);
         let is_data = data.is_some() && count.is_some();
         let mut elements: Vec<Vec<Target>> = Vec::new();
-        let (expected, known) = (self.expect.len(), self.world.problems.len());
+        let (expected, known) = (self.expect.len(), self.world.diagnostics.len());
         for index in 0..count.unwrap_or(1) {
-            if !is_data && self.is_full(definition, draft, scope) {
+            if !is_data && self.count_and_check(definition, parsed, scope) {
                 break;
             }
             let text = match count {
-                Some(_) => element_name(&draft.name.text, index),
-                None => format!("{}/*", draft.name.text),
+                Some(_) => element_name(&parsed.name.text, index),
+                None => format!("{}/*", parsed.name.text),
             };
             let element = data
                 .as_ref()
@@ -88,95 +92,103 @@ impl Expansion<'_, '_> {
                     Some((field_of(port), before.get(*output).copied()?))
                 }));
             }
-            let number = repeat.number.as_ref().map(|name| numbered(name, index + 1));
-            let one = One { name: Some(text), links, number };
+            let number = repeat.number.as_ref().map(|name| number_field(name, index + 1));
+            let one = Instance { name: Some(text), links, number };
             elements.push(match is_data {
-                true => self.one_of_data(definition, draft, &one, scope, values),
-                false => self.one(definition, draft, &one, scope, values),
+                true => self.expand_data_element(definition, parsed, &one, scope, values),
+                false => self.expand_instance(definition, parsed, &one, scope, values),
             });
         }
-        // What is wrong at one place is so for each element, whose numbers alone differ.
-        let found = self.world.problems.split_off(known);
+        // Elements differ only in their numbers, so an error at the same position of several elements is reported once.
+        let found = self.world.diagnostics.split_off(known);
         let mut seen = HashSet::new();
-        self.world.problems.extend(
+        self.world.diagnostics.extend(
             found.into_iter().filter(|it| seen.insert((it.source.name.clone(), it.span, it.code))),
         );
         let expected = self.expect[expected..].iter_mut();
         expected.for_each(|it| it.is_example |= count.is_none());
-        fn first(port: &String, draft: &Draft, values: &Values) -> Option<(usize, usize)> {
-            let link = draft.links.iter().position(|link| name_of(&link.port) == *port)?;
-            linked(draft, link, values).first().copied()
+        fn first_value(
+            port: &String,
+            parsed: &ParsedNode,
+            values: &Values,
+        ) -> Option<(usize, usize)> {
+            let link = parsed.links.iter().position(|link| name_of(&link.port) == *port)?;
+            link_targets(parsed, link, values).first().copied()
         }
         let given = (0..outputs.len()).map(|output| {
-            let all = || elements.iter().filter_map(|element| element.get(output).copied());
+            let mut all = elements.iter().filter_map(|element| element.get(output).copied());
             match carried.iter().find(|(_, carried)| *carried == output) {
-                // Nothing is done to what is carried through no element.
-                Some((port, _)) => {
-                    all().next_back().or_else(|| first(port, draft, values)).into_iter().collect()
-                }
-                None => all().collect(),
+                // If there are no elements, a carried output has the value of the corresponding input.
+                Some((port, _)) => all
+                    .next_back()
+                    .or_else(|| first_value(port, parsed, values))
+                    .into_iter()
+                    .collect(),
+                None => all.collect(),
             }
         });
         let given = Vec::from_iter(given);
-        let inputs = (0..draft.links.len()).filter_map(|link| {
-            let target = linked(draft, link, values).first().copied()?;
-            Some((draft.links[link].port.clone(), target))
+        let inputs = (0..parsed.links.len()).filter_map(|link| {
+            let target = link_targets(parsed, link, values).first().copied()?;
+            Some((parsed.links[link].port.clone(), target))
         });
         let inputs = inputs.collect();
-        let (kind, is_open) = (format!("ForEach({})", draft.what.kind()), count.is_none());
+        let (kind, is_open) = (format!("ForEach({})", parsed.what.kind()), count.is_none());
         let named = outputs.into_iter().zip(given.iter().cloned()).collect();
         self.uses.push(GraphUse { name, kind, inputs, outputs: named, is_open });
-        Elemental { elements, outputs: given, is_open }
+        RepeatedValues { elements, outputs: given, is_open }
     }
 
-    /// An element of data. What is wrong with it alone, as with its number, lets it fail when it is evaluated: nobody could know when
-    /// the graph was read.
-    fn one_of_data(
+    /// Adds an element of data. An error that concerns only this element, such as one caused by its number, could not be known when the
+    /// graph was read. It therefore makes the node of the element fail during evaluation.
+    fn expand_data_element(
         &mut self,
         definition: &Definition,
-        draft: &Draft,
-        one: &One,
+        parsed: &ParsedNode,
+        one: &Instance,
         scope: &Scope,
         values: &Values,
     ) -> Vec<Target> {
-        let (problems, uses, loops) =
-            (self.world.problems.len(), self.uses.len(), self.loops.len());
+        let (diagnostics, uses, loops) =
+            (self.world.diagnostics.len(), self.uses.len(), self.loops.len());
         let (nodes, expect) = (self.nodes.len(), self.expect.len());
-        let given = match self.is_full(definition, draft, scope) {
+        let given = match self.count_and_check(definition, parsed, scope) {
             true => Vec::new(),
-            false => self.one(definition, draft, one, scope, values),
+            false => self.expand_instance(definition, parsed, one, scope, values),
         };
-        let too_many = (self.count > MOST).then(|| format!("the graph has more than {MOST} nodes"));
-        let found = self.world.problems.drain(problems..).next().map(|problem| problem.message);
+        let too_many =
+            (self.count > MAX_NODES).then(|| format!("the graph has more than {MAX_NODES} nodes"));
+        let found =
+            self.world.diagnostics.drain(diagnostics..).next().map(|diagnostic| diagnostic.message);
         let Some(why) = too_many.or(found) else { return given };
         self.nodes.truncate(nodes);
         self.uses.truncate(uses);
         self.loops.truncate(loops);
         self.expect.truncate(expect);
-        self.refused(definition, draft, one.name(draft, scope), why, scope)
+        self.push_failing_node(definition, parsed, one.name(parsed, scope), why, scope)
     }
 
-    /// A node that fails in place of the draft.
-    fn refused(
+    /// Adds a node that fails in place of the parsed node.
+    fn push_failing_node(
         &mut self,
         definition: &Definition,
-        draft: &Draft,
+        parsed: &ParsedNode,
         name: String,
         why: String,
         scope: &Scope,
     ) -> Vec<Target> {
-        let outputs = vec!["value"; draft.types.len()];
-        let built = refused_node(why, &draft.tree);
-        let put = Put { name, built, links: Vec::new(), outputs };
-        let node = self.put(definition, draft, put, scope);
-        (0..draft.types.len()).map(|output| (node, output)).collect()
+        let outputs = vec!["value"; parsed.types.len()];
+        let built = failing_node(why, &parsed.tree);
+        let new_node = NewNode { name, built, links: Vec::new(), outputs };
+        let node = self.push_node(definition, parsed, new_node, scope);
+        (0..parsed.types.len()).map(|output| (node, output)).collect()
     }
 
-    /// What the element gives that a link names by its number.
-    pub(super) fn pick(
+    /// Returns the outputs of the element that a link selects by its number.
+    pub(super) fn expand_pick(
         &mut self,
         definition: &Definition,
-        draft: &Draft,
+        parsed: &ParsedNode,
         pick: &Pick,
         scope: &Scope,
         values: &Values,
@@ -186,17 +198,17 @@ impl Expansion<'_, '_> {
         if let Some(found) = place.and_then(|place| of.elements.get(place)) {
             return found.clone();
         }
-        let repeated = &definition.drafts[pick.of];
+        let repeated = &definition.parsed_nodes[pick.of];
         let (each, count) = (&repeated.name.text, of.elements.len());
-        if let Some(Repeat { count: Counted::Number(_), .. }) = &repeated.repeat {
-            self.checked(definition, scope, |check| {
-                let (message, help) = beyond(&draft.name.text, each, count);
-                check.find(code::UNKNOWN_LINK, draft.name.span, message, help);
+        if let Some(Repeat { count: ElementCount::Number(_), .. }) = &repeated.repeat {
+            self.with_check(definition, scope, |check| {
+                let (message, help) = missing_element(&parsed.name.text, each, count);
+                check.report(code::UNKNOWN_LINK, parsed.name.span, message, help);
             });
             return Vec::new();
         }
-        let name = One::default().name(draft, scope);
-        let why = format!("there is no such element: {}", elements(each, count));
-        self.refused(definition, draft, name, why, scope)
+        let name = Instance::default().name(parsed, scope);
+        let why = format!("there is no such element: {}", element_count_text(each, count));
+        self.push_failing_node(definition, parsed, name, why, scope)
     }
 }

@@ -1,27 +1,28 @@
-//! What the uses of graphs want and expect of values, in the flat graph.
+//! Adds the requirements and expectations of used graphs to the flat graph.
 
 use std::ops::Range;
 use std::sync::Arc;
 
 use super::{Expansion, Scope, Values};
-use crate::definition::{Definition, Expecting};
-use crate::expected::{Expected, Expecter};
-use crate::{Guard, Wanter};
+use crate::definition::{BoundExpectation, Definition};
+use crate::expected::{ExpectingUse, GraphExpectation};
+use crate::{Guard, RequiringInput};
 
 impl Expansion<'_, '_> {
-    /// What a graph wants of its inputs is tested before a node inside takes them, which stand behind the `first`.
-    pub(super) fn guard(&mut self, graph: &Definition, scope: &Scope, first: usize) {
+    /// Adds tests of the properties that a graph requires of its inputs. They are added to the nodes from index `first` on that take these
+    /// inputs.
+    pub(super) fn add_guards(&mut self, graph: &Definition, scope: &Scope, first: usize) {
         for (input, wants) in graph.wants.iter().enumerate().filter(|(_, wants)| !wants.is_empty())
         {
-            let name = &graph.drafts[input].name.text;
+            let name = &graph.parsed_nodes[input].name.text;
             let by: Arc<str> = match scope.prefix.strip_suffix('/') {
                 Some(prefix) => format!("input `{name}` of `{prefix}`").into(),
                 None => format!("input `{name}`").into(),
             };
             let by = &by;
             let wanters = wants.iter().map(|&(property, span)| {
-                let (source, span) = graph.sheet.place(span);
-                (property, Arc::new(Wanter { source, span, uses: scope.uses.clone() }))
+                let (source, span) = graph.source_map.locate(span);
+                (property, Arc::new(RequiringInput { source, span, uses: scope.uses.clone() }))
             });
             let wanters = &Vec::from_iter(wanters);
             for node in &mut self.nodes[first..] {
@@ -37,15 +38,15 @@ impl Expansion<'_, '_> {
                 let guards = Vec::from_iter(guards);
                 if !guards.is_empty() {
                     let tests = guards.iter().map(|guard| (guard.slot, guard.property));
-                    node.recipe = Arc::new(node.recipe.guarded(&Vec::from_iter(tests)));
+                    node.recipe = Arc::new(node.recipe.with_guards(&Vec::from_iter(tests)));
                 }
                 node.guards.extend(guards);
             }
         }
     }
 
-    /// What a graph expects of its values in this use.
-    pub(super) fn expect(
+    /// Adds the expectations of a graph for one of its uses.
+    pub(super) fn add_expectations(
         &mut self,
         definition: &Definition,
         scope: &Scope,
@@ -55,47 +56,38 @@ impl Expansion<'_, '_> {
         if definition.expect.is_empty() {
             return;
         }
-        let target = |&(draft, output): &(usize, usize)| values.only((draft, output));
         let of = scope.prefix.strip_suffix('/').map(|name| {
-            let ports = definition.ports.iter().filter_map(|port| target(port.target.as_ref()?));
+            let ports =
+                definition.ports.iter().filter_map(|port| values.first_target(port.target?));
             let givers = ports.map(|(node, _)| node).collect();
-            (name, Expecter { uses: scope.uses.clone(), inside, givers })
+            (name, ExpectingUse { uses: scope.uses.clone(), inside, givers })
         });
-        fn at_border(
-            word: &str,
-            definition_drafts: &[crate::definition::Draft],
-            definition_inputs: usize,
-            definition_ports: &[crate::definition::Port],
-        ) -> bool {
-            let inputs = definition_drafts[..definition_inputs].iter();
-            definition_ports.iter().any(|port| port.name == word)
-                || inputs.map(|input| &input.name.text).any(|name| name == word)
-        }
-        for Expecting { expectation, span, targets } in &definition.expect {
-            // Of an input that is left out nothing is expected.
-            if targets.iter().flatten().any(|it| target(it).is_none()) {
+        for BoundExpectation { expectation, span, targets } in &definition.expect {
+            // If an input is omitted, an expectation of its value does not apply.
+            if targets.iter().flatten().any(|target| values.first_target(*target).is_none()) {
                 continue;
             }
             let mut expectation = expectation.clone();
             if let Some((name, _)) = &of {
                 for word in expectation.values_mut() {
-                    let gap = if at_border(
-                        word,
-                        &definition.drafts,
-                        definition.inputs,
-                        &definition.ports,
-                    ) {
-                        '.'
-                    } else {
-                        '/'
-                    };
+                    let gap = if definition.has_port_or_input(word) { '.' } else { '/' };
                     *word = format!("{name}{gap}{word}");
                 }
             }
-            let values = targets.iter().map(|it| it.as_ref().and_then(target)).collect();
-            let (source, span) = definition.sheet.place(*span);
+            let values = targets
+                .iter()
+                .map(|it| it.and_then(|target| values.first_target(target)))
+                .collect();
+            let (source, span) = definition.source_map.locate(*span);
             let of = of.as_ref().map(|(_, of)| of.clone());
-            self.expect.push(Expected { expectation, values, source, span, of, is_example: false });
+            self.expect.push(GraphExpectation {
+                expectation,
+                values,
+                source,
+                span,
+                of,
+                is_example: false,
+            });
         }
     }
 }

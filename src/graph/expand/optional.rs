@@ -1,6 +1,6 @@
-//! Links to inputs that a use leaves out.
+//! Removal of links to inputs that a use omits.
 //!
-//! The node is read again without such a link, so that its key is that of a node that is written without it.
+//! The fields of the node are read again without such a link. The node then has the same key as a node that is written without the link.
 
 use std::collections::HashMap;
 
@@ -8,42 +8,47 @@ use maquette_syntax::error::Span;
 use maquette_syntax::{Body, Field, Kind, Tree};
 
 use super::Scope;
-use crate::definition::{Definition, Draft};
+use crate::definition::{Definition, ParsedNode};
 
-/// The places of links that are left out, and whether each is at a port that takes many.
-pub(super) type Absent = HashMap<Span, bool>;
+/// The positions of links to omitted inputs. The flag is true for a link at a port that takes a list.
+pub(super) type AbsentLinks = HashMap<Span, bool>;
 
-/// The links of a draft to inputs that are left out, by their places.
-pub(super) fn absent(definition: &Definition, draft: &Draft, scope: &Scope) -> Absent {
-    let links = draft.links.iter().zip(&draft.targets);
+/// Returns the links of a node to omitted inputs.
+pub(super) fn absent_links(
+    definition: &Definition,
+    parsed: &ParsedNode,
+    scope: &Scope,
+) -> AbsentLinks {
+    let links = parsed.links.iter().zip(&parsed.targets);
     let absent = links.filter(|(_, targets)| {
         targets.iter().flatten().any(|&(node, _)| {
-            definition.drafts[node].is_optional
+            definition.parsed_nodes[node].is_optional
                 && scope.inputs.get(node).is_none_or(Option::is_none)
         })
     });
-    absent.map(|(link, _)| (link.span, link.many)).collect()
+    absent.map(|(link, _)| (link.span, link.is_list)).collect()
 }
 
-/// A node's fields without these links: one at a port of its own goes with its field, one in a list leaves the others there.
-pub(super) fn without_links(tree: &Tree, gone: &Absent) -> Tree {
+/// Removes links from the fields of a node. At a port that takes one link, the whole field is removed; at a port that takes a list, one
+/// item.
+pub(super) fn without_links(tree: &Tree, gone: &AbsentLinks) -> Tree {
     if gone.is_empty() {
         return tree.clone();
     }
-    fn is_gone(tree: &Tree, gone: &HashMap<Span, bool>) -> Option<bool> {
+    fn is_absent(tree: &Tree, gone: &HashMap<Span, bool>) -> Option<bool> {
         let link = tree.call_of("Some").unwrap_or(tree);
         gone.get(&link.span).copied().filter(|_| link.text().is_some())
     }
     fn items(items: &[Tree], gone: &HashMap<Span, bool>) -> Vec<Tree> {
-        let kept = items.iter().filter(|item| is_gone(item, gone).is_none());
+        let kept = items.iter().filter(|item| is_absent(item, gone).is_none());
         kept.map(|item| without_links(item, gone)).collect()
     }
     let kind = match &tree.kind {
         Kind::Call { name, body: Body::Fields(fields) } => {
             let kept = fields.iter().filter_map(|field| {
-                let value = match is_gone(&field.value, gone) {
+                let value = match is_absent(&field.value, gone) {
                     None => without_links(&field.value, gone),
-                    // The only link of a list.
+                    // The list consists of a single link.
                     Some(true) => Tree::new(field.value.span, Kind::List(Vec::new())),
                     Some(false) => return None,
                 };

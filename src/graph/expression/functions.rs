@@ -2,32 +2,32 @@
 
 use maquette_syntax::{Quantity, Unit};
 
-/// A function of an expression.
+/// A function that expressions can call.
 pub(super) struct Function {
     name: &'static str,
-    /// The least and the greatest number of its arguments.
-    pub(super) least: usize,
-    pub(super) most: usize,
-    pub(super) computes: Computes,
+    /// The minimum and the maximum number of arguments.
+    pub(super) min_arguments: usize,
+    pub(super) max_arguments: usize,
+    pub(super) kind: FunctionKind,
 }
 
-/// What a function computes.
+/// The way in which a function computes its result.
 #[derive(Clone, Copy)]
-pub(super) enum Computes {
-    /// A number in the unit of its arguments, which are converted to one.
+pub(super) enum FunctionKind {
+    /// Returns a number in the common unit of the arguments.
     Alike(fn(&[f64]) -> f64),
-    /// An angle in rad, of arguments that are converted to one unit.
+    /// Returns an angle in rad. The arguments are converted to one unit.
     Angle(fn(&[f64]) -> f64),
-    /// Anything, of arguments that this is wanted of; an error is the number of an argument that does not fit.
+    /// Returns any quantity. The text describes the accepted arguments, and an error is the index of a wrong argument.
     Quantity(&'static str, fn(&[Quantity]) -> Result<Quantity, usize>),
 }
 
 impl Function {
-    const fn new(name: &'static str, least: usize, most: usize, computes: Computes) -> Self {
-        Self { name, least, most, computes }
+    const fn new(name: &'static str, least: usize, most: usize, computes: FunctionKind) -> Self {
+        Self { name, min_arguments: least, max_arguments: most, kind: computes }
     }
 
-    pub(super) fn named(name: &str) -> Option<&'static Self> {
+    pub(super) fn find(name: &str) -> Option<&'static Self> {
         FUNCTIONS.iter().find(|function| function.name == name)
     }
 }
@@ -37,87 +37,97 @@ const FUNCTIONS: [Function; 15] = [
         "min",
         1,
         99,
-        Computes::Alike(|x| x.iter().copied().fold(f64::INFINITY, f64::min)),
+        FunctionKind::Alike(|x| x.iter().copied().fold(f64::INFINITY, f64::min)),
     ),
     Function::new(
         "max",
         1,
         99,
-        Computes::Alike(|x| x.iter().copied().fold(f64::NEG_INFINITY, f64::max)),
+        FunctionKind::Alike(|x| x.iter().copied().fold(f64::NEG_INFINITY, f64::max)),
     ),
-    Function::new("clamp", 3, 3, Computes::Alike(|x| x[0].max(x[1]).min(x[2]))),
-    Function::new("abs", 1, 1, Computes::Alike(|x| x[0].abs())),
-    Function::new("floor", 1, 1, Computes::Alike(|x| x[0].floor())),
-    Function::new("round", 1, 1, Computes::Alike(|x| x[0].round())),
+    Function::new("clamp", 3, 3, FunctionKind::Alike(|x| x[0].max(x[1]).min(x[2]))),
+    Function::new("abs", 1, 1, FunctionKind::Alike(|x| x[0].abs())),
+    Function::new("floor", 1, 1, FunctionKind::Alike(|x| x[0].floor())),
+    Function::new("round", 1, 1, FunctionKind::Alike(|x| x[0].round())),
     Function::new(
         "sqrt",
         1,
         1,
-        Computes::Quantity("a square, as mm^2 is", |x| x[0].root().ok_or(0)),
+        FunctionKind::Quantity("a square, as mm^2 is", |x| x[0].root().ok_or(0)),
     ),
     Function::new(
         "pow",
         2,
         2,
-        Computes::Quantity("a pure number or a whole exponent", |x| power(x[0], x[1])),
+        FunctionKind::Quantity("a pure number or a whole exponent", |x| power(x[0], x[1])),
     ),
-    Function::new("sin", 1, 1, Computes::Quantity("an angle", |x| of_angle(x[0], |(sin, _)| sin))),
-    Function::new("cos", 1, 1, Computes::Quantity("an angle", |x| of_angle(x[0], |(_, cos)| cos))),
+    Function::new(
+        "sin",
+        1,
+        1,
+        FunctionKind::Quantity("an angle", |x| apply_to_angle(x[0], |(sin, _)| sin)),
+    ),
+    Function::new(
+        "cos",
+        1,
+        1,
+        FunctionKind::Quantity("an angle", |x| apply_to_angle(x[0], |(_, cos)| cos)),
+    ),
     Function::new(
         "tan",
         1,
         1,
-        Computes::Quantity("an angle", |x| of_angle(x[0], |(sin, cos)| sin / cos)),
+        FunctionKind::Quantity("an angle", |x| apply_to_angle(x[0], |(sin, cos)| sin / cos)),
     ),
     Function::new(
         "asin",
         1,
         1,
-        Computes::Quantity("a pure number", |x| angle_of(x[0], libm::asin)),
+        FunctionKind::Quantity("a pure number", |x| angle_of(x[0], libm::asin)),
     ),
     Function::new(
         "acos",
         1,
         1,
-        Computes::Quantity("a pure number", |x| angle_of(x[0], libm::acos)),
+        FunctionKind::Quantity("a pure number", |x| angle_of(x[0], libm::acos)),
     ),
     Function::new(
         "atan",
         1,
         1,
-        Computes::Quantity("a pure number", |x| angle_of(x[0], libm::atan)),
+        FunctionKind::Quantity("a pure number", |x| angle_of(x[0], libm::atan)),
     ),
-    Function::new("atan2", 2, 2, Computes::Angle(|x| libm::atan2(x[0], x[1]))),
+    Function::new("atan2", 2, 2, FunctionKind::Angle(|x| libm::atan2(x[0], x[1]))),
 ];
 
-/// The names of all functions.
+/// Returns the names of all functions.
 pub(crate) fn function_names() -> impl Iterator<Item = &'static str> {
     FUNCTIONS.iter().map(|function| function.name).chain(["if"])
 }
 
-/// Returns true for a word that has a value by itself.
+/// Returns true for a word that has a fixed value, such as a constant.
 pub(crate) fn is_constant(word: &str) -> bool {
     matches!(word, "true" | "false" | "pi")
 }
 
-/// A value of the sine and cosine of an angle; a pure number is one in rad.
-fn of_angle(x: Quantity, value: fn((f64, f64)) -> f64) -> Result<Quantity, usize> {
-    fn named(name: &str) -> Unit {
-        Unit::named(name).unwrap_or_default()
+/// Applies `value` to the sine and cosine of an angle. A number without a unit is an angle in rad.
+fn apply_to_angle(x: Quantity, value: fn((f64, f64)) -> f64) -> Result<Quantity, usize> {
+    fn unit(name: &str) -> Unit {
+        Unit::from_name(name).unwrap_or_default()
     }
-    let rad = Quantity { unit: if x.unit.is_pure() { named("rad") } else { x.unit }, ..x };
+    let rad = Quantity { unit: if x.unit.is_pure() { unit("rad") } else { x.unit }, ..x };
     match rad.unit {
-        unit if unit == named("deg") => Ok(Quantity::pure(value(of_degrees(x.value)))),
-        unit if unit.is_like(named("rad")) => {
-            let angle = rad.in_unit(named("rad"));
+        own if own == unit("deg") => Ok(Quantity::pure(value(sin_cos_degrees(x.value)))),
+        own if own.is_compatible(unit("rad")) => {
+            let angle = rad.to_unit(unit("rad"));
             Ok(Quantity::pure(value((libm::sin(angle), libm::cos(angle)))))
         }
         _ => Err(0),
     }
 }
 
-/// Sine and cosine, which are exact for multiples of a right angle.
-fn of_degrees(degrees: f64) -> (f64, f64) {
+/// Returns the sine and cosine of an angle in degrees. They are exact for multiples of a right angle.
+fn sin_cos_degrees(degrees: f64) -> (f64, f64) {
     let turn = degrees % 360.0;
     match (turn + 360.0) % 360.0 {
         0.0 => (0.0, 1.0),
@@ -129,7 +139,7 @@ fn of_degrees(degrees: f64) -> (f64, f64) {
 }
 
 fn angle_of(x: Quantity, angle: fn(f64) -> f64) -> Result<Quantity, usize> {
-    let unit = Unit::named("rad").unwrap_or_default();
+    let unit = Unit::from_name("rad").unwrap_or_default();
     if x.unit.is_pure() { Ok(Quantity { value: angle(x.value), unit }) } else { Err(0) }
 }
 

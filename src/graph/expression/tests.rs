@@ -1,4 +1,4 @@
-//! What expressions give, and what is said of those that are wrong.
+//! Results of expressions, and error messages.
 
 use super::*;
 
@@ -64,15 +64,15 @@ fn a_hyphen_belongs_to_a_known_name_and_subtracts_otherwise() {
 
 #[test]
 fn the_parameters_in_an_expression_are_those_that_it_is_computed_from() {
-    fn named(text: &str) -> Option<String> {
+    fn parameters_in(text: &str) -> Option<String> {
         let is_known = |name: &str| matches!(name, "a" | "a-b" | "min" | "and");
         let names = named_parameters(text, &is_known)?;
         Some(names.into_iter().map(|at| text[at].to_owned()).collect::<Vec<_>>().join(" "))
     }
-    assert_eq!(named("a - b-1").as_deref(), Some("a b"));
-    assert_eq!(named(" a-b*min(min, 2)-a").as_deref(), Some("a-b min a"));
-    assert_eq!(named("if(not a and and, (a) and 1e3, 2)").as_deref(), Some("a and a"));
-    assert_eq!(named("a $"), None);
+    assert_eq!(parameters_in("a - b-1").as_deref(), Some("a b"));
+    assert_eq!(parameters_in(" a-b*min(min, 2)-a").as_deref(), Some("a-b min a"));
+    assert_eq!(parameters_in("if(not a and and, (a) and 1e3, 2)").as_deref(), Some("a and a"));
+    assert_eq!(parameters_in("a $"), None);
 }
 
 #[test]
@@ -109,43 +109,43 @@ fn products_and_quotients_combine_units_or_cancel_them() {
 
 #[test]
 fn units_that_do_not_go_together_are_named_with_both_places() {
-    fn wrong(text: &str) -> String {
+    fn error_of(text: &str) -> String {
         value(text).unwrap_err()
     }
-    let help = "what is added, compared or chosen from measures the same";
+    let help = "use values of the same kind";
     assert_eq!(
-        wrong("2 * depth + turn"),
+        error_of("2 * depth + turn"),
         format!(
             "`+` wants one unit, but `2 * depth` is in mm and `turn` in deg; {help} at turn (2 * depth: this is in mm)"
         )
     );
     assert_eq!(
-        wrong("min(1, px(2), depth)"),
+        error_of("min(1, px(2), depth)"),
         format!(
             "`min` wants one unit, but `px(2)` is in px and `depth` in mm; {help} at depth (px(2): this is in px)"
         )
     );
     assert_eq!(
-        wrong("if(flat, band, turn)"),
+        error_of("if(flat, band, turn)"),
         format!(
             "`if` wants one unit, but `band` is in px and `turn` in deg; {help} at turn (band: this is in px)"
         )
     );
-    assert!(wrong("depth < band").starts_with("`<` wants one unit, but `depth` is in mm"));
+    assert!(error_of("depth < band").starts_with("`<` wants one unit, but `depth` is in mm"));
     assert!(
-        wrong("depth * width - depth").contains("`depth * width` is in mm^2 and `depth` in mm")
+        error_of("depth * width - depth").contains("`depth * width` is in mm^2 and `depth` in mm")
     );
     assert_eq!(
-        wrong("sqrt(depth)"),
+        error_of("sqrt(depth)"),
         "`sqrt` wants a square, as mm^2 is, but `depth` is in mm;  at depth"
     );
-    assert_eq!(wrong("cm(depth)"), "`cm` wants a pure number, but `depth` is in mm;  at depth");
-    assert_eq!(wrong("inhc(2)"), "there is no function `inhc`; did you mean `inch`?");
+    assert_eq!(error_of("cm(depth)"), "`cm` wants a pure number, but `depth` is in mm;  at depth");
+    assert_eq!(error_of("inhc(2)"), "there is no function `inhc`; did you mean `inch`?");
 }
 
 #[test]
 fn what_is_not_finite_is_an_error_wherever_it_arises() {
-    fn wrong(text: &str) -> String {
+    fn error_of(text: &str) -> String {
         value(text).unwrap_err()
     }
     for (text, message) in [
@@ -161,7 +161,7 @@ fn what_is_not_finite_is_an_error_wherever_it_arises() {
         ("if(zero / zero > 1, 1, 2)", "`zero / zero` gives NaN, from 0 and 0"),
         ("min(1, 1e999)", "`1e999` is too large for a number"),
     ] {
-        assert!(wrong(text).starts_with(message), "{text}: {}", wrong(text));
+        assert!(error_of(text).starts_with(message), "{text}: {}", error_of(text));
     }
 }
 
@@ -179,9 +179,9 @@ fn what_does_not_count_need_not_be_finite() {
 fn what_is_computed_from_nan_is_nan_and_compares_with_nothing() {
     let parameters = BTreeMap::from([("a".to_owned(), Outcome::Number(Quantity::pure(f64::NAN)))]);
     for name in function_names().filter(|name| *name != "if") {
-        let function = Function::named(name).unwrap();
-        for (place, count) in
-            (function.least..=function.most.min(3)).flat_map(|n| (0..n).map(move |k| (k, n)))
+        let function = Function::find(name).unwrap();
+        for (place, count) in (function.min_arguments..=function.max_arguments.min(3))
+            .flat_map(|n| (0..n).map(move |k| (k, n)))
         {
             let argument = |k: usize| if k == place { "a" } else { ["0", "1", "2"][k] };
             let call =
@@ -202,27 +202,30 @@ fn what_is_computed_from_nan_is_nan_and_compares_with_nothing() {
 
 #[test]
 fn angles_are_computed_in_their_units() {
-    fn near(text: &str, expected: f64, unit: &str) {
+    fn check_near(text: &str, expected: f64, unit: &str) {
         let Ok(Outcome::Number(found)) = value(text) else { panic!("{text}: {:?}", value(text)) };
         assert!((found.value - expected).abs() < 1e-14, "{text}: {}", found.value);
         assert_eq!(found.unit, Unit::read(unit).unwrap_or_default(), "{text}");
     }
-    near("sin(turn)", 0.5, "");
-    near("sin(pi / 6)", 0.5, "");
-    near("depth * cos(deg(60))", 6.0, "mm");
-    near("tan(rad(pi / 4))", 1.0, "");
-    near("asin(1) / deg(1)", 90.0, "");
-    near("acos(0)", std::f64::consts::FRAC_PI_2, "rad");
-    near("atan(1)", std::f64::consts::FRAC_PI_4, "rad");
-    near("atan2(depth, cm(1.2))", std::f64::consts::FRAC_PI_4, "rad");
+    check_near("sin(turn)", 0.5, "");
+    check_near("sin(pi / 6)", 0.5, "");
+    check_near("depth * cos(deg(60))", 6.0, "mm");
+    check_near("tan(rad(pi / 4))", 1.0, "");
+    check_near("asin(1) / deg(1)", 90.0, "");
+    check_near("acos(0)", std::f64::consts::FRAC_PI_2, "rad");
+    check_near("atan(1)", std::f64::consts::FRAC_PI_4, "rad");
+    check_near("atan2(depth, cm(1.2))", std::f64::consts::FRAC_PI_4, "rad");
     check("cos(deg(90)) + sin(deg(-180)) + sin(deg(720))", 0.0);
     check("sin(deg(450)) - cos(deg(-180))", 2.0);
-    fn wrong(text: &str) -> String {
+    fn error_of(text: &str) -> String {
         value(text).unwrap_err()
     }
-    assert_eq!(wrong("sin(depth)"), "`sin` wants an angle, but `depth` is in mm;  at depth");
-    assert!(wrong("atan2(depth, turn)").starts_with("`atan2` wants one unit"));
-    assert_eq!(wrong("acos(turn)"), "`acos` wants a pure number, but `turn` is in deg;  at turn");
+    assert_eq!(error_of("sin(depth)"), "`sin` wants an angle, but `depth` is in mm;  at depth");
+    assert!(error_of("atan2(depth, turn)").starts_with("`atan2` wants one unit"));
+    assert_eq!(
+        error_of("acos(turn)"),
+        "`acos` wants a pure number, but `turn` is in deg;  at turn"
+    );
 }
 
 #[test]
@@ -231,26 +234,26 @@ fn powers_have_powers_of_units() {
     check_unit("pow(depth, 2)", 144.0, "mm^2");
     check_unit("pow(width, -1)", 0.4, "1/cm");
     check("pow(depth, 0)", 1.0);
-    fn wrong(text: &str) -> String {
+    fn error_of(text: &str) -> String {
         value(text).unwrap_err()
     }
     assert_eq!(
-        wrong("pow(depth, 0.5)"),
+        error_of("pow(depth, 0.5)"),
         "`pow` wants a pure number or a whole exponent, but `depth` is in mm;  at depth"
     );
-    assert!(wrong("pow(2, depth)").contains("but `depth` is in mm"));
+    assert!(error_of("pow(2, depth)").contains("but `depth` is in mm"));
 }
 
 #[test]
 fn a_parameter_may_have_the_name_of_a_constant() {
     let parameters = BTreeMap::from([("pi".to_owned(), Outcome::Number(Quantity::pure(3.0)))]);
     assert_eq!(evaluate("pi", &parameters), Ok(Outcome::Number(Quantity::pure(3.0))));
-    fn named(text: &str, parameter: &str) -> Vec<String> {
+    fn names_beside(text: &str, parameter: &str) -> Vec<String> {
         let spans = named_parameters(text, &|name| name == parameter).unwrap();
         spans.into_iter().map(|span| text[span].to_owned()).collect::<Vec<_>>()
     }
-    assert_eq!(named("pi + true", "pi"), ["pi"]);
-    assert_eq!(named("pi + a", ""), ["a"]);
+    assert_eq!(names_beside("pi + true", "pi"), ["pi"]);
+    assert_eq!(names_beside("pi + a", ""), ["a"]);
 }
 
 #[test]
@@ -266,20 +269,20 @@ fn a_long_expression_is_read_in_time() {
 }
 
 #[test]
-fn mistakes_are_explained() {
-    fn wrong(text: &str) -> String {
+fn errors_are_explained() {
+    fn error_of(text: &str) -> String {
         value(text).unwrap_err()
     }
-    assert_eq!(wrong("growth * "), "the expression ends where a number or a name should be; ");
-    assert_eq!(wrong("grwth"), "the graph has no parameter `grwth`; did you mean `growth`?");
-    assert_eq!(wrong("flor(1)"), "there is no function `flor`; did you mean `floor`?");
+    assert_eq!(error_of("growth * "), "the expression ends where a number or a name should be; ");
+    assert_eq!(error_of("grwth"), "the graph has no parameter `grwth`; did you mean `growth`?");
+    assert_eq!(error_of("flor(1)"), "there is no function `flor`; did you mean `floor`?");
     assert_eq!(
-        wrong("1 + 1 / 0"),
+        error_of("1 + 1 / 0"),
         "`1 / 0` gives inf, from 1 and 0; give another value where it is 0: if(b == 0, 0, a / b) at 1 / 0"
     );
-    assert_eq!(wrong("1 + flat"), "`+` wants a number, not a condition; ");
-    assert_eq!(wrong("(1"), "the expression ends where `)` should be; ");
-    assert_eq!(wrong("1 2"), "the expression has `2` where it should end; ");
-    assert_eq!(wrong("1 $ 2"), "`$` has no meaning in an expression; ");
-    assert!(wrong(&"(".repeat(9999)).contains("nested too deeply"));
+    assert_eq!(error_of("1 + flat"), "`+`: expected a number, found a condition; ");
+    assert_eq!(error_of("(1"), "the expression ends where `)` should be; ");
+    assert_eq!(error_of("1 2"), "expected the end of the expression, found `2`; ");
+    assert_eq!(error_of("1 $ 2"), "`$` has no meaning in an expression; ");
+    assert!(error_of(&"(".repeat(9999)).contains("nested too deeply"));
 }

@@ -1,20 +1,20 @@
-//! Old names in what tests set.
+//! Migration of old names in the settings that tests contain.
 
 use std::path::PathBuf;
 
-use maquette_syntax::{Kind, Tree, parse, quoted};
-use maquette_value::plain::read_text;
+use maquette_syntax::{Kind, Tree, parse, quote};
+use maquette_value::fs::read_text;
 
-use super::puts::renewed_target;
-use super::{Splice, apply, written};
+use super::migrated_values::migrate_target;
+use super::{Splice, apply, rewrite_value};
 use crate::catalog::Catalog;
 use crate::patch::patched_tree;
 use crate::tree::entries;
 use crate::{Files, Graph, Options};
 
 impl Graph {
-    /// The text of a test of some graphs with the new names of all fields that it sets.
-    pub fn migrated_test(text: &str, graphs: &[PathBuf], catalog: &Catalog) -> String {
+    /// Migrates the fields that a test of these graphs sets, so that their names are current.
+    pub fn migrate_test(text: &str, graphs: &[PathBuf], catalog: &Catalog) -> String {
         let options = Options { files: Files::Ignored, ..Options::default() };
         let graphs: Vec<_> = graphs
             .iter()
@@ -23,12 +23,12 @@ impl Graph {
                 Some(patched_tree(path, text, catalog, &options))
             })
             .collect();
-        apply(text, of_test(&parse(text).0, &graphs, text, catalog))
+        apply(text, test_splices(&parse(text).0, &graphs, text, catalog))
     }
 }
 
-/// The edits of the map that a test `set`s, of which each graph that it is about is given.
-fn of_test(test: &Tree, graphs: &[Tree], text: &str, catalog: &Catalog) -> Vec<Splice> {
+/// Returns the edits that migrate all maps `set` in a test of these graphs.
+fn test_splices(test: &Tree, graphs: &[Tree], text: &str, catalog: &Catalog) -> Vec<Splice> {
     let mut splices = Vec::new();
     for (_, case) in entries(test.fields().unwrap_or_default(), "cases") {
         for field in case.fields().unwrap_or_default() {
@@ -38,14 +38,14 @@ fn of_test(test: &Tree, graphs: &[Tree], text: &str, catalog: &Catalog) -> Vec<S
             for (key, value) in set {
                 let Some(target) = key.text() else { continue };
                 let Some((now, renewed)) =
-                    graphs.iter().find_map(|graph| renewed_target(graph, target, value, catalog))
+                    graphs.iter().find_map(|graph| migrate_target(graph, target, value, catalog))
                 else {
                     continue;
                 };
                 if now != target {
-                    splices.push((key.span, quoted(&now)));
+                    splices.push((key.span, quote(&now)));
                 }
-                written(value, &renewed.value, text, &mut splices);
+                rewrite_value(value, &renewed.value, text, &mut splices);
             }
         }
     }

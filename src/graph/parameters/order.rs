@@ -1,21 +1,22 @@
-//! The order in which parameters are computed, where defaults are computed from others.
+//! The evaluation order of parameters with computed defaults.
 
 use std::collections::HashMap;
 
 use maquette_syntax::error::code;
-use maquette_syntax::{Body, Finding, Kind, Sheet, Tree};
+use maquette_syntax::{Body, Kind, LocalDiagnostic, SourceMap, Tree};
 
 use super::is_parametric;
 use crate::declaration::Declaration;
 use crate::expression::named_parameters;
+use crate::tree::text_in_call;
 
-/// The order of declarations in which each is behind all that its default is computed from.
+/// The declarations in an order in which each comes after those from which its default is computed.
 pub(super) struct Order {
-    /// Their places. Those that depend on themselves are left out, and reported.
-    pub(super) all: Vec<usize>,
+    /// The indices of the declarations. Declarations in a cycle are reported and left out.
+    pub(super) indices: Vec<usize>,
 }
 
-/// How far the search has come with a declaration.
+/// The state of a declaration in the depth-first search.
 #[derive(Clone, Copy, PartialEq)]
 enum State {
     New,
@@ -24,10 +25,10 @@ enum State {
 }
 
 impl Order {
-    pub(super) fn of(
+    pub(super) fn compute(
         declarations: &[Declaration],
-        sheet: &Sheet,
-        findings: &mut Vec<Finding>,
+        source_map: &SourceMap,
+        diagnostics: &mut Vec<LocalDiagnostic>,
     ) -> Self {
         let places = declarations.iter().enumerate();
         let places: HashMap<&str, usize> = places.map(|(at, it)| (&it.name[..], at)).collect();
@@ -45,7 +46,7 @@ impl Order {
         let mut is_cyclic = vec![false; declarations.len()];
         let mut all = Vec::with_capacity(declarations.len());
         for first in 0..declarations.len() {
-            // Without recursion: a chain may be as long as there are parameters.
+            // The search is not recursive, because a chain of parameters may contain all of them.
             let mut open = Vec::new();
             if states[first] == State::New {
                 states[first] = State::Open;
@@ -68,7 +69,7 @@ impl Order {
                         let place = open.iter().position(|(at, _)| *at == other).unwrap_or(0);
                         let cycle = Vec::from_iter(open[place..].iter().map(|(at, _)| *at));
                         if !cycle.iter().any(|&at| is_cyclic[at]) {
-                            findings.push(told(declarations, &cycle, sheet));
+                            diagnostics.push(cycle_diagnostic(declarations, &cycle, source_map));
                         }
                         cycle.iter().for_each(|&at| is_cyclic[at] = true);
                     }
@@ -77,24 +78,28 @@ impl Order {
             }
         }
         all.retain(|&at| !is_cyclic[at]);
-        Self { all }
+        Self { indices: all }
     }
 }
 
-/// Says of parameters that each is computed from the next one, and the last from the first.
-fn told(declarations: &[Declaration], cycle: &[usize], sheet: &Sheet) -> Finding {
+/// Returns the error for a cycle of parameters, each of which is computed from the next one.
+fn cycle_diagnostic(
+    declarations: &[Declaration],
+    cycle: &[usize],
+    source_map: &SourceMap,
+) -> LocalDiagnostic {
     let all: Vec<_> = cycle.iter().map(|&at| &declarations[at]).collect();
     let names = all.iter().chain(all.first()).map(|declared| &declared.name[..]);
     let message = format!("cycle: {}", Vec::from_iter(names).join(" -> "));
     let next = all.iter().skip(1).chain(all.first());
     let needs = all.iter().zip(next).map(|(declared, next)| {
-        let place = sheet.place_in_words(declared.default.span);
+        let place = source_map.describe_location(declared.default.span);
         format!("`{}` needs `{}` at {place}", declared.name, next.name)
     });
     let needs = Vec::from_iter(needs).join(", ");
     let note =
         all.get(1).map(|declared| (declared.default.span, format!("`{}` is here", declared.name)));
-    Finding {
+    LocalDiagnostic {
         code: code::CYCLE,
         span: all.first().map(|declared| declared.default.span).unwrap_or_default(),
         message,
@@ -103,7 +108,7 @@ fn told(declarations: &[Declaration], cycle: &[usize], sheet: &Sheet) -> Finding
     }
 }
 
-/// The parameters that are named in a value, in order.
+/// Returns the parameters that a value names, in the order of the value.
 pub(crate) fn names_in(tree: &Tree, is_known: &dyn Fn(&str) -> bool) -> Vec<String> {
     let mut names = Vec::new();
     collect(tree, is_known, &mut names);
@@ -111,10 +116,10 @@ pub(crate) fn names_in(tree: &Tree, is_known: &dyn Fn(&str) -> bool) -> Vec<Stri
 }
 
 fn collect(tree: &Tree, is_known: &dyn Fn(&str) -> bool, names: &mut Vec<String>) {
-    if let Some(name) = tree.call_of("Param").and_then(Tree::text) {
+    if let Some(name) = text_in_call(tree, "Param") {
         return names.push(name.to_owned());
     }
-    if let Some(text) = tree.call_of("Expr").and_then(Tree::text) {
+    if let Some(text) = text_in_call(tree, "Expr") {
         let places = named_parameters(text, is_known).into_iter().flatten();
         return names.extend(places.map(|at| text[at].to_owned()));
     }

@@ -1,44 +1,44 @@
-//! What a pinned result was computed from: the node and all that it hangs on, each with its type, parameters, links and files.
+//! The origin of a pinned result: the node and all its dependencies, with their types, parameters, links and files.
 
 use std::collections::HashMap;
 use std::sync::LazyLock;
 
-use maquette_node::reading::Readers;
+use maquette_node::importers::Readers;
 use maquette_value::Hash;
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 
-use crate::difference::{in_short, parameter_difference, parameter_name};
-use crate::files::{Known, Reads};
+use crate::difference::{parameter_difference, parameter_name, short_text};
+use crate::files::{KnownFiles, Reads};
 use crate::{GraphNode, Link};
 
-/// What a result was computed from.
+/// The nodes from which a result was computed.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Ancestry {
-    /// The hash of all of it. No name of a node counts.
+    /// The hash of all nodes, which does not depend on their names.
     made: String,
-    /// The node, and what it hangs on: the nearest first.
+    /// The node and its dependencies, the nearest first.
     steps: Vec<Step>,
 }
 
-/// A node as it was.
+/// The state of a node when its result was pinned.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Step {
     name: String,
     #[serde(rename = "type")]
     kind: String,
-    /// Without the paths of files.
+    /// The parameters, without the paths of files.
     parameters: Json,
-    /// What each port is linked to, `node.output`.
+    /// For each port, its link as `node.output`.
     links: Vec<(String, String)>,
-    /// The name of each file as the graph has it, and the hash of its content and of the files that it names.
+    /// For each file, its name as the graph contains it, and the hash of its content and companions.
     files: Vec<(String, Option<String>)>,
 }
 
 impl Ancestry {
-    /// Of nodes that stand after what they hang on.
-    pub fn of(nodes: &[GraphNode], index: usize, readers: &Readers) -> Self {
-        static KNOWN: LazyLock<Known> = LazyLock::new(Known::default);
+    /// Collects the dependencies of the node at `index`. In the list of nodes, each node must come after those on which it depends.
+    pub fn trace(nodes: &[GraphNode], index: usize, readers: &Readers) -> Self {
+        static KNOWN: LazyLock<KnownFiles> = LazyLock::new(KnownFiles::default);
         let reads = Reads::new(&KNOWN, readers);
         let mut needed = vec![false; nodes.len()];
         needed[index] = true;
@@ -48,7 +48,7 @@ impl Ancestry {
                 continue;
             }
             nodes[at].links.iter().for_each(|link| needed[link.node] = true);
-            steps.push((at, Step::of(nodes, at, &reads)));
+            steps.push((at, Step::new(nodes, at, &reads)));
         }
         let mut made: HashMap<usize, Hash> = HashMap::new();
         for (at, step) in steps.iter().rev() {
@@ -61,32 +61,32 @@ impl Ancestry {
             for (_, hash) in &step.files {
                 content.extend_from_slice(hash.as_ref().map_or("none", |hash| hash).as_bytes());
             }
-            made.insert(*at, Hash::of(&content));
+            made.insert(*at, Hash::compute(&content));
         }
         let steps = steps.into_iter().map(|(_, step)| step).collect();
         Self { made: made[&index].to_string(), steps }
     }
 
-    /// In words, what of the node or of what it hangs on is not as it was: what is nearest to it.
+    /// Describes one change of the node or of its dependencies: the one that is nearest to the node.
     pub fn change(&self, nodes: &[GraphNode], index: usize, readers: &Readers) -> Option<String> {
-        let now = Self::of(nodes, index, readers);
+        let now = Self::trace(nodes, index, readers);
         if self.made == now.made {
             return None;
         }
         let (before, names) = (self.by_name(), self.names_before(&now));
         let changed = now.steps.iter().enumerate().find_map(|(place, step)| {
-            // A node that is new here is told of by the link to it.
+            // If a node is new, the change is that of the link to it.
             let owner = if place == 0 { String::new() } else { format!("{}.", step.name) };
             before.get(names.get(&step.name[..])?)?.change(step, &owner, &names)
         });
-        Some(changed.unwrap_or_else(|| "something that it hangs on changed".into()))
+        Some(changed.unwrap_or_else(|| "a node that it depends on changed".into()))
     }
 
     fn by_name(&self) -> HashMap<&str, &Step> {
         self.steps.iter().map(|step| (&step.name[..], step)).collect()
     }
 
-    /// What the nodes of now were called: a new name is that of the node of the same type that is gone from the same link.
+    /// Returns the previous names of the current nodes. A renamed node has the type and the link of the node that it replaces.
     fn names_before<'a>(&'a self, now: &'a Self) -> HashMap<&'a str, &'a str> {
         let (before, later) = (self.by_name(), now.by_name());
         let mut names: HashMap<&str, &str> = before.keys().map(|&name| (name, name)).collect();
@@ -113,7 +113,7 @@ impl Ancestry {
 }
 
 impl Step {
-    fn of(nodes: &[GraphNode], index: usize, reads: &Reads<'_>) -> Self {
+    fn new(nodes: &[GraphNode], index: usize, reads: &Reads<'_>) -> Self {
         let node = &nodes[index];
         Self {
             name: node.name.clone(),
@@ -143,7 +143,8 @@ impl Step {
             return Some(format!("`{}` became a {} (it was a {})", now.name, now.kind, self.kind));
         }
         if let Some((path, before, now)) = parameter_difference(&self.parameters, &now.parameters) {
-            let (name, before, now) = (parameter_name(&path), in_short(&before), in_short(&now));
+            let (name, before, now) =
+                (parameter_name(&path), short_text(&before), short_text(&now));
             return Some(format!("`{owner}{name}` changed ({before} -> {now})"));
         }
         let links: Vec<_> = now

@@ -1,37 +1,37 @@
-//! The values of a pin as a file: a line of JSON that says what follows, the values, and their large columns.
+//! The file format of pinned values: a header, which is one line of JSON, then the values, then their large columns.
 
 use std::collections::HashMap;
 use std::ops::Range;
 
-use maquette_value::{AnyValue, Columns, Hash, Kept, ValueType};
+use maquette_value::{AnyValue, Columns, Hash, ValueType};
 use serde::{Deserialize, Serialize};
 
 const MAGIC: &[u8] = b"maqpin01";
 
 #[derive(Serialize, Deserialize)]
 struct Header {
-    /// How many bytes each value has without its columns.
+    /// For each value, its number of bytes without its columns.
     values: Vec<usize>,
     columns: Vec<(Hash, usize)>,
 }
 
-/// As they are kept.
+/// Encodes values.
 pub fn write(values: &[AnyValue]) -> Vec<u8> {
-    let kept: Vec<_> = values.iter().map(AnyValue::keep).collect();
-    let columns = || kept.iter().flat_map(|kept: &Kept| &kept.columns);
+    let kept: Vec<_> = values.iter().map(AnyValue::encode).collect();
+    let columns: Vec<_> = kept.iter().flat_map(|kept| &kept.columns).collect();
     let header = Header {
         values: kept.iter().map(|kept| kept.bytes.len()).collect(),
-        columns: columns().map(|column| (column.hash(), column.bytes().len())).collect(),
+        columns: columns.iter().map(|column| (column.hash(), column.bytes().len())).collect(),
     };
     let mut bytes = MAGIC.to_vec();
     bytes.extend(serde_json::to_vec(&header).unwrap_or_default());
     bytes.push(b'\n');
     kept.iter().for_each(|kept| bytes.extend_from_slice(&kept.bytes));
-    columns().for_each(|column| bytes.extend_from_slice(column.bytes()));
+    columns.iter().for_each(|column| bytes.extend_from_slice(column.bytes()));
     bytes
 }
 
-/// The values of these types and hashes; none if the bytes hold others, or are damaged.
+/// Decodes values of these types and hashes. `None` if the bytes contain other values or are damaged.
 pub(crate) fn read(bytes: &[u8], outputs: &[(&'static ValueType, Hash)]) -> Option<Vec<AnyValue>> {
     let rest = bytes.strip_prefix(MAGIC)?;
     let end = rest.iter().position(|byte| *byte == b'\n')?;
@@ -52,7 +52,7 @@ pub(crate) fn read(bytes: &[u8], outputs: &[(&'static ValueType, Hash)]) -> Opti
         .columns
         .iter()
         .map(|(hash, length)| Some((*hash, next(*length, &mut start, content)?)));
-    let columns = InFile { content, columns: columns.collect::<Option<_>>()? };
+    let columns = Content { content, columns: columns.collect::<Option<_>>()? };
     if values.len() != outputs.len() || next(0, &mut start, content)?.end != content.len() {
         return None;
     }
@@ -65,17 +65,17 @@ pub(crate) fn read(bytes: &[u8], outputs: &[(&'static ValueType, Hash)]) -> Opti
         .collect()
 }
 
-struct InFile<'a> {
+struct Content<'a> {
     content: &'a [u8],
     columns: HashMap<Hash, Range<usize>>,
 }
 
-impl Columns for InFile<'_> {
+impl Columns for Content<'_> {
     fn read(&self, hash: Hash, into: &mut [u8]) -> bool {
         let bytes = self.columns.get(&hash).map(|range| &self.content[range.clone()]);
         bytes.filter(|bytes| bytes.len() == into.len()).map(|it| into.copy_from_slice(it)).is_some()
     }
 
-    /// It is judged by the hashes of the values.
-    fn damaged(&self, _: Hash) {}
+    /// The hashes of the values reveal damage.
+    fn report_damage(&self, _: Hash) {}
 }

@@ -1,75 +1,77 @@
-//! `doll.pins.ron`: which nodes of `doll.ron` are pinned.
+//! The list of the pinned nodes of `doll.ron`, which is stored in `doll.pins.ron`.
 
 use std::collections::BTreeMap;
-use std::fmt::Write;
 use std::path::Path;
 use std::sync::Arc;
 
-use maquette_syntax::error::{Problem, Source, Span, code};
-use maquette_syntax::{Body, Kind, Tree, parse, syntax_problems};
-use maquette_value::{Hash, plain};
+use maquette_syntax::error::{Diagnostic, Source, Span, code};
+use maquette_syntax::{Body, Kind, Tree, format_plain_data, parse, syntax_diagnostics};
+use maquette_value::{Hash, fs};
+use serde::Serialize;
 
-use super::{Ancestry, ENDING, Pin, Pins};
+use super::{Ancestry, EXTENSION, Pin, Pins};
 
 impl Pins {
-    /// The pins of a graph; none if there is no file of them.
+    /// Reads the pins of a graph. Empty if it has none.
     ///
     /// # Errors
-    /// If the file cannot be read, or holds something else.
-    pub fn of(graph: &Path) -> Result<Self, Box<Problem>> {
-        let (name, folder) = (graph.with_extension(ENDING), graph.with_extension("pins"));
-        let read = plain::read_text(&name);
+    /// The file cannot be read, or is not a list of pins.
+    pub fn read(graph: &Path) -> Result<Self, Box<Diagnostic>> {
+        let (name, folder) = (graph.with_extension(EXTENSION), graph.with_extension("pins"));
+        let read = fs::read_text(&name);
         let text = read.as_ref().map_or_else(|_| String::new(), Clone::clone);
         let source = Arc::new(Source { name: name.clone(), text });
         let none = Self { pins: BTreeMap::new(), folder, source };
-        fn wrong(span: Span, message: String, none: &Pins) -> Box<Problem> {
-            let help = "pins are written by `maquette pin`; take the file away to begin anew";
-            Box::new(none.problem(span, code::PIN, message, help.into()))
-        }
         match read {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(none),
             Err(error) => {
                 let message = format!("the file of pins cannot be read: {error}");
-                return Err(wrong(Span::default(), message, &none));
+                return Err(none.error(Span::default(), message));
             }
             Ok(_) => {}
         }
-        let (tree, mistakes) = parse(&none.source.text);
-        let mistakes = syntax_problems(&name, &none.source.text, mistakes);
-        if let Some(mistake) = mistakes.into_iter().next() {
-            let known = wrong(mistake.span, mistake.message, &none);
-            // What a merge left, say, is put right without losing all pins.
-            let help = if mistake.help.is_empty() { known.help.clone() } else { mistake.help };
-            return Err(Box::new(Problem { help, ..*known }));
+        let (tree, errors) = parse(&none.source.text);
+        let errors = syntax_diagnostics(&name, &none.source.text, errors);
+        if let Some(error) = errors.into_iter().next() {
+            let known = none.error(error.span, error.message);
+            // A damaged list, for example one with a merge conflict, can be repaired without losing all pins.
+            let help = if error.help.is_empty() { known.help.clone() } else { error.help };
+            return Err(Box::new(Diagnostic { help, ..*known }));
         }
-        let pins = read_pins(&tree).map_err(|(span, message)| wrong(span, message, &none))?;
+        let pins = read_pins(&tree).map_err(|(span, message)| none.error(span, message))?;
         Ok(Self { pins, ..none })
     }
 
-    /// As it stands in the file.
+    fn error(&self, span: Span, message: String) -> Box<Diagnostic> {
+        let help = "pins are written by `maquette pin`; delete the file to start over";
+        Box::new(self.diagnostic(span, code::PIN, message, help.into()))
+    }
+
+    /// Returns the text of the file.
     pub fn to_text(&self) -> String {
-        let mut text = String::from(
-            "// Results that are kept: see `maquette help pins`. Written by `maquette pin` and `maquette unpin`.\nPins(\n    format: 1,\n    pins: {\n",
-        );
-        for (name, Pin { outputs, ancestry, .. }) in &self.pins {
-            let outputs = outputs.iter().map(|(kind, hash)| format!("({kind:?}, \"{hash}\")"));
-            let outputs = Vec::from_iter(outputs).join(", ");
+        let pins = self.pins.iter().map(|(name, Pin { outputs, ancestry, .. })| {
             let from = serde_json::to_string(ancestry).unwrap_or_default();
-            let marks = raw_marks(&from);
-            let _ = writeln!(
-                text,
-                "        {}: (\n            outputs: [{outputs}],\n            from: r{marks}\"{from}\"{marks},\n        ),",
-                serde_json::Value::from(&name[..])
-            );
-        }
-        text + "    },\n)\n"
+            (name, PinEntry { outputs, from })
+        });
+        let comment =
+            "Stored results of nodes; see `maquette help pins`. Written by `maquette pin`.";
+        format_plain_data(comment, "Pins", 3, &PinsFile { format: 1, pins: pins.collect() })
     }
 }
 
-/// So many marks that the text can stand between them.
-fn raw_marks(text: &str) -> String {
-    let runs = text.split('"').skip(1).map(|rest| rest.len() - rest.trim_start_matches('#').len());
-    "#".repeat(runs.max().unwrap_or(0) + 1)
+/// The content of the file, `Pins(format: 1, pins: {..})`.
+#[derive(Serialize)]
+struct PinsFile<'p> {
+    format: u32,
+    pins: BTreeMap<&'p String, PinEntry<'p>>,
+}
+
+#[derive(Serialize)]
+struct PinEntry<'p> {
+    /// The type and the hash of each output.
+    outputs: &'p [(String, Hash)],
+    /// The ancestry of the result, as JSON.
+    from: String,
 }
 
 /// Reads `Pins(format: 1, pins: {..})`.
@@ -86,7 +88,7 @@ fn read_pins(tree: &Tree) -> Result<BTreeMap<String, Pin>, (Span, String)> {
         .iter()
         .map(|(key, value)| {
             let pin = key.text().map(str::to_owned).zip(read_pin(value, key.span));
-            pin.ok_or_else(|| (key.span, format!("{} is no pin", key.in_words())))
+            pin.ok_or_else(|| (key.span, format!("{} is no pin", key.describe())))
         })
         .collect()
 }

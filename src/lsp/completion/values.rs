@@ -1,39 +1,38 @@
-//! What may be written as a value: nodes, words, what a schema describes, what stands for it, files.
+//! Completion of values: nodes, keywords, values of a schema, parameters and expressions, files.
 
 use std::path::Path;
 use std::rc::Rc;
 
-use maquette_syntax::{Unit, ron, unit_names, variants};
+use maquette_syntax::{Unit, to_ron, unit_names, variants};
 use serde_json::Value as Json;
 
-use super::{Proposal, Search, Sort, is_text};
+use super::{Proposal, ProposalKind, Search, is_text};
+use crate::expected_syntax::{ExpectedSyntax, FieldInfo, fields_of, takes};
 use crate::library::{Library, NodeKind};
-use crate::scope::Declared;
-use crate::slot::{FieldOf, Slot, fields_of, takes};
 
 impl Search<'_> {
-    /// A node with its required ports.
-    fn node_call(&self, name: &str, fields: &[FieldOf]) -> String {
+    /// Returns the text of a node with its required ports.
+    fn node_call(&self, name: &str, fields: &[FieldInfo]) -> String {
         let ports = fields.iter().filter(|field| field.required);
         let ports: Vec<_> = ports
             .filter_map(|field| match &field.slot {
-                Slot::Link(_) => Some((&field.name, "\"", "\"")),
-                Slot::List(item) if matches!(**item, Slot::Link(_)) => {
+                ExpectedSyntax::Link(_) => Some((&field.name, "\"", "\"")),
+                ExpectedSyntax::List(item) if matches!(**item, ExpectedSyntax::Link(_)) => {
                     Some((&field.name, "[", "]"))
                 }
                 _ => None,
             })
             .collect();
-        if ports.is_empty() || self.behind().starts_with('(') {
+        if ports.is_empty() || self.text_after().starts_with('(') {
             return self.call(name);
         }
-        let port = |(index, (name, open, close)): (usize, &(&String, &str, &str))| {
+        let fields = ports.iter().enumerate().map(|(index, (name, open, close))| {
             format!("{name}: {open}{}{close}", if index == 0 { "$0" } else { "" })
-        };
-        format!("{name}({})", ports.iter().enumerate().map(port).collect::<Vec<_>>().join(", "))
+        });
+        format!("{name}({})", fields.collect::<Vec<_>>().join(", "))
     }
 
-    /// Types of nodes: graphs that are used, then what takes the newest values.
+    /// Proposes node types: first the used graphs, then nodes that accept the values of the last nodes in the text.
     pub(super) fn nodes(&self) -> Vec<Proposal> {
         let mut known = Vec::new();
         for used in &self.scope.uses {
@@ -49,13 +48,13 @@ impl Search<'_> {
         let newest = self.scope.nodes.iter().rev().filter(|node| node.name.span.end < self.at);
         let newest = newest.filter(|node| !node.kind.is_empty());
         let newest = newest.flat_map(|node| self.outputs(node)).flat_map(|(_, types)| types);
-        let newest = Vec::from_iter(newest);
-        fn rank(fields: &[FieldOf], newest: &[String]) -> usize {
+        let newest = newest.collect::<Vec<_>>();
+        fn rank(fields: &[FieldInfo], newest: &[String]) -> usize {
             let mut wanted = fields.iter().filter(|field| field.required);
             let wanted = wanted.find_map(|field| match &field.slot {
-                Slot::Link(types) => Some(types.clone()),
-                Slot::List(item) => match &**item {
-                    Slot::Link(types) => Some(types.clone()),
+                ExpectedSyntax::Link(types) => Some(types.clone()),
+                ExpectedSyntax::List(item) => match &**item {
+                    ExpectedSyntax::Link(types) => Some(types.clone()),
                     _ => None,
                 },
                 _ => None,
@@ -83,14 +82,14 @@ impl Search<'_> {
                 Proposal {
                     detail: gives(&kind),
                     doc: kind.schema["description"].as_str().unwrap_or_default().to_owned(),
-                    ..self.proposal(name, self.node_call(name, &fields), Sort::Node, rank)
+                    ..self.proposal(name, self.node_call(name, &fields), ProposalKind::Node, rank)
                 }
             })
             .collect();
         for (index, name) in ["ForEach", "Switch"].into_iter().enumerate() {
             found.push(Proposal {
                 doc: Library::word("nodes", name),
-                ..self.proposal(name, self.call(name), Sort::Keyword, 450_000 + index)
+                ..self.proposal(name, self.call(name), ProposalKind::Keyword, 450_000 + index)
             });
         }
         found
@@ -99,30 +98,31 @@ impl Search<'_> {
     pub(super) fn node_types(&self) -> Vec<Proposal> {
         let used = self.scope.uses.iter().map(|used| &used.name.text[..]);
         let all = used.chain(self.library.catalog.names()).enumerate();
-        all.map(|(index, name)| self.proposal(name, self.quoted(name), Sort::Node, index)).collect()
+        all.map(|(index, name)| self.proposal(name, self.quote(name), ProposalKind::Node, index))
+            .collect()
     }
 
     pub(super) fn inputs(&self) -> Vec<Proposal> {
         let mut kinds: Vec<_> = self.library.catalog.value_types().into_keys().collect();
         kinds.sort_unstable();
         let all = kinds.into_iter().chain(["Optional"]).enumerate();
-        let of =
-            |(index, name): (usize, &str)| self.proposal(name, self.call(name), Sort::Node, index);
-        all.map(of).collect()
+        all.map(|(index, name)| self.proposal(name, self.call(name), ProposalKind::Node, index))
+            .collect()
     }
 
     pub(super) fn declarations(&self) -> Vec<Proposal> {
-        let of = |(index, name): (usize, &String)| {
-            let insert = match self.behind().starts_with('(') {
+        let words = Library::words_in("params");
+        let proposals = words.iter().enumerate().map(|(index, name)| {
+            let insert = match self.text_after().starts_with('(') {
                 true => name.clone(),
                 false => format!("{name}(default: $0)"),
             };
             Proposal {
                 doc: Library::word("params", name),
-                ..self.proposal(name, insert, Sort::Node, index)
+                ..self.proposal(name, insert, ProposalKind::Node, index)
             }
-        };
-        Library::words_in("params").iter().enumerate().map(of).collect()
+        });
+        proposals.collect()
     }
 
     pub(super) fn properties(&self, kind: &str) -> Vec<Proposal> {
@@ -132,8 +132,12 @@ impl Search<'_> {
         for (name, value) in types {
             if kind.is_empty() || name == kind {
                 for (property, doc) in value.properties() {
-                    let proposal =
-                        self.proposal(property, property.to_owned(), Sort::Choice, found.len());
+                    let proposal = self.proposal(
+                        property,
+                        property.to_owned(),
+                        ProposalKind::Choice,
+                        found.len(),
+                    );
                     found.push(Proposal { doc: doc.to_owned(), ..proposal });
                 }
             }
@@ -143,14 +147,18 @@ impl Search<'_> {
     }
 
     pub(super) fn words(&self, words: &[(String, String)]) -> Vec<Proposal> {
-        let is_plain =
-            |word: &str| word.parse::<f64>().is_ok() || word == "true" || word == "false";
+        fn is_plain(word: &str) -> bool {
+            word.parse::<f64>().is_ok() || word == "true" || word == "false"
+        }
         words
             .iter()
             .enumerate()
             .map(|(index, (word, doc))| {
-                let insert = if is_plain(word) { word.clone() } else { self.quoted(word) };
-                Proposal { doc: doc.clone(), ..self.proposal(word, insert, Sort::Choice, index) }
+                let insert = if is_plain(word) { word.clone() } else { self.quote(word) };
+                Proposal {
+                    doc: doc.clone(),
+                    ..self.proposal(word, insert, ProposalKind::Choice, index)
+                }
             })
             .collect()
     }
@@ -162,7 +170,12 @@ impl Search<'_> {
             .enumerate()
             .map(|(index, it)| Proposal {
                 detail: format!("{} {}", it.kind, it.of).trim_end().to_owned(),
-                ..self.proposal(&it.name.text, self.quoted(&it.name.text), Sort::Parameter, index)
+                ..self.proposal(
+                    &it.name.text,
+                    self.quote(&it.name.text),
+                    ProposalKind::Parameter,
+                    index,
+                )
             })
             .collect()
     }
@@ -172,7 +185,7 @@ impl Search<'_> {
         found.retain(|proposal| {
             !proposal.detail.starts_with("Text") && !proposal.detail.starts_with("Color")
         });
-        // What follows the word of the expression, not its text.
+        // `rest` begins after the word in the expression, not after the whole string.
         let rest = self.text[self.at..]
             .trim_start_matches(|c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-')
             .trim_start();
@@ -185,14 +198,24 @@ impl Search<'_> {
         for name in Library::words_in("Expr") {
             found.push(Proposal {
                 doc: Library::word("Expr", &name),
-                ..self.proposal(&name, call(&name, rest), Sort::Value, 100 + found.len())
+                ..self.proposal(&name, call(&name, rest), ProposalKind::Value, 100 + found.len())
             });
         }
         for name in ["pi", "true", "false"] {
-            found.push(self.proposal(name, name.to_owned(), Sort::Value, 100 + found.len()));
+            found.push(self.proposal(
+                name,
+                name.to_owned(),
+                ProposalKind::Value,
+                100 + found.len(),
+            ));
         }
         for name in unit_names() {
-            found.push(self.proposal(name, call(name, rest), Sort::Unit, 100 + found.len()));
+            found.push(self.proposal(
+                name,
+                call(name, rest),
+                ProposalKind::Unit,
+                100 + found.len(),
+            ));
         }
         match is_text(self.cursor) {
             true => found,
@@ -200,18 +223,20 @@ impl Search<'_> {
         }
     }
 
-    /// What a schema describes: its default, choices, units.
-    pub(super) fn described(&self, schema: &Json, root: &Json) -> Vec<Proposal> {
+    /// Proposes values that a schema allows: its default, its enum variants, and units.
+    pub(super) fn schema_proposals(&self, schema: &Json, root: &Json) -> Vec<Proposal> {
         let mut found = Vec::new();
         let default = schema.get("default").filter(|default| !default.is_null());
-        let default = default.map(|default| ron(default, schema, root));
+        let default = default.map(|default| to_ron(default, schema, root));
         let choices = variants(schema);
         let described = schema["oneOf"].as_array().into_iter().flatten();
         let described =
             described.map(|it| it["description"].as_str().unwrap_or_default()).collect::<Vec<_>>();
         if is_text(self.cursor) {
             let text = default.as_deref().and_then(|it| it.strip_prefix('"')?.strip_suffix('"'));
-            found.extend(text.map(|text| self.proposal(text, text.to_owned(), Sort::Value, 0)));
+            found.extend(
+                text.map(|text| self.proposal(text, text.to_owned(), ProposalKind::Value, 0)),
+            );
             return found;
         }
         for (index, (name, content)) in choices.iter().enumerate() {
@@ -221,78 +246,84 @@ impl Search<'_> {
                 default.as_deref().is_some_and(|it| it.split('(').next() == Some(name));
             let rank = if is_default { 0 } else { index + 1 };
             let detail = content.map_or_else(String::new, |content| takes(content, root));
-            found.push(Proposal { doc, detail, ..self.proposal(name, insert, Sort::Choice, rank) });
+            found.push(Proposal {
+                doc,
+                detail,
+                ..self.proposal(name, insert, ProposalKind::Choice, rank)
+            });
         }
         if schema["type"] == "boolean" {
             for (rank, word) in ["true", "false"].into_iter().enumerate() {
-                found.push(self.proposal(word, word.to_owned(), Sort::Value, rank));
+                found.push(self.proposal(word, word.to_owned(), ProposalKind::Value, rank));
             }
         }
         if let Some(default) = default.filter(|_| choices.is_empty()) {
-            let proposal = self.proposal(&default, default.clone(), Sort::Value, 0);
+            let proposal = self.proposal(&default, default.clone(), ProposalKind::Value, 0);
             found.push(Proposal { detail: "default".into(), ..proposal });
         }
-        if schema.get("properties").is_some() && !self.behind().starts_with('(') {
-            found.push(self.proposal("(..)", "($0)".into(), Sort::Value, 1));
+        if schema.get("properties").is_some() && !self.text_after().starts_with('(') {
+            found.push(self.proposal("(..)", "($0)".into(), ProposalKind::Value, 1));
         }
         if let Some(own) = schema["unit"].as_str().and_then(Unit::read) {
-            let fitting =
-                unit_names().filter(|name| Unit::named(name).is_some_and(|unit| unit.is_like(own)));
+            let fitting = unit_names()
+                .filter(|name| Unit::from_name(name).is_some_and(|unit| unit.is_compatible(own)));
             for (index, unit) in fitting.enumerate() {
-                found.push(self.proposal(unit, self.call(unit), Sort::Unit, 30 + index));
+                found.push(self.proposal(unit, self.call(unit), ProposalKind::Unit, 30 + index));
             }
         }
         found
     }
 
-    /// What stands for a value: parameters that fit, an expression, a draft.
-    pub(super) fn computed(&self, slot: &Slot) -> Vec<Proposal> {
+    /// Proposes what may be written instead of a literal value: a parameter of the right type, an expression, or a draft.
+    pub(super) fn computed_proposals(&self, slot: &ExpectedSyntax) -> Vec<Proposal> {
         let schema = match slot {
-            Slot::Value { schema, .. } => Some(&**schema),
+            ExpectedSyntax::Value { schema, .. } => Some(&**schema),
             _ => None,
         };
         let is_number =
             schema.is_none_or(|it| matches!(it["type"].as_str(), Some("number" | "integer")));
-        fn kind(it: &Declared, is_number: bool, schema: &Option<&Json>, slot: &Slot) -> bool {
-            match &it.kind[..] {
+        let unit = schema.and_then(|schema| schema["unit"].as_str()).unwrap_or_default();
+        let mut found = Vec::new();
+        for it in &self.scope.params {
+            let fits = match &it.kind[..] {
                 "Number" | "Integer" => is_number && schema.is_some(),
                 "Text" => {
-                    matches!(slot, Slot::Path(_)) || schema.is_some_and(|it| it["type"] == "string")
+                    matches!(slot, ExpectedSyntax::Path(_))
+                        || schema.is_some_and(|it| it["type"] == "string")
                 }
                 "Color" => schema.is_some_and(|it| it["format"] == "color"),
                 "Toggle" => schema.is_some_and(|it| it["type"] == "boolean"),
                 "Choice" => schema.is_some_and(|it| !variants(it).is_empty()),
                 _ => schema.is_some_and(|it| it["type"] == "array"),
+            };
+            if !fits {
+                continue;
             }
-        }
-        let unit = schema.and_then(|schema| schema["unit"].as_str()).unwrap_or_default();
-        let mut found = Vec::new();
-        for it in self.scope.params.iter().filter(|it| kind(it, is_number, &schema, slot)) {
             let rank = 5 + found.len() + if it.of == unit { 0 } else { 10 };
             let label = format!("Param(\"{}\")", it.name.text);
-            let proposal = self.proposal(&label, label.clone(), Sort::Parameter, rank);
+            let proposal = self.proposal(&label, label.clone(), ProposalKind::Parameter, rank);
             found.push(Proposal { detail: format!("{} {}", it.kind, it.of), ..proposal });
         }
-        if self.behind().starts_with('(') {
+        if self.text_after().starts_with('(') {
             let words = ["Param", "Expr", "Draft"].into_iter().enumerate();
-            found.extend(
-                words.map(|(index, word)| {
-                    self.proposal(word, word.into(), Sort::Keyword, 40 + index)
-                }),
-            );
+            found.extend(words.map(|(index, word)| {
+                self.proposal(word, word.into(), ProposalKind::Keyword, 40 + index)
+            }));
             return found;
         }
         if is_number && schema.is_some() {
-            found.push(self.proposal("Expr", "Expr(\"$0\")".into(), Sort::Keyword, 40));
+            found.push(self.proposal("Expr", "Expr(\"$0\")".into(), ProposalKind::Keyword, 40));
         }
         let words = [("Param", "Param(\"$0\")"), ("Draft", "Draft(final: $0, draft: )")];
         found.extend(
-            words.map(|(word, insert)| self.proposal(word, insert.into(), Sort::Keyword, 41)),
+            words.map(|(word, insert)| {
+                self.proposal(word, insert.into(), ProposalKind::Keyword, 41)
+            }),
         );
         found
     }
 
-    /// Files beside the text with one of these endings, and folders.
+    /// Proposes folders, and files with one of these extensions.
     pub(super) fn files(&self, endings: &[String]) -> Vec<Proposal> {
         let typed = match is_text(self.cursor) {
             true => &self.text[self.cursor.typed.span.start..self.at],
@@ -324,23 +355,23 @@ impl Search<'_> {
             .enumerate()
             .map(|(index, (is_folder, name)): (usize, (bool, String))| {
                 let rank = index + 1000 * usize::from(is_folder);
-                self.proposal(&name, self.quoted(&name), Sort::File, rank)
+                self.proposal(&name, self.quote(&name), ProposalKind::File, rank)
             })
             .collect()
     }
 }
 
-/// `Mask -> Labels`: what a node takes and gives.
+/// Formats the types of the ports and outputs of a node, such as `Mask -> Labels`.
 fn gives(kind: &NodeKind) -> String {
     let fields = fields_of(&kind.schema, &kind.schema);
     let takes = fields.iter().filter(|field| field.required);
     let takes = takes.filter_map(|field| match &field.slot {
-        Slot::Link(types) => Some(types.join(" or ")),
-        Slot::List(_) => Some(field.takes.clone()),
+        ExpectedSyntax::Link(types) => Some(types.join(" or ")),
+        ExpectedSyntax::List(_) => Some(field.takes.clone()),
         _ => None,
     });
-    let takes = Vec::from_iter(takes).join(", ");
+    let takes = takes.collect::<Vec<_>>().join(", ");
     let gives = kind.outputs.iter().map(|(_, types)| types.join(" or "));
-    let gives = Vec::from_iter(gives).join(", ");
+    let gives = gives.collect::<Vec<_>>().join(", ");
     if takes.is_empty() { gives } else { format!("{takes} -> {gives}") }
 }

@@ -1,4 +1,4 @@
-//! What a file is to hold: bytes that are there, or pieces that are made while they are written.
+//! The content of a file that is to be written: bytes in memory, or pieces that are computed while they are written.
 
 use std::any::Any;
 use std::ops::Range;
@@ -8,35 +8,35 @@ use maquette_value::Hash;
 use maquette_value::memory::huge_vec;
 use maquette_value::parallel::*;
 
-/// So many bytes are made and written at a time: few enough to stay in a core's cache in between, and a power of two, so that each piece
-/// is a subtree of the hash of all.
-const PIECE: usize = 1 << 18;
+/// The size of a piece in bytes. A piece fits in a core's cache. The size is a power of two, so each piece is a subtree of the BLAKE3 hash
+/// tree.
+const PIECE_BYTES: usize = 1 << 18;
 
-/// From so many bytes on a file is not held in memory only to be written.
-const LARGE: usize = 16 << 20;
+/// The minimum size in bytes of a file that is written in pieces.
+const MIN_STREAMED: usize = 16 << 20;
 
-/// Fills in the bytes of a file from this place on.
-type Fill<'a> = Box<dyn Fn(usize, &mut [u8]) + Sync + 'a>;
+/// A function that computes the bytes of a file from a given offset on.
+type FillFunction<'a> = Box<dyn Fn(usize, &mut [u8]) + Sync + 'a>;
 
-/// What the bytes of a stretch are made of.
-type MadeOf<'a> = Box<dyn Fn(Range<usize>) -> Hash + Sync + 'a>;
+/// A function that returns a hash of everything that determines the bytes of a range.
+type SourceHash<'a> = Box<dyn Fn(Range<usize>) -> Hash + Sync + 'a>;
 
 /// The content of a file.
 pub struct Content<'a> {
     kind: Kind<'a>,
-    kept: Kept,
+    cached_data: CachedData,
 }
 
-/// What was found for a content, whatever it is.
+/// Data that belongs to a content and is cached together with it.
 #[doc(hidden)]
-pub type Kept = Option<Box<dyn Any + Send + Sync>>;
+pub type CachedData = Option<Box<dyn Any + Send + Sync>>;
 
 enum Kind<'a> {
     Whole(Vec<u8>),
-    Pieces { len: usize, fill: Fill<'a>, made_of: Option<MadeOf<'a>> },
+    Pieces { len: usize, fill: FillFunction<'a>, made_of: Option<SourceHash<'a>> },
 }
 
-/// What is known of the pieces of a content, or nothing yet.
+/// The hashes of the pieces of a content. Empty if the hashes are not known.
 #[derive(Clone, Default)]
 #[doc(hidden)]
 pub struct Pieces(Vec<Piece>);
@@ -48,7 +48,7 @@ struct Piece {
 }
 
 impl Pieces {
-    /// Whether nothing is known.
+    /// Returns true if the hashes are not known.
     #[doc(hidden)]
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
@@ -56,15 +56,16 @@ impl Pieces {
 }
 
 impl<'a> Content<'a> {
-    /// So many bytes, of which `fill` makes any stretch: from the place of its first byte on, all that it is given.
+    /// Creates a content of `len` bytes. `fill` computes the bytes of any range: it gets the offset of the first byte, and must fill the
+    /// whole slice.
     pub fn pieces(len: usize, fill: impl Fn(usize, &mut [u8]) + Sync + 'a) -> Self {
         let kind = Kind::Pieces { len, fill: Box::new(fill), made_of: None };
-        Self { kind, kept: None }
+        Self { kind, cached_data: None }
     }
 
-    /// The same pieces, of which more is known: a stretch of which `made_of` says for another value what it says for this one has the same
-    /// bytes. So who writes the file again need not make what has not changed. It is to cost less than the bytes do: a hash of the hashes of
-    /// what they come from, and of all else that they hang on. Law 14 of `maquette::conformance` looks for one that is wrong.
+    /// Adds a function that returns a hash of everything that determines the bytes of a range. If the hashes for two values are equal, the
+    /// bytes must be equal. When the file is written again, it is computed only where a hash has changed. The function should cost less
+    /// than computing the bytes; it may, for example, hash the hashes of the source data. Law 14 of `maquette::conformance` tests it.
     #[must_use]
     pub fn made_of(mut self, made_of: impl Fn(Range<usize>) -> Hash + Sync + 'a) -> Self {
         if let Kind::Pieces { made_of: slot, .. } = &mut self.kind {
@@ -73,20 +74,20 @@ impl<'a> Content<'a> {
         self
     }
 
-    /// The same content, and what is to be kept as long as the file may be written again, since others find it then.
+    /// Adds data that is cached as long as the file may be written again, so that the data need not be computed again.
     #[doc(hidden)]
-    pub fn keeping(mut self, kept: impl Any + Send + Sync) -> Self {
-        self.kept = Some(Box::new(kept));
+    pub fn with_cached_data(mut self, kept: impl Any + Send + Sync) -> Self {
+        self.cached_data = Some(Box::new(kept));
         self
     }
 
-    /// What is to be kept.
+    /// Returns the data that is cached with the content.
     #[doc(hidden)]
-    pub fn into_kept(self) -> Kept {
-        self.kept
+    pub fn into_cached_data(self) -> CachedData {
+        self.cached_data
     }
 
-    /// How many bytes there are.
+    /// Returns the number of bytes.
     pub fn len(&self) -> usize {
         match &self.kind {
             Kind::Whole(bytes) => bytes.len(),
@@ -94,25 +95,25 @@ impl<'a> Content<'a> {
         }
     }
 
-    /// Whether it is an empty file.
+    /// Returns true if the file is empty.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// All bytes.
+    /// Returns all bytes.
     pub fn into_bytes(self) -> Vec<u8> {
         match self.kind {
             Kind::Whole(bytes) => bytes,
             Kind::Pieces { len, fill, .. } => {
                 let mut bytes = huge_vec(len);
-                let pieces = bytes.par_chunks_mut(PIECE).enumerate();
-                pieces.for_each(|(k, piece)| fill(k * PIECE, piece));
+                let pieces = bytes.par_chunks_mut(PIECE_BYTES).enumerate();
+                pieces.for_each(|(k, piece)| fill(k * PIECE_BYTES, piece));
                 bytes
             }
         }
     }
 
-    /// Fills in the bytes from a place on.
+    /// Computes the bytes from an offset on.
     #[doc(hidden)]
     pub fn fill(&self, place: usize, bytes: &mut [u8]) {
         match &self.kind {
@@ -121,13 +122,13 @@ impl<'a> Content<'a> {
         }
     }
 
-    /// The same content: all of it in memory, unless it is large.
+    /// Converts a content that is small to bytes in memory.
     #[must_use]
     pub(crate) fn in_memory_if_small(self) -> Self {
-        if self.len() < LARGE { self.into_bytes().into() } else { self }
+        if self.len() < MIN_STREAMED { self.into_bytes().into() } else { self }
     }
 
-    /// The bytes that are in memory; none of pieces.
+    /// Returns the bytes of a content that is in memory.
     #[doc(hidden)]
     pub fn as_bytes(&self) -> Option<&[u8]> {
         match &self.kind {
@@ -136,11 +137,11 @@ impl<'a> Content<'a> {
         }
     }
 
-    /// Hands each piece on with the place of its first byte, several at once and in no order. Gives the hash of all, and for a file that is
-    /// written again what is known of its pieces then: what is `known` from before is not found again, and a piece that is `there` in the
-    /// file is not handed on.
+    /// Calls `take` with each piece and its offset, in parallel and in no particular order. Returns the hash of the content, and the hashes
+    /// of the pieces for the next time the file is written. The hashes of unchanged pieces come from `known`. A piece is skipped if `there`
+    /// says that the file already contains it.
     #[doc(hidden)]
-    pub fn each<E: Send>(
+    pub fn for_each_piece<E: Send>(
         &self,
         known: Option<&Pieces>,
         there: Option<&Pieces>,
@@ -148,14 +149,14 @@ impl<'a> Content<'a> {
     ) -> Result<(Hash, Pieces), E> {
         let len = self.len();
         let piece = |buffer: &mut Vec<u8>, k: usize| {
-            let start = k * PIECE;
-            let count = PIECE.min(len - start);
-            fn of(pieces: Option<&Pieces>, k: usize) -> Option<Piece> {
+            let start = k * PIECE_BYTES;
+            let count = PIECE_BYTES.min(len - start);
+            fn piece_at(pieces: Option<&Pieces>, k: usize) -> Option<Piece> {
                 pieces.and_then(|pieces| pieces.0.get(k)).copied()
             }
-            let made_of = known.and_then(|_| self.stretch(start..start + count));
-            let before = of(known, k).filter(|before| Some(before.made_of) == made_of);
-            let (before, there) = (before.map(|it| it.hash), of(there, k).map(|it| it.hash));
+            let made_of = known.and_then(|_| self.range_hash(start..start + count));
+            let before = piece_at(known, k).filter(|before| Some(before.made_of) == made_of);
+            let (before, there) = (before.map(|it| it.hash), piece_at(there, k).map(|it| it.hash));
             if let Some(hash) = before.filter(|_| before == there) {
                 return Ok((hash, made_of));
             }
@@ -167,7 +168,7 @@ impl<'a> Content<'a> {
                     &buffer[..]
                 }
             };
-            let hash = before.unwrap_or_else(|| match len <= PIECE {
+            let hash = before.unwrap_or_else(|| match len <= PIECE_BYTES {
                 true => *blake3::hash(piece).as_bytes(),
                 false => subtree(start, piece),
             });
@@ -176,7 +177,7 @@ impl<'a> Content<'a> {
             }
             Ok((hash, made_of))
         };
-        let pieces = (0..len.div_ceil(PIECE).max(1)).into_par_iter();
+        let pieces = (0..len.div_ceil(PIECE_BYTES).max(1)).into_par_iter();
         let parts = pieces.map_init(Vec::new, piece).collect::<Result<Vec<_>, E>>()?;
         let known = parts.iter().map(|&(hash, made_of)| Some(Piece { made_of: made_of?, hash }));
         let known = Pieces(known.collect::<Option<_>>().unwrap_or_default());
@@ -191,9 +192,9 @@ impl<'a> Content<'a> {
         Ok((hash, known))
     }
 
-    /// What the bytes of a stretch are made of, if that is known.
+    /// Returns the hash of everything that determines the bytes of a range. `None` if no function computes it.
     #[doc(hidden)]
-    pub fn stretch(&self, stretch: Range<usize>) -> Option<Hash> {
+    pub fn range_hash(&self, stretch: Range<usize>) -> Option<Hash> {
         match &self.kind {
             Kind::Pieces { made_of: Some(made_of), .. } => Some(made_of(stretch)),
             _ => None,
@@ -203,22 +204,22 @@ impl<'a> Content<'a> {
 
 impl From<Vec<u8>> for Content<'_> {
     fn from(bytes: Vec<u8>) -> Self {
-        Self { kind: Kind::Whole(bytes), kept: None }
+        Self { kind: Kind::Whole(bytes), cached_data: None }
     }
 }
 
-/// The hash of a piece within that of a larger file.
+/// Returns the chaining value (the intermediate hash) of a piece within the BLAKE3 hash tree of a larger file.
 fn subtree(start: usize, piece: &[u8]) -> ChainingValue {
     blake3::Hasher::new().set_input_offset(start as u64).update(piece).finalize_non_root()
 }
 
-/// Both halves of a tree of several pieces: the left one is as large as a full tree can be.
+/// Returns the chaining values (intermediate hashes) of the two halves of several pieces. The left half is the largest complete tree.
 fn children(pieces: &[ChainingValue]) -> (ChainingValue, ChainingValue) {
     let (left, right) = pieces.split_at(pieces.len().next_power_of_two() / 2);
-    (merged(left), merged(right))
+    (merge_subtree(left), merge_subtree(right))
 }
 
-fn merged(pieces: &[ChainingValue]) -> ChainingValue {
+fn merge_subtree(pieces: &[ChainingValue]) -> ChainingValue {
     match pieces {
         [piece] => *piece,
         _ => {
@@ -240,9 +241,18 @@ mod tests {
     }
 
     #[test]
-    fn pieces_are_all_bytes_and_their_hash_is_that_of_the_whole() {
-        for len in [0, 1, 1000, PIECE - 1, PIECE, PIECE + 1, 2 * PIECE, 3 * PIECE, 11 * PIECE + 77]
-        {
+    fn pieces_cover_all_bytes_and_hash_like_the_whole() {
+        for len in [
+            0,
+            1,
+            1000,
+            PIECE_BYTES - 1,
+            PIECE_BYTES,
+            PIECE_BYTES + 1,
+            2 * PIECE_BYTES,
+            3 * PIECE_BYTES,
+            11 * PIECE_BYTES + 77,
+        ] {
             let bytes: Vec<_> = (0..len).map(byte).collect();
             fn fill(place: usize, piece: &mut [u8]) {
                 piece.iter_mut().zip(place..).for_each(|(out, place)| *out = byte(place));
@@ -250,65 +260,70 @@ mod tests {
             assert_eq!(Content::pieces(len, fill).into_bytes(), bytes);
             for content in [Content::pieces(len, fill), bytes.clone().into()] {
                 let seen = Mutex::new(vec![0u8; len]);
-                let hash = content.each(None, None, |place, piece| {
+                let hash = content.for_each_piece(None, None, |place, piece| {
                     seen.lock().unwrap()[place..][..piece.len()].copy_from_slice(piece);
                     Ok::<_, Infallible>(())
                 });
-                assert_eq!(hash.map(|(hash, _)| hash), Ok(Hash::of(&bytes)), "{len}");
+                assert_eq!(hash.map(|(hash, _)| hash), Ok(Hash::compute(&bytes)), "{len}");
                 assert!(seen.into_inner().unwrap() == bytes, "{len}");
             }
         }
     }
 
     #[test]
-    fn what_cannot_be_taken_ends_it() {
-        let content = Content::from(vec![0; 3 * PIECE]);
-        let taken =
-            content.each(None, None, |place, _| if place == PIECE { Err("full") } else { Ok(()) });
+    fn an_error_of_a_piece_is_returned() {
+        let content = Content::from(vec![0; 3 * PIECE_BYTES]);
+        let taken = content.for_each_piece(None, None, |place, _| {
+            if place == PIECE_BYTES { Err("full") } else { Ok(()) }
+        });
         assert_eq!(taken.map(|(hash, _)| hash), Err("full"));
     }
 
     #[test]
-    fn what_is_known_of_pieces_is_taken_over_where_they_are_made_of_the_same() {
-        let len = 5 * PIECE + 9;
-        // All bytes of a piece are this one.
-        let made_of = |numbers: [u8; 6]| {
+    fn unchanged_pieces_are_reused() {
+        let len = 5 * PIECE_BYTES + 9;
+        // All bytes of a piece have the same value.
+        fn content_of(numbers: [u8; 6], len: usize) -> Content<'static> {
             let content = Content::pieces(len, move |place, bytes| {
-                bytes.fill(numbers[place / PIECE]);
+                bytes.fill(numbers[place / PIECE_BYTES]);
             });
-            content.made_of(move |stretch| Hash::of(&numbers[stretch.start / PIECE..][..1]))
-        };
+            content
+                .made_of(move |stretch| Hash::compute(&numbers[stretch.start / PIECE_BYTES..][..1]))
+        }
         let mut known = Pieces::default();
         let file = Mutex::new(vec![0; len]);
         for numbers in [[1, 2, 3, 4, 5, 6], [1, 2, 9, 4, 5, 6], [2, 2, 9, 4, 5, 7], [0; 6]] {
-            let content = made_of(numbers);
-            // Over the file that holds what was known, and then into a new one.
+            let content = content_of(numbers, len);
+            // The content is written first over the file with the known pieces, and then to a new file.
             let (hash, pieces) = content
-                .each(Some(&known), Some(&known), |place: usize, piece| {
+                .for_each_piece(Some(&known), Some(&known), |place: usize, piece| {
                     file.lock().unwrap()[place..][..piece.len()].copy_from_slice(piece);
                     Ok::<_, Infallible>(())
                 })
                 .unwrap();
             let bytes = content.into_bytes();
             assert!(*file.lock().unwrap() == bytes, "{numbers:?}");
-            let content = made_of(numbers);
+            let content = content_of(numbers, len);
             let (anew, same) =
-                content.each(Some(&known), None, |_, _| Ok::<_, Infallible>(())).unwrap();
-            assert_eq!([hash, anew], [Hash::of(&bytes); 2]);
-            let nothing = content.each(Some(&pieces), Some(&same), |place, _| Err(place)).unwrap();
+                content.for_each_piece(Some(&known), None, |_, _| Ok::<_, Infallible>(())).unwrap();
+            assert_eq!([hash, anew], [Hash::compute(&bytes); 2]);
+            let nothing =
+                content.for_each_piece(Some(&pieces), Some(&same), |place, _| Err(place)).unwrap();
             assert_eq!(nothing.0, hash, "all is there");
             known = pieces;
         }
-        // What lies about what it is made of is believed: a law of formats asks.
-        let liar = Content::pieces(len, |_, bytes| bytes.fill(1)).made_of(|_| Hash::of(&[0]));
-        let lie = liar.each(Some(&known), None, |_, _| Ok::<_, Infallible>(())).map(|it| it.0);
-        assert_eq!(lie, Ok(Hash::of(&vec![0; len])));
+        // This function does not detect a wrong hash. A law of `maquette::conformance` does.
+        let liar = Content::pieces(len, |_, bytes| bytes.fill(1)).made_of(|_| Hash::compute(&[0]));
+        let lie =
+            liar.for_each_piece(Some(&known), None, |_, _| Ok::<_, Infallible>(())).map(|it| it.0);
+        assert_eq!(lie, Ok(Hash::compute(&vec![0; len])));
     }
 
     #[test]
     fn only_large_files_stay_in_pieces() {
-        let of = |len| Content::pieces(len, |_, bytes| bytes.fill(1)).in_memory_if_small();
-        assert_eq!(of(5).as_bytes(), Some(&[1; 5][..]));
-        assert!(of(LARGE).as_bytes().is_none());
+        let contents = [5, MIN_STREAMED].map(|len| Content::pieces(len, |_, bytes| bytes.fill(1)));
+        let [small, large] = contents.map(Content::in_memory_if_small);
+        assert_eq!(small.as_bytes(), Some(&[1; 5][..]));
+        assert!(large.as_bytes().is_none());
     }
 }

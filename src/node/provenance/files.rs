@@ -1,4 +1,4 @@
-//! Provenance in the bytes of files, each in its own format: put in behind the writers, so that no writer need know of it.
+//! Adds provenance to the bytes of files of well-known formats after the files were written, so that writers need not support provenance.
 
 use std::borrow::Cow;
 
@@ -6,25 +6,24 @@ use serde_json::{Value as Json, json};
 
 use super::Signature;
 
-/// The word before it in comments, and its key where there are keys.
+/// The key of the provenance in comments and documents.
 const KEY: &str = "maquette";
 
-/// The header of an STL file before the hash.
+/// The text before the hash in the header of an STL file.
 const STL: &str = "binary STL of maquette, mm, ";
 
-/// What a file tells of where it came from.
+/// Provenance that was found in a file.
 #[derive(Debug, PartialEq)]
 #[doc(hidden)]
-pub enum Found {
-    /// All of it.
+pub enum EmbeddedProvenance {
+    /// The complete provenance.
     Words(String),
-    /// The hash of the words: there is no room for more.
+    /// The hash of the provenance, from a format with little space.
     Hash(String),
 }
 
-/// Puts the words into a file of this ending, or their hash where the format has no room for more. What has no place for either
-/// stays as it is: PTX, whose lines are counted; XYZ, of which other programs take a comment for a point, or refuse it; and what the
-/// engine does not know.
+/// Adds the provenance to a file with this extension. If the format has little space, adds only the hash. Files of other formats are not
+/// changed: PTX has a fixed structure of lines, and other programs misread or reject comments in XYZ files.
 #[doc(hidden)]
 pub fn sign(ending: &str, bytes: &mut Vec<u8>, Signature { words, hash }: &Signature) {
     let signed = match ending {
@@ -51,8 +50,8 @@ pub fn sign(ending: &str, bytes: &mut Vec<u8>, Signature { words, hash }: &Signa
     }
 }
 
-/// The comments of a PLY file that hold these words. Their place is behind the `format` line: Open3D, assimp and CloudCompare refuse a
-/// file with a comment before it.
+/// Returns the provenance as comment lines of a PLY file. The comments must follow the `format` line, because Open3D, assimp and
+/// CloudCompare reject files with a comment before that line.
 #[doc(hidden)]
 pub fn comment_of_ply(words: &str) -> String {
     let mut lines = Vec::new();
@@ -62,18 +61,18 @@ pub fn comment_of_ply(words: &str) -> String {
         lines.push(format!("{COMMENT}{line}"));
         rest = behind;
     }
-    padded(lines.join("\n")) + "\n"
+    pad(lines.join("\n")) + "\n"
 }
 
-/// Begins each line of `comment_of_ply`.
+/// The beginning of each line of [`comment_of_ply`].
 const COMMENT: &str = "comment maquette ";
 
-/// The maximum length of one line of `comment_of_ply` in bytes, without the at most 63 spaces at the end of the last one. rply, the reader of
-/// Open3D and CloudCompare, refuses lines of more than 1024.
+/// The maximum length in bytes of a line of `comment_of_ply`, without the up to 63 spaces at the end of the last line. rply, with which
+/// Open3D and CloudCompare read PLY files, refuses lines of more than 1024 bytes.
 const MAX_COMMENT: usize = 192;
 
-/// The number of bytes of the ASCII text that go into the next line. A line neither begins nor ends with a blank, which other programs
-/// may drop.
+/// The number of bytes of the ASCII text that go into the next line. A line must neither begin nor end with a blank, because other programs
+/// may drop such blanks.
 fn end_of_line(text: &str) -> usize {
     let max = MAX_COMMENT - COMMENT.len();
     if text.len() <= max {
@@ -85,33 +84,33 @@ fn end_of_line(text: &str) -> usize {
     (1..=max).rev().find(|&end| !is_blank(end - 1, text) && !is_blank(end, text)).unwrap_or(max)
 }
 
-/// The first line of an OBJ or MTL file that tells these words.
+/// Returns the provenance as the first line of an OBJ or MTL file.
 #[doc(hidden)]
 pub fn comment_of_obj(words: &str) -> String {
     format!("# {KEY} {words}\n")
 }
 
-/// With spaces at the end: another number among the words does not move all that follows, so that a file that is written again is made anew
-/// only where it has changed.
+/// Pads a text with spaces to a multiple of 64 bytes. Then a changed number does not move the rest of the file, and that rest need not be
+/// written again.
 #[doc(hidden)]
-pub fn padded(mut text: String) -> String {
+pub fn pad(mut text: String) -> String {
     let spaces = text.len().next_multiple_of(64) - text.len();
     text.extend(std::iter::repeat_n(' ', spaces));
     text
 }
 
-/// What stands in `asset.extras` of a GLB file that tells these words.
+/// Returns the value of `asset.extras` of a GLB file, which contains the provenance.
 #[doc(hidden)]
 pub fn extras_of_glb(words: &str) -> Option<Json> {
-    let told: Json = serde_json::from_str(words).ok()?;
-    Some(json!({ KEY: told }))
+    let provenance: Json = serde_json::from_str(words).ok()?;
+    Some(json!({ KEY: provenance }))
 }
 
-/// What a file of this ending tells.
+/// Finds the provenance in a file with this extension.
 #[doc(hidden)]
-pub fn find(ending: &str, bytes: &[u8]) -> Option<Found> {
-    fn words(text: &str) -> Option<Found> {
-        Some(Found::Words(text.to_owned()))
+pub fn find(ending: &str, bytes: &[u8]) -> Option<EmbeddedProvenance> {
+    fn words(text: &str) -> Option<EmbeddedProvenance> {
+        Some(EmbeddedProvenance::Words(text.to_owned()))
     }
     match ending {
         "glb" => {
@@ -143,14 +142,14 @@ pub fn find(ending: &str, bytes: &[u8]) -> Option<Found> {
         }
         "stl" => {
             let header = str::from_utf8(bytes.get(..80)?).ok()?;
-            Some(Found::Hash(header.strip_prefix(STL)?.trim().to_owned()))
+            Some(EmbeddedProvenance::Hash(header.strip_prefix(STL)?.trim().to_owned()))
         }
         "ply" => {
             let head = head(bytes);
             let lines = head.lines().map(|line| line.strip_prefix(COMMENT));
             let lines = lines.skip_while(|text| !text.is_some_and(|text| text.starts_with('{')));
             let text: String = lines.map_while(|text| text).collect();
-            (!text.is_empty()).then(|| Found::Words(text.trim_end().to_owned()))
+            (!text.is_empty()).then(|| EmbeddedProvenance::Words(text.trim_end().to_owned()))
         }
         "pcd" | "step" | "obj" | "mtl" => {
             let head = head(bytes);
@@ -165,15 +164,15 @@ pub fn find(ending: &str, bytes: &[u8]) -> Option<Found> {
     }
 }
 
-/// The first 64 KiB as text: headers are short, and behind them there may be anything.
+/// Returns the first 64 KiB of a file as text. Headers are shorter, and arbitrary data may follow them.
 fn head(bytes: &[u8]) -> Cow<'_, str> {
     String::from_utf8_lossy(&bytes[..bytes.len().min(1 << 16)])
 }
 
-/// Where something is put, how many bytes there it replaces, and what it is.
+/// An edit of the bytes of a file: an offset, the number of bytes to replace, and the new bytes.
 type Splice = (usize, usize, Vec<u8>);
 
-/// A line behind the one that begins with `start`, if the file begins so.
+/// Inserts a line after the first line, if the file begins with `start`.
 fn line_behind(bytes: &[u8], start: &[u8], line: &str) -> Option<Splice> {
     if !bytes.starts_with(start) {
         return None;
@@ -208,7 +207,7 @@ fn glb_document(bytes: &[u8]) -> Option<Json> {
     serde_json::from_slice(bytes.get(20..20 + length)?).ok().filter(|_| is_document)
 }
 
-/// The first chunk, with `asset.extras`.
+/// Replaces the first chunk of a GLB file by a chunk with `asset.extras`.
 fn glb(bytes: &[u8], words: &str) -> Option<Splice> {
     let mut document = glb_document(bytes)?;
     let before = u32::from_le_bytes(*bytes.get(12..)?.first_chunk()?) as usize;
@@ -221,7 +220,7 @@ fn glb(bytes: &[u8], words: &str) -> Option<Splice> {
     Some((12, 8 + before, chunk))
 }
 
-/// The last field of an object.
+/// Appends a field to a JSON object.
 fn json_text(bytes: &[u8], words: &str) -> Option<Splice> {
     let text = str::from_utf8(bytes).ok()?.trim_end();
     let inside = text.strip_prefix('{')?.strip_suffix('}')?.trim_end();
@@ -235,26 +234,28 @@ fn stl(bytes: &[u8], hash: &str) -> Option<Splice> {
     is_binary.then(|| (0, 80, format!("{:<80}", format!("{STL}{hash}")).into_bytes()))
 }
 
-/// The name of a file in an archive.
+/// The name of the file in a 3MF archive that contains the provenance.
 const NOTE: &[u8] = b"Metadata/maquette.json";
 
-/// A file more in a ZIP archive without a comment, as our writer makes them: behind the others, before the directory.
+/// Adds a file to a ZIP archive, after the other files and before the directory. The archive must have no comment, like those that our
+/// writer makes.
 fn zip(bytes: &[u8], words: &str) -> Option<Splice> {
     let end = bytes.len().checked_sub(22)?;
     let record = bytes[end..].strip_prefix(b"PK\x05\x06")?;
     let start = number(&record[12..])? as usize;
     let count = u16::from_le_bytes([record[4], record[5]]).checked_add(1)?;
     let length = (words.len() as u32).to_le_bytes();
-    // What both headers tell: version 2.0, no flags, not packed, the first day of 1980, checksum, sizes, the length of the name and none more.
-    let mut told = [20, 0, 0, 0, 0, 0, 0, 0, 33, 0].to_vec();
-    told.extend(checksum(words.as_bytes()).to_le_bytes());
-    told.extend([length, length].as_flattened());
-    told.extend([NOTE.len() as u8, 0, 0, 0]);
-    let mut new = [b"PK\x03\x04", &told[..], NOTE, words.as_bytes()].concat();
+    // The part that both headers have in common: version 2.0, no flags, not compressed, January 1, 1980, checksum, sizes, length of the
+    // name, no extra field.
+    let mut header = [20, 0, 0, 0, 0, 0, 0, 0, 33, 0].to_vec();
+    header.extend(checksum(words.as_bytes()).to_le_bytes());
+    header.extend([length, length].as_flattened());
+    header.extend([NOTE.len() as u8, 0, 0, 0]);
+    let mut new = [b"PK\x03\x04", &header[..], NOTE, words.as_bytes()].concat();
     let directory = start + new.len();
     new.extend_from_slice(bytes.get(start..end)?);
     let place = (start as u32).to_le_bytes();
-    new.extend([b"PK\x01\x02\x14\0", &told[..], &[0; 10], &place, NOTE].concat());
+    new.extend([b"PK\x01\x02\x14\0", &header[..], &[0; 10], &place, NOTE].concat());
     let size = (start + new.len() - directory) as u32;
     new.extend(b"PK\x05\x06\0\0\0\0");
     new.extend([count.to_le_bytes(), count.to_le_bytes()].as_flattened());
@@ -263,14 +264,15 @@ fn zip(bytes: &[u8], words: &str) -> Option<Splice> {
     Some((start, bytes.len() - start, new))
 }
 
-/// How an entry `ImageDescription`, a text, begins in the directory of a TIFF file.
+/// The tag and the type (ASCII) of the entry `ImageDescription` in the directory of a TIFF file.
 const DESCRIPTION: [u8; 4] = [14, 1, 2, 0];
 
 fn number(bytes: &[u8]) -> Option<u32> {
     bytes.first_chunk().map(|bytes| u32::from_le_bytes(*bytes))
 }
 
-/// Where the first directory of a TIFF file begins, and its entries, each of a tag, a type, how many there are, and a value or its place.
+/// Returns the offset and the entries of the first directory of a TIFF file. An entry has a tag, a type, a count, and a value or the offset
+/// of the value.
 fn directory(bytes: &[u8]) -> Option<(usize, &[[u8; 12]])> {
     let start = number(bytes.strip_prefix(b"II*\0")?)? as usize;
     let (count, rest) = bytes.get(start..)?.split_first_chunk()?;
@@ -278,7 +280,8 @@ fn directory(bytes: &[u8]) -> Option<(usize, &[[u8; 12]])> {
     Some((start, entries.as_chunks().0))
 }
 
-/// The directory with one entry more, and the text behind it: where it is the end of the file, as our writer puts it.
+/// Replaces the directory by a directory with one more entry, followed by the text of that entry. The directory must be at the end of the
+/// file, which is where our writer puts it.
 fn tiff(bytes: &[u8], words: &str) -> Option<Splice> {
     let (start, entries) = directory(bytes)?;
     let is_last = bytes.len() == start + 2 + 12 * entries.len() + 4;
@@ -299,10 +302,10 @@ fn tiff(bytes: &[u8], words: &str) -> Option<Splice> {
     is_last.then(|| (start, bytes.len() - start, new))
 }
 
-/// The bytes before the first chunk of a PNG file.
+/// The bytes with which every PNG file begins, before the first chunk.
 const SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
 
-/// Kinds and contents of the chunks of a PNG file.
+/// Returns the type and the content of each chunk of a PNG file.
 fn chunks(bytes: &[u8]) -> impl Iterator<Item = (&[u8], &[u8])> {
     let mut rest = bytes.strip_prefix(SIGNATURE).unwrap_or_default();
     std::iter::from_fn(move || {
@@ -313,7 +316,7 @@ fn chunks(bytes: &[u8]) -> impl Iterator<Item = (&[u8], &[u8])> {
     })
 }
 
-/// A chunk `tEXt` behind the header.
+/// Inserts a chunk `tEXt` after the header chunk.
 fn png(bytes: &[u8], words: &str) -> Option<Splice> {
     let (kind, header) = chunks(bytes).next().filter(|(kind, _)| *kind == b"IHDR")?;
     let at = SIGNATURE.len() + 4 + kind.len() + header.len() + 4;
@@ -349,7 +352,7 @@ mod tests {
         assert_eq!(find(ending, &bytes), None);
         sign(ending, &mut bytes, &signature());
         let read = find(ending, &bytes);
-        let Some(Found::Words(words)) = read else { panic!("{ending}: {read:?}") };
+        let Some(EmbeddedProvenance::Words(words)) = read else { panic!("{ending}: {read:?}") };
         let [words, expected] =
             [&words[..], WORDS].map(|words| serde_json::from_str::<Json>(words).unwrap());
         assert_eq!(words, expected);
@@ -357,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn each_format_tells_in_its_own_way() {
+    fn every_format_contains_the_provenance() {
         check("ply", b"ply\nformat ascii 1.0\nend_header\n", "1.0\ncomment maquette {");
         check("pcd", b"# .PCD v0.7\nVERSION 0.7\n", "# .PCD v0.7\n# maquette {");
         check("obj", b"v 0 0 0\n", "# maquette {");
@@ -379,7 +382,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ply_file_holds_long_words_in_short_lines_behind_its_format() {
+    fn ply_comments_are_split_into_short_lines() {
         let words =
             format!(r#"{{"maquette":"0.1.0","graph":"{}"}}"#, "a { long  name ".repeat(100));
         let mut bytes = b"ply\ncomment other\nformat ascii 1.0\nend_header\n".to_vec();
@@ -387,17 +390,20 @@ mod tests {
         let text = str::from_utf8(&bytes).unwrap();
         assert!(text.starts_with("ply\ncomment other\nformat ascii 1.0\ncomment maquette {"));
         assert!(text.lines().all(|line| line.len() <= 255), "{text}");
-        // As programs may give it back that drop blanks at the end.
+        // Some programs drop blanks at the ends of lines when they write the file again.
         let trimmed: String = text.lines().map(|line| format!("{}\r\n", line.trim_end())).collect();
         for text in [text, &trimmed] {
-            assert_eq!(find("ply", text.as_bytes()), Some(Found::Words(words.clone())));
+            assert_eq!(
+                find("ply", text.as_bytes()),
+                Some(EmbeddedProvenance::Words(words.clone()))
+            );
         }
     }
 
     #[test]
     fn words_before_the_format_of_older_ply_files_are_found() {
         let file = format!("ply\ncomment maquette {WORDS}   \nformat ascii 1.0\nend_header\n");
-        assert_eq!(find("ply", file.as_bytes()), Some(Found::Words(WORDS.into())));
+        assert_eq!(find("ply", file.as_bytes()), Some(EmbeddedProvenance::Words(WORDS.into())));
     }
 
     #[test]
@@ -406,7 +412,7 @@ mod tests {
         sign("stl", &mut stl, &signature());
         assert_eq!(
             (stl.len(), find("stl", &stl)),
-            (84, Some(Found::Hash("0123456789abcdef".into())))
+            (84, Some(EmbeddedProvenance::Hash("0123456789abcdef".into())))
         );
         for (ending, text) in
             [("ptx", "2\n2\n"), ("xyz", "0 0 0\n"), ("json", "[1]\n"), ("ply", "no")]

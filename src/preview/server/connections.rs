@@ -1,7 +1,7 @@
-//! The connections of the page's server: how many there may be, and how long one may say nothing.
+//! The connections of the live page's server, with limits on their number and idle time.
 //!
-//! Any program of this machine may open connections, also by mistake and by the thousand. They must not use up the files that the
-//! watch may have open, and not keep a page out.
+//! Any program on this machine may open connections, even thousands by mistake. Such connections must neither use up the open files of the
+//! watch nor prevent a page from connecting.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -16,22 +16,22 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Notify;
 use tokio::time::{sleep, timeout};
 
-use crate::locks::unpoisoned;
+use crate::locks::lock_ignoring_poison;
 
-/// The maximum number of connections. A browser has six for all pages of a server, and one more for each page; the system gives a
-/// process 1024 open files.
+/// The maximum number of connections. A browser opens up to six for all pages of a server, and one more for each page. The limit leaves
+/// room for other files: a process may have 1024 open files.
 const MAX_CONNECTIONS: usize = 128;
 
-/// A connection on which nothing is asked for so long is closed; a browser opens another one when it needs it.
+/// The idle time after which a connection is closed. The browser opens a new connection when it needs one.
 const IDLE_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// The time that an answer has to leave when its connection is to be closed.
-const LINGER: Duration = Duration::from_secs(1);
+/// The maximum time for sending an answer before the connection is closed.
+const LINGER_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// The pause after the system could not open a connection.
-const RETRY: Duration = Duration::from_millis(100);
+/// The wait before the next attempt if the system could not accept a connection.
+const RETRY_DELAY: Duration = Duration::from_millis(100);
 
-/// All connections that are open, by number.
+/// The open connections, by number.
 #[derive(Default)]
 struct Connections {
     open: Mutex<BTreeMap<u64, Arc<Connection>>>,
@@ -40,20 +40,20 @@ struct Connections {
 
 struct Connection {
     usage: Mutex<Usage>,
-    /// Is notified when it has to make room for another one.
+    /// Notified when this connection must be closed to make room for another one.
     close: Notify,
     has_asked: AtomicBool,
 }
 
-/// What a connection is used for.
+/// The use of a connection.
 struct Usage {
     last: Instant,
-    /// Requests that are being answered.
+    /// The number of requests on this connection that are being answered.
     n_requests: usize,
     is_page: bool,
 }
 
-/// The right to one connection. It is kept as long as the connection is open.
+/// The permit for an open connection. Dropping it removes the connection from the list.
 pub(super) struct Lease {
     connection: Arc<Connection>,
     number: u64,
@@ -61,12 +61,13 @@ pub(super) struct Lease {
 }
 
 impl Connections {
-    /// Makes room for one more connection: the one that has been idle for the longest time goes. None if all are in use.
+    /// Registers a connection. If there are too many connections, closes the one that has been idle for the longest time. Returns `None` if
+    /// all connections are in use.
     fn admit(self: &Arc<Self>) -> Option<Lease> {
-        let mut open = unpoisoned(&self.open);
+        let mut open = lock_ignoring_poison(&self.open);
         if open.len() >= MAX_CONNECTIONS {
             let idle = open.iter().filter_map(|(number, connection)| {
-                let used = unpoisoned(&connection.usage);
+                let used = lock_ignoring_poison(&connection.usage);
                 (used.n_requests == 0 && !used.is_page).then_some((used.last, *number))
             });
             let (_, number) = idle.min()?;
@@ -84,47 +85,47 @@ impl Connections {
 }
 
 impl Lease {
-    /// Marks it as the socket of a page, which stays open while nothing is said.
+    /// Marks the connection as the socket of a page, which stays open while it is idle.
     pub(super) fn belongs_to_page(&self) {
-        unpoisoned(&self.connection.usage).is_page = true;
+        lock_ignoring_poison(&self.connection.usage).is_page = true;
     }
 
-    /// Marks that a request is being answered, until the result is dropped.
-    pub(super) fn answering(&self) -> Answering {
+    /// Marks that a request is being answered, until the returned guard is dropped.
+    pub(super) fn answering(&self) -> AnswerGuard {
         self.connection.has_asked.store(true, Ordering::Relaxed);
-        unpoisoned(&self.connection.usage).n_requests += 1;
-        Answering(self.connection.clone())
+        lock_ignoring_poison(&self.connection.usage).n_requests += 1;
+        AnswerGuard(self.connection.clone())
     }
 }
 
 impl Drop for Lease {
     fn drop(&mut self) {
-        unpoisoned(&self.of.open).remove(&self.number);
+        lock_ignoring_poison(&self.of.open).remove(&self.number);
     }
 }
 
-/// A request that is being answered.
-pub(super) struct Answering(Arc<Connection>);
+/// A guard that exists while a request is being answered.
+pub(super) struct AnswerGuard(Arc<Connection>);
 
-impl Drop for Answering {
+impl Drop for AnswerGuard {
     fn drop(&mut self) {
-        let mut used = unpoisoned(&self.0.usage);
+        let mut used = lock_ignoring_poison(&self.0.usage);
         used.n_requests -= 1;
         used.last = Instant::now();
     }
 }
 
-/// Serves every connection, for ever.
+/// Serves connections. This function never returns.
 pub(super) async fn serve(listener: TcpListener, router: Router) {
     let connections = Arc::new(Connections::default());
     loop {
         let Ok((stream, _)) = listener.accept().await else {
-            sleep(RETRY).await;
+            sleep(RETRY_DELAY).await;
             continue;
         };
         match connections.admit() {
             Some(lease) => drop(tokio::spawn(serve_one(stream, router.clone(), lease))),
-            None => drop(tokio::spawn(refuse(stream, full()))),
+            None => drop(tokio::spawn(reject(stream, full()))),
         }
     }
 }
@@ -133,12 +134,12 @@ async fn serve_one(stream: TcpStream, router: Router, lease: Lease) {
     let lease = Arc::new(lease);
     let connection = lease.connection.clone();
     let mut first = [0];
-    // Until something is asked, the reason can still be told why it is closed.
+    // If the connection is closed before its first request, the reason can still be sent.
     tokio::select! {
-        // Not `readable`, which may be true of a connection that has nothing to read.
+        // `peek` is used instead of `readable`, which may return although there is nothing to read.
         asked = stream.peek(&mut first) => if asked.is_err() { return },
-        () = connection.close.notified() => return refuse(stream, full()).await,
-        () = sleep(IDLE_TIMEOUT) => return refuse(stream, idle()).await,
+        () = connection.close.notified() => return reject(stream, full()).await,
+        () = sleep(IDLE_TIMEOUT) => return reject(stream, idle()).await,
     }
     let service = TowerToHyperService::new(router.layer(Extension(lease)));
     let mut builder = Builder::new();
@@ -149,19 +150,19 @@ async fn serve_one(stream: TcpStream, router: Router, lease: Lease) {
         _ = served.as_mut() => {}
         () = connection.close.notified() => if connection.has_asked.load(Ordering::Relaxed) {
             served.as_mut().graceful_shutdown();
-            let _ = timeout(LINGER, served).await;
+            let _ = timeout(LINGER_TIMEOUT, served).await;
         },
     }
 }
 
-/// Says why a connection is not served, and closes it.
-async fn refuse(stream: TcpStream, answer: String) {
-    // It fits into what the system holds for an empty connection, as soon as that is known to be open.
-    let is_open = timeout(LINGER, stream.writable()).await.is_ok();
+/// Sends the reason why a connection is not served, and closes it.
+async fn reject(stream: TcpStream, answer: String) {
+    // The answer fits into the send buffer of the connection, which is empty.
+    let is_open = timeout(LINGER_TIMEOUT, stream.writable()).await.is_ok();
     if !is_open || stream.try_write(answer.as_bytes()).is_err() {
         return;
     }
-    // Closed with bytes that nobody has read, the connection would be reset, and the answer lost.
+    // Unread bytes are read first: closing a connection with unread bytes would reset it, and the answer would be lost.
     let drain = async {
         let mut bytes = [0; 1024];
         while stream.readable().await.is_ok() {
@@ -172,7 +173,7 @@ async fn refuse(stream: TcpStream, answer: String) {
             }
         }
     };
-    let _ = timeout(LINGER, drain).await;
+    let _ = timeout(LINGER_TIMEOUT, drain).await;
 }
 
 fn full() -> String {
@@ -184,7 +185,7 @@ fn full() -> String {
 
 fn idle() -> String {
     let seconds = IDLE_TIMEOUT.as_secs();
-    answer("408 Request Timeout", &format!("nothing was asked for {seconds} seconds\n"))
+    answer("408 Request Timeout", &format!("no request for {seconds} seconds\n"))
 }
 
 fn answer(status: &str, why: &str) -> String {
@@ -199,13 +200,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_longest_idle_connection_makes_room_and_none_that_is_in_use() {
+    fn the_longest_idle_connection_is_closed() {
         let connections = Arc::new(Connections::default());
         let leases: Vec<_> = (0..MAX_CONNECTIONS).map(|_| connections.admit().unwrap()).collect();
         leases[0].belongs_to_page();
         let answering = leases[1].answering();
         fn is_open(lease: &Lease, connections: &Arc<Connections>) -> bool {
-            unpoisoned(&connections.open).contains_key(&lease.number)
+            lock_ignoring_poison(&connections.open).contains_key(&lease.number)
         }
         let next = connections.admit().unwrap();
         assert!(

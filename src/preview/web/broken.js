@@ -1,4 +1,4 @@
-// What of a value is not as it is asked to be: a sentence for each property, and the elements that offend, which are marked.
+// The list of properties that a value is required to have and lacks: a sentence for each, and the elements that violate it.
 
 import { element } from "./element.js";
 
@@ -6,14 +6,14 @@ const number = (/** @type {number} */ x) => String(Number(x.toPrecision(6)));
 
 /**
  * @param {import("./types").Broken[]} broken
- * @param {(place: [number, number, number]) => void} aim looks at a place
+ * @param {(position: [number, number, number]) => void} aim centers the view on a position
  */
-export function listOf(broken, aim) {
+export function brokenItems(broken, aim) {
   return broken.map(({ words, count, elements }) => {
     const list = element("ul");
     for (const { name, at } of elements) {
       const item = element("li");
-      const button = element("button", { class: "place", type: "button", title: "look at it" }, `${name} at ${at.map(number).join(", ")}`);
+      const button = element("button", { class: "place", type: "button", title: "center the view on it" }, `${name} at ${at.map(number).join(", ")}`);
       button.addEventListener("click", () => aim(at));
       item.append(button);
       list.append(item);

@@ -1,19 +1,19 @@
-// The camera, which sees what `maquette render` sees: places in mm, y up, z towards the viewer.
+// The camera, with the same projection as `maquette render`: positions in mm, y up, z towards the viewer.
 
-/** The tangent of half the lens's angle, the share of the picture that is filled, and how near to the viewer anything may be. */
-const [LENS, FILLED, NEAREST] = [0.230868191125563, 0.92, 0.1];
+/** The tangent of half the field of view, the fraction of the view that a fitted value fills, and the minimum distance to the viewer. */
+const [HALF_FOV_TAN, FILL, MIN_DISTANCE] = [0.230868191125563, 0.92, 0.1];
 
 /** @typedef {[number, number, number]} Vector */
 
 const START = { yaw: 0, pitch: 0, zoom: 1 };
 
 /**
- * The rows of the turn from upright axes to the viewer's.
+ * The rows of the rotation matrix from upright axes to the viewer's axes.
  * @param {number} yaw
  * @param {number} pitch
  * @returns {[Vector, Vector, Vector]}
  */
-function rows(yaw, pitch) {
+function rotation(yaw, pitch) {
   const [sy, cy, sp, cp] = [yaw, pitch].flatMap((degrees) => [Math.sin, Math.cos].map((f) => f((degrees * Math.PI) / 180)));
   return [
     [cy, 0, -sy],
@@ -35,29 +35,29 @@ export class Camera {
     this.pitch = START.pitch;
     this.zoom = START.zoom;
     /**
-     * What it turns about, in mm.
+     * The point that the camera rotates about, in mm.
      * @type {Vector}
      */
     this.target = [0, 0, 0];
-    /** The size of what is seen, in mm, and how far away the viewer is, in these. */
+    /** Half the size of the viewed value, in mm, and the distance from the viewer to the target, in multiples of `radius`. */
     this.radius = 0;
     this.distance = 1;
-    /** Whether it is still where it was put to see all of something. */
+    /** True as long as the camera is where `fit` has put it. */
     this.fits = true;
     /**
-     * The box around that.
+     * The bounding box that `fit` has fitted: the low corner, then the high one.
      * @type {number[]}
      */
     this.box = [];
   }
 
-  /** From the front again. */
+  /** Sets the direction to the front and the zoom to 1. */
   reset() {
     Object.assign(this, START);
   }
 
   /**
-   * Goes where all places are seen in a picture of this shape.
+   * Moves the camera so that all positions are visible in a view of this width and height.
    * @param {import("./scene.js").Space} space
    * @param {number} width
    * @param {number} height
@@ -67,24 +67,24 @@ export class Camera {
     const middle = /** @type {Vector} */ ([0, 1, 2].map((k) => (low[k] + high[k]) / 2));
     const half = Math.max(...[0, 1, 2].map((k) => (high[k] - low[k]) / 2));
     this.radius = half > 0 ? half : 1;
-    const turn = rows(this.yaw, this.pitch);
+    const turn = rotation(this.yaw, this.pitch);
     const shorter = Math.min(width, height);
-    const [right, top] = [width, height].map((side) => (FILLED * side) / shorter);
-    const least = [Infinity, Infinity, Infinity];
-    const most = [-Infinity, -Infinity, -Infinity];
-    const seen = space.each(turn, middle, this.radius);
+    const [right, top] = [width, height].map((side) => (FILL * side) / shorter);
+    const min = [Infinity, Infinity, Infinity];
+    const max = [-Infinity, -Infinity, -Infinity];
+    const seen = space.viewCoordinates(turn, middle, this.radius);
     for (let at = 0; at < seen.length; at += 3) {
       for (let k = 0; k < 3; k++) {
         const x = seen[at + k];
-        if (x < least[k]) least[k] = x;
-        if (x > most[k]) most[k] = x;
+        if (x < min[k]) min[k] = x;
+        if (x > max[k]) max[k] = x;
       }
     }
-    const aim = [0, 1, 2].map((k) => (seen.length > 0 ? (least[k] + most[k]) / 2 : 0));
-    let distance = NEAREST;
+    const aim = [0, 1, 2].map((k) => (seen.length > 0 ? (min[k] + max[k]) / 2 : 0));
+    let distance = MIN_DISTANCE;
     for (let at = 0; at < seen.length; at += 3) {
       const reach = Math.max(Math.abs(seen[at] - aim[0]) / right, Math.abs(seen[at + 1] - aim[1]) / top);
-      distance = Math.max(distance, seen[at + 2] - aim[2] + Math.max(reach / LENS, NEAREST));
+      distance = Math.max(distance, seen[at + 2] - aim[2] + Math.max(reach / HALF_FOV_TAN, MIN_DISTANCE));
     }
     this.distance = distance;
     this.target = /** @type {Vector} */ ([0, 1, 2].map((k) => middle[k] + this.radius * (turn[0][k] * aim[0] + turn[1][k] * aim[1] + turn[2][k] * aim[2])));
@@ -93,7 +93,7 @@ export class Camera {
   }
 
   /**
-   * Stays where it is while something else is seen: that is not what it was put there for.
+   * Keeps the camera in its position for another value, whose bounding box may differ from the fitted one.
    * @param {import("./scene.js").Space} space
    */
   stay({ low, high }) {
@@ -101,17 +101,17 @@ export class Camera {
   }
 
   /**
-   * Whether it sees something of this size at this place about as well as what it was fitted to.
+   * Returns true if a value of this size and position is seen about as well as the one that the camera was fitted to.
    * @param {import("./scene.js").Space} space
    */
-  suits({ low, high }) {
+  fitsWell({ low, high }) {
     const half = Math.max(...[0, 1, 2].map((k) => (high[k] - low[k]) / 2));
     const away = Math.hypot(...[0, 1, 2].map((k) => (low[k] + high[k]) / 2 - this.target[k]));
     return this.radius > 0 && half > this.radius / 4 && half < this.radius * 1.5 && away < this.radius * 1.5;
   }
 
   /**
-   * Walks around what is seen, in degrees, and nearer to it.
+   * Rotates the camera about the target, in degrees, and zooms by the factor `nearer`.
    * @param {number} right
    * @param {number} up
    */
@@ -123,51 +123,51 @@ export class Camera {
   }
 
   /**
-   * Moves what is seen, in shares of half the shorter side of the picture.
+   * Moves the viewed value parallel to the view plane, in fractions of half the shorter side of the view.
    * @param {number} right
    * @param {number} up
    */
   pan(right, up) {
-    const turn = rows(this.yaw, this.pitch);
-    const length = (this.radius * this.distance * LENS) / this.zoom;
+    const turn = rotation(this.yaw, this.pitch);
+    const length = (this.radius * this.distance * HALF_FOV_TAN) / this.zoom;
     this.target = /** @type {Vector} */ (this.target.map((x, k) => x - length * (right * turn[0][k] + up * turn[1][k])));
     this.fits = false;
   }
 
   /**
-   * How many pixels a mm is long at the distance of what it turns about.
+   * The length of one mm in pixels, at the distance of the target.
    * @param {number} width
    * @param {number} height
    */
   pixels(width, height) {
-    return (Math.min(width, height) * this.zoom) / (2 * LENS * this.distance * this.radius);
+    return (Math.min(width, height) * this.zoom) / (2 * HALF_FOV_TAN * this.distance * this.radius);
   }
 
   /**
-   * Turns about this place from now on, which comes into the middle; the viewer comes no nearer.
-   * @param {Vector} place
+   * Sets the target, the center of rotation and of the view. The viewer stays in its depth.
+   * @param {Vector} position
    */
-  aim(place) {
-    const away = /** @type {Vector} */ (place.map((x, k) => (x - this.target[k]) / this.radius));
-    this.distance = Math.max(NEAREST, this.distance - dot(rows(this.yaw, this.pitch)[2], away));
-    this.target = place;
+  aim(position) {
+    const away = /** @type {Vector} */ (position.map((x, k) => (x - this.target[k]) / this.radius));
+    this.distance = Math.max(MIN_DISTANCE, this.distance - dot(rotation(this.yaw, this.pitch)[2], away));
+    this.target = position;
     this.fits = false;
   }
 
   /**
-   * What a graphics card needs to draw places of a value: from them to the picture (columns of 4 x 4), and from directions to the
-   * viewer's axes (columns of 3 x 3).
+   * The matrices that draw a value, by columns: `clip` (4 x 4) from its positions to clip space, `direction` (3 x 3) from its normals to
+   * the viewer's axes.
    * @param {import("./scene.js").Space} space
    * @param {number} width
    * @param {number} height
    */
   matrices(space, width, height) {
     const { center, scale, up } = space;
-    const turn = rows(this.yaw, this.pitch).map((row) => row.map((x, k) => x * up[k]));
+    const turn = rotation(this.yaw, this.pitch).map((row) => row.map((x, k) => x * up[k]));
     const from = /** @type {Vector} */ (center.map((x, k) => (x - up[k] * this.target[k]) / this.radius));
     const shorter = Math.min(width, height);
-    const wide = [width, height].map((side) => ((shorter / side) * this.zoom) / LENS);
-    // What is seen lies in a ball about the middle.
+    const wide = [width, height].map((side) => ((shorter / side) * this.zoom) / HALF_FOV_TAN);
+    // The depth range covers the bounding sphere of the value.
     const [low, high] = [space.low, space.high];
     const ball = Math.hypot(...[0, 1, 2].map((k) => high[k] - low[k])) / 2 / this.radius;
     const away = Math.hypot(...[0, 1, 2].map((k) => (low[k] + high[k]) / 2 - this.target[k])) / this.radius;
@@ -194,27 +194,27 @@ export class Camera {
   }
 
   /**
-   * The ray through a place of the picture, -1 to 1 to the right and upwards, in a value's own axes; `radius` is how far a pixel is
-   * from the next one at a distance of 1.
+   * The ray through a position of the view, -1 to 1 to the right and upwards, in the axes of the value; `radius` is the distance
+   * between neighboring pixels at a distance of 1.
    * @param {import("./scene.js").Space} space
    * @param {[number, number]} at
    * @param {number} width
    * @param {number} height
    */
   ray({ up }, at, width, height) {
-    const turn = rows(this.yaw, this.pitch);
+    const turn = rotation(this.yaw, this.pitch);
     const shorter = Math.min(width, height);
-    const [x, y] = [width, height].map((side, k) => (at[k] * side * LENS) / shorter / this.zoom);
+    const [x, y] = [width, height].map((side, k) => (at[k] * side * HALF_FOV_TAN) / shorter / this.zoom);
     const own = (/** @type {Vector} */ v) => /** @type {Vector} */ ([0, 1, 2].map((k) => up[k] * (turn[0][k] * v[0] + turn[1][k] * v[1] + turn[2][k] * v[2])));
     const viewer = own([0, 0, this.distance * this.radius]);
-    const origin = viewer.map((place, k) => place + up[k] * this.target[k]);
+    const origin = viewer.map((x, k) => x + up[k] * this.target[k]);
     const direction = own([x, y, -1]);
     const length = Math.hypot(...direction);
-    return { origin, direction: direction.map((x) => x / length), radius: (2 * LENS) / shorter / this.zoom };
+    return { origin, direction: direction.map((x) => x / length), radius: (2 * HALF_FOV_TAN) / shorter / this.zoom };
   }
 
   /**
-   * As words of an address: three numbers where the rest follows from what is seen.
+   * The camera as numbers of the page's address: yaw, pitch and zoom, and the position if it does not follow from the viewed value.
    * @returns {number[]}
    */
   numbers() {
@@ -224,7 +224,7 @@ export class Camera {
   }
 
   /**
-   * Takes over what an address says; whether it says where the camera is, and not only its direction.
+   * Restores the camera from the numbers of an address (see `numbers`); ignores malformed ones.
    * @param {number[]} numbers
    */
   take(numbers) {

@@ -1,12 +1,12 @@
-// Columns of bytes from the watch. What is here is not asked for again, and of what has changed only the parts that did.
+// A cache of columns of bytes from the server. Columns that are here are not requested again; of changed columns only the changed parts.
 
-/** Of columns that nobody uses any more so many times the bytes of those in use are kept, and so many bytes in any case. */
-const [TIMES, LEAST] = [2, 16 * 2 ** 20];
+/** Unused columns are kept up to this multiple of the bytes in use, and at least up to this many bytes. */
+const [KEPT_RATIO, MIN_KEPT] = [2, 16 * 2 ** 20];
 
-/** Changed parts so near to each other are copied as one: a graphics card takes long for many. */
-const NEAR = 2 ** 16;
+/** Changed parts with a gap of at most this many bytes are uploaded as one: many small uploads are slow. */
+const MERGE_GAP = 2 ** 16;
 
-/** The type of an answer that says what has changed. */
+/** The content type of an answer that has only the changed parts. */
 const CHANGES = "application/x-maquette-changes";
 
 /** A column: its bytes, and the graphics card's copy of them. */
@@ -22,7 +22,7 @@ export class Column {
     /** @type {WebGLBuffer | WebGLTexture | null} */
     this.copy = null;
     /**
-     * Parts that the copy does not have yet: from where to where.
+     * Byte ranges that are newer than the copy: start and end of each.
      * @type {[number, number][]}
      */
     this.stale = [];
@@ -43,47 +43,47 @@ export class Column {
 
 /**
  * @param {string} name
- * @param {Column | null} old what is shown in its place
+ * @param {Column | null} old the column that the new one replaces
  * @returns {Promise<Answer>}
  */
-function ask(name, old) {
+function request(name, old) {
   // Several times as fast as `fetch` with large answers.
-  const request = new XMLHttpRequest();
+  const xhr = new XMLHttpRequest();
   const from = old?.name ?? "";
   return new Promise((done, fail) => {
-    request.open("GET", `/column/${name}${from && `?from=${from}`}`);
-    request.responseType = "arraybuffer";
-    request.addEventListener("load", () => {
-      if (request.status !== 200) fail(new Error(`there is no column ${name}`));
-      else done({ name, bytes: request.response, isChange: request.getResponseHeader("content-type") === CHANGES, from, old });
+    xhr.open("GET", `/column/${name}${from && `?from=${from}`}`);
+    xhr.responseType = "arraybuffer";
+    xhr.addEventListener("load", () => {
+      if (xhr.status !== 200) fail(new Error(`there is no column ${name}`));
+      else done({ name, bytes: xhr.response, isChange: xhr.getResponseHeader("content-type") === CHANGES, from, old });
     });
-    request.addEventListener("error", () => fail(new Error("the watch is gone")));
-    request.send();
+    xhr.addEventListener("error", () => fail(new Error("cannot reach maquette watch")));
+    xhr.send();
   });
 }
 
 export class Columns {
-  /** @param {(column: Column) => void} free is called with those that go */
+  /** @param {(column: Column) => void} free is called with each column that is evicted */
   constructor(free) {
     this.free = free;
     /**
-     * By name, the one that was used last at the end.
+     * The columns by name, the most recently used one last.
      * @type {Map<string, Column>}
      */
     this.all = new Map();
-    /** Bytes that came from the watch. */
+    /** The number of bytes received from the server. */
     this.received = 0;
   }
 
   /**
-   * Finds columns. Calling the result gives them, in the order of the names, or nothing if what one of them is to be made of is not
-   * there any more; till then nothing that is shown changes.
+   * Requests the columns that are missing. The result is a function that returns all columns, in the order of the names, or null if one of
+   * them is a change of a column that has changed since. Nothing that is displayed changes until that function is called.
    * @param {{name: string, old: Column | null}[]} wanted
    * @returns {Promise<() => Column[] | null>}
    */
   async find(wanted) {
     const missing = wanted.filter(({ name }, at) => !this.all.has(name) && wanted.findIndex((other) => other.name === name) === at);
-    const answers = await Promise.all(missing.map(({ name, old }) => ask(name, old)));
+    const answers = await Promise.all(missing.map(({ name, old }) => request(name, old)));
     return () => {
       if (answers.some(({ isChange, from, old }) => isChange && old?.name !== from)) return null;
       for (const answer of answers) this.#take(answer);
@@ -106,27 +106,27 @@ export class Columns {
       return;
     }
     const [size, count] = new Uint32Array(bytes, 0, 2);
-    const places = new Uint32Array(bytes, 8, count);
-    // Where nobody else shows it the old column becomes the new one.
+    const blocks = new Uint32Array(bytes, 8, count);
+    // An old column that has no other user is changed in place.
     let column = old;
     if (old.users > 1) column = new Column(name, old.bytes.slice());
     else this.all.delete(old.name);
     column.name = name;
     this.all.set(name, column);
     let from = 8 + 4 * count;
-    for (const place of places) {
-      const start = size * place;
+    for (const block of blocks) {
+      const start = size * block;
       const part = new Uint8Array(bytes, from, Math.min(size, column.bytes.length - start));
       column.bytes.set(part, start);
       from += part.length;
       const last = column.stale.at(-1);
-      if (last && last[1] <= start && start - last[1] <= NEAR) last[1] = start + part.length;
+      if (last && last[1] <= start && start - last[1] <= MERGE_GAP) last[1] = start + part.length;
       else column.stale.push([start, start + part.length]);
     }
   }
 
   /**
-   * These are used once more, those once less.
+   * Counts one use more of some columns and one less of others; then evicts unused columns beyond the limit.
    * @param {Column[]} more
    * @param {Column[]} less
    */
@@ -137,7 +137,7 @@ export class Columns {
     const unused = all.filter((column) => column.users === 0);
     const sizeOf = (/** @type {Column[]} */ columns) => columns.reduce((sum, column) => sum + column.bytes.length, 0);
     let size = sizeOf(unused);
-    const kept = Math.max(LEAST, TIMES * (sizeOf(all) - size));
+    const kept = Math.max(MIN_KEPT, KEPT_RATIO * (sizeOf(all) - size));
     for (const column of unused) {
       if (size <= kept) break;
       size -= column.bytes.length;

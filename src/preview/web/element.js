@@ -1,7 +1,7 @@
-// Elements, made and found.
+// Helpers that create and find elements of the page.
 
 /**
- * A new element with attributes and a text.
+ * Creates an element with attributes and a text.
  * @template {keyof HTMLElementTagNameMap} Name
  * @param {Name} name
  * @param {Record<string, string | number>} [attributes]
@@ -17,7 +17,7 @@ export function element(name, attributes = {}, text = "") {
 const SVG = "http://www.w3.org/2000/svg";
 
 /**
- * A new part of a picture.
+ * Creates an SVG element with attributes and a text.
  * @template {keyof SVGElementTagNameMap} Name
  * @param {Name} name
  * @param {Record<string, string | number>} [attributes]
@@ -31,18 +31,18 @@ export function shape(name, attributes = {}, text = "") {
 }
 
 /**
- * The element that the page has from the start.
+ * Finds an element of `index.html`.
  * @param {string} id
  * @returns {HTMLElement}
  */
-export function by(id) {
+export function elementById(id) {
   const found = document.getElementById(id);
   if (found === null) throw new Error(`the page has no ${id}`);
   return found;
 }
 
 /**
- * The first of this kind in an element that has one.
+ * Finds the first match of a selector in an element, which must be of the given class.
  * @template {Element} Kind
  * @param {Element} place
  * @param {string} selector

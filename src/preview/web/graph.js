@@ -1,31 +1,31 @@
-// The graph as a picture: boxes for nodes and files, links between them, and the state of each node.
+// The graph as an SVG: boxes for nodes and files, links between them, and the state of each node.
 
 import { shape } from "./element.js";
 
-/** The heights of a box's head and of one letter above the line. */
+/** The height of a box's head, and the distance of a text's baseline below its center. */
 const [HEAD, BASE] = [38, 4];
 
-/** How small a graph is made to be seen as a whole. */
-const LEAST = 0.7;
+/** The minimum scale of a wide graph; below, the view scrolls. */
+const MIN_SCALE = 0.7;
 
 /** @typedef {import("./types").Box} Box */
 
 export class Graph {
   /**
    * @param {HTMLElement} place where the graph is drawn
-   * @param {(name: string) => void} choose is called with the node that somebody chooses
-   * @param {(name: string) => void} open is called with the node whose text somebody wants to see
+   * @param {(name: string) => void} choose is called with the node that is clicked
+   * @param {(name: string) => void} open is called with the node to open in the editor
    */
   constructor(place, choose, open) {
     this.place = place;
-    this.tell = choose;
+    this.onChoose = choose;
     this.open = open;
     /** @type {Map<string, Box>} */
     this.boxes = new Map();
     /** @type {Map<string, SVGGElement>} */
     this.parts = new Map();
     /**
-     * The names of boxes that something is linked to.
+     * The names of the boxes that have a link to another box.
      * @type {Set<string>}
      */
     this.used = new Set();
@@ -33,7 +33,7 @@ export class Graph {
   }
 
   /**
-   * Draws the graph of a message, unless it is there already: then whoever is in it stays where they are.
+   * Draws the graph of a message. An unchanged graph is not drawn again, so that focus and scroll position stay.
    * @param {import("./types").Drawing} message
    */
   draw(message) {
@@ -45,8 +45,8 @@ export class Graph {
     const [width, height] = message.size;
     const picture = shape("svg", { width, height, viewBox: `0 0 ${width} ${height}` });
     picture.setAttribute("aria-label", message.doc || "graph");
-    // A wide graph is made smaller, as long as its words can be read.
-    picture.style.minWidth = `${LEAST * width}px`;
+    // A wide graph is scaled down, as long as its text is readable.
+    picture.style.minWidth = `${MIN_SCALE * width}px`;
     const color = (/** @type {number | null} */ pack) => message.packs[pack ?? -1]?.color ?? "#767676";
     for (const link of message.links) {
       const pack = message.boxes[link.from].pack;
@@ -91,7 +91,7 @@ export class Graph {
       part.append(shape("circle", { cx: x + width, cy: port.y, r: 3.4, fill: color }));
       part.append(shape("text", { class: "port", x: x + width - 10, y: port.y + BASE, "text-anchor": "end" }, port.name));
     }
-    const choose = () => this.tell(box.name);
+    const choose = () => this.onChoose(box.name);
     part.addEventListener("click", choose);
     part.addEventListener("keydown", (event) => {
       if (event.key === "e" && !event.ctrlKey && !event.metaKey && !event.altKey) this.open(box.name);
@@ -103,23 +103,23 @@ export class Graph {
   }
 
   /**
-   * The name of the box of a node: its own, or that of the graph in which it stands.
+   * The name of the box of a node: its own, or that of the node whose graph contains it.
    * @param {string} name
    */
-  of(name) {
+  boxOf(name) {
     let at = name.length;
     while (at > 0 && !this.parts.has(name.slice(0, at))) at = name.lastIndexOf("/", at - 1);
     return at > 0 ? name.slice(0, at) : undefined;
   }
 
-  /** The last node that something is linked to, as what an output shows; the last one if there are no links. */
+  /** The last node that has an outgoing link, usually to an output file; the last node if there are no links. */
   last() {
     const nodes = [...this.boxes.values()].filter((box) => box.node !== null);
     return (nodes.findLast((box) => this.used.has(box.name)) ?? nodes.at(-1))?.name ?? null;
   }
 
   /**
-   * Shows the state of a box and how long it took.
+   * Shows the state of a box and its time.
    * @param {string} name
    * @param {import("./types").NodeState} known
    */
@@ -132,7 +132,7 @@ export class Graph {
   }
 
   /**
-   * Colors boxes, each by a share from 0 to 1.
+   * Colors boxes, each by a fraction from 0 to 1.
    * @param {Map<string, number>} shares
    */
   heat(shares) {

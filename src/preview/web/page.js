@@ -1,48 +1,48 @@
-// The live page: keeps what the watch says, and shows it.
+// The live page: receives the messages of `maquette watch` and updates the graph, the viewer and the side panels.
 
-import { listOf } from "./broken.js";
-import { by, element, find } from "./element.js";
+import { brokenItems } from "./broken.js";
+import { element, elementById, find } from "./element.js";
 import { Graph } from "./graph.js";
 import { Parameters } from "./parameters.js";
-import { Profile, inBytes, inTime } from "./profile.js";
+import { Profile, formatBytes, formatSeconds } from "./profile.js";
 import { connect, renew } from "./socket.js";
 import { Viewer } from "./viewer.js";
 
-const viewer = new Viewer(by("viewer"), (views) => connection.send({ ask: "views", views }), query);
-const graph = new Graph(by("graph"), (node) => showNode(node), (node) => openEditor({ node }));
-const profile = new Profile(find(document.body, "#profile", HTMLSelectElement), by("legend"), () => showProfile());
+const viewer = new Viewer(elementById("viewer"), (views) => connection.send({ ask: "views", views }), query);
+const graph = new Graph(elementById("graph"), (node) => showNode(node), (node) => openEditor({ node }));
+const profile = new Profile(find(document.body, "#profile", HTMLSelectElement), elementById("legend"), () => showProfile());
 
-const parameters = new Parameters(by("parameters"), {
+const parameters = new Parameters(elementById("parameters"), {
   set(name, value) {
-    by("refused").textContent = "";
+    elementById("refused").textContent = "";
     connection.send({ ask: "set", values: [[name, value]] });
   },
   drag(name, value) {
-    by("refused").textContent = "";
+    elementById("refused").textContent = "";
     connection.send({ ask: "drag", values: [[name, value]] });
   },
   drop: () => connection.send({ ask: "drop" }),
   want(kind, done) {
-    by("refused").textContent = "";
+    elementById("refused").textContent = "";
     viewer.want(kind, done, (why) => {
-      by("refused").textContent = why;
+      elementById("refused").textContent = why;
     });
   },
 });
 
 /**
- * What was asked about places and is not answered yet, by number.
+ * Pending questions about the point under the pointer: the callback for each answer, by question number.
  * @type {Map<number, (answer: any) => void>}
  */
 const questions = new Map();
-let asked = 0;
+let lastQuestion = 0;
 
 /**
- * Asks what is at a place; nothing if nobody answers.
+ * Asks what is under the pointer; resolves to null if there is no answer within 2 s.
  * @param {import("./types").Question} question
  */
 function query(question) {
-  const id = (asked += 1);
+  const id = (lastQuestion += 1);
   connection.send({ ...question, id });
   return new Promise((done) => {
     questions.set(id, done);
@@ -60,16 +60,16 @@ function answer(id, found) {
 }
 
 /**
- * What is known of nodes: by name what `done` and `finished` say.
+ * The state of each node by name, as the messages `finished` and `done` report it.
  * @type {Map<string, import("./types").NodeState>}
  */
 const nodes = new Map();
 
-/** Whether a run is under way, and not only something looked at. */
+/** True during a run; evaluations only for the viewed outputs are not runs. */
 let isRunning = false;
 
 /**
- * The same of nodes under way, from before they began.
+ * The previous states of the nodes that are being evaluated now.
  * @type {Map<string, import("./types").NodeState>}
  */
 const before = new Map();
@@ -80,41 +80,41 @@ const before = new Map();
  */
 const inside = new Map();
 
-/** What one state says of a whole graph whose nodes have others: the first of these that one of them has. */
+/** States by priority: a box with several nodes shows the first of these that one of them has. */
 const STATES = ["failed", "started", "skipped", "computed", "equal", "cached"];
 
 /**
- * The node that is shown, if any.
+ * The name of the selected node, if any.
  * @type {string | null}
  */
 let chosen = null;
 
-/** Whether runs are drafts. */
+/** True if runs are draft runs. */
 let isDraft = false;
 
-/** What the address names at first. */
+/** The output that the page's address names at the start. */
 let wanted = viewer.address(location.hash);
 
 /**
- * What is done with each message.
+ * The handler of each message.
  * @type {{[Event in import("./types").Message["event"]]?: (message: Extract<import("./types").Message, {event: Event}>) => void}}
  */
-const hear = {
+const handlers = {
   hello(message) {
     renew(message.page);
     const file = message.graph.split(/[\\/]/).at(-1) ?? "";
     document.title = `${file}${message.draft ? " (draft)" : ""} - maquette`;
     isDraft = message.draft ?? false;
-    by("draft").hidden = !isDraft;
-    by("title").textContent = file;
-    by("title").title = `${message.graph}, ${message.program}`;
+    elementById("draft").hidden = !isDraft;
+    elementById("title").textContent = file;
+    elementById("title").title = `${message.graph}, ${message.program}`;
   },
   graph(message) {
     graph.draw(message);
     parameters.show(message.schema);
     inside.clear();
-    for (const name of nodes.keys()) putIn(graph.of(name), name);
-    for (const name of graph.boxes.keys()) graph.mark(name, known(name));
+    for (const name of nodes.keys()) addToBox(graph.boxOf(name), name);
+    for (const name of graph.boxes.keys()) graph.mark(name, boxState(name));
     const name = wanted?.node ?? chosen;
     showNode(graph.boxes.has(name ?? "") ? name : graph.last(), wanted?.output);
     wanted = null;
@@ -123,13 +123,13 @@ const hear = {
   run(message) {
     isRunning = true;
     showRun("running ...", "running");
-    viewer.at(message.run);
+    viewer.setRun(message.run);
   },
   refused(message) {
-    by("refused").textContent = message.why;
+    elementById("refused").textContent = message.why;
   },
   value(message) {
-    viewer.hear(message);
+    viewer.receive(message);
     if (viewer.main.shows(message)) askFacts();
   },
   probe(message) {
@@ -144,7 +144,7 @@ const hear = {
   },
   cancelled() {
     isRunning = false;
-    // What was begun is as it was.
+    // Nodes that had started get their previous state back.
     for (const [name, node] of before) note(name, node);
     before.clear();
   },
@@ -157,9 +157,9 @@ const hear = {
   finished(message) {
     const old = before.get(message.node);
     before.delete(message.node);
-    // Who only looks runs nothing: what was found as it was is still what the last run has made of it.
-    const isAsItWas = message.state === "cached" || message.state === "equal";
-    if (isRunning || !isAsItWas || nodes.get(message.node)?.reason === undefined) note(message.node, message);
+    // Outside of a run, a node that is cached or equal keeps the state that the last run has given it.
+    const isUnchanged = message.state === "cached" || message.state === "equal";
+    if (isRunning || !isUnchanged || nodes.get(message.node)?.reason === undefined) note(message.node, message);
     else if (old !== undefined) note(message.node, old);
   },
   problems(message) {
@@ -171,10 +171,10 @@ const hear = {
     showProfile();
     const { failed, skipped, computed, cached } = message;
     const counts = Object.entries({ failed, skipped, computed, cached }).filter(([, count]) => count > 0);
-    const said = counts.map(([state, count]) => `${count} ${state}`);
-    viewer.at(message.run);
-    const took = `${said.join(", ")}; ${message.seconds.toFixed(2)} s`;
-    showRun(said.length > 0 || message.ok ? took : "the graph has errors: the outputs stay as they are", message.ok ? "good" : "failed");
+    const parts = counts.map(([state, count]) => `${count} ${state}`);
+    viewer.setRun(message.run);
+    const took = `${parts.join(", ")}; ${message.seconds.toFixed(2)} s`;
+    showRun(parts.length > 0 || message.ok ? took : "the graph has errors: the outputs are unchanged", message.ok ? "good" : "failed");
   },
 };
 
@@ -183,23 +183,23 @@ const hear = {
  * @param {import("./types").NodeState} node
  */
 function note(name, node) {
-  // What a run has not found out yet is what it was in the last one.
+  // Facts that this run has not reported yet are those of the last one.
   nodes.set(name, { ...nodes.get(name), ...node });
-  const box = graph.of(name);
+  const box = graph.boxOf(name);
   if (box === undefined) return;
-  putIn(box, name);
+  addToBox(box, name);
   if (changed.size === 0) requestAnimationFrame(markChanged);
   changed.add(box);
 }
 
 /**
- * Boxes of which something is known that is not shown yet.
+ * Boxes whose state has changed and is not displayed yet.
  * @type {Set<string>}
  */
 const changed = new Set();
 
 function markChanged() {
-  for (const box of changed) graph.mark(box, known(box));
+  for (const box of changed) graph.mark(box, boxState(box));
   if (chosen !== null && changed.has(chosen)) showFacts(chosen);
   changed.clear();
 }
@@ -208,18 +208,18 @@ function markChanged() {
  * @param {string | undefined} box
  * @param {string} name
  */
-function putIn(box, name) {
+function addToBox(box, name) {
   if (box === undefined) return;
   const names = inside.get(box) ?? new Set();
   inside.set(box, names.add(name));
 }
 
 /**
- * What is known of a box: of a graph that is used, of all nodes in it.
+ * The state of a box; for a box with a graph, the combined state of all nodes in it.
  * @param {string} box
  * @returns {import("./types").NodeState}
  */
-function known(box) {
+function boxState(box) {
   const names = [...(inside.get(box) ?? [])];
   const parts = names.map((name) => nodes.get(name) ?? {});
   const state = STATES.find((state) => parts.some((part) => part.state === state));
@@ -230,7 +230,7 @@ function known(box) {
 }
 
 /**
- * The sum of what is known; nothing if nothing is.
+ * The sum of the defined values; undefined if all are undefined.
  * @param {(number | undefined)[]} values
  */
 function sum(values) {
@@ -238,24 +238,24 @@ function sum(values) {
   return known.length > 0 ? known.reduce((sum, value) => sum + value) : undefined;
 }
 
-/** Colors boxes by what is measured of them. */
+/** Colors the boxes by the selected measure. */
 function showProfile() {
   const boxes = [...graph.boxes.values()].filter((box) => box.node !== null);
-  by("graph").dataset.profile = profile.select.value;
-  graph.heat(profile.shares(boxes.map((box) => [box.name, known(box.name)])));
+  elementById("graph").dataset.profile = profile.select.value;
+  graph.heat(profile.shares(boxes.map((box) => [box.name, boxState(box.name)])));
 }
 
 /**
- * Opens the user's editor where a node or a problem stands.
+ * Opens the user's editor at the position of a node or a problem.
  * @param {{node: string} | {problem: import("./types").Location}} wanted
  */
 function openEditor(wanted) {
-  by("refused").textContent = "";
+  elementById("refused").textContent = "";
   connection.send({ ask: "open", ...wanted });
 }
 
 /**
- * A button that opens the user's editor at a place.
+ * Creates a button that opens the user's editor at a position in a file.
  * @param {import("./types").Location} place
  * @param {string} text
  * @param {() => void} open
@@ -271,13 +271,13 @@ function placeButton(place, text, open) {
  * @param {string} state
  */
 function showRun(text, state) {
-  by("run").textContent = text;
-  by("run").dataset.state = state;
+  elementById("run").textContent = text;
+  elementById("run").dataset.state = state;
 }
 
 /**
  * @param {import("./types").Problem[]} problems
- * @param {number} more how many more there are
+ * @param {number} more the number of problems that are not in the list
  */
 function showProblems(problems, more) {
   const items = problems.map((problem) => {
@@ -295,7 +295,7 @@ function showProblems(problems, more) {
   });
   if (more > 0) items.push(element("li", {}, `and ${more} more`));
   if (items.length === 0) items.push(element("li", {}, "none"));
-  by("problems").replaceChildren(...items);
+  elementById("problems").replaceChildren(...items);
 }
 
 /**
@@ -308,7 +308,7 @@ function showNode(name, output) {
   graph.choose(name);
   showFacts(name);
   const box = graph.boxes.get(name ?? "");
-  // A file is no value of its own: what is seen stays.
+  // A file has no outputs: the viewed value stays.
   if (!box || box.node === null) return;
   viewer.show(box.name, box.outputs, output);
   askFacts();
@@ -318,10 +318,10 @@ function showNode(name, output) {
 function showFacts(name) {
   const box = graph.boxes.get(name ?? "");
   if (!box) {
-    by("node").replaceChildren(element("p", {}, "Choose a node in the graph."));
+    elementById("node").replaceChildren(element("p", {}, "Choose a node in the graph."));
     return;
   }
-  const { state, reason, seconds, bytes } = known(box.name);
+  const { state, reason, seconds, bytes } = boxState(box.name);
   const drafts = box.drafts ?? [];
   const mark = (/** @type {string} */ words) => element("span", { class: "draft" }, words);
   /** @type {[string, any][]} */
@@ -330,33 +330,33 @@ function showFacts(name) {
     ["type", box.node ?? "a file"],
     ["state", box.node === null ? "" : state ?? "not needed yet"],
     ["why", reason ?? ""],
-    ["time", seconds === undefined ? "" : inTime(seconds)],
-    ["bytes", bytes === undefined ? "" : inBytes(bytes)],
+    ["time", seconds === undefined ? "" : formatSeconds(seconds)],
+    ["bytes", bytes === undefined ? "" : formatBytes(bytes)],
     ["takes", box.inputs.map((port) => port.name).join(", ")],
     ["gives", box.outputs.map((port) => `${port.name}: ${port.type}`).join(", ")],
     ...drafts.map(
       ({ field, final, draft }) => /** @type {[string, any]} */ ([field, mark(`final ${final}, draft ${draft}`)]),
     ),
-    ["shown", isDraft ? mark("what drafts give, no final results") : ""],
+    ["shown", isDraft ? mark("a draft, not the final result") : ""],
   ];
   const table = tableOf(rows.filter(([, value]) => value));
-  const hadFocus = by("node").contains(document.activeElement);
-  by("node").replaceChildren(table);
+  const hadFocus = elementById("node").contains(document.activeElement);
+  elementById("node").replaceChildren(table);
   const { file, line, column } = box;
   if (file === undefined || line === undefined || column === undefined) return;
   const text = `${file.split(/[\\/]/).at(-1)}:${line}`;
   const button = placeButton({ file, line, column }, text, () => openEditor({ node: box.name }));
-  by("node").append(button);
+  elementById("node").append(button);
   if (hadFocus) button.focus();
 }
 
-/** @param {[string, any][]} rows labels and what is said of them */
+/** @param {[string, any][]} rows labels and facts */
 function tableOf(rows) {
   const table = element("table");
   for (const [label, fact] of rows) {
     const row = element("tr");
     const cell = element("td");
-    cell.append(...inPage(fact));
+    cell.append(...factNodes(fact));
     row.append(element("th", { scope: "row" }, label), cell);
     table.append(row);
   }
@@ -364,44 +364,44 @@ function tableOf(rows) {
 }
 
 /**
- * A fact as it is read: numbers with six digits, counts as bars over what they count.
+ * A fact as nodes of the page: numbers with six digits, histograms as bars.
  * @param {any} fact
  * @returns {(string | HTMLElement)[]}
  */
-function inPage(fact) {
+function factNodes(fact) {
   if (fact instanceof HTMLElement) return [fact];
   if (typeof fact === "number") return [String(Number(fact.toPrecision(6)))];
-  if (Array.isArray(fact)) return [fact.flatMap(inPage).join(", ")];
+  if (Array.isArray(fact)) return [fact.flatMap(factNodes).join(", ")];
   if (!Array.isArray(fact?.counts)) return [typeof fact === "string" ? fact : JSON.stringify(fact)];
   const { from, to, counts } = fact;
   const bars = element("canvas", { class: "counts", width: 8 * counts.length, height: 40, role: "img", "aria-label": `counts from ${from} to ${to}` });
   const pen = bars.getContext("2d");
   if (pen) pen.fillStyle = getComputedStyle(document.body).getPropertyValue("--quiet");
-  const most = Math.max(1, ...counts);
-  counts.forEach((/** @type {number} */ count, /** @type {number} */ k) => pen?.fillRect(8 * k, 40 - (40 * count) / most, 7, (40 * count) / most));
-  return [bars, `${inPage(from)} to ${inPage(to)}`];
+  const max = Math.max(1, ...counts);
+  counts.forEach((/** @type {number} */ count, /** @type {number} */ k) => pen?.fillRect(8 * k, 40 - (40 * count) / max, 7, (40 * count) / max));
+  return [bars, `${factNodes(from)} to ${factNodes(to)}`];
 }
 
-/** How long a value must stay before it is asked what is to be known of it, in milliseconds. */
-const CALM = 300;
+/** The facts of a value are requested when it has not changed for this time, in milliseconds. */
+const FACTS_DELAY = 300;
 
-let calm = 0;
+let factsTimer = 0;
 
-/** Shows what is to be known of the value, once it does not change any more: to find that out may take time. */
+/** Shows the facts of the viewed value once it has stopped changing: the server may take long to compute them. */
 function askFacts() {
-  clearTimeout(calm);
+  clearTimeout(factsTimer);
   const value = viewer.main.value;
-  by("broken").replaceChildren(...listOf(value?.broken ?? [], (place) => viewer.aim(place)));
+  elementById("broken").replaceChildren(...brokenItems(value?.broken ?? [], (position) => viewer.aim(position)));
   if (value === null) {
-    by("facts").replaceChildren(element("p", {}, "not there yet"));
+    elementById("facts").replaceChildren(element("p", {}, "not computed yet"));
     return;
   }
-  calm = setTimeout(async () => {
+  factsTimer = setTimeout(async () => {
     /** @type {[string, any][]} */
     const rows = await fetch(`/facts/${value.hash}`).then((answer) => (answer.ok ? answer.json() : []), () => []);
     if (viewer.main.value?.hash !== value.hash) return;
-    by("facts").replaceChildren(tableOf([["type", value.type], ...rows.filter(([, fact]) => fact !== "")]));
-  }, CALM);
+    elementById("facts").replaceChildren(tableOf([["type", value.type], ...rows.filter(([, fact]) => fact !== "")]));
+  }, FACTS_DELAY);
 }
 
 document.addEventListener("keydown", (event) => {
@@ -417,10 +417,10 @@ document.addEventListener("keydown", (event) => {
 
 showNode(null);
 const connection = connect(
-  (message) => /** @type {((message: any) => void) | undefined} */ (hear[message.event])?.(message),
+  (message) => /** @type {((message: any) => void) | undefined} */ (handlers[message.event])?.(message),
   (state, text) => {
-    by("link").textContent = text;
-    by("link").dataset.state = state;
+    elementById("link").textContent = text;
+    elementById("link").dataset.state = state;
     if (state === "live") viewer.askAgain();
   },
 );

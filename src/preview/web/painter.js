@@ -1,4 +1,4 @@
-// Draws scenes with WebGL 2, as `maquette render` draws them: the same lamps, colors and background.
+// Draws scenes with WebGL 2 and the same lights, colors and background as `maquette render`.
 
 import { Column, Columns } from "./columns.js";
 import { fieldOf } from "./scene.js";
@@ -32,7 +32,7 @@ const HEAD = `#version 300 es
 precision highp float;
 precision highp sampler2D;`;
 
-/** What faces are painted with. */
+/** The sources of the faces' colors. */
 const PAINTS = { clay: 0, color: 1, texture: 2, field: 3, normal: 4 };
 
 const FACES = {
@@ -143,27 +143,26 @@ ${LIGHT}
 void main() { pixel = srgb(texture(picture, place).rgb); }`,
 };
 
-/** Colors for numbers: from the least to the greatest, and with a middle where the numbers have one at zero. */
+/** Color ramps for numbers: `growing` from the minimum to the maximum, `signed` with a neutral color at zero. */
 export const RAMPS = {
   growing: [[52, 24, 84], [58, 82, 139], [33, 144, 140], [94, 201, 98], [252, 231, 37]],
   signed: [[48, 76, 190], [126, 166, 240], [224, 224, 220], [238, 140, 106], [176, 22, 40]],
 };
 
-/** What is beside a flat picture. */
-const PLAIN = [24, 26, 32];
+/** The color around a flat picture. */
+const MARGIN_COLOR = [24, 26, 32];
 
-/** Lines of equal numbers between the ends of a range. */
+/** The number of isolines over a range. */
 export const STEPS = 12;
 
-/** Edges are dark where faces are so many pixels wide. Those of smaller faces are fainter, so that they do not cover them, down to this. */
-const [ROOMY, FAINTEST] = [8, 0.06];
+/** Edges are opaque if faces are this many pixels wide. Edges of smaller faces are fainter, with this minimum opacity. */
+const [FULL_WIDTH, MIN_OPACITY] = [8, 0.06];
 
-/** At so many vertices normals are drawn. */
-const MOST_NORMALS = 6000;
+/** The maximum number of normals that are drawn. */
+const MAX_NORMALS = 6000;
 
 /**
- * The range of numbers that colors stand for: without the few at either end that would leave no color for the rest, and the same on
- * both sides of zero where it lies in the middle.
+ * The range of the color ramp for a field: without outliers at both ends, and symmetric if zero is well inside of it.
  * @param {import("./types").ShapeField} field
  * @returns {Range}
  */
@@ -178,7 +177,7 @@ export function rangeOf({ range, usual }) {
 export class Painter {
   /**
    * @param {HTMLCanvasElement} canvas
-   * @returns {Painter | null} nothing where there is no WebGL 2
+   * @returns {Painter | null} null if there is no WebGL 2
    */
   static on(canvas) {
     const gl = canvas.getContext("webgl2", { antialias: true, alpha: false, powerPreference: "high-performance" });
@@ -194,7 +193,7 @@ export class Painter {
     this.#set();
   }
 
-  /** Makes all that is lost with the context. */
+  /** Creates the programs and textures again after a loss of the WebGL context. */
   restart() {
     for (const column of this.columns.all.values()) Object.assign(column, { copy: null, stale: [] });
     this.programs = this.#programs();
@@ -205,7 +204,7 @@ export class Painter {
   #set() {
     this.gl.enable(this.gl.DEPTH_TEST);
     this.gl.enable(this.gl.SCISSOR_TEST);
-    const [r, g, b] = PLAIN.map((channel) => channel / 255);
+    const [r, g, b] = MARGIN_COLOR.map((channel) => channel / 255);
     this.gl.clearColor(r, g, b, 1);
   }
 
@@ -263,7 +262,7 @@ export class Painter {
   }
 
   /**
-   * Binds the graphics card's copy of a column, which then is as the column is.
+   * Binds the GPU buffer of a column and uploads what has changed in the column.
    * @param {Column} column
    * @param {number} kind
    */
@@ -281,10 +280,10 @@ export class Painter {
   }
 
   /**
-   * Binds a picture.
+   * Binds the texture of a picture.
    * @param {Column} column
    * @param {[number, number]} size
-   * @param {number} larger how its pixels are seen when they are larger than those of the canvas
+   * @param {number} larger the filter for magnification
    * @param {import("./types").Texture["wrap"]} wrap
    */
   #texture(column, [width, height], larger, wrap = ["Clamp", "Clamp"]) {
@@ -304,7 +303,7 @@ export class Painter {
   }
 
   /**
-   * Uploads what a scene needs, so that drawing it takes no longer than drawing it again.
+   * Uploads the buffers of a scene, so that its first frame takes no longer than later ones.
    * @param {Scene} scene
    */
   upload(scene) {
@@ -316,10 +315,10 @@ export class Painter {
   }
 
   /**
-   * Clears a part of the canvas; what is drawn next stays in the `clip` of it.
+   * Clears the `clip` part of a box of the canvas and draws the background; what is drawn next is clipped to it.
    * @param {Rectangle} box
    * @param {Rectangle} clip
-   * @param {boolean} isFlat whether it is for a flat picture
+   * @param {boolean} isFlat true if a flat picture follows
    */
   begin(box, clip, isFlat) {
     const gl = this.gl;
@@ -334,12 +333,12 @@ export class Painter {
   }
 
   /**
-   * Draws what lies in space.
+   * Draws the shapes of a scene.
    * @param {Scene} scene
    * @param {Camera} camera
    * @param {Look} look
    * @param {Rectangle} box
-   * @param {Range | null} range what colors of numbers stand for
+   * @param {Range | null} range the range of the numbers that colors show
    */
   space(scene, camera, look, box, range) {
     const { space } = scene;
@@ -355,7 +354,7 @@ export class Painter {
       gl.useProgram(this.programs.faces.program);
       gl.uniformMatrix4fv(this.programs.faces.at("clip"), false, clip);
       gl.uniformMatrix3fv(this.programs.faces.at("direction"), false, direction);
-      // The inner side of thin closed things would be seen at their rims, where it is as near as the outer one.
+      // Without culling, back faces of thin solids show at their silhouettes, where their depth equals that of the front faces.
       if (shape.solid) gl.enable(gl.CULL_FACE);
       this.#faces(shape, look, range);
       gl.disable(gl.CULL_FACE);
@@ -367,7 +366,7 @@ export class Painter {
         this.buffer(shape.edge, gl.ELEMENT_ARRAY_BUFFER);
         const across = Math.max(...[0, 1, 2].map((k) => space.high[k] - space.low[k])) * camera.pixels(box.width, box.height);
         const faceSize = across / Math.sqrt(shape.triangle.bytes.length / 12);
-        gl.uniform4f(this.programs.lines.at("color"), 0.07, 0.09, 0.12, Math.min(1, Math.max(FAINTEST, faceSize / ROOMY)));
+        gl.uniform4f(this.programs.lines.at("color"), 0.07, 0.09, 0.12, Math.min(1, Math.max(MIN_OPACITY, faceSize / FULL_WIDTH)));
         gl.enable(gl.BLEND);
         gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
         gl.drawElements(gl.LINES, shape.edge.bytes.length / 4, gl.UNSIGNED_INT, 0);
@@ -407,7 +406,7 @@ export class Painter {
     const field = shape.field === null ? undefined : fieldOf(shape, look);
     const own = shape.picture !== null ? PAINTS.texture : shape.color !== null ? PAINTS.color : PAINTS.clay;
     const chosen = look.paint === "normal" ? PAINTS.normal : look.paint === "clay" ? PAINTS.clay : own;
-    // Points and lines keep their colors: they say what they are.
+    // Points and lines keep their own colors.
     const paint = field !== undefined ? PAINTS.field : shape.solid ? own : chosen;
     gl.uniform1i(at("paint"), paint);
     gl.uniform1i(at("isolines"), Number(look.isolines && !shape.solid && (field !== undefined || shape.parameter !== null)));
@@ -441,7 +440,7 @@ export class Painter {
   }
 
   /**
-   * Draws triangles that have different pictures, or none.
+   * Draws consecutive triangles that have different textures, or none.
    * @param {Shape} shape
    */
   #stretches(shape) {
@@ -459,7 +458,7 @@ export class Painter {
   }
 
   /**
-   * A column of vertices with an entry for each corner of each triangle.
+   * Expands a column of vertices to one entry for each corner of each triangle.
    * @param {Shape} shape
    * @param {Column} column
    */
@@ -479,7 +478,7 @@ export class Painter {
   }
 
   /**
-   * Draws a short line along the normal of each vertex, of many of some.
+   * Draws a short line along the normal of each vertex, or of every n-th vertex if there are more than `MAX_NORMALS`.
    * @param {Scene} scene
    * @param {number} k
    * @param {Shape} shape
@@ -491,7 +490,7 @@ export class Painter {
     let lines = this.columns.all.get(name);
     if (lines === undefined) {
       const [places, normals] = [shape.position.floats, shape.normal.numbers];
-      const stride = Math.ceil(normals.length / MOST_NORMALS);
+      const stride = Math.ceil(normals.length / MAX_NORMALS);
       const ends = [];
       for (let at = 0; at < normals.length; at += stride) {
         const start = [0, 1, 2].map((axis) => places[3 * at + axis]);
@@ -507,7 +506,7 @@ export class Painter {
   }
 
   /**
-   * Draws a picture into a box, which is given in shares of the view from -1 to 1.
+   * Draws a picture into a box in clip space, from -1 to 1.
    * @param {Scene} scene
    * @param {[number, number, number, number]} box left, bottom, right, top
    */
@@ -527,7 +526,7 @@ export class Painter {
 }
 
 /**
- * The color at a share of a ramp.
+ * The color of a ramp at a fraction from 0 to 1.
  * @param {number[][]} stops
  * @param {number} share
  */

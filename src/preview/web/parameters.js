@@ -1,12 +1,12 @@
-// The graph's parameters as sliders and fields; what is chosen is written into the file of the graph.
+// The graph's parameters as sliders and fields. Chosen values are written into the graph file.
 
 import { element } from "./element.js";
 
 /** @typedef {import("./types").Field} Field */
 
 /**
- * What is done with values, as RON: `set` puts one into the file, `drag` shows what it would give, `drop` gives that up. `want` lets
- * somebody click on what is seen.
+ * The actions on values, which are given as RON: `set` writes a value into the file, `drag` previews the result of a value, `drop` cancels
+ * the preview. `want` starts picking a value by a click into the view.
  * @typedef {{
  *   set: (name: string, value: string) => void,
  *   drag: (name: string, value: string) => void,
@@ -16,7 +16,7 @@ import { element } from "./element.js";
  */
 
 /**
- * A value as RON.
+ * Formats a value as RON.
  * @param {any} value
  * @returns {string}
  */
@@ -27,12 +27,12 @@ function ron(value) {
 }
 
 /**
- * Says that a parameter has a value for drafts.
+ * Creates the note of a parameter that has a value for drafts.
  * @param {{final: any, draft: any}} values
  */
 function mark({ final, draft }) {
   const words = (/** @type {any} */ value) => (value === null ? "computed" : ron(value));
-  return element("small", { class: "draft", title: "what final results have, and what drafts have" }, `final ${words(final)}, draft ${words(draft)}`);
+  return element("small", { class: "draft", title: "the value in final runs, and the value in draft runs" }, `final ${words(final)}, draft ${words(draft)}`);
 }
 
 export class Parameters {
@@ -44,7 +44,7 @@ export class Parameters {
     this.place = place;
     this.actions = actions;
     /**
-     * By name what shows another value.
+     * The function that displays a new value, by parameter name.
      * @type {Map<string, (value: any) => void>}
      */
     this.fields = new Map();
@@ -52,7 +52,7 @@ export class Parameters {
   }
 
   /**
-   * Shows the parameters of a graph. What somebody is typing stays as it is.
+   * Shows the parameters of a graph. Unfinished input stays.
    * @param {import("./types").Drawing["schema"]} schema
    */
   show(schema) {
@@ -83,7 +83,7 @@ export class Parameters {
   }
 
   /**
-   * Adds what a value is chosen with; gives what shows another value.
+   * Adds the input of a parameter; returns the function that displays a new value.
    * @param {HTMLElement} row
    * @param {string} name
    * @param {Field} field
@@ -116,7 +116,7 @@ export class Parameters {
     const isWhole = type === "integer";
     const step = isWhole ? 1 : "any";
     const number = element("input", { id, type: "number", step, ...(minimum === undefined ? {} : { min: minimum }), ...(maximum === undefined ? {} : { max: maximum }) });
-    // The wheel scrolls; it does not change what the pointer happens to be over.
+    // The wheel scrolls the page and does not change the number under the pointer.
     number.addEventListener("wheel", (event) => event.preventDefault(), { passive: false });
     const put = this.#simple(row, number, "value", (text) => {
       if (text !== "") commit(Number(text));
@@ -124,7 +124,7 @@ export class Parameters {
     if (minimum === undefined || maximum === undefined) return put;
     const slider = element("input", { type: "range", min: minimum, max: maximum, step: isWhole ? 1 : (maximum - minimum) / 200, "aria-label": name });
     let isDragged = false;
-    // Whether the hand still holds what it has given up.
+    // True after Escape while the mouse button is still down.
     let isGivenUp = false;
     /** @type {any} */
     let last = null;
@@ -160,7 +160,7 @@ export class Parameters {
       drop();
       isGivenUp = false;
     };
-    // A slider that comes back to where it was tells of no change. What is said of one drag may come late, but not in the next one.
+    // A slider that returns to its old value sends no `change`, so the end of a drag is detected here, after the events of this drag.
     const end = () => {
       clearTimeout(ending);
       ending = setTimeout(finish);
@@ -184,15 +184,15 @@ export class Parameters {
   }
 
   /**
-   * Adds what a value is taken with from what is seen.
+   * Adds the button that picks a value by a click into the view.
    * @param {HTMLElement} row
    * @param {string} name
    * @param {"color" | "pixel" | "place"} kind
    * @param {(value: any) => void} commit
    */
   #dropper(row, name, kind, commit) {
-    const what = { color: "a color of a picture or mesh", pixel: "a pixel of a picture or texture", place: "a place" }[kind];
-    const button = element("button", { class: "dropper", title: `take ${what}: click on it`, "aria-label": `take ${name} from what is seen` }, "pick");
+    const what = { color: "a color of a picture or mesh", pixel: "a pixel of a picture or texture", place: "a position in space" }[kind];
+    const button = element("button", { class: "dropper", title: `pick ${what}: click on it in the view`, "aria-label": `pick ${name} in the view` }, "pick");
     button.addEventListener("click", () => {
       this.actions.want(kind, (found) => commit(kind === "place" ? found.map((/** @type {number} */ x) => Number(x.toPrecision(6))) : found));
     });
@@ -203,23 +203,23 @@ export class Parameters {
    * @template {HTMLInputElement | HTMLSelectElement} Input
    * @param {HTMLElement} row
    * @param {Input} input
-   * @param {"value" | "checked"} property what of the input is the value
+   * @param {"value" | "checked"} property the property of the input that has the value
    * @param {(value: any) => void} commit
    * @returns {(value: any) => void}
    */
   #simple(row, input, property, commit) {
     const read = () => (property === "checked" ? /** @type {HTMLInputElement} */ (input).checked : input.value);
     const write = (/** @type {any} */ value) => Object.assign(input, { [property]: value });
-    /** What stands in the file. @type {string | boolean | null} */
+    /** The value in the file. @type {string | boolean | null} */
     let last = null;
-    /** What is to stand there. @type {string | boolean | null} */
+    /** The value that has been sent and is not in the file yet. @type {string | boolean | null} */
     let wanted = null;
     input.addEventListener("change", () => {
       if (read() === (wanted ?? last)) return;
       wanted = read();
       commit(wanted);
     });
-    // What is being typed when another value comes is not lost, and can be given up.
+    // Unfinished input stays when another value arrives; Escape discards it.
     input.addEventListener("keydown", (event) => {
       if (/** @type {KeyboardEvent} */ (event).key !== "Escape") return;
       wanted = null;

@@ -1,19 +1,19 @@
-// What hands do with what is seen: turn, move and enlarge it, by mouse, fingers and keys, and ask what is under the pointer.
+// Mouse, touch and keyboard input of the viewer: rotate, pan, zoom, wipe, pick, and ask what is under the pointer.
 
 /** @typedef {import("./viewer.js").Viewer} Viewer */
 
-/** Degrees that one pixel of dragging turns, and one press of an arrow key; and how much nearer one press of + goes. */
-const [DRAG, KEY, NEARER] = [0.4, 15, 1.25];
+/** The rotation in degrees by one pixel of dragging and by one press of an arrow key, and the zoom factor of one press of +. */
+const [DEGREES_PER_PIXEL, DEGREES_PER_KEY, ZOOM_STEP] = [0.4, 15, 1.25];
 
-/** So many pixels are no drag. */
-const STILL = 4;
+/** A press that moves by fewer pixels is a click, not a drag. */
+const MAX_CLICK_MOVE = 4;
 
 export class Pointer {
   /** @param {Viewer} viewer */
   constructor(viewer) {
     this.viewer = viewer;
     /**
-     * Where each finger or button that is down is.
+     * The position of each pointer that is down, by its id.
      * @type {Map<number, {x: number, y: number}>}
      */
     this.down = new Map();
@@ -24,15 +24,15 @@ export class Pointer {
     this.next = null;
     this.isOver = false;
     for (const surface of [viewer.canvas, viewer.picture]) this.#listen(surface);
-    // Wherever the focus is: nobody has to click on what is seen first.
+    // On the document, so that keys work before the viewer has the focus.
     document.addEventListener("keydown", (event) => this.#key(event));
   }
 
   /**
-   * The pane under the pointer, and where in it that is: pixels from its upper left corner.
+   * The pane under the pointer, and the pointer's position in it, in pixels from its upper left corner.
    * @param {MouseEvent} event
    */
-  #at(event) {
+  #locate(event) {
     const { viewer } = this;
     const area = viewer.surface.getBoundingClientRect();
     const [x, y] = [event.clientX - area.left, event.clientY - area.top];
@@ -42,7 +42,7 @@ export class Pointer {
   }
 
   /**
-   * Moves what is flat by pixels, or makes it larger about a place.
+   * Moves a flat picture by pixels, or zooms it about the pointer.
    * @param {{pane: import("./viewer.js").Pane, x: number, y: number, width: number, height: number}} at
    * @param {number} right
    * @param {number} down
@@ -55,7 +55,7 @@ export class Pointer {
     const [w, h] = [((box[2] - box[0]) * at.width) / 2, ((box[3] - box[1]) * at.height) / 2];
     const { x, y, zoom } = viewer.flat;
     const larger = Math.max(0.1, Math.min(400, zoom * nearer)) / zoom;
-    // What is under the pointer stays there.
+    // The point under the pointer stays in its position.
     const from = [(at.x - at.width / 2) / w, (at.y - at.height / 2) / h];
     viewer.flat = { x: x - right / w + from[0] * (1 - 1 / larger), y: y - down / h + from[1] * (1 - 1 / larger), zoom: zoom * larger };
     viewer.redraw();
@@ -79,20 +79,20 @@ export class Pointer {
     for (const end of /** @type {const} */ (["pointerup", "pointercancel"])) {
       surface.addEventListener(end, (event) => {
         const was = down.delete(event.pointerId);
-        if (was && end === "pointerup" && this.moved < STILL) this.#click(event);
+        if (was && end === "pointerup" && this.moved < MAX_CLICK_MOVE) this.#click(event);
       });
     }
     surface.addEventListener("pointerleave", () => {
       this.next = null;
       this.isOver = false;
-      viewer.tools.tell("");
+      viewer.tools.showProbe("");
     });
     surface.addEventListener("contextmenu", (event) => event.preventDefault());
-    surface.addEventListener("dblclick", (event) => this.#aim(event));
+    surface.addEventListener("dblclick", (event) => this.#centerOn(event));
     surface.addEventListener("wheel", (event) => {
       event.preventDefault();
       const nearer = Math.exp(-event.deltaY / 500);
-      if (viewer.isFlat) return this.#moveFlat(this.#at(event), 0, 0, nearer);
+      if (viewer.isFlat) return this.#moveFlat(this.#locate(event), 0, 0, nearer);
       viewer.camera.turn(0, 0, nearer);
       viewer.redraw();
     }, { passive: false });
@@ -106,7 +106,7 @@ export class Pointer {
     const [right, below] = [event.clientX - last.x, event.clientY - last.y];
     down.set(event.pointerId, { x: event.clientX, y: event.clientY });
     this.moved += Math.abs(right) + Math.abs(below);
-    const at = this.#at(event);
+    const at = this.#locate(event);
     if (this.wiping) {
       const area = viewer.surface.getBoundingClientRect();
       viewer.wipe = Math.max(0, Math.min(1, (event.clientX - area.left) / area.width));
@@ -114,8 +114,8 @@ export class Pointer {
     }
     let [share, nearer] = [1, 1];
     if (down.size === 2) {
-      const apart = (/** @type {{x: number, y: number}[]} */ [a, b]) => Math.max(1, Math.hypot(a.x - b.x, a.y - b.y));
-      nearer = apart([...down.values()]) / apart(before);
+      const distance = (/** @type {{x: number, y: number}[]} */ [a, b]) => Math.max(1, Math.hypot(a.x - b.x, a.y - b.y));
+      nearer = distance([...down.values()]) / distance(before);
       share = 0.5;
     }
     if (viewer.isFlat) return this.#moveFlat(at, share * right, share * below, nearer);
@@ -124,7 +124,7 @@ export class Pointer {
       const half = Math.min(at.width, at.height) / 2;
       viewer.camera.pan((share * right) / half, (-share * below) / half);
       viewer.camera.turn(0, 0, nearer);
-    } else viewer.camera.turn(-DRAG * right, DRAG * below);
+    } else viewer.camera.turn(-DEGREES_PER_PIXEL * right, DEGREES_PER_PIXEL * below);
     viewer.redraw();
   }
 
@@ -136,13 +136,13 @@ export class Pointer {
   }
 
   /**
-   * What is to be asked about the place under the pointer; nothing where there is nothing.
+   * The question about the point under the pointer, or null if there is nothing to ask about.
    * @param {MouseEvent} event
    * @returns {import("./types").Question | null}
    */
   #question(event) {
     const { viewer } = this;
-    const at = this.#at(event);
+    const at = this.#locate(event);
     const { viewed, value, scene, held } = at.pane;
     if (viewed === null || value === null || held) return null;
     if (viewer.isFlat && value.picture) {
@@ -161,7 +161,7 @@ export class Pointer {
   }
 
   /**
-   * Tells what is under the pointer; if it is elsewhere before that is known, what is there then.
+   * Shows what is under the pointer. Moves during a pending question are merged: only the last one is asked next.
    * @param {PointerEvent} event
    */
   async #probe(event) {
@@ -171,26 +171,26 @@ export class Pointer {
       return;
     }
     const question = this.#question(event);
-    if (question === null) return this.viewer.tools.tell("");
+    if (question === null) return this.viewer.tools.showProbe("");
     this.asking = true;
     const answer = await this.viewer.query(question);
     this.asking = false;
-    this.viewer.tools.tell(answer === null || !this.isOver ? "" : inWords(question, answer));
+    this.viewer.tools.showProbe(answer === null || !this.isOver ? "" : describeAnswer(question, answer));
     const { next } = this;
     this.next = null;
     if (next !== null) this.#probe(next);
   }
 
   /** @param {MouseEvent} event */
-  async #aim(event) {
+  async #centerOn(event) {
     const question = this.#question(event);
-    const { pane } = this.#at(event);
+    const { pane } = this.#locate(event);
     const answer = question?.ask === "pick" ? await this.viewer.query(question) : null;
     if (answer?.at) this.viewer.aim(answer.at, pane);
   }
 
   /**
-   * A click takes what somebody wants.
+   * Answers a pending pick (`Viewer.want`) with what is under the pointer.
    * @param {MouseEvent} event
    */
   async #click(event) {
@@ -199,11 +199,11 @@ export class Pointer {
     const question = this.#question(event);
     const answer = question && (await this.viewer.query(question));
     if (this.viewer.wanting !== wanting) return;
-    // On a mesh, the texture's color and pixel.
+    // On a mesh, these are the color and the pixel of its texture.
     const pixel = question?.ask === "probe" ? question.at : answer?.pixel;
     const color = question?.ask === "probe" ? colorOf(answer?.facts) : answer?.color;
     const found = { color, pixel, place: answer?.at }[wanting.kind];
-    if (!found) return wanting.say({ color: "there is no color here: click on a picture or a colored mesh", pixel: "there is no pixel here: click on a picture or a textured mesh", place: "there is no place here: click on what lies in space" }[wanting.kind]);
+    if (!found) return wanting.say({ color: "there is no color here: click on a picture or a colored mesh", pixel: "there is no pixel here: click on a picture or a textured mesh", place: "there is no position here: click on an object in the 3D view" }[wanting.kind]);
     this.viewer.stopWanting();
     wanting.done(found);
   }
@@ -216,16 +216,16 @@ export class Pointer {
     if (isTaken || event.ctrlKey || event.metaKey || event.altKey) return;
     /** @type {Record<string, [number, number]>} */
     const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
-    // Beside what is seen, arrows scroll.
-    const isBeside = target !== document.body && !viewer.surface.contains(target);
+    // Outside of the viewer, arrows scroll.
+    const isOutside = target !== document.body && !viewer.surface.contains(target);
     const arrow = arrows[event.key];
-    if (arrow && isBeside) return;
+    if (arrow && isOutside) return;
     if (arrow) {
       const size = 40;
       const area = viewer.surface.getBoundingClientRect();
-      if (viewer.isFlat) this.#moveFlat(this.#at(new MouseEvent("key", { clientX: area.left, clientY: area.top })), -size * arrow[0], size * arrow[1]);
+      if (viewer.isFlat) this.#moveFlat(this.#locate(new MouseEvent("key", { clientX: area.left, clientY: area.top })), -size * arrow[0], size * arrow[1]);
       else if (event.shiftKey) viewer.camera.pan(-0.2 * arrow[0], -0.2 * arrow[1]);
-      else viewer.camera.turn(KEY * arrow[0], KEY * arrow[1]);
+      else viewer.camera.turn(DEGREES_PER_KEY * arrow[0], DEGREES_PER_KEY * arrow[1]);
       event.preventDefault();
       return viewer.redraw();
     }
@@ -236,8 +236,8 @@ export class Pointer {
     };
     /** @type {Record<string, () => void>} */
     const keys = {
-      "+": () => nearer(NEARER),
-      "-": () => nearer(1 / NEARER),
+      "+": () => nearer(ZOOM_STEP),
+      "-": () => nearer(1 / ZOOM_STEP),
       "0": () => viewer.front(),
       f: () => viewer.fit(),
       p: () => viewer.pin(false),
@@ -268,11 +268,11 @@ const numbers = (/** @type {any} */ list) => [list].flat().map(number).join(", "
  * @param {import("./types").Question} question
  * @param {any} answer
  */
-function inWords(question, answer) {
-  const named = (/** @type {Record<string, any>} */ facts = {}) => Object.entries(facts).map(([name, fact]) => `${name} ${numbers(fact)}`);
-  if (question.ask === "probe") return answer.why ?? [`pixel ${question.at.join(", ")}`, ...named(answer.facts)].join("   ");
+function describeAnswer(question, answer) {
+  const formatFacts = (/** @type {Record<string, any>} */ facts = {}) => Object.entries(facts).map(([name, fact]) => `${name} ${numbers(fact)}`);
+  if (question.ask === "probe") return answer.why ?? [`pixel ${question.at.join(", ")}`, ...formatFacts(answer.facts)].join("   ");
   if (answer.nothing) return "";
   const { at, face, vertex, pixel } = answer;
   const parts = [`at ${numbers(at)} mm`, ...(face === undefined ? [] : [`face ${face}`]), `vertex ${vertex}`, ...(pixel ? [`pixel ${numbers(pixel)}`] : [])];
-  return [...parts, ...named(answer.attributes), ...named(answer.corner_attributes), ...named(answer.face_attributes)].join("   ");
+  return [...parts, ...formatFacts(answer.attributes), ...formatFacts(answer.corner_attributes), ...formatFacts(answer.face_attributes)].join("   ");
 }

@@ -1,4 +1,4 @@
-// What of a value is seen: its columns, ready to be drawn.
+// The drawable form of a value: its picture, or its shapes in space, with their columns.
 
 /** @typedef {import("./columns.js").Column} Column */
 /** @typedef {import("./camera.js").Vector} Vector */
@@ -6,14 +6,14 @@
 /** @typedef {import("./types").ShapeOf<Column>} Shape */
 
 /**
- * How a value is looked at: `paint` is `own`, `clay`, `normal`, or the name of a field.
+ * The display options of a value. `paint` is `own`, `clay`, `normal`, or the element and name of a field. `extra` shows points and lines.
  * @typedef {{paint: string, wire: boolean, normals: boolean, isolines: boolean, extra: boolean, flat: boolean}} Look
  */
 
 /** The columns of a shape that are always needed. */
 const NEEDED = /** @type {const} */ (["position", "normal", "color", "uv", "triangle"]);
 
-/** What lies in space of a value. */
+/** The shapes of a value, and its axes. */
 export class Space {
   /**
    * @param {import("./types").Space} about
@@ -25,39 +25,42 @@ export class Space {
     this.center = about.center;
     this.scale = about.scale;
     /**
-     * What turns the value's own axes so that y points up.
+     * The signs that rotate the axes of the value so that y points up.
      * @type {Vector}
      */
     this.up = about.upright ? [1, 1, 1] : [1, -1, -1];
-    const least = [Infinity, Infinity, Infinity];
-    const most = [-Infinity, -Infinity, -Infinity];
+    const min = [Infinity, Infinity, Infinity];
+    const max = [-Infinity, -Infinity, -Infinity];
     for (const { position } of shapes) {
       const places = position.floats;
       for (let at = 0; at < places.length; at += 3) {
         for (let k = 0; k < 3; k++) {
           const x = places[at + k];
-          if (x < least[k]) least[k] = x;
-          if (x > most[k]) most[k] = x;
+          if (x < min[k]) min[k] = x;
+          if (x > max[k]) max[k] = x;
         }
       }
     }
     const place = (/** @type {number[]} */ corner, /** @type {number} */ k) => this.up[k] * (this.center[k] + this.scale * corner[k]);
     /**
-     * The box around all of it, in mm, with y up.
+     * The low corner of the bounding box, in mm, with y up.
      * @type {Vector}
      */
-    this.low = /** @type {Vector} */ ([0, 1, 2].map((k) => place(this.up[k] > 0 ? least : most, k)));
-    /** @type {Vector} */
-    this.high = /** @type {Vector} */ ([0, 1, 2].map((k) => place(this.up[k] > 0 ? most : least, k)));
+    this.low = /** @type {Vector} */ ([0, 1, 2].map((k) => place(this.up[k] > 0 ? min : max, k)));
+    /**
+     * The high corner of the bounding box.
+     * @type {Vector}
+     */
+    this.high = /** @type {Vector} */ ([0, 1, 2].map((k) => place(this.up[k] > 0 ? max : min, k)));
   }
 
   /**
-   * All places, turned, measured from a middle in units of a radius.
+   * All positions, relative to `middle`, divided by `radius`, and rotated.
    * @param {[Vector, Vector, Vector]} turn
    * @param {Vector} middle
    * @param {number} radius
    */
-  each(turn, middle, radius) {
+  viewCoordinates(turn, middle, radius) {
     const count = this.shapes.reduce((sum, { position }) => sum + position.floats.length, 0);
     const seen = new Float32Array(count);
     const from = this.center.map((x, k) => (this.up[k] * x - middle[k]) / radius);
@@ -78,11 +81,11 @@ export class Space {
   }
 }
 
-/** Of a value what is looked at: its picture, or what lies in space. */
+/** A value ready to be drawn: its picture, or its shapes in space. */
 export class Scene {
   /**
    * @param {Value} value
-   * @param {Map<string, Column>} columns by their places in the value
+   * @param {Map<string, Column>} columns by the paths in the value that `columnsOf` gives
    */
   constructor(value, columns) {
     this.value = value;
@@ -107,7 +110,7 @@ export class Scene {
 }
 
 /**
- * The field of a shape that a look names.
+ * The field of a shape that `look.paint` names.
  * @param {{fields: import("./types").ShapeField[]}} shape
  * @param {Look} look
  */
@@ -116,7 +119,7 @@ export function fieldOf(shape, look) {
 }
 
 /**
- * Whether a value is looked at as a picture.
+ * Returns true if a value is displayed as a flat picture.
  * @param {Value} value
  * @param {Look} look
  */
@@ -125,7 +128,7 @@ export function isFlat(value, look) {
 }
 
 /**
- * The names of all columns that a look at a value needs, by their places in it.
+ * The names of all columns that the display of a value needs, by their paths in it.
  * @param {Value} value
  * @param {Look} look
  */

@@ -1,13 +1,13 @@
-// The connection to the watch: opened again whenever it is lost.
+// The connection to `maquette watch`, which is opened again whenever it is lost.
 
 const TOKEN = "maquette-token";
 
-/** The first time and the longest time between two attempts, in milliseconds. */
-const [SOON, LATE] = [200, 1000];
+/** The minimum and the maximum time between two attempts to connect, in milliseconds. */
+const [MIN_WAIT, MAX_WAIT] = [200, 1000];
 
 const RENEWED = "maquette-renewed";
 
-/** The token of the link, which then no longer stands in the address. */
+/** Returns the token of the link that `maquette watch` prints, and removes it from the address. */
 function token() {
   const given = location.hash.slice(1);
   if (/^[0-9a-f]{32}$/.test(given)) {
@@ -18,9 +18,9 @@ function token() {
 }
 
 /**
- * Loads the page anew if it is that of another program; what is seen stands in the address. Whatever a program says of its page, it is
- * loaded only once for that.
- * @param {string} [now] what the page of the program is
+ * Reloads the page if the program that runs now has another version of it. The view is kept, since it is part of the address. Each
+ * version causes at most one reload.
+ * @param {string} [now] the version of the program's page
  */
 export function renew(now) {
   const own = document.querySelector("meta[name=page]")?.getAttribute("content");
@@ -30,13 +30,13 @@ export function renew(now) {
 }
 
 /**
- * Calls `hear` with each message, and `tell` with the state of the connection (`live` or `lost`) and what to say of it.
- * @param {(message: import("./types").Message) => void} hear
- * @param {(state: "live" | "lost", text: string) => void} tell
+ * Calls `receive` with each message, and `report` with each state of the connection (`live` or `lost`) and a text for the user.
+ * @param {(message: import("./types").Message) => void} receive
+ * @param {(state: "live" | "lost", text: string) => void} report
  */
-export function connect(hear, tell) {
+export function connect(receive, report) {
   const secret = token();
-  let wait = SOON;
+  let wait = MIN_WAIT;
   let timer = 0;
   /** @type {WebSocket | null} */
   let socket = null;
@@ -49,14 +49,14 @@ export function connect(hear, tell) {
     let wasOpen = false;
     made.addEventListener("open", () => {
       wasOpen = true;
-      wait = SOON;
-      tell("live", "live");
+      wait = MIN_WAIT;
+      report("live", "live");
     });
-    made.addEventListener("message", (event) => hear(JSON.parse(event.data)));
+    made.addEventListener("message", (event) => receive(JSON.parse(event.data)));
     made.addEventListener("close", () => {
-      tell("lost", wasOpen ? "the watch has ended" : "no watch here: open the link that it prints");
+      report("lost", wasOpen ? "maquette watch has ended" : "cannot connect: open the link that maquette watch prints");
       timer = setTimeout(open, wait);
-      wait = Math.min(LATE, 2 * wait);
+      wait = Math.min(MAX_WAIT, 2 * wait);
     });
   }
 
@@ -67,8 +67,8 @@ export function connect(hear, tell) {
   open();
   return {
     /**
-     * Says something, if anybody is there to hear it.
-     * @param {import("./types").Wish} message
+     * Sends a message if the connection is open.
+     * @param {import("./types").Request} message
      */
     send(message) {
       if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));

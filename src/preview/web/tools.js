@@ -1,4 +1,4 @@
-// What can be chosen about what is seen, and what its colors mean.
+// The toolbar of display options, the legend of colors, and the label of the pinned output.
 
 import { element, find } from "./element.js";
 import { RAMPS, rampColor } from "./painter.js";
@@ -25,14 +25,14 @@ export class Tools {
   }
 
   /**
-   * What is under the pointer.
+   * Shows a text about the point under the pointer.
    * @param {string} text
    */
-  tell(text) {
+  showProbe(text) {
     this.probe.textContent = text;
   }
 
-  /** What can be chosen about the value: its label, its key, whether it is on, and what it does. */
+  /** The buttons that apply to the value: label, key, whether it is on, and action. */
   #choices() {
     const { viewer } = this;
     const { look } = viewer;
@@ -43,30 +43,30 @@ export class Tools {
       choices.push({ label, key, on: look[what], act: () => viewer.restyle({ [what]: !look[what] }), title });
     if (viewer.painter === null || value === null) return choices;
     const shapes = value.space?.shapes ?? [];
-    if (value.picture && value.space) choices.push({ label: "in space", key: "m", on: !look.flat, act: () => viewer.restyle({ flat: !look.flat }), title: "as a picture, or in space" });
+    if (value.picture && value.space) choices.push({ label: "3D", key: "m", on: !look.flat, act: () => viewer.restyle({ flat: !look.flat }), title: "switch between picture and 3D view" });
     if (!viewer.isFlat) {
       if (shapes.some((shape) => shape.edge)) {
-        toggle("wire", "w", "edges", "the edges of faces");
-        toggle("normals", "n", "normals", "the direction of the surface at each vertex");
+        toggle("wire", "w", "edges", "show the edges of faces");
+        toggle("normals", "n", "normals", "show the normal at each vertex");
       }
-      if (shapes.some((shape) => shape.parameter) || viewer.range() !== null) toggle("isolines", "i", "isolines", "lines of equal numbers");
-      if (shapes.some((shape) => shape.solid) && shapes.some((shape) => !shape.solid)) toggle("extra", "l", "lines", "what is drawn with the faces: nets, points, arrows");
+      if (shapes.some((shape) => shape.parameter) || viewer.range() !== null) toggle("isolines", "i", "isolines", "show lines of equal numbers");
+      if (shapes.some((shape) => shape.solid) && shapes.some((shape) => !shape.solid)) toggle("extra", "l", "lines", "show what is drawn with the faces: nets, points, arrows");
     }
     const isPinned = viewer.pinned !== null;
-    choices.push({ label: "fit", key: "f", on: false, act: () => viewer.fit(), title: "all of it" });
+    choices.push({ label: "fit", key: "f", on: false, act: () => viewer.fit(), title: "fit the value into the view" });
     choices.push({ label: "pin", key: "p", on: isPinned && !viewer.pinned?.held, act: () => (isPinned ? viewer.unpin() : viewer.pin(false)), title: "keep this output beside the next one" });
     choices.push({ label: "hold", key: "h", on: Boolean(viewer.pinned?.held), act: () => (isPinned ? viewer.unpin() : viewer.pin(true)), title: "keep this result, to compare later runs with it" });
-    if (isPinned) choices.push({ label: "wipe", key: "x", on: viewer.wipe !== null, act: () => viewer.toggleWipe(), title: "over each other, or side by side" });
+    if (isPinned) choices.push({ label: "wipe", key: "x", on: viewer.wipe !== null, act: () => viewer.toggleWipe(), title: "switch between wipe and side by side" });
     return choices;
   }
 
-  /** What keys do, besides those that are always there. */
+  /** The actions of the keys that apply only to some values. */
   keys() {
     const own = this.#choices().filter(({ key }) => "mwnil".includes(key));
     return Object.fromEntries(own.map(({ key, act }) => [key, act]));
   }
 
-  /** Shows what fits to the value. */
+  /** Updates the toolbar, the legend and the label for the current value. */
   show() {
     const { viewer } = this;
     const choices = this.#choices();
@@ -87,7 +87,7 @@ export class Tools {
     this.#showPin();
   }
 
-  /** What faces can be painted with: the word for it, and the name. */
+  /** The sources of color that the faces have: the value of `look.paint`, and the label of each. */
   #paints() {
     const { viewer } = this;
     const shapes = (viewer.main.value?.space?.shapes ?? []).filter((shape) => !shape.solid);
@@ -108,7 +108,7 @@ export class Tools {
     return select;
   }
 
-  /** Says what colors stand for. */
+  /** Shows the legend of the colors. */
   #explain() {
     const { viewer } = this;
     const range = viewer.painter === null || viewer.isFlat ? null : viewer.range();
@@ -124,16 +124,16 @@ export class Tools {
         pen.fillStyle = `rgb(${rampColor(isSigned ? RAMPS.signed : RAMPS.growing, x / 159).join()})`;
         pen.fillRect(x, 0, 1, 10);
       }
-      const [least, most] = field.range;
+      const [min, max] = field.range;
       const ends = element("p", { class: "ends" });
-      ends.append(element("span", {}, least < low ? `≤ ${number(low)}` : number(low)), element("span", {}, most > high ? `≥ ${number(high)}` : number(high)));
+      ends.append(element("span", {}, min < low ? `≤ ${number(low)}` : number(low)), element("span", {}, max > high ? `≥ ${number(high)}` : number(high)));
       parts.push(element("p", {}, field.name), bar, ends);
     }
     this.legend.hidden = parts.length === 0;
     this.legend.replaceChildren(...parts);
   }
 
-  /** Says what is pinned, and shows where it ends. */
+  /** Shows the label of the pinned output and the line of the wipe. */
   #showPin() {
     const { pinned, wipe } = this.viewer;
     const viewed = pinned?.viewed;
@@ -143,7 +143,7 @@ export class Tools {
     if (this.pins === text) return;
     this.pins = text;
     this.pin.hidden = text === "";
-    const close = element("button", { "aria-label": "no longer pinned", title: "no longer pinned (u)" }, "×");
+    const close = element("button", { "aria-label": "unpin", title: "unpin (u)" }, "×");
     close.addEventListener("click", () => this.viewer.unpin());
     this.pin.replaceChildren(element("span", {}, text), close);
   }

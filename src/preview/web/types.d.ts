@@ -1,4 +1,4 @@
-// What the watch says and what the page asks, for the checker of types (`just page`). The browser never sees this file.
+// The messages between `maquette watch` and the page, for the type checker (`just page`). The browser does not load this file.
 
 export type Port = { name: string; type?: string; y: number };
 
@@ -11,11 +11,11 @@ export type Box = {
   place: [number, number, number, number];
   inputs: Port[];
   outputs: (Port & { type: string })[];
-  /** The fields, or what lies in them, that are a `Draft(..)`, with both values as text. */
+  /** The fields that are or contain a `Draft(..)`, with both values as text. */
   drafts?: { field: string; final: string; draft: string }[];
 } & Partial<Location>;
 
-/** A place in a file, from 1. */
+/** A position in a file; lines and columns count from 1. */
 export type Location = { file: string; line: number; column: number };
 
 export type Drawing = {
@@ -31,7 +31,7 @@ export type Drawing = {
 export type Field = {
   type?: string;
   default?: any;
-  /** Both values of a `Draft(..)`; null for one that is no plain value. */
+  /** Both values of a `Draft(..)`; null for a value that is computed. */
   draft?: { final: any; draft: any };
   minimum?: number;
   maximum?: number;
@@ -52,7 +52,7 @@ export type Problem = {
   column: number;
   message: string;
   help: string;
-  /** Another place that explains it. */
+  /** Another position that explains the problem. */
   note?: Location & { message: string };
 };
 
@@ -61,7 +61,7 @@ export type Viewed = { node: string; output: string };
 /** Pixels, four bytes each. */
 export type Pixels = { column: string; size: [number, number] };
 
-/** Numbers of a shape: on each `vertex`, `corner` or `face`. */
+/** An attribute of a shape: a number for each `vertex`, `corner` or `face`, with its full range and the range without outliers. */
 export type ShapeField = { name: string; on: string; range: [number, number]; usual: [number, number]; column: string };
 
 /** Faces, or the solids that points and lines are drawn as; `Column` is a column or its name. */
@@ -75,23 +75,23 @@ export type ShapeOf<Column> = {
   edge: Column | null;
   parameter: Column | null;
   texture: Texture | null;
-  /** Where triangles have different pictures: those that follow each other with the same one. */
+  /** If triangles have different textures: the runs of consecutive triangles with the same one. */
   stretches: Stretch[];
   fields: ShapeField[];
   picture: Column | null;
-  /** The pictures of the stretches. */
+  /** The pictures of `stretches`, in the same order. */
   pictures: (Column | null)[];
   field: Column | null;
 };
 
 export type Wrap = "Repeat" | "Mirror" | "Clamp";
 
-/** A picture, and how it goes on beyond its border in u and v. */
+/** A texture, and its wrap modes in u and v. */
 export type Texture = { size: [number, number]; pixels: Pixels; wrap: [Wrap, Wrap] };
 
 export type Stretch = { count: number; texture: Texture | null };
 
-/** Places are measured from the center in units of the scale, in mm. */
+/** Positions are relative to `center`, in units of `scale`, which is in mm. */
 export type Space = {
   upright: boolean;
   center: [number, number, number];
@@ -99,13 +99,13 @@ export type Space = {
   shapes: Omit<ShapeOf<string>, "picture" | "field">[];
 };
 
-/** Numbers over an axis; what is not finite is `null`. */
+/** Numbers over an axis; a number that is not finite is `null`. */
 export type Series = { name: string; at: number[]; numbers: number[] };
 
-/** A property that somebody asks of a value and that it does not have: how many elements offend, and the first of them. */
+/** A property that a value lacks although nodes require it: the number of elements that violate it, and the first of them. */
 export type Broken = { property: string; asked_by: string[]; words: string; count: number; elements: { name: string; at: [number, number, number] }[] };
 
-/** What a value is and what is seen of it. */
+/** The viewed value of an output. */
 export type Value = Viewed & {
   run: number;
   live?: boolean;
@@ -117,12 +117,12 @@ export type Value = Viewed & {
   broken: Broken[];
 };
 
-/** What is asked about a place under the pointer. */
+/** A question about the point under the pointer. */
 export type Question =
   | ({ ask: "probe"; at: [number, number] } & Viewed)
   | ({ ask: "pick"; origin: number[]; direction: number[]; radius: number } & Viewed);
 
-/** What is said, by its `event`. */
+/** A message from `maquette watch`, by its `event`. */
 export type Message =
   | { event: "hello"; program: string; graph: string; page?: string; draft?: boolean }
   | ({ event: "graph" } & Drawing)
@@ -151,8 +151,8 @@ export type Done = {
   nodes: ({ name: string } & NodeState)[];
 };
 
-/** What is asked. */
-export type Wish =
+/** A message from the page. */
+export type Request =
   | { ask: "views"; views: Viewed[] }
   | { ask: "set"; values: [string, string][] }
   | { ask: "drag"; values: [string, string][] }

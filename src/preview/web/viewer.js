@@ -1,4 +1,4 @@
-// Values as they are seen: drawn here, or, without WebGL, by the watch. One value is shown, and another may be pinned beside it.
+// The view of values, drawn here or, without WebGL, by `maquette watch`. One value is shown, and another one may be pinned beside it.
 
 import { Camera } from "./camera.js";
 import { find } from "./element.js";
@@ -11,7 +11,7 @@ import { Tools } from "./tools.js";
 /** @typedef {import("./types").Viewed} Viewed */
 /** @typedef {import("./types").Value} Value */
 
-/** One value: the last that was told, and the last that can be drawn. */
+/** The view of one output: its latest value, and the latest one that is ready to be drawn. */
 export class Pane {
   /** @param {Viewed | null} viewed */
   constructor(viewed) {
@@ -21,11 +21,11 @@ export class Pane {
     /** @type {Scene | null} */
     this.scene = null;
     this.loading = false;
-    /** Whether the camera was where it is when this was first seen. */
+    /** True once the camera has been adjusted to the first scene of this pane. */
     this.isFramed = false;
-    /** When the value was told, in milliseconds. */
-    this.told = 0;
-    /** Whether it stays as it is while the value changes. */
+    /** The time at which the value was received, in milliseconds. */
+    this.receivedAt = 0;
+    /** True if the pane keeps its value when the output changes. */
     this.held = false;
   }
 
@@ -35,14 +35,14 @@ export class Pane {
   }
 }
 
-/** Nothing but what is seen of a value by itself. */
-const PLAIN = { paint: "own", wire: false, normals: false, isolines: false, extra: true, flat: true };
+/** The display options at the start. */
+const DEFAULT_LOOK = { paint: "own", wire: false, normals: false, isolines: false, extra: true, flat: true };
 
 export class Viewer {
   /**
-   * @param {HTMLElement} place where values are shown
-   * @param {(views: Viewed[]) => void} ask says what is looked at
-   * @param {(question: import("./types").Question) => Promise<any>} query asks what is under the pointer
+   * @param {HTMLElement} place the section of the viewer
+   * @param {(views: Viewed[]) => void} ask sends the outputs that are viewed
+   * @param {(question: import("./types").Question) => Promise<any>} query sends a question about the point under the pointer
    */
   constructor(place, ask, query) {
     this.ask = ask;
@@ -50,15 +50,18 @@ export class Viewer {
     this.main = new Pane(null);
     /** @type {Pane | null} */
     this.pinned = null;
-    /** Where the wipe between both lies, from left to right; side by side without it. @type {number | null} */
+    /** The position of the wipe between both panes, 0 at the left to 1; null if they are side by side. @type {number | null} */
     this.wipe = null;
     this.run = 0;
     this.camera = new Camera();
-    /** The middle of a flat picture in shares of it, and how much larger than what just fits it is. */
+    /** The point of a flat picture in the middle of the view, in fractions of the picture, and its zoom relative to the fitted size. */
     this.flat = { x: 0.5, y: 0.5, zoom: 1 };
     /** @type {import("./scene.js").Look} */
-    this.look = { ...PLAIN };
-    /** What the next click is for. @type {{kind: "color" | "pixel" | "place", done: (found: any) => void, say: (why: string) => void} | null} */
+    this.look = { ...DEFAULT_LOOK };
+    /**
+     * The pending pick that the next click answers.
+     * @type {{kind: "color" | "pixel" | "place", done: (found: any) => void, say: (why: string) => void} | null}
+     */
     this.wanting = null;
     this.asked = "";
     this.loadingPicture = false;
@@ -84,7 +87,7 @@ export class Viewer {
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.redraw());
   }
 
-  /** What takes the keys. */
+  /** The element that takes the input. */
   get surface() {
     return this.painter === null ? this.picture : this.canvas;
   }
@@ -93,17 +96,17 @@ export class Viewer {
     return this.pinned === null ? [this.main] : [this.pinned, this.main];
   }
 
-  /** Whether what is shown now is a flat picture. */
+  /** True if the value is displayed as a flat picture. */
   get isFlat() {
     const value = this.main.value;
     return value !== null && isFlat(value, this.look);
   }
 
   /**
-   * Shows an output of a node; the others are one click away.
+   * Shows an output of a node, and a tab for each output.
    * @param {string} node
    * @param {{name: string, type: string}[]} outputs
-   * @param {string} [wanted] the output; the one that was shown before, or the first, if it has no such
+   * @param {string} [wanted] the output; if the node has no such output, the one shown before, or the first one
    */
   show(node, outputs, wanted) {
     const old = this.main.viewed?.node === node ? this.main.viewed.output : undefined;
@@ -127,7 +130,7 @@ export class Viewer {
   }
 
   /**
-   * What an address names, whose camera is taken over; null if it names nothing.
+   * Restores the view from the page's address; returns the output that it names, or null.
    * @param {string} hash
    * @returns {Viewed | null}
    */
@@ -150,7 +153,7 @@ export class Viewer {
     return { node, output };
   }
 
-  // Whoever opens the address again sees the same.
+  // Writes the view into the page's address, so that reloading restores it.
   #keepAddress() {
     const { viewed } = this.main;
     if (viewed === null) return;
@@ -170,35 +173,35 @@ export class Viewer {
     if (hash !== location.hash) history.replaceState(null, "", hash);
   }
 
-  /** Says again what is looked at, to a watch that may not know it. */
+  /** Sends the viewed outputs, after a change and to a server that was restarted. */
   askAgain() {
     this.ask(this.panes.filter((pane) => !pane.held).flatMap((pane) => pane.viewed ?? []));
   }
 
   /**
-   * A value that is looked at has changed.
+   * Takes a new value of a viewed output.
    * @param {Value} value
    */
-  hear(value) {
+  receive(value) {
     for (const pane of this.panes.filter((pane) => pane.shows(value) && !pane.held)) {
       pane.value = value;
-      pane.told = performance.now();
+      pane.receivedAt = performance.now();
       this.#load(pane);
     }
     this.redraw();
   }
 
   /**
-   * Another run has begun or ended: what is seen may be of an earlier one.
+   * Sets the number of the current run; the caption says if the displayed value is older.
    * @param {number} run
    */
-  at(run) {
+  setRun(run) {
     this.run = run;
     this.#caption();
   }
 
   /**
-   * Gets what is missing of a pane's value, and then shows it at once; the last value, if there have been several meanwhile.
+   * Requests the missing columns of a pane's value and then displays it. If newer values arrive meanwhile, only the last one follows.
    * @param {Pane} pane
    */
   async #load(pane) {
@@ -217,40 +220,40 @@ export class Viewer {
         const columns = take();
         again = columns === null || pane.value !== value || JSON.stringify(look) !== JSON.stringify(this.look);
         if (columns === null) {
-          // What it was to be made of is gone: all of it then.
+          // The base of a change is gone: request whole columns.
           pane.scene = null;
           continue;
         }
         const scene = new Scene(value, new Map([...names.keys()].map((place, at) => [place, columns[at]])));
         this.painter.columns.use(columns, [...(old?.values() ?? [])]);
         this.painter.upload(scene);
-        // What the browser's own tools show of it, the last one alone.
+        // For the browser's developer tools and the benchmarks; only the last measure is kept.
         performance.clearMeasures("value");
-        performance.measure("value", { start: pane.told, detail: { bytes: this.painter.columns.received - received } });
+        performance.measure("value", { start: pane.receivedAt, detail: { bytes: this.painter.columns.received - received } });
         pane.scene = scene;
         if (pane === this.main) this.#frame(scene, !pane.isFramed);
         pane.isFramed ||= scene.space !== null;
         this.redraw();
       }
     } catch {
-      // The watch is gone, or has another value by now: it says so then.
+      // The server is gone, or has another value by now, whose message will follow.
     } finally {
       pane.loading = false;
     }
   }
 
   /**
-   * A camera that does not see something else well goes where it does; while that changes it stays.
+   * Fits the camera to a new value unless it sees it well already. The camera stays when the same output changes.
    * @param {Scene} scene
-   * @param {boolean} isNew whether it is something else
+   * @param {boolean} isNew true for the first scene of a pane
    */
   #frame({ space }, isNew) {
     if (space === null) return;
-    if (!isNew || this.camera.suits(space)) this.camera.stay(space);
+    if (!isNew || this.camera.fitsWell(space)) this.camera.stay(space);
     else this.camera.fit(space, ...this.room);
   }
 
-  /** Shows all of it, from where the camera is. */
+  /** Fits the value into the view, without a change of direction. */
   fit() {
     this.flat = { x: 0.5, y: 0.5, zoom: 1 };
     this.camera.zoom = 1;
@@ -260,24 +263,24 @@ export class Viewer {
   }
 
   /**
-   * Turns about a place of a pane's value from now on.
-   * @param {[number, number, number]} place
+   * Makes a point of a pane's value the center of the view and of rotation.
+   * @param {[number, number, number]} position
    */
-  aim(place, pane = this.main) {
+  aim(position, pane = this.main) {
     const space = pane.scene?.space;
     if (!space) return;
-    this.camera.aim(/** @type {[number, number, number]} */ (place.map((x, k) => space.up[k] * x)));
+    this.camera.aim(/** @type {[number, number, number]} */ (position.map((x, k) => space.up[k] * x)));
     this.redraw();
   }
 
-  /** From the front. */
+  /** Fits the value into the view, seen from the front. */
   front() {
     this.camera.reset();
     this.fit();
   }
 
   /**
-   * Looks at values in another way.
+   * Changes display options.
    * @param {Partial<import("./scene.js").Look>} change
    */
   restyle(change) {
@@ -293,7 +296,7 @@ export class Viewer {
   }
 
   /**
-   * Keeps what is shown beside what will be: it follows its value, or, `held`, stays as it is.
+   * Pins the shown output beside the main pane. The pinned pane follows its output, or keeps its value if `held`.
    * @param {boolean} held
    */
   pin(held) {
@@ -318,7 +321,7 @@ export class Viewer {
     this.redraw();
   }
 
-  /** Puts both over each other, or beside each other. */
+  /** Switches between wipe and side by side; pins the shown value first if nothing is pinned. */
   toggleWipe() {
     if (this.pinned === null) this.pin(true);
     else this.wipe = this.wipe === null ? 0.5 : null;
@@ -326,7 +329,7 @@ export class Viewer {
     this.redraw();
   }
 
-  /** Draws everything again, soon. */
+  /** Updates the page around the view, and draws the view in the next frame. */
   redraw() {
     this.#keepAddress();
     this.#caption();
@@ -337,7 +340,7 @@ export class Viewer {
   }
 
   /**
-   * The width and height in which the value is seen.
+   * The width and height of the main pane.
    * @returns {[number, number]}
    */
   get room() {
@@ -345,7 +348,7 @@ export class Viewer {
     return [width, height];
   }
 
-  /** A camera that sees all of something still does when there is more or less room. */
+  /** Fits a camera that was fitted to the value again, after a change of the view's size. */
   #refit() {
     const space = this.main.scene?.space;
     if (space && this.camera.fits) this.camera.fit(space, ...this.room);
@@ -353,13 +356,13 @@ export class Viewer {
 
   #resized() {
     this.#refit();
-    // A canvas of another size is empty until it is drawn.
+    // A canvas is cleared when its size changes.
     if (this.painter !== null) this.#draw();
     this.redraw();
   }
 
   /**
-   * The parts of a surface of this size in which panes are drawn, and those in which they are seen.
+   * The `box` in which each pane is drawn in a view of this size, and the visible part `clip` of each box.
    * @param {number} width
    * @param {number} height
    */
@@ -393,14 +396,14 @@ export class Viewer {
     canvas.dataset.run = String(this.main.scene?.value.run ?? "");
   }
 
-  /** The range that colors stand for: that of the first shape which has the field. */
+  /** The range of the legend: that of the first shape with the displayed field; null if no field is displayed. */
   range() {
     const fields = (this.main.value?.space?.shapes ?? []).flatMap((shape) => fieldOf(shape, this.look) ?? []);
     return fields.length > 0 ? { field: fields[0], ...rangeOf(fields[0]) } : null;
   }
 
   /**
-   * Where a flat picture lies in a part of this size, in shares from -1 to 1: left, bottom, right, top.
+   * The box of a flat picture in a view of this size, in clip space from -1 to 1: left, bottom, right, top.
    * @param {Value} value
    * @param {number} width
    * @param {number} height
@@ -410,14 +413,14 @@ export class Viewer {
     const size = value.picture?.size ?? [1, 1];
     const { x, y, zoom } = this.flat;
     const fit = Math.min(width / size[0], height / size[1]) * zoom;
-    // As `render` puts it: whole pixels, a bar at the left not wider than that at the right.
+    // The same position as in `maquette render`: whole pixels, and the left margin is not wider than the right one.
     const [w, h] = size.map((side) => Math.max(1, Math.round(side * fit)));
     const left = x === 0.5 ? Math.floor((width - w) / 2) : Math.round(width / 2 - x * w);
     const top = y === 0.5 ? Math.floor((height - h) / 2) : Math.round(height / 2 - y * h);
     return [(2 * left) / width - 1, 1 - (2 * (top + h)) / height, (2 * (left + w)) / width - 1, 1 - (2 * top) / height];
   }
 
-  /** Without WebGL the watch draws. */
+  /** Without WebGL, requests a picture that `maquette watch` draws. */
   #askPicture() {
     const value = this.main.value;
     this.picture.hidden = value === null || !(value.picture || value.space);
@@ -433,7 +436,7 @@ export class Viewer {
   }
 
   /**
-   * One picture at a time, and then the last that was asked for.
+   * Loads one picture at a time, then the last one that was requested meanwhile.
    * @param {string} source
    */
   #loadPicture(source) {
@@ -449,7 +452,7 @@ export class Viewer {
     next.src = source;
   }
 
-  /** From where what lies in space is seen, in words. */
+  /** The direction of the camera, in words. */
   get direction() {
     const { yaw, pitch } = this.camera;
     const around = ((((Math.round(yaw) + 180) % 360) + 360) % 360) - 180;
@@ -462,11 +465,11 @@ export class Viewer {
   #caption() {
     const { viewed, value } = this.main;
     let text = "";
-    if (viewed !== null && value === null) text = `${viewed.node}.${viewed.output}: not there yet`;
+    if (viewed !== null && value === null) text = `${viewed.node}.${viewed.output}: not computed yet`;
     if (viewed !== null && value !== null) {
       const behind = Math.max(0, this.run - value.run);
       const age = value.live ? ", not in the file yet" : behind > 0 ? `, ${behind} ${behind === 1 ? "run" : "runs"} behind` : "";
-      const seen = value.picture || value.space || value.series ? "" : ": nothing of it can be seen";
+      const seen = value.picture || value.space || value.series ? "" : ": this type of value has no picture";
       text = `${viewed.node}.${viewed.output} of run ${value.run}${age}${seen}`;
       this.caption.dataset.behind = String(behind);
     }
@@ -478,10 +481,10 @@ export class Viewer {
   }
 
   /**
-   * What the next click on what is seen is for: a color, a pixel, or a place in mm.
+   * Starts picking: the next click into the view gives a color, a pixel, or a position in mm.
    * @param {"color" | "pixel" | "place"} kind
    * @param {(found: any) => void} done
-   * @param {(why: string) => void} say is told why a click has found nothing, and nothing once that does not matter any more
+   * @param {(why: string) => void} say is called with the reason why a click has found nothing, and with "" at the end
    */
   want(kind, done, say) {
     this.wanting = { kind, done, say };

@@ -1,41 +1,43 @@
-//! Numbers that a mesh has, to be shown as colors.
+//! Numeric attributes of a mesh, which viewers show as colors.
 
-use maquette_value::{Attribute, Mesh, On};
+use maquette_value::{Attribute, ElementKind, Mesh};
 use nalgebra::Vector3;
 
 use super::Shape;
 
-/// Numbers that a mesh has, to be shown as colors.
+/// A numeric attribute of a mesh, which viewers can show as colors.
 #[derive(Clone)]
 pub struct Field {
     pub name: String,
-    /// Vertices, or corners or faces.
-    pub on: On,
-    /// The least and the greatest of them.
+    /// The kind of elements that have the attribute: vertices, corners or faces.
+    pub element_kind: ElementKind,
+    /// The minimum and maximum of the numbers.
     pub range: [f64; 2],
-    /// What most of them are between: a few that are far off leave colors for the rest.
-    pub usual: [f64; 2],
+    /// The range that contains most of the numbers. Outliers are excluded, because they would use up the color scale.
+    pub typical_range: [f64; 2],
 }
 
 impl Shape {
-    /// The numbers of a field: for each vertex here if it is one of vertices, else for each corner of each triangle.
+    /// The numbers of a field. A field of vertices has one number per display vertex; any other field has one per corner of each triangle.
     pub fn field(&self, field: &Field) -> Vec<f32> {
-        let attributes = match field.on {
-            On::Vertex => self.mesh.vertex(),
-            On::Corner => self.mesh.corner(),
+        let attributes = match field.element_kind {
+            ElementKind::Vertex => self.mesh.vertex(),
+            ElementKind::Corner => self.mesh.corner(),
             _ => self.mesh.face(),
         };
         let numbers = attributes.get(&field.name).and_then(numbers_of);
         let numbers: Vec<_> = numbers.into_iter().flatten().map(|x| x as f32).collect();
-        if field.on == On::Vertex {
+        if field.element_kind == ElementKind::Vertex {
             return self.origins.iter().map(|&vertex| numbers[vertex as usize]).collect();
         }
         let mut first = 0;
         let mut all = Vec::with_capacity(3 * self.triangles.len());
         for (face, corners) in self.mesh.faces().iter().enumerate() {
             for k in 1..corners.len() - 1 {
-                match field.on {
-                    On::Corner => all.extend([0, k, k + 1].map(|k: usize| numbers[first + k])),
+                match field.element_kind {
+                    ElementKind::Corner => {
+                        all.extend([0, k, k + 1].map(|k: usize| numbers[first + k]));
+                    }
                     _ => all.extend([numbers[face]; 3]),
                 }
             }
@@ -45,13 +47,17 @@ impl Shape {
     }
 }
 
-/// The numbers that a mesh has beside those which are seen anyway.
+/// The numeric attributes of a mesh, except those that the viewer shows in any case.
 pub(super) fn fields_of(mesh: &Mesh) -> Vec<Field> {
-    let all = [(On::Vertex, mesh.vertex()), (On::Corner, mesh.corner()), (On::Face, mesh.face())];
+    let all = [
+        (ElementKind::Vertex, mesh.vertex()),
+        (ElementKind::Corner, mesh.corner()),
+        (ElementKind::Face, mesh.face()),
+    ];
     let named = all.into_iter().flat_map(|(on, attributes)| {
         attributes.iter().map(move |(name, attribute)| (on, name, attribute))
     });
-    fn field((on, name, attribute): (On, &str, &Attribute)) -> Option<Field> {
+    fn field((on, name, attribute): (ElementKind, &str, &Attribute)) -> Option<Field> {
         if name == "normal" {
             return None;
         }
@@ -70,12 +76,12 @@ pub(super) fn fields_of(mesh: &Mesh) -> Vec<Field> {
         let usual = [range[0].max(low - more), range[1].min(high + more)];
         let usual = if low < high { usual } else { range };
         let name = name.to_owned();
-        Some(Field { name, on, range, usual })
+        Some(Field { name, element_kind: on, range, typical_range: usual })
     }
     named.filter_map(field).collect()
 }
 
-/// The numbers of an attribute, lengths of vectors among them; none of colors and pairs.
+/// The numbers of an attribute. For an attribute of vectors, their lengths. `None` for colors and pairs.
 fn numbers_of(attribute: &Attribute) -> Option<Box<dyn Iterator<Item = f64> + '_>> {
     Some(match attribute {
         Attribute::Number(column) => Box::new(column.iter().copied()),

@@ -3,7 +3,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value as Json, json};
 
 use super::*;
-use crate::error::Place;
+use crate::error::Position;
 use crate::parse;
 use crate::{Walk, as_tree};
 
@@ -14,7 +14,7 @@ enum Shape {
     Nothing,
     /// A round one.
     Ball(Ball),
-    /// Where another one is.
+    /// At a position.
     At(Place3),
     /// As large as this.
     Size(f64),
@@ -34,7 +34,7 @@ struct Ball {
     /// Its layers.
     #[serde(default)]
     layers: u32,
-    /// What is inside.
+    /// The core.
     inside: Option<Core>,
 }
 
@@ -48,7 +48,7 @@ enum Core {
 /// Something solid.
 #[derive(Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 struct Solid {
-    /// How hard it is.
+    /// The hardness.
     hardness: f64,
 }
 
@@ -77,28 +77,32 @@ fn schema() -> Json {
     schemars::schema_for!(Shape).into()
 }
 
-/// The value of a text as a graph would have it, or every problem of it: line, column and message.
+/// Checks and reads a text. Errors are formatted as line, column and message.
 fn read(text: &str) -> Result<Shape, Vec<String>> {
-    let (tree, mistakes) = parse(text);
-    assert!(mistakes.is_empty(), "{mistakes:?}");
+    let (tree, errors) = parse(text);
+    assert!(errors.is_empty(), "{errors:?}");
     let root = schema();
     let mut walk = Walk {
         node: "Node",
         root: &root,
-        sheet: None,
-        findings: Vec::new(),
+        source_map: None,
+        diagnostics: Vec::new(),
         links: Vec::new(),
         files: Vec::new(),
     };
     walk.value(&tree, &root, "shape");
-    if walk.findings.is_empty() {
+    if walk.diagnostics.is_empty() {
         return read_tree(&tree).map_err(|error| vec![format!("unchecked: {error}")]);
     }
-    fn say(span: Span, message: &str, text: &str) -> String {
-        let Place { line, column } = Place::of(text, span.start);
+    fn format_diagnostic(span: Span, message: &str, text: &str) -> String {
+        let Position { line, column } = Position::from_offset(text, span.start);
         format!("{line}:{column} {message}")
     }
-    Err(walk.findings.iter().map(|finding| say(finding.span, &finding.message, text)).collect())
+    Err(walk
+        .diagnostics
+        .iter()
+        .map(|found| format_diagnostic(found.span, &found.message, text))
+        .collect())
 }
 
 fn ball(radius: f64, layers: u32) -> Shape {
@@ -106,7 +110,7 @@ fn ball(radius: f64, layers: u32) -> Shape {
 }
 
 #[test]
-fn the_fields_of_a_struct_in_a_variant_stand_directly_behind_its_name() {
+fn a_struct_in_a_variant_needs_no_extra_parentheses() {
     assert_eq!(read("Ball(radius: 2, layers: 3)"), Ok(ball(2.0, 3)));
     let inside = Some(Core::Solid(Solid { hardness: 2.0 }));
     let whole = Shape::Ball(Ball { radius: 0.0, layers: 1, inside });
@@ -133,40 +137,42 @@ fn other_content_of_variants_stays_one_value_in_parentheses() {
 }
 
 #[track_caller]
-fn check_refused(text: &str, problems: &[&str]) {
-    assert_eq!(read(text), Err(problems.iter().map(|&problem| problem.to_owned()).collect()));
+fn check_refused(text: &str, errors: &[&str]) {
+    assert_eq!(read(text), Err(errors.iter().map(|&error| error.to_owned()).collect()));
 }
 
 #[test]
-fn problems_of_a_struct_in_a_variant_stand_at_their_own_places() {
+fn errors_in_a_struct_in_a_variant_have_their_own_positions() {
     check_refused(
         "Ball(\n  radus: 2,\n  layers: 1.5,\n  inside: Solid(hardness: \"2\"),\n)",
         &[
             "2:3 Ball has no field `radus`",
-            "3:11 field `layers` of Node wants a number without fraction, not the number 1.5",
-            "4:27 field `hardness` of Node wants a number, not the text \"2\"",
+            "3:11 field `layers` of Node: expected a number without fraction, found the number 1.5",
+            "4:27 field `hardness` of Node: expected a number, found the text \"2\"",
         ],
     );
     check_refused(
         "Ball(3)",
-        &["1:1 field `Ball` of Node wants named fields: `(field: value, ..)`, not `Ball(..)`"],
+        &[
+            "1:1 field `Ball` of Node: expected named fields: `(field: value, ..)`, found `Ball(..)`",
+        ],
     );
     check_refused(
         "Size(radius: 3)",
         &["1:1 `Size(..)` holds one value without a name, not `radius: ..`"],
     );
-    check_refused("At", &["1:1 field `shape` of Node wants one value: `At(..)`, not `At`"]);
+    check_refused("At", &["1:1 field `shape` of Node: expected one value: `At(..)`, found `At`"]);
 }
 
-/// What goes wrong where no schema is asked: line, column and message.
-fn unchecked<T: DeserializeOwned + fmt::Debug>(text: &str) -> String {
+/// Reads a text without checking a schema, and formats the error as line, column and message.
+fn read_unchecked<T: DeserializeOwned + fmt::Debug>(text: &str) -> String {
     let error = read_tree::<T>(&parse(text).0).unwrap_err();
-    let Place { line, column } = Place::of(text, error.span.unwrap().start);
+    let Position { line, column } = Position::from_offset(text, error.span.unwrap().start);
     format!("{line}:{column} {error}")
 }
 
 #[test]
-fn serde_s_own_errors_have_places_too() {
+fn errors_of_serde_have_positions() {
     assert_eq!(
         read_tree::<Choice>(&parse("Strict(layers: 2)").0).unwrap(),
         Choice::Strict(Strict { layers: 2 })
@@ -176,39 +182,43 @@ fn serde_s_own_errors_have_places_too() {
         Choice::Strict(Strict { layers: 2 })
     );
     assert_eq!(
-        unchecked::<Choice>("Strict(layers: 2, lairs: 1)"),
+        read_unchecked::<Choice>("Strict(layers: 2, lairs: 1)"),
         "1:19 unknown field `lairs`, expected `layers`"
     );
     assert_eq!(
-        unchecked::<Choice>("Strict(\n  layers: \"two\")"),
+        read_unchecked::<Choice>("Strict(\n  layers: \"two\")"),
         "2:11 invalid type: string \"two\", expected u32"
     );
-    assert_eq!(unchecked::<Vec<Choice>>("[\n Strict]"), "2:2 missing field `layers`");
+    assert_eq!(read_unchecked::<Vec<Choice>>("[\n Strict]"), "2:2 missing field `layers`");
     for text in ["At", "At()", "At(Point: 3)", "Size(radius: 2)"] {
-        assert_eq!(unchecked::<Shape>(text), "1:1 this wants one value in parentheses", "{text}");
+        assert_eq!(
+            read_unchecked::<Shape>(text),
+            "1:1 expected one value in parentheses",
+            "{text}"
+        );
     }
 }
 
 #[derive(Debug, PartialEq, Deserialize)]
-struct Layered {
+struct FlattenedBall {
     name: String,
     #[serde(flatten)]
     ball: Ball,
 }
 
 #[test]
-fn fields_that_several_structs_share_are_read_as_their_own() {
+fn flattened_fields_are_read() {
     let text = "(layers: 3.0, name: \"a\", radius: -0.0)";
-    let read: Layered = read_tree(&parse(text).0).unwrap();
+    let read: FlattenedBall = read_tree(&parse(text).0).unwrap();
     let ball = Ball { radius: 0.0, layers: 3, inside: None };
-    assert_eq!(read, Layered { name: "a".into(), ball });
+    assert_eq!(read, FlattenedBall { name: "a".into(), ball });
     assert!(read.ball.radius.is_sign_negative());
-    let huge: Layered = read_tree(&parse("(name: \"b\", radius: 1e300)").0).unwrap();
+    let huge: FlattenedBall = read_tree(&parse("(name: \"b\", radius: 1e300)").0).unwrap();
     assert_eq!(huge.ball.radius, 1e300);
 }
 
 #[test]
-fn a_struct_in_a_variant_is_given_back_as_its_fields() {
+fn a_struct_in_a_variant_survives_a_round_trip() {
     for (json, shape) in [
         (json!({ "Ball": { "radius": 2.0, "layers": 3, "inside": null } }), ball(2.0, 3)),
         (json!({ "At": { "Point": [1.0, 2.0] } }), Shape::At(Place3::Point(1.0, 2.0))),

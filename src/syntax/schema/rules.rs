@@ -1,10 +1,10 @@
-//! What a schema says of several numbers or fields together, in words of its own beside those of JSON schemas.
+//! Rules: schema keywords that JSON schema does not have. Most of them relate several numbers or fields:
 //!
-//! - `"direction": true` of a vector: it is not zero.
+//! - `"direction": true` of a vector: it must not be zero.
 //! - `"nonzero": true` of a number, and `"multipleOf"`.
-//! - `"most": "max"` of a field: none of its numbers is above that of the field `max` beside it. With `"wraps": {"space": "Hsv"}` the first
-//!   numbers of both are free where the field `space` is `Hsv`.
-//! - `"least": 1` of a port that takes many: an empty list is refused.
+//! - `"most": "max"` of a field: none of its numbers may exceed that of the field `max` of the same struct. With `"wraps": {"space": "Hsv"}`
+//!   the first numbers of both are not compared if the field `space` is `Hsv`.
+//! - `"least": 1` of a port that takes a list: an empty list is an error.
 
 use serde_json::Value as Json;
 
@@ -15,40 +15,39 @@ use crate::tree::{Body, Field, Kind, Tree};
 
 impl Walk<'_> {
     /// Checks the rules of a vector.
-    pub(super) fn vector(&mut self, tree: &Tree, items: &[Tree], schema: &Json, field: &str) {
+    pub(super) fn check_vector(&mut self, tree: &Tree, items: &[Tree], schema: &Json, field: &str) {
         if schema.get("direction").is_some()
             && items.iter().all(|item| matches!(item.kind, Kind::Number { value: 0.0, .. }))
         {
             let zeros = items.iter().map(|_| "0").collect::<Vec<_>>().join(", ");
             let message =
-                format!("field `{field}` of {} is ({zeros}), which is no direction", self.node);
-            self.find(code::OUT_OF_RANGE, tree, message, "write one such as (0, 1, 0)");
+                format!("field `{field}` of {} is ({zeros}), which is not a direction", self.node);
+            self.report(code::OUT_OF_RANGE, tree, message, "write one such as (0, 1, 0)");
         }
     }
 
-    /// What is wrong with a number that is in its range.
-    pub(super) fn odd_number(value: f64, schema: &Json) -> Option<String> {
+    /// Describes the rule that a number violates although it is within its range.
+    pub(super) fn violated_number_rule(value: f64, schema: &Json) -> Option<String> {
         let factor = schema.get("multipleOf").and_then(Json::as_f64);
         match factor.filter(|factor| value % factor != 0.0) {
             Some(factor) => Some(format!("a multiple of {factor}")),
-            None if value == 0.0 && schema.get("nonzero").is_some() => {
-                Some("another number".into())
-            }
+            None if value == 0.0 && schema.get("nonzero").is_some() => Some("nonzero".into()),
             None => None,
         }
     }
 
-    /// Checks that no lower bound is above its upper bound.
-    pub(super) fn ascending(&mut self, fields: &[Field], schema: &Json, owner: &str) {
-        let value =
-            |name: &str| fields.iter().find(|field| field.name.text == name).map(|it| &it.value);
+    /// Checks that no lower bound of a pair of fields is above the upper bound.
+    pub(super) fn check_order(&mut self, fields: &[Field], schema: &Json, owner: &str) {
+        fn value<'a>(fields: &'a [Field], name: &str) -> Option<&'a Tree> {
+            fields.iter().find(|field| field.name.text == name).map(|it| &it.value)
+        }
         for Field { name, value: from } in fields {
             let rules = &schema["properties"][&name.text];
             let Some(most) = rules.get("most").and_then(Json::as_str) else { continue };
-            let Some(to) = value(most) else { continue };
+            let Some(to) = value(fields, most) else { continue };
             let mut free = rules.get("wraps").and_then(Json::as_object).into_iter().flatten();
             let wraps = free.any(|(field, word)| {
-                let found = value(field).and_then(Tree::name);
+                let found = value(fields, field).and_then(Tree::name);
                 found.is_some_and(|found| word.as_str() == Some(&found.text))
             });
             let (from, to) = (numbers(from), numbers(to));
@@ -57,12 +56,13 @@ impl Walk<'_> {
                 let name = &name.text;
                 let message =
                     format!("`{name}` of {owner} is {from}, but must be at most `{most}`, {to}");
-                self.find(code::OUT_OF_RANGE, at, message, "swap both numbers");
+                self.report(code::OUT_OF_RANGE, at, message, "swap both numbers");
             }
         }
     }
 
-    /// The port that takes values of a type with this name, for which a field was taken: `mesh` for `points`.
+    /// Suggests a port for an unknown field whose name is that of a type, such as `mesh` or `points`: the only port that takes values of
+    /// this type.
     pub(super) fn port_for(&self, name: &str, schema: &Json) -> Option<Help> {
         let properties = schema.get("properties")?.as_object()?;
         let wanted = name.replace('_', "");
@@ -82,7 +82,7 @@ impl Walk<'_> {
     }
 }
 
-/// The numbers of a value, each with its place.
+/// Returns the numbers of a value, each with the tree that contains it.
 fn numbers(tree: &Tree) -> Vec<(&Tree, f64)> {
     match &tree.kind {
         Kind::Number { value, .. } => vec![(tree, *value)],

@@ -1,35 +1,37 @@
-//! The point of a curve next to a given one.
+//! The point of a curve closest to a given point.
 
 use nalgebra::{Point3, Vector3};
 
 use super::Curve;
+use super::evaluate::Segment;
 
-/// The point of a curve next to a given one.
+/// The point of a curve closest to a given point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CurveFoot {
-    /// Its parameter.
+    /// The parameter of the point.
     pub t: f64,
     /// The point.
     pub point: Point3<f64>,
-    /// Its distance from the given one.
+    /// The distance between the two points.
     pub distance: f64,
 }
 
-/// Where the iteration stops: the step as a share of the domain, the cosine of the angle between the spoke and the tangent.
-/// Rounding leaves some 1e-16 of either.
+/// The tolerance at which the iteration stops. It applies to the step, as a fraction of the domain, and to the cosine of the angle between
+/// the tangent and the vector to the given point. Rounding leaves about 1e-16 in each.
 const PRECISION: f64 = 1e-12;
 
-/// Most steps: Newton's method needs some five, and gradient steps near a degenerate point a few dozen.
-const MOST_STEPS: usize = 60;
+/// The maximum number of steps. Newton's method needs about five; gradient steps near a degenerate point need a few dozen.
+const MAX_STEPS: usize = 60;
 
-/// Most halvings of one step: what is left then is rounding.
-const MOST_HALVINGS: usize = 40;
+/// The maximum number of times that one step is halved. After that many halvings only rounding remains.
+const MAX_HALVINGS: usize = 40;
 
 impl Curve {
-    /// The point of the curve that is nearest to `to`.
+    /// The point of the curve that is closest to `to`.
     ///
-    /// Pieces whose control points' box is farther away than a point already found are left out; in the others the best of
-    /// 2 p + 1 samples starts [`closest_from`](Self::closest_from). Of equally near points any may be found, always the same.
+    /// A piece is skipped if the bounding box of its control points is farther away than the closest point found so far. In every other
+    /// piece the best of 2 p + 1 samples (p is the degree) starts [`closest_from`](Self::closest_from). If several points are equally
+    /// close, any of them may be returned, but always the same one.
     pub fn closest(&self, to: Point3<f64>) -> CurveFoot {
         let Some(spline) = &self.spline else { return self.closest_piece(to) };
         let degree = spline.knots.degree();
@@ -39,8 +41,8 @@ impl Curve {
             .collect();
         pieces.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let mut best: Option<CurveFoot> = None;
-        for (least, span) in pieces {
-            if best.is_some_and(|best| best.distance <= least) {
+        for (min_distance, span) in pieces {
+            if best.is_some_and(|best| best.distance <= min_distance) {
                 break;
             }
             let (low, high) = (spline.knots.knots()[span], spline.knots.knots()[span + 1]);
@@ -56,23 +58,23 @@ impl Curve {
         best.unwrap_or_else(|| self.closest_from(to, self.domain().0))
     }
 
-    /// The point next to `to` that is reached downhill from the parameter `t`, for instance that of a neighbor. The search of a
-    /// closed curve runs on over its ends.
+    /// The point closest to `to` that a local search finds. The search starts at the parameter `t`, for instance the parameter found for a
+    /// neighboring point. On a closed curve the search continues across the ends.
     ///
-    /// Newton's method for `(C - x) . C' = 0`: Piegl and Tiller, *The NURBS Book*, 2nd ed. (1997), eq. 6.2. Without a curvature
-    /// that goes up from the foot it takes the step of Gauss and Newton; steps that do not come nearer are halved. On a polyline
-    /// it is the point of the nearest piece.
+    /// Newton's method solves `(C - x) . C' = 0`: Piegl and Tiller, *The NURBS Book*, 2nd ed. (1997), eq. 6.2. If the second derivative of
+    /// the squared distance is not positive, the Gauss-Newton step is used instead. A step that does not reduce the distance is halved. On
+    /// a polyline the result is the point of the closest segment.
     pub fn closest_from(&self, to: Point3<f64>, t: f64) -> CurveFoot {
         if self.spline.is_none() {
             return self.closest_piece(to);
         }
         let (start, end) = self.domain();
-        let mut t = self.within(t);
-        for _ in 0..MOST_STEPS {
+        let mut t = self.wrap_into_domain(t);
+        for _ in 0..MAX_STEPS {
             let Some(mut step) = self.step(t, to) else { break };
             let before = self.distance(t, to);
-            let halved = (0..MOST_HALVINGS).find_map(|_| {
-                let next = self.within(t + step);
+            let halved = (0..MAX_HALVINGS).find_map(|_| {
+                let next = self.wrap_into_domain(t + step);
                 step /= 2.0;
                 (self.distance(next, to) < before).then_some(next)
             });
@@ -87,7 +89,7 @@ impl Curve {
         CurveFoot { t, point, distance: (point - to).norm() }
     }
 
-    /// The next step downhill; none at a foot. At an end beyond which it would go on there is none, unless the curve is closed.
+    /// The next step of the search. `None` at a closest point, and at an end of an open curve if the step would cross that end.
     fn step(&self, t: f64, to: Point3<f64>) -> Option<f64> {
         let derivatives = self.derivatives(t, 2);
         let [here, first, second] = [derivatives[0], derivatives[1], derivatives[2]];
@@ -104,42 +106,42 @@ impl Curve {
         step.is_finite().then_some(step)
     }
 
-    /// The parameter in the domain: the nearest end, or on a closed curve what is left after whole rounds.
-    fn within(&self, t: f64) -> f64 {
+    /// Maps a parameter into the domain: on an open curve to the nearest end, on a closed curve by removing whole periods.
+    fn wrap_into_domain(&self, t: f64) -> f64 {
         let (start, end) = self.domain();
         let inside = t.max(start).min(end);
         if !self.closed || t == inside {
             return inside;
         }
         let round = end - start;
-        let share = (t - start) / round;
-        // NaN and steps out of all bounds end where other parameters do.
-        if share.is_finite() { start + (share - share.floor()) * round } else { inside }
+        let fraction = (t - start) / round;
+        // For a NaN or infinite parameter the number of periods is undefined, so it is clamped instead.
+        if fraction.is_finite() { start + (fraction - fraction.floor()) * round } else { inside }
     }
 
     fn distance(&self, t: f64, to: Point3<f64>) -> f64 {
         (self.point(t) - to).norm()
     }
 
-    /// The foot on the nearest piece of a polyline.
+    /// The point of a polyline that is closest to `to`.
     fn closest_piece(&self, to: Point3<f64>) -> CurveFoot {
-        let (start, end) = self.domain();
-        let (mut t, mut least) = (start, f64::INFINITY);
-        for piece in 0..end as usize {
-            let (from, along, _) = self.piece(piece as f64);
-            let share = ((to - from).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
-            // A piece of no length gives NaN.
-            let share = if share.is_nan() { 0.0 } else { share };
-            let distance_sq = (to - (from + along * share)).norm_squared();
-            if distance_sq < least {
-                (t, least) = (piece as f64 + share, distance_sq);
+        let (first, last) = self.domain();
+        let (mut t, mut min_distance_sq) = (first, f64::INFINITY);
+        for piece in 0..last as usize {
+            let Segment { start, vector, .. } = self.segment(piece as f64);
+            let fraction = ((to - start).dot(&vector) / vector.norm_squared()).clamp(0.0, 1.0);
+            // For a segment of length 0 the fraction is NaN.
+            let fraction = if fraction.is_nan() { 0.0 } else { fraction };
+            let distance_sq = (to - (start + vector * fraction)).norm_squared();
+            if distance_sq < min_distance_sq {
+                (t, min_distance_sq) = (piece as f64 + fraction, distance_sq);
             }
         }
         let point = self.point(t);
         CurveFoot { t, point, distance: (to - point).norm() }
     }
 
-    /// A lower bound of the distance of a piece: that of the box around its control points.
+    /// A lower bound of the distance to a piece of the curve: the distance to the bounding box of the piece's control points.
     fn distance_from_box(&self, to: Point3<f64>, controls: &std::ops::Range<usize>) -> f64 {
         let mut low = Vector3::repeat(f64::INFINITY);
         let mut high = Vector3::repeat(f64::NEG_INFINITY);
@@ -197,7 +199,7 @@ mod tests {
     #[test]
     fn the_closest_point_is_nearer_than_all_samples_and_at_right_angles() {
         check(&wave());
-        let points: Vec<_> = wave().points()[..8].iter().copied().collect();
+        let points: Vec<_> = wave().points()[..8].to_vec();
         let knots = KnotVector::uniform(8, 4).unwrap();
         check(&Curve::rational(points.clone(), vec![1.0; 8], knots).unwrap());
         check(&Curve::polyline(points.clone(), false).unwrap());
@@ -205,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn the_search_of_a_closed_curve_runs_on_over_its_ends() {
+    fn the_search_on_a_closed_curve_crosses_its_ends() {
         let wave = wave();
         let (start, end) = wave.domain();
         let to = wave.point(start + 0.2) * 1.1;

@@ -1,18 +1,28 @@
-//! Points and derivatives of a curve, and the polyline that stands for it.
+//! Points and derivatives of a curve, and its approximation by a polyline.
 
 use nalgebra::{Point3, Vector3, Vector4};
 
 use super::{Curve, Spline};
 
-/// Largest distance of a chosen polyline from its curve, as a share of the diagonal of the control points' box: not to be seen
-/// on a picture of 1000 pixels.
+/// The maximum distance of the approximating polyline from the curve, as a fraction of the diagonal of the control points' bounding box. At
+/// 1/1000 the distance is invisible in a picture of 1000 pixels.
 const CHORD: f64 = 1e-3;
 
-/// Most pieces that are chosen in one span. More come from curves that no chosen number would follow.
-const MOST: usize = 256;
+/// The maximum number of segments per span that [`Curve::choose_pieces`] chooses. A curve that needs more would not be approximated by any
+/// reasonable number.
+const MAX_PIECES: usize = 256;
+
+/// The segment of a polyline that contains a parameter.
+pub(super) struct Segment {
+    pub(super) start: Point3<f64>,
+    /// The vector from the start of the segment to its end.
+    pub(super) vector: Vector3<f64>,
+    /// The fraction of the segment that is before the parameter, from 0 to 1.
+    pub(super) fraction: f64,
+}
 
 impl Curve {
-    /// The point at `t`. A parameter outside of the domain counts as the nearest end, NaN as the start.
+    /// The point of the curve at the parameter `t`. A parameter outside of the domain is clamped to the nearest end; NaN means the start.
     pub fn point(&self, t: f64) -> Point3<f64> {
         match &self.spline {
             Some(spline) => {
@@ -20,24 +30,24 @@ impl Curve {
                 (sum.xyz() / sum.w).into()
             }
             None => {
-                let (start, along, share) = self.piece(t);
-                start + along * share
+                let Segment { start, vector, fraction } = self.segment(t);
+                start + vector * fraction
             }
         }
     }
 
-    /// The derivatives by `t` up to `order`, the point itself first. At a corner of a polyline and at a knot they are those of the
-    /// piece that begins there.
+    /// The derivatives by `t` up to `order`; the first entry is the point itself. At a corner of a polyline and at a knot, the derivatives
+    /// are those of the piece that begins there.
     ///
     /// Piegl and Tiller, *The NURBS Book*, 2nd ed. (1997), eq. 4.8: with the homogeneous curve `(A, w)`,
     /// `C^(k) = (A^(k) - sum_i binomial(k, i) w^(i) C^(k - i)) / w`.
     pub fn derivatives(&self, t: f64, order: usize) -> Vec<Vector3<f64>> {
         let Some(spline) = &self.spline else {
-            let (start, along, share) = self.piece(t);
+            let Segment { start, vector, fraction } = self.segment(t);
             let mut derivatives = vec![Vector3::zeros(); order + 1];
-            derivatives[0] = (start + along * share).coords;
+            derivatives[0] = (start + vector * fraction).coords;
             if let Some(first) = derivatives.get_mut(1) {
-                *first = along;
+                *first = vector;
             }
             return derivatives;
         };
@@ -55,18 +65,17 @@ impl Curve {
         derivatives
     }
 
-    /// The points of a polyline along the curve; a closed curve's first point is not repeated. A polyline gives its own points,
-    /// a B-spline those at the ends of `pieces` equal parts of each span that is not empty; with 0 their number is chosen so
-    /// that chords stay within 1/1000 of the diagonal of the control points' box.
+    /// The points of a polyline along the curve. The first point of a closed curve is not repeated. A polyline returns its own points. A
+    /// B-spline is evaluated at the ends of `pieces` equal parts of each span that is not empty. If `pieces` is 0, the number is chosen so
+    /// that the chords stay within 1/1000 of the diagonal of the control points' bounding box.
     pub fn sample(&self, pieces: usize) -> Vec<Point3<f64>> {
         let Some(spline) = &self.spline else { return self.points.to_vec() };
-        let pieces = if pieces == 0 { self.chosen(spline) } else { pieces };
+        let pieces = if pieces == 0 { self.choose_pieces(spline) } else { pieces };
         let mut points = Vec::new();
         for (low, high) in spans(spline) {
-            fn at(k: usize, low: f64, high: f64, pieces: usize) -> f64 {
-                low + (high - low) * (k as f64 / pieces as f64)
-            }
-            points.extend((0..pieces).map(|k| self.point(at(k, low, high, pieces))));
+            points.extend(
+                (0..pieces).map(|k| self.point(low + (high - low) * (k as f64 / pieces as f64))),
+            );
         }
         if !self.closed {
             points.push(self.point(self.domain().1));
@@ -74,33 +83,39 @@ impl Curve {
         points
     }
 
-    /// How many pieces per span keep the chords within the tolerance: doubled until the middle of each does.
-    fn chosen(&self, spline: &Spline) -> usize {
+    /// The number of segments per span that keeps the chords within the tolerance. It is doubled until the middle of each segment is near
+    /// enough to its chord.
+    fn choose_pieces(&self, spline: &Spline) -> usize {
         let allowed = CHORD * self.diagonal();
-        let fits = |pieces: usize| {
-            spans(spline).all(|(low, high)| {
-                let at =
-                    |k: usize| self.point(low + (high - low) * (k as f64 / (2 * pieces) as f64));
-                (0..pieces).all(|k| distance(at(2 * k + 1), at(2 * k), at(2 * k + 2)) <= allowed)
-            })
-        };
         let mut pieces = 1;
-        while pieces < MOST && !fits(pieces) {
+        while pieces < MAX_PIECES && !self.has_chords_within(spline, pieces, allowed) {
             pieces *= 2;
         }
         pieces
     }
 
-    /// The piece of a polyline that holds `t`: its start, the way to its end, and the share of it up to `t`.
-    pub(super) fn piece(&self, t: f64) -> (Point3<f64>, Vector3<f64>, f64) {
-        let (start, end) = self.domain();
-        let t = t.max(start).min(end);
-        let index = (t as usize).min(end as usize - 1);
-        let next = if index + 1 == self.points.len() { 0 } else { index + 1 };
-        (self.points[index], self.points[next] - self.points[index], t - index as f64)
+    /// Returns true if, with `pieces` segments per span, the middle of each segment is within the distance `allowed` of its chord.
+    fn has_chords_within(&self, spline: &Spline, pieces: usize, allowed: f64) -> bool {
+        spans(spline).all(|(low, high)| {
+            (0..pieces).all(|k| {
+                let [start, middle, end] = [2 * k, 2 * k + 1, 2 * k + 2]
+                    .map(|k| self.point(low + (high - low) * (k as f64 / (2 * pieces) as f64)));
+                distance(middle, start, end) <= allowed
+            })
+        })
     }
 
-    /// The derivative of that order of `sum_i N_i (w_i P_i, w_i)`.
+    /// The segment of a polyline that contains `t`.
+    pub(super) fn segment(&self, t: f64) -> Segment {
+        let (first, last) = self.domain();
+        let t = t.max(first).min(last);
+        let index = (t as usize).min(last as usize - 1);
+        let next = if index + 1 == self.points.len() { 0 } else { index + 1 };
+        let start = self.points[index];
+        Segment { start, vector: self.points[next] - start, fraction: t - index as f64 }
+    }
+
+    /// The derivative of order `order` of `sum_i N_i (w_i P_i, w_i)`.
     fn homogeneous(&self, spline: &Spline, t: f64, order: usize) -> Vector4<f64> {
         let basis = spline.knots.basis_derivative(t, order);
         let terms = basis.values[..=spline.knots.degree()].iter().zip(basis.first..);
@@ -111,19 +126,19 @@ impl Curve {
     }
 }
 
-/// The ends of the spans that are not empty.
+/// The start and end parameters of the spans that are not empty.
 fn spans(spline: &Spline) -> impl Iterator<Item = (f64, f64)> {
     let knots = &spline.knots;
     let domain = &knots.knots()[knots.degree()..=knots.n_control()];
     domain.windows(2).filter(|span| span[0] < span[1]).map(|span| (span[0], span[1]))
 }
 
-/// How far a point is from a piece of a line.
+/// The distance of a point from a line segment.
 fn distance(point: Point3<f64>, start: Point3<f64>, end: Point3<f64>) -> f64 {
     let (along, to) = (end - start, point - start);
-    let share = (to.dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
-    // A piece of no length gives NaN.
-    (to - along * if share.is_nan() { 0.0 } else { share }).norm()
+    let fraction = (to.dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
+    // For a segment of length 0 the fraction is NaN.
+    (to - along * if fraction.is_nan() { 0.0 } else { fraction }).norm()
 }
 
 #[cfg(test)]
@@ -131,32 +146,32 @@ mod tests {
     use super::*;
     use crate::KnotVector;
 
-    fn at(x: f64, y: f64) -> Point3<f64> {
+    fn point_xy(x: f64, y: f64) -> Point3<f64> {
         Point3::new(x, y, 0.0)
     }
 
-    /// The unit circle of nine control points on a square.
+    /// The unit circle as a curve of nine control points on a square.
     fn circle() -> Curve {
         let s = 0.5f64.sqrt();
         let square = [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0)];
-        let points = square.map(|(x, y)| at(f64::from(x), f64::from(y))).to_vec();
+        let points = square.map(|(x, y)| point_xy(f64::from(x), f64::from(y))).to_vec();
         let weights = (0..9).map(|k| if k % 2 == 0 { 1.0 } else { s }).collect();
         Curve::rational(points, weights, KnotVector::cylinder()).unwrap()
     }
 
     #[test]
     fn a_polyline_is_straight_between_its_points() {
-        let points = vec![at(0., 0.), at(2., 0.), at(2., 2.)];
+        let points = vec![point_xy(0., 0.), point_xy(2., 0.), point_xy(2., 2.)];
         let open = Curve::polyline(points.clone(), false).unwrap();
         assert_eq!(open.domain(), (0.0, 2.0));
         assert_eq!(
             [0.5, 1.5, 2.0, 9.0].map(|t| open.point(t)),
-            [at(1., 0.), at(2., 1.), at(2., 2.), at(2., 2.)]
+            [point_xy(1., 0.), point_xy(2., 1.), point_xy(2., 2.), point_xy(2., 2.)]
         );
-        assert_eq!(open.point(f64::NAN), at(0., 0.));
+        assert_eq!(open.point(f64::NAN), point_xy(0., 0.));
         assert_eq!(open.derivatives(1.0, 2)[1..], [Vector3::new(0., 2., 0.), Vector3::zeros()]);
         let closed = Curve::polyline(points, true).unwrap();
-        assert_eq!([closed.point(2.5), closed.point(3.0)], [at(1., 1.), at(0., 0.)]);
+        assert_eq!([closed.point(2.5), closed.point(3.0)], [point_xy(1., 1.), point_xy(0., 0.)]);
     }
 
     #[test]
@@ -204,7 +219,7 @@ mod tests {
     #[test]
     fn a_curve_of_one_point_has_samples() {
         let knots = KnotVector::uniform(3, 3).unwrap();
-        let curve = Curve::rational(vec![at(1., 1.); 3], vec![1.0; 3], knots).unwrap();
-        assert_eq!(curve.sample(0), [at(1., 1.)]);
+        let curve = Curve::rational(vec![point_xy(1., 1.); 3], vec![1.0; 3], knots).unwrap();
+        assert_eq!(curve.sample(0), [point_xy(1., 1.)]);
     }
 }

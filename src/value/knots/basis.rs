@@ -1,25 +1,25 @@
-//! The basis functions of a knot vector, their derivatives, and the parameters at which they reproduce a line.
+//! The basis functions of a knot vector, their derivatives, and the parameters at which the basis functions reproduce a line.
 //!
-//! Piegl and Tiller, *The NURBS Book*, 2nd ed. (1997), chapter 2; the names `left`, `right` and `saved` are theirs. Every
-//! function takes any number: a parameter outside of the domain counts as the nearest end, NaN as the start.
+//! Source: Piegl and Tiller, *The NURBS Book*, 2nd ed. (1997), chapter 2, including the names `left`, `right` and `saved`. Every function
+//! accepts any number: a parameter outside of the domain is clamped to the nearest end, and NaN means the start.
 
 use super::KnotVector;
 
-/// Most basis functions that meet in one span: one more than the highest degree.
-pub(crate) const MOST: usize = 10;
+/// The maximum number of basis functions in one span: one more than the maximum degree.
+pub(crate) const MAX_ORDER: usize = 10;
 
 /// The basis functions that can be nonzero at one parameter, or their derivatives.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Basis {
-    /// The control point that the first one weighs.
+    /// The index of the control point that belongs to the first basis function.
     pub(crate) first: usize,
-    /// The first degree + 1 entries count, the others are 0.
-    pub(crate) values: [f64; MOST],
+    /// The values. The first degree + 1 entries are used, the others are 0.
+    pub(crate) values: [f64; MAX_ORDER],
 }
 
 impl KnotVector {
-    /// The index `s` of the span that holds `u`: `knots[s] <= u < knots[s + 1]`, at the end of the domain the last span that
-    /// is not empty. `u` is clamped to the domain; NaN counts as its start.
+    /// The index `s` of the span that contains `u`: `knots[s] <= u < knots[s + 1]`. At the end of the domain it is the last span that is
+    /// not empty. `u` is clamped to the domain; NaN means the start of the domain.
     ///
     /// The NURBS Book, algorithm A2.1.
     pub fn span(&self, u: f64) -> usize {
@@ -27,25 +27,26 @@ impl KnotVector {
         let knots = self.knots();
         let (first, last) = (self.degree(), self.n_control() - 1);
         let mut span = first + knots[first + 1..=last].partition_point(|&knot| knot <= u);
-        // Only at the end of the domain can the span be empty.
+        // The span can be empty only at the end of the domain.
         while knots[span + 1] <= knots[span] {
             span -= 1;
         }
         span
     }
 
-    /// The degree + 1 basis functions that can be nonzero at `u`, and the index of the control point that the first one
-    /// weighs. They are not negative and their sum is 1. `u` is clamped to the domain; NaN counts as its start.
+    /// The degree + 1 basis functions that can be nonzero at `u`, and the index of the control point that belongs to the first of them. The
+    /// values are not negative and their sum is 1. `u` is clamped to the domain; NaN means the start of the domain.
     ///
-    /// Cox-de Boor recurrence, bottom up: The NURBS Book, algorithm A2.2.
+    /// Evaluates the Cox-de Boor recurrence bottom up: The NURBS Book, algorithm A2.2.
     pub fn basis(&self, u: f64) -> (usize, Vec<f64>) {
         let basis = self.basis_derivative(u, 0);
         (basis.first, basis.values[..=self.degree()].to_vec())
     }
 
-    /// The basis functions at `u` and their derivatives up to `order`: entry `k` holds the `k`-th derivatives of the degree + 1
-    /// functions, the first of which weighs the control point of the returned index. Derivatives above the degree are 0; at a
-    /// knot they are those of the span that [`span`](Self::span) finds. `u` is clamped to the domain; NaN counts as its start.
+    /// The basis functions at `u` and their derivatives up to `order`. Entry `k` holds the `k`-th derivatives of degree + 1 functions, and
+    /// the returned index is that of the control point of the first function. Derivatives of an order above the degree are 0. At a knot,
+    /// the derivatives are those in the span that [`span`](Self::span) finds. `u` is clamped to the domain; NaN means the start of the
+    /// domain.
     ///
     /// The NURBS Book, eq. 2.7, applied to the basis functions of lower degree.
     pub fn basis_derivatives(&self, u: f64, order: usize) -> (usize, Vec<Vec<f64>>) {
@@ -57,18 +58,19 @@ impl KnotVector {
         )
     }
 
-    /// For each control point the mean of the degree inner knots of its basis function. A B-spline whose control points are an
-    /// affine function of these abscissae is that function.
+    /// The Greville abscissae: for each control point the mean of the degree inner knots of its basis function. A B-spline whose control
+    /// points are an affine function of these abscissae equals that function.
     pub fn greville(&self) -> Vec<f64> {
         (0..self.n_control()).map(|control| self.greville_at(control)).collect()
     }
 
-    /// The parameter of a net coordinate `a`, a real number from 0 to the last control point's index: the root `u` of
-    /// `sum_i i N_i(u) = a`. With it an evenly spaced row of control points is reproduced evenly spaced, ends included, which
-    /// the abscissae of [`greville`](Self::greville) do not achieve near a clamped end.
+    /// The parameter of a net coordinate `a`, which is a real number from 0 to the index of the last control point. The parameter is the
+    /// root `u` of `sum_i i N_i(u) = a`. It reproduces an evenly spaced row of control points evenly spaced, including the ends. The
+    /// abscissae of [`greville`](Self::greville) do not achieve this near a clamped end.
     ///
-    /// A coordinate outside of what the sum reaches gives the nearest end of the domain, NaN the start. The sum never decreases,
-    /// so that Newton steps from the Greville abscissa, replaced by bisection where they leave the bracket, always arrive.
+    /// If the coordinate is outside of the range of the sum, the result is the nearest end of the domain; for NaN it is the start. The sum
+    /// never decreases. Newton's method starts at the Greville abscissa, and a step that leaves the bracket is replaced by bisection, so
+    /// the iteration always converges.
     pub fn parameter(&self, a: f64) -> f64 {
         let (mut low, mut high) = self.domain();
         let above_start = a > self.coordinate(low, 0);
@@ -82,7 +84,7 @@ impl KnotVector {
         let control = (a as usize).min(self.n_control() - 2);
         let (before, after) = (self.greville_at(control), self.greville_at(control + 1));
         let mut u = self.clamp(before + (a - control as f64) * (after - before));
-        // Bisection alone needs fewer steps than a number has bits; the bound only guards against overflowing knots.
+        // Bisection alone would need fewer steps than a number has bits, so the limit matters only if knots overflow.
         for _ in 0..128 {
             let excess = self.coordinate(u, 0) - a;
             if excess == 0.0 {
@@ -133,7 +135,7 @@ impl KnotVector {
         let (span, degree) = (self.span(u), self.degree());
         let first = span - degree;
         if degree < order {
-            return Basis { first, values: [0.0; MOST] };
+            return Basis { first, values: [0.0; MAX_ORDER] };
         }
         let mut values = self.basis_of_degree(span, u, degree - order);
         for d in degree - order + 1..=degree {
@@ -142,31 +144,31 @@ impl KnotVector {
         Basis { first, values }
     }
 
-    /// The basis functions of degree `d` that can be nonzero in a span that is not empty. No denominator is below the length
-    /// of the span.
-    fn basis_of_degree(&self, span: usize, u: f64, d: usize) -> [f64; MOST] {
+    /// The basis functions of degree `d` that can be nonzero in a span that is not empty. No denominator is less than the length of the
+    /// span.
+    fn basis_of_degree(&self, span: usize, u: f64, d: usize) -> [f64; MAX_ORDER] {
         let knots = self.knots();
-        let mut values = [0.0; MOST];
+        let mut values = [0.0; MAX_ORDER];
         values[0] = 1.0;
         for j in 1..=d {
             let mut saved = 0.0;
             for r in 0..j {
                 let right = knots[span + r + 1] - u;
                 let left = u - knots[span + 1 + r - j];
-                let share = values[r] / (right + left);
-                values[r] = saved + right * share;
-                saved = left * share;
+                let fraction = values[r] / (right + left);
+                values[r] = saved + right * fraction;
+                saved = left * fraction;
             }
             values[j] = saved;
         }
         values
     }
 
-    /// From the basis functions of degree `d - 1`, or some derivative of them, to the next derivative for degree `d`:
-    /// `N'_i = d (N_i / (t_{i+d} - t_i) - N_{i+1} / (t_{i+d+1} - t_{i+1}))`.
-    fn differentiate(&self, span: usize, d: usize, lower: &[f64; MOST]) -> [f64; MOST] {
+    /// Computes the next derivative for degree `d` from the basis functions of degree `d - 1`, or from a derivative of them: `N'_i = d (N_i
+    /// / (t_{i+d} - t_i) - N_{i+1} / (t_{i+d+1} - t_{i+1}))`.
+    fn differentiate(&self, span: usize, d: usize, lower: &[f64; MAX_ORDER]) -> [f64; MAX_ORDER] {
         let knots = self.knots();
-        let mut values = [0.0; MOST];
+        let mut values = [0.0; MAX_ORDER];
         for (j, lower) in lower[..d].iter().enumerate() {
             let quotient = d as f64 * lower / (knots[span + j + 1] - knots[span + 1 + j - d]);
             values[j] -= quotient;
@@ -182,7 +184,7 @@ pub(super) mod tests {
 
     use super::*;
 
-    /// Random knots with repetitions, of any degree.
+    /// Random knots with repetitions, for B-splines of any degree.
     pub(crate) fn any_knots() -> impl Strategy<Value = KnotVector> {
         let steps = prop::collection::vec(prop_oneof![Just(0.0), 0.01..3.0f64], 4..20);
         (1usize..=9, steps, any::<bool>()).prop_filter_map(
@@ -201,9 +203,9 @@ pub(super) mod tests {
 
     proptest! {
         #[test]
-        fn basis_functions_are_not_negative_and_sum_to_one(knots in any_knots(), share in 0.0..=1.0f64) {
+        fn basis_functions_are_not_negative_and_sum_to_one(knots in any_knots(), fraction in 0.0..=1.0f64) {
             let (start, end) = knots.domain();
-            for u in [start, start + share * (end - start), end] {
+            for u in [start, start + fraction * (end - start), end] {
                 let (first, values) = knots.basis(u);
                 prop_assert!(first + values.len() <= knots.n_control());
                 prop_assert!(values.iter().all(|&value| value >= 0.0), "{values:?}");
@@ -220,17 +222,17 @@ pub(super) mod tests {
         }
 
         #[test]
-        fn a_parameter_has_its_net_coordinate(knots in any_knots(), share in 0.0..=1.0f64) {
+        fn a_parameter_has_its_net_coordinate(knots in any_knots(), fraction in 0.0..=1.0f64) {
             let (start, end) = knots.domain();
             let (low, high) = (knots.coordinate(start, 0), knots.coordinate(end, 0));
-            let a = low + share * (high - low);
+            let a = low + fraction * (high - low);
             let u = knots.parameter(a);
             prop_assert!((knots.coordinate(u, 0) - a).abs() <= 1e-12 * high, "{u}");
         }
     }
 
     #[test]
-    fn the_last_control_point_rules_the_end_of_a_clamped_domain() {
+    fn the_last_control_point_is_the_end_of_a_clamped_curve() {
         let knots = KnotVector::new(2, vec![0., 0., 0., 1., 1., 2., 2., 2.]).unwrap();
         assert_eq!(knots.basis(2.0), (2, vec![0.0, 0.0, 1.0]));
         assert_eq!(knots.basis(9.0), knots.basis(2.0));
@@ -253,7 +255,7 @@ pub(super) mod tests {
     fn greville_abscissae_of_the_uniform_quadratic_start_at_half_steps() {
         let knots = KnotVector::uniform(5, 3).unwrap();
         assert_eq!(knots.greville(), [0.0, 0.5, 1.5, 2.5, 3.0]);
-        // Far from the ends the parameter of a control point is its Greville abscissa.
+        // Far from the ends of the domain, the parameter of a control point equals its Greville abscissa.
         let long = KnotVector::uniform(12, 4).unwrap();
         assert!((long.parameter(5.0) - long.greville()[5]).abs() <= 1e-14);
         assert_eq!([long.parameter(-1.0), long.parameter(99.0)], [0.0, 9.0]);

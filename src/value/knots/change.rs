@@ -1,32 +1,33 @@
-//! Other knot vectors for the same curve: refinement, pieces, Bezier pieces, higher degrees.
+//! Conversion of curves to other knot vectors: refinement, restriction, Bezier pieces, higher degrees.
 //!
-//! Everything here is one idea: a piece of degree p has a blossom `f(x_1, .., x_p)`, symmetric and affine in each argument, and
-//! the control point j of any knot vector t is the blossom of a piece that it reaches at `t_{j+1}, .., t_{j+p}`. Ramshaw, "Blossoms
-//! are polar forms", Computer Aided Geometric Design 6 (1989). Evaluated from the bottom up this is the Oslo algorithm: Cohen,
-//! Lyche and Riesenfeld, "Discrete B-splines and subdivision techniques" (1980); for one new knot it is Boehm's insertion.
+//! All conversions use the same theorem: a piece of degree p has a blossom `f(x_1, .., x_p)`, a function that is symmetric, and affine in
+//! each argument. Control point j of any knot vector t is the blossom at `t_{j+1}, .., t_{j+p}` of a piece that the control point affects.
+//! Ramshaw, "Blossoms are polar forms", Computer Aided Geometric Design 6 (1989). Evaluated bottom up, the blossom gives the Oslo
+//! algorithm: Cohen, Lyche and Riesenfeld, "Discrete B-splines and subdivision techniques" (1980). For a single new knot it gives Boehm's
+//! insertion.
 
 use std::ops::{Add, Mul};
 
-use super::basis::MOST;
+use super::basis::MAX_ORDER;
 use super::{KnotVector, KnotVectorError};
 
-/// Another knot vector for the same curves, and how their control points become those of the new one.
+/// Another knot vector for the same curves, with the matrix that converts the curves' control points to it.
 ///
-/// A new control point is a mean of old ones with factors that are not negative and sum to 1. For rational curves the points
-/// (w x, w y, w z, w) change, not the points themselves.
+/// Each new control point is a weighted mean of old ones: the factors are not negative and their sum is 1. Control points of rational
+/// curves are converted in homogeneous form (w x, w y, w z, w).
 #[derive(Clone, Debug, PartialEq)]
 pub struct KnotChange {
     knots: KnotVector,
     rows: Vec<Row>,
 }
 
-/// The factors of one new control point.
+/// A row of the matrix: the factors of one new control point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Row {
-    /// The old control point that the first factor is for.
+    /// The index of the old control point to which the first factor belongs.
     first: usize,
-    /// The first degree + 1 entries count, the others are 0.
-    factors: [f64; MOST],
+    /// The first degree + 1 entries are used, the others are 0.
+    factors: [f64; MAX_ORDER],
 }
 
 impl KnotChange {
@@ -35,17 +36,17 @@ impl KnotChange {
         &self.knots
     }
 
-    /// The old control points that the new one `control` depends on: their indices and positive factors.
+    /// The old control points on which the new control point `control` depends, as pairs of index and positive factor.
     pub fn sources(&self, control: usize) -> impl Iterator<Item = (usize, f64)> {
         let row = &self.rows[control];
         let factors = row.factors.iter().enumerate().filter(|(_, factor)| **factor > 0.0);
         factors.map(|(k, &factor)| (row.first + k, factor))
     }
 
-    /// The new control points of a curve with these old ones.
+    /// Converts the control points of a curve.
     ///
     /// # Panics
-    /// If there are fewer points than the old knots are for.
+    /// If there are fewer points than the old knots need.
     pub fn apply<T>(&self, points: &[T]) -> Vec<T>
     where
         T: Copy + Add<Output = T> + Mul<f64, Output = T>,
@@ -62,19 +63,19 @@ impl KnotChange {
 }
 
 impl KnotVector {
-    /// The same curves with one more knot `u`, repeated `times`.
+    /// Inserts the knot `u` with the given number of repetitions, `times`.
     ///
     /// # Errors
-    /// If `u` is not inside the domain, or would be there more than degree times.
+    /// If `u` is not inside the domain, or its multiplicity would exceed the degree.
     pub fn insert(&self, u: f64, times: usize) -> Result<KnotChange, KnotVectorError> {
-        // More than that is refused anyhow.
-        self.refine(&vec![u; times.min(MOST)])
+        // One more repetition than the order is an error anyway.
+        self.refine(&vec![u; times.min(MAX_ORDER)])
     }
 
-    /// The same curves with all of these knots added, in any order.
+    /// Inserts all of these knots, in any order.
     ///
     /// # Errors
-    /// If one is not inside the domain, or would be there more than degree times.
+    /// If a knot is not inside the domain, or its multiplicity would exceed the degree.
     pub fn refine(&self, more: &[f64]) -> Result<KnotChange, KnotVectorError> {
         let (start, end) = self.domain();
         if let Some(&u) = more.iter().find(|&&u| !(start < u && u < end)) {
@@ -87,15 +88,15 @@ impl KnotVector {
         Ok(KnotChange { knots, rows })
     }
 
-    /// The part of the curves from `start` to `end`, with ends repeated degree + 1 times.
+    /// Restricts the curves to the part from `start` to `end`. The end knots are repeated degree + 1 times.
     ///
     /// # Errors
-    /// If that is no part of the domain, or empty.
-    pub fn between(&self, start: f64, end: f64) -> Result<KnotChange, KnotVectorError> {
-        self.clamped(start, end, self.degree(), |count| count)
+    /// If the part is not inside the domain, or is empty.
+    pub fn restrict(&self, start: f64, end: f64) -> Result<KnotChange, KnotVectorError> {
+        self.with_clamped_ends(start, end, self.degree(), |count| count)
     }
 
-    /// The two parts of the curves before and after `u`.
+    /// Splits the curves at `u` into two parts.
     ///
     /// # Errors
     /// If `u` is not inside the domain.
@@ -104,32 +105,32 @@ impl KnotVector {
         if !(start < u && u < end) {
             return Err(KnotVectorError::Outside { u, start, end });
         }
-        Ok([self.between(start, u)?, self.between(u, end)?])
+        Ok([self.restrict(start, u)?, self.restrict(u, end)?])
     }
 
-    /// The same curves as Bezier pieces: every knot inside is repeated degree times, so that piece `k` has the control points
-    /// `k degree ..= (k + 1) degree`.
+    /// Converts the curves to Bezier pieces: every inner knot is repeated degree times, so piece `k` has the control points `k degree ..=
+    /// (k + 1) degree`.
     pub fn bezier(&self) -> KnotChange {
         let (start, end) = self.domain();
-        self.clamped(start, end, self.degree(), |_| self.degree())
+        self.with_clamped_ends(start, end, self.degree(), |_| self.degree())
             .expect("the pieces of a knot vector are one")
     }
 
-    /// The same curves with pieces of a degree that is higher by one; the ends are repeated.
+    /// Raises the degree by one. The end knots are repeated accordingly.
     ///
-    /// With f the blossom of a piece, that of the higher degree is the mean over all i of f at all arguments but the i-th:
-    /// Ramshaw (1989), section 6.
+    /// If f is the blossom of a piece, the blossom of the higher degree is a mean over all i: the mean of f at all arguments except the
+    /// i-th one. Ramshaw (1989), section 6.
     ///
     /// # Errors
-    /// If the degree is 9 already.
+    /// If the degree is already 9.
     pub fn elevate(&self) -> Result<KnotChange, KnotVectorError> {
         let (start, end) = self.domain();
         let degree = self.degree() + 1;
-        let raised = self.clamped(start, end, degree, |count| count + 1)?;
+        let raised = self.with_clamped_ends(start, end, degree, |count| count + 1)?;
         let rows = (0..raised.knots.n_control())
             .map(|j: usize| {
                 let arguments = &raised.knots.knots()[j + 1..=j + degree];
-                let mut sum = Row { first: 0, factors: [0.0; MOST] };
+                let mut sum = Row { first: 0, factors: [0.0; MAX_ORDER] };
                 for left_out in 0..degree {
                     let others = (0..degree).filter(|&k| k != left_out).map(|k| arguments[k]);
                     let Row { first, factors } = self.blossom(raised.knots.knots()[j], others);
@@ -145,8 +146,9 @@ impl KnotVector {
         Ok(KnotChange { rows, ..raised })
     }
 
-    /// Knots of another degree from `start` to `end`, where those of `self` that lie inside come as often as `repeat` says.
-    fn clamped(
+    /// Knots of degree `degree` from `start` to `end`. `repeat` maps the multiplicity of an inner knot of `self` to its multiplicity in the
+    /// result.
+    fn with_clamped_ends(
         &self,
         start: f64,
         end: f64,
@@ -170,37 +172,38 @@ impl KnotVector {
         Ok(KnotChange { knots, rows })
     }
 
-    /// The factors of control point `j` of `to`, whose knots are of the same degree and are a part, or more, of these.
+    /// The factors of control point `j` of the knot vector `to`. Both knot vectors have the same degree, and `to` is a refinement or
+    /// restriction of `self`.
     fn row(&self, to: &Self, j: usize) -> Row {
         let arguments = &to.knots()[j + 1..=j + self.degree()];
         self.blossom(to.knots()[j], arguments.iter().copied())
     }
 
-    /// The blossom at degree many ascending arguments of the piece where `start`, the knot before them, lies.
+    /// The blossom of the piece that contains `start`, at `degree` ascending arguments; `start` is the knot before these arguments.
     ///
-    /// The basis functions' recurrence with another argument in each round. With the arguments ascending, and in the span of the
-    /// knot before the first one, every term is a discrete B-spline or 0, so that nothing is ever subtracted: however unequal the
-    /// spans, there are no cancelling digits. In a span before the domain the first B-splines of a round do not exist, in one after
-    /// it the last: they are left out, because no control point depends on them.
+    /// The recurrence is that of the basis functions, with another argument in each round. The arguments ascend and begin in the span of
+    /// the knot before the first one, so every term is a discrete B-spline or 0. Nothing is subtracted, so no digits cancel, however
+    /// unequal the spans are. In a span before the domain the first B-splines of a round do not exist; in a span after the domain the last
+    /// ones do not. They are skipped, because no control point depends on them.
     fn blossom(&self, start: f64, arguments: impl Iterator<Item = f64>) -> Row {
         let (knots, degree) = (self.knots(), self.degree());
         let last = knots.partition_point(|&knot| knot < knots[knots.len() - 1]) - 1;
         let span = (knots.partition_point(|&knot| knot <= start) - 1).min(last);
         let (missing, exist) = (degree.saturating_sub(span), knots.len() - 1 - span);
-        let mut factors = [0.0; MOST];
+        let mut factors = [0.0; MAX_ORDER];
         factors[0] = 1.0;
         for (round, x) in (1_usize..).zip(arguments) {
             let mut saved = 0.0;
             for r in round.saturating_sub(span + 1)..round.min(exist) {
                 let (from, to) = (knots[span + 1 + r - round], knots[span + 1 + r]);
-                let share = factors[r] / (to - from);
-                factors[r] = saved + (to - x).max(0.0) * share;
-                saved = (x - from).max(0.0) * share;
+                let fraction = factors[r] / (to - from);
+                factors[r] = saved + (to - x).max(0.0) * fraction;
+                saved = (x - from).max(0.0) * fraction;
             }
             factors[round] = saved;
         }
         factors[..missing].fill(0.0);
-        factors[exist.min(MOST)..].fill(0.0);
+        factors[exist.min(MAX_ORDER)..].fill(0.0);
         factors[..=degree].rotate_left(missing);
         let sum: f64 = factors.iter().sum();
         Row { first: span.saturating_sub(degree), factors: factors.map(|factor| factor / sum) }
@@ -224,18 +227,18 @@ mod tests {
         (0..knots.n_control()).map(|k| libm::sin(1.7 * k as f64)).collect()
     }
 
-    /// The changed curve has the same values, and away from knots the same slopes.
-    fn same(knots: &KnotVector, change: &KnotChange) -> Result<(), TestCaseError> {
+    /// Checks that the changed curve has the values of the original curve and, except at knots, the same slopes.
+    fn check_same_curve(knots: &KnotVector, change: &KnotChange) -> Result<(), TestCaseError> {
         let before = points(knots);
         let after = change.apply(&before);
         let (start, end) = change.knots().domain();
         for k in 0..=200 {
             let u = start + (end - start) * f64::from(k) / 200.0;
-            // At a jump either side is right; changed knots may round `u` to another one.
+            // At a discontinuity the value of either side is valid, because the changed knots may round `u` to the other side.
             let at_knot = knots.knots().iter().any(|knot| (knot - u).abs() <= 1e-9);
-            let at =
-                |order| [value(knots, &before, u, order), value(change.knots(), &after, u, order)];
-            let [old, new] = [at(0), at(1)];
+            let [old, new] = [0, 1].map(|order| {
+                [value(knots, &before, u, order), value(change.knots(), &after, u, order)]
+            });
             prop_assert!((old[0] - old[1]).abs() <= 1e-12, "{u}: {} {}", old[0], old[1]);
             let scale = 1.0 + new[0].abs();
             prop_assert!(at_knot || (new[0] - new[1]).abs() <= 1e-8 * scale, "{u}: {new:?}");
@@ -246,44 +249,44 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
         #[test]
-        fn inserted_knots_change_no_curve(knots in any_knots(), share in 0.01..0.99f64, times in 1usize..=9) {
+        fn inserted_knots_change_no_curve(knots in any_knots(), fraction in 0.01..0.99f64, times in 1usize..=9) {
             let (start, end) = knots.domain();
-            let u = start + share * (end - start);
+            let u = start + fraction * (end - start);
             match knots.insert(u, times) {
                 Ok(change) => {
                     prop_assert_eq!(change.knots().n_control(), knots.n_control() + times);
-                    same(&knots, &change)?;
+                    check_same_curve(&knots, &change)?;
                 }
                 Err(error) => {
                     let repeated = matches!(error, KnotVectorError::Multiplicity { .. });
                     prop_assert!(repeated, "{error}");
                 }
             }
-            // At a knot that is there already.
+            // Inserts a knot where one exists already.
             let inner = knots.knots().iter().find(|&&knot| start < knot && knot < end);
             if let Some(Ok(change)) = inner.map(|&u| knots.insert(u, 1)) {
-                same(&knots, &change)?;
+                check_same_curve(&knots, &change)?;
             }
             let many: Vec<f64> = (1..20).map(|k| start + (end - start) * f64::from(k) / 20.37).collect();
-            same(&knots, &knots.refine(&many).unwrap())?;
+            check_same_curve(&knots, &knots.refine(&many).unwrap())?;
         }
 
         #[test]
-        fn parts_and_bezier_pieces_are_the_curve(knots in any_knots(), share in 0.01..0.99f64) {
+        fn parts_and_bezier_pieces_are_the_curve(knots in any_knots(), fraction in 0.01..0.99f64) {
             let (start, end) = knots.domain();
-            let [before, after] = knots.split(start + share * (end - start)).unwrap();
-            same(&knots, &before)?;
-            same(&knots, &after)?;
+            let [before, after] = knots.split(start + fraction * (end - start)).unwrap();
+            check_same_curve(&knots, &before)?;
+            check_same_curve(&knots, &after)?;
             prop_assert_eq!(before.knots().domain().1, after.knots().domain().0);
-            same(&knots, &knots.bezier())?;
+            check_same_curve(&knots, &knots.bezier())?;
         }
 
         #[test]
-        fn a_higher_degree_changes_no_curve(knots in any_knots()) {
+        fn elevation_changes_no_curve(knots in any_knots()) {
             match knots.elevate() {
                 Ok(change) => {
                     prop_assert_eq!(change.knots().degree(), knots.degree() + 1);
-                    same(&knots, &change)?;
+                    check_same_curve(&knots, &change)?;
                 }
                 Err(_) => prop_assert_eq!(knots.degree(), 9),
             }
@@ -308,6 +311,6 @@ mod tests {
         }
         assert!(matches!(knots.insert(1.0, 2), Err(KnotVectorError::Multiplicity { .. })));
         assert!(matches!(knots.insert(0.5, 3), Err(KnotVectorError::Multiplicity { .. })));
-        assert!(knots.between(1.0, 1.0).is_err() && knots.between(1.0, 4.0).is_err());
+        assert!(knots.restrict(1.0, 1.0).is_err() && knots.restrict(1.0, 4.0).is_err());
     }
 }

@@ -1,13 +1,13 @@
-//! Ways to make a knot vector.
+//! Constructors of knot vectors.
 
 use super::{KnotVector, KnotVectorError};
 
 impl KnotVector {
-    /// Evenly spaced knots, the ends repeated `order` times: the domain goes from 0 to `n_control - order + 1`. With
-    /// `n_control == order` the pieces are one Bezier curve.
+    /// Evenly spaced knots whose end knots are repeated `order` times. The domain is from 0 to `n_control - order + 1`. If `n_control`
+    /// equals `order`, the curve is a single Bezier curve.
     ///
     /// # Errors
-    /// If `order` is not from 2 to 10 or there are fewer control points than that.
+    /// If `order` is not from 2 to 10, or there are fewer than `order` control points.
     pub fn uniform(n_control: usize, order: usize) -> Result<Self, KnotVectorError> {
         check(n_control, order)?;
         let pieces = n_control - order + 1;
@@ -19,21 +19,21 @@ impl KnotVector {
         )
     }
 
-    /// The knots of an exact circle of nine control points on a square: order 3, `0 0 0 1 1 2 2 3 3 4 4 4`. Its weights are
-    /// 1 and `sqrt(1/2)` in turn.
+    /// The knots of an exact circle of nine control points on a square: order 3, `0 0 0 1 1 2 2 3 3 4 4 4`. The weights alternate between 1
+    /// and `sqrt(1/2)`.
     pub fn cylinder() -> Self {
         let knots = vec![0., 0., 0., 1., 1., 2., 2., 3., 3., 4., 4., 4.];
         Self::new(2, knots).expect("the knots of the circle keep the invariant")
     }
 
-    /// Knots that follow the parameters of data points, one control point for each: the ends repeated, each inner knot the mean
-    /// of `degree` successive parameters.
+    /// Knots that follow the parameters of data points, with one control point per data point. The end knots are repeated, and each inner
+    /// knot is the mean of `degree` successive parameters.
     ///
     /// De Boor's averaging; Piegl and Tiller, *The NURBS Book*, 2nd ed. (1997), eq. 9.8.
     ///
     /// # Errors
-    /// If the degree is not from 1 to 9, there are at most `degree` parameters, they decrease, or too many of them are equal.
-    pub fn averaged(parameters: &[f64], degree: usize) -> Result<Self, KnotVectorError> {
+    /// If the degree is not from 1 to 9, there are at most `degree` parameters, the parameters decrease, or too many of them are equal.
+    pub fn from_parameters(parameters: &[f64], degree: usize) -> Result<Self, KnotVectorError> {
         check(parameters.len(), degree.saturating_add(1))?;
         let last = parameters.len() - 1;
         let mut knots = vec![parameters[0]; degree + 1];
@@ -46,14 +46,15 @@ impl KnotVector {
         Self::new(degree, knots)
     }
 
-    /// Knots for fewer control points than data points: between two inner knots lie about equally many parameters.
+    /// Knots for fewer control points than data points. The number of parameters between two inner knots is about constant.
     ///
-    /// Piegl and Tiller, *The NURBS Book*, 2nd ed. (1997), eqs. 9.68 and 9.69, which place a knot at the index `j d - 1` of the
-    /// parameters, from one end, and at `j d` from the other. The mean of both is used: reversed parameters give reversed knots.
+    /// Piegl and Tiller, *The NURBS Book*, 2nd ed. (1997), eqs. 9.68 and 9.69. They place a knot at the index `j d - 1` of the parameters,
+    /// counted from one end, which is the index `j d` counted from the other end. Here the knot is the mean of both positions, so that
+    /// reversed parameters give reversed knots.
     ///
     /// # Errors
-    /// If the degree is not from 1 to 9, there are not more than `degree` control points and parameters, or the parameters decrease
-    /// or too many of them are equal.
+    /// If the degree is not from 1 to 9, there are not more than `degree` control points and parameters, the parameters decrease, or too
+    /// many of them are equal.
     pub fn approximating(
         parameters: &[f64],
         n_control: usize,
@@ -63,7 +64,7 @@ impl KnotVector {
         let last = parameters.len() - 1;
         let pieces = n_control - degree;
         let per_piece = parameters.len() as f64 / pieces as f64;
-        fn at(index: f64, last: usize, parameters: &[f64]) -> f64 {
+        fn interpolate(index: f64, last: usize, parameters: &[f64]) -> f64 {
             let before = (index.max(0.0) as usize).min(last);
             let next = parameters[(before + 1).min(last)];
             parameters[before] + (next - parameters[before]) * (index.max(0.0) - before as f64)
@@ -71,17 +72,19 @@ impl KnotVector {
         let mut knots = vec![parameters[0]; degree + 1];
         knots.extend((1..pieces).map(|j: usize| {
             let index = j as f64 * per_piece;
-            (at(index - 1.0, last, parameters) + at(index, last, parameters)) / 2.0
+            (interpolate(index - 1.0, last, parameters) + interpolate(index, last, parameters))
+                / 2.0
         }));
         knots.extend(vec![parameters[last]; degree + 1]);
         Self::new(degree, knots)
     }
 
-    /// Evenly spaced knots without repeated ends: the domain goes from 0 to `n_control - order + 1`. A net whose last
-    /// `order - 1` rows repeat its first ones closes smoothly on it; any other net does not reach its first and last points.
+    /// Evenly spaced knots without repeated end knots. The domain is from 0 to `n_control - order + 1`. With these knots, a net whose last
+    /// `order - 1` rows repeat its first rows gives a smoothly closed surface. The surface of any other net does not reach the first and
+    /// last points of the net.
     ///
     /// # Errors
-    /// If `order` is not from 2 to 10 or there are fewer control points than that.
+    /// If `order` is not from 2 to 10, or there are fewer than `order` control points.
     pub fn periodic(n_control: usize, order: usize) -> Result<Self, KnotVectorError> {
         check(n_control, order)?;
         let degree = order - 1;
@@ -95,7 +98,7 @@ fn check(n_control: usize, order: usize) -> Result<(), KnotVectorError> {
     }
     if n_control < order {
         let (count, degree) = (n_control.saturating_add(order), order - 1);
-        return Err(KnotVectorError::TooFew { count, degree, least: 2 * order });
+        return Err(KnotVectorError::TooFew { count, degree, min: 2 * order });
     }
     Ok(())
 }
@@ -106,8 +109,9 @@ mod tests {
 
     #[test]
     fn uniform_knots_are_the_published_ones() {
-        let knots =
-            |n_control, order| KnotVector::uniform(n_control, order).unwrap().knots().to_vec();
+        fn knots(n_control: usize, order: usize) -> Vec<f64> {
+            KnotVector::uniform(n_control, order).unwrap().knots().to_vec()
+        }
         assert_eq!(knots(5, 3), [0., 0., 0., 1., 2., 3., 3., 3.]);
         assert_eq!(knots(9, 3), [0., 0., 0., 1., 2., 3., 4., 5., 6., 7., 7., 7.]);
         assert_eq!(knots(4, 4), [0., 0., 0., 0., 1., 1., 1., 1.]);
@@ -115,11 +119,11 @@ mod tests {
 
     #[test]
     fn averaged_knots_are_means_of_parameters() {
-        let knots = KnotVector::averaged(&[0.0, 1.0, 2.0, 4.0, 8.0], 3).unwrap();
+        let knots = KnotVector::from_parameters(&[0.0, 1.0, 2.0, 4.0, 8.0], 3).unwrap();
         assert_eq!(knots.knots()[3..6], [0.0, 7.0 / 3.0, 8.0]);
-        let line = KnotVector::averaged(&[0.0, 1.0, 3.0], 1).unwrap();
+        let line = KnotVector::from_parameters(&[0.0, 1.0, 3.0], 1).unwrap();
         assert_eq!(line.knots(), [0.0, 0.0, 1.0, 3.0, 3.0]);
-        let bezier = KnotVector::averaged(&[0.0, 1.0, 3.0], 2).unwrap();
+        let bezier = KnotVector::from_parameters(&[0.0, 1.0, 3.0], 2).unwrap();
         assert_eq!(bezier.knots(), [0.0, 0.0, 0.0, 3.0, 3.0, 3.0]);
     }
 
@@ -127,8 +131,8 @@ mod tests {
     fn reversed_parameters_give_reversed_knots() {
         let parameters = [0.0, 0.25, 0.375, 0.75, 0.875, 1.0];
         let reversed: Vec<f64> = parameters.iter().rev().map(|u| 1.0 - u).collect();
-        let there = KnotVector::averaged(&parameters, 2).unwrap();
-        let back = KnotVector::averaged(&reversed, 2).unwrap();
+        let there = KnotVector::from_parameters(&parameters, 2).unwrap();
+        let back = KnotVector::from_parameters(&reversed, 2).unwrap();
         let mirrored: Vec<f64> = back.knots().iter().rev().map(|u| 1.0 - u).collect();
         assert_eq!(there.knots(), mirrored);
     }
@@ -160,9 +164,12 @@ mod tests {
     #[test]
     fn too_few_control_points_are_refused() {
         assert!(matches!(KnotVector::uniform(2, 3), Err(KnotVectorError::TooFew { .. })));
-        assert!(matches!(KnotVector::averaged(&[], 3), Err(KnotVectorError::TooFew { .. })));
-        assert!(matches!(KnotVector::averaged(&[0.0], 0), Err(KnotVectorError::Degree { .. })));
+        assert!(matches!(KnotVector::from_parameters(&[], 3), Err(KnotVectorError::TooFew { .. })));
+        assert!(matches!(
+            KnotVector::from_parameters(&[0.0], 0),
+            Err(KnotVectorError::Degree { .. })
+        ));
         assert!(matches!(KnotVector::periodic(20, 11), Err(KnotVectorError::Degree { .. })));
-        assert!(KnotVector::averaged(&[1.0; 4], 2).is_err());
+        assert!(KnotVector::from_parameters(&[1.0; 4], 2).is_err());
     }
 }

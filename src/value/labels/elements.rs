@@ -1,8 +1,9 @@
-//! The components of labels, each by itself: as small as it is, though it lies in the whole picture.
+//! The components of labels as separate values. Each represents the whole picture, but is stored as runs.
 //!
-//! Equal labels have equal hashes, so a component has that of the picture that is background but for it. It is had without that
-//! picture: blake3 hashes a tree of chunks, and chunks of nothing but background are hashed once for all components. One that was there
-//! before, run for run, is taken over: of what an artist changes, most is as it was.
+//! Equal labels must have equal hashes, so a component has the hash of the whole picture in which only that component is marked. The hash
+//! is computed without expanding the picture. BLAKE3 hashes a tree of chunks, and the chunks that contain only background are hashed once
+//! for all components. A component with the same runs as a component of the previous labels is reused, because an edit usually leaves most
+//! components unchanged.
 
 use std::collections::HashMap;
 use std::sync::{Arc, OnceLock};
@@ -14,33 +15,33 @@ use crate::memory::huge_vec;
 use crate::parallel::*;
 use crate::{AnyValue, Column, Hash, NoElements};
 
-/// One component.
+/// One component of a picture, stored as runs.
 #[derive(Debug)]
-pub(super) struct One {
+pub(super) struct Component {
     width: usize,
     height: usize,
-    /// Row by row from the top, all with the label 1.
+    /// The runs, row by row from the top, all with the label 1.
     runs: Vec<LabelRun>,
-    /// That of the column of all pixels.
+    /// The hash of the column of all pixels.
     hash: Hash,
     pixels: OnceLock<Column<u32>>,
 }
 
-impl One {
+impl Component {
     pub(super) fn hash(&self) -> Hash {
         self.hash
     }
 
-    /// How much memory it holds; what is made of it when somebody asks for all pixels does not count.
+    /// The memory of the runs in bytes. The expanded pixels do not count.
     pub(super) fn size(&self) -> usize {
         size_of_val(&self.runs[..])
     }
 
     pub(super) fn contains(&self, [column, row]: [usize; 2]) -> bool {
-        let behind = self
+        let after = self
             .runs
             .partition_point(|run| (run.row as usize, run.start as usize) <= (row, column));
-        let before = behind.checked_sub(1).map(|run| self.runs[run]);
+        let before = after.checked_sub(1).map(|run| self.runs[run]);
         before.is_some_and(|run| run.row as usize == row && column < run.end as usize)
     }
 
@@ -51,19 +52,19 @@ impl One {
                 let row = run.row as usize * self.width;
                 pixels[row + run.start as usize..row + run.end as usize].fill(1);
             }
-            Column::of_hash(pixels, self.hash)
+            Column::with_known_hash(pixels, self.hash)
         })
     }
 }
 
-/// The components, in the order of their numbers.
+/// Splits labels into their components, in the order of their labels.
 pub(super) fn cut(
     labels: &Labels,
-    most: usize,
+    max_count: usize,
     before: &[AnyValue],
 ) -> Result<Vec<AnyValue>, NoElements> {
     let count = labels.statistics.len();
-    if most < count {
+    if max_count < count {
         return Err(NoElements::TooMany { count });
     }
     let (width, height) = (labels.width, labels.height);
@@ -71,15 +72,15 @@ pub(super) fn cut(
     for run in runs_of(width, labels.pixels()) {
         runs[run.label as usize - 1].push(LabelRun { label: 1, ..run });
     }
-    // No two components of a picture begin at one place.
+    // No two components of a picture begin at the same pixel, so the first run identifies a component.
     let begun = before.iter().filter_map(|value| {
-        let Labels { pixels: Pixels::One(one), .. } = value.get()? else { return None };
+        let Labels { pixels: Pixels::Component(one), .. } = value.get()? else { return None };
         let is_as_large = (one.width, one.height) == (width, height);
         Some((*one.runs.first().filter(|_| is_as_large)?, (one, value)))
     });
-    let begun: HashMap<LabelRun, (&Arc<One>, &AnyValue)> = begun.collect();
+    let begun: HashMap<LabelRun, (&Arc<Component>, &AnyValue)> = begun.collect();
     let background = OnceLock::new();
-    // Nearly all of the time goes into hashes.
+    // Hashing takes nearly all of the time.
     Ok(runs
         .into_par_iter()
         .map(|runs: Vec<LabelRun>| {
@@ -87,34 +88,40 @@ pub(super) fn cut(
             if let Some((_, value)) = same.filter(|(one, _)| one.runs == runs) {
                 return (*value).clone();
             }
-            let hash = background.get_or_init(|| Background::new(width, height)).with(&runs);
+            let hash =
+                background.get_or_init(|| Background::new(width, height)).hash_of_runs(&runs);
             let statistics = statistics(width, height, &runs);
-            let one = One { width, height, runs, hash, pixels: OnceLock::new() };
-            AnyValue::new(Labels { width, height, pixels: Pixels::One(one.into()), statistics })
+            let one = Component { width, height, runs, hash, pixels: OnceLock::new() };
+            AnyValue::new(Labels {
+                width,
+                height,
+                pixels: Pixels::Component(one.into()),
+                statistics,
+            })
         })
         .collect())
 }
 
-/// The bytes of a chunk.
+/// The number of bytes per chunk of BLAKE3.
 const CHUNK: usize = blake3::CHUNK_LEN;
 
-/// The hash of the column of a picture's pixels of which none has a label, as a tree.
+/// The hash tree of a picture whose pixels are all background.
 struct Background {
     width: usize,
-    /// The bytes that are hashed: the number of pixels in eight, and four for each.
+    /// The number of hashed bytes: eight for the number of pixels, plus four per pixel.
     bytes: usize,
     root: Part,
 }
 
-/// A part of the tree: what it is hashed to, and the two halves of more than one chunk.
+/// A node of the hash tree: its hash, and its two children if the node has more than one chunk.
 struct Part {
     value: [u8; 32],
     halves: Option<Box<[Self; 2]>>,
-    /// The chunk behind it.
+    /// The index of the chunk after the last chunk of the node.
     end: usize,
 }
 
-/// A chunk that is not all background, by its number.
+/// A chunk with its index.
 type Chunk = (usize, [u8; CHUNK]);
 
 impl Background {
@@ -125,12 +132,12 @@ impl Background {
         background
     }
 
-    /// The part of the tree from one chunk to another.
+    /// Builds the node for a range of chunks.
     fn part(&self, start: usize, end: usize) -> Part {
         if end - start == 1 {
-            return Part::chunk(self.hashed(&self.empty(start)), end);
+            return Part::chunk(self.hash_chunk(&self.empty(start)), end);
         }
-        // The left half is as large as a whole tree can be, and leaves something to the right one.
+        // BLAKE3 requires that the left child is the largest complete tree that leaves at least one chunk to the right child.
         let middle = start + (end - start).next_power_of_two() / 2;
         let halves = [self.part(start, middle), self.part(middle, end)];
         let value = merge_subtrees_non_root(&halves[0].value, &halves[1].value, Mode::Hash);
@@ -149,19 +156,19 @@ impl Background {
         &bytes[..(self.bytes - chunk * CHUNK).min(CHUNK)]
     }
 
-    fn hashed(&self, chunk: &Chunk) -> [u8; 32] {
+    fn hash_chunk(&self, chunk: &Chunk) -> [u8; 32] {
         let mut hasher = blake3::Hasher::new();
         hasher.set_input_offset((chunk.0 * CHUNK) as u64).update(self.content(chunk));
         hasher.finalize_non_root()
     }
 
-    /// The hash of the column in which these runs have the label 1.
-    fn with(&self, runs: &[LabelRun]) -> Hash {
+    /// The hash of a picture in which the pixels of these runs have the label 1.
+    fn hash_of_runs(&self, runs: &[LabelRun]) -> Hash {
         let mut chunks: Vec<Chunk> = Vec::new();
         for run in runs {
             let row = 8 + 4 * run.row as usize * self.width;
             let mut at = row + 4 * run.start as usize;
-            // A chunk begins with a whole pixel, because its size and that of what comes first are multiples of four.
+            // Each chunk begins at the start of a pixel, because the sizes of chunks and of the header are multiples of four.
             while at < row + 4 * run.end as usize {
                 let chunk = at / CHUNK;
                 if chunks.last().is_none_or(|(last, _)| *last != chunk) {
@@ -177,22 +184,26 @@ impl Background {
             let only = chunks.pop().unwrap_or_else(|| self.empty(0));
             return Hash(*blake3::hash(self.content(&only)).as_bytes());
         };
-        let [left, right] = self.changed(halves, &chunks);
+        let [left, right] = self.hash_halves(halves, &chunks);
         Hash(*merge_subtrees_root(&left, &right, Mode::Hash).as_bytes())
     }
 
-    /// What two halves are hashed to with these chunks in them.
-    fn changed(&self, halves: &[Part; 2], chunks: &[Chunk]) -> [[u8; 32]; 2] {
+    /// The hashes of two nodes of the tree after these chunks have been replaced.
+    fn hash_halves(&self, halves: &[Part; 2], chunks: &[Chunk]) -> [[u8; 32]; 2] {
         let (left, right) = chunks.split_at(chunks.partition_point(|it| it.0 < halves[0].end));
-        let value = |half: &Part, chunks: &[Chunk]| match (chunks, &half.halves) {
-            ([], _) => half.value,
+        [self.hash_part(&halves[0], left), self.hash_part(&halves[1], right)]
+    }
+
+    /// The hash of a node of the tree after these chunks have been replaced.
+    fn hash_part(&self, part: &Part, chunks: &[Chunk]) -> [u8; 32] {
+        match (chunks, &part.halves) {
+            ([], _) => part.value,
             (_, Some(halves)) => {
-                let [left, right] = self.changed(halves, chunks);
+                let [left, right] = self.hash_halves(halves, chunks);
                 merge_subtrees_non_root(&left, &right, Mode::Hash)
             }
-            ([chunk, ..], None) => self.hashed(chunk),
-        };
-        [value(&halves[0], left), value(&halves[1], right)]
+            ([chunk, ..], None) => self.hash_chunk(chunk),
+        }
     }
 }
 
@@ -209,7 +220,7 @@ mod tests {
     use super::*;
     use crate::{Value, hash_of};
 
-    /// A picture of many small components, row by row.
+    /// A picture with many small components, numbered row by row.
     fn spots(width: usize, height: usize) -> Labels {
         Labels::new(
             width,
@@ -225,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn an_element_is_the_picture_that_is_background_but_for_its_component() {
+    fn an_element_equals_the_picture_with_only_its_component() {
         for (width, height) in [(3, 2), (7, 6), (31, 9), (64, 40), (127, 33), (300, 70)] {
             let labels = spots(width, height);
             let elements = cut(&labels, usize::MAX, &[]).unwrap();
@@ -243,9 +254,10 @@ mod tests {
     }
 
     #[test]
-    fn what_was_there_before_is_taken_over_if_every_run_is_the_same() {
+    fn components_with_equal_runs_are_reused() {
         let before = cut(&spots(64, 40), usize::MAX, &[]).unwrap();
-        // One loses a pixel in its last row, one is gone, and one of another size begins where another one did.
+        // One component loses a pixel in its last row, one component disappears, and a component of another size begins at the first pixel
+        // of an old one.
         let mut pixels = spots(64, 40).pixels().to_vec();
         (pixels[64 + 2], pixels[5], pixels[6], pixels[7]) = (0, 0, 0, 0);
         (pixels[64 + 5], pixels[64 + 6], pixels[64 + 7], pixels[13]) = (0, 0, 0, 3);
@@ -259,9 +271,9 @@ mod tests {
         fn hashes(all: &[AnyValue]) -> Vec<Hash> {
             all.iter().map(AnyValue::hash).collect::<Vec<_>>()
         }
-        fn one(value: &AnyValue) -> Arc<One> {
+        fn component(value: &AnyValue) -> Arc<Component> {
             match &value.get::<Labels>().unwrap().pixels {
-                Pixels::One(one) => one.clone(),
+                Pixels::Component(one) => one.clone(),
                 Pixels::All(_) => panic!("a component is kept as runs"),
             }
         }
@@ -269,17 +281,17 @@ mod tests {
             let found = cut(&labels, usize::MAX, before).unwrap();
             assert_eq!(hashes(&found), hashes(&alone));
             let is_taken = |found: &&AnyValue| {
-                before.iter().any(|before| Arc::ptr_eq(&one(before), &one(found)))
+                before.iter().any(|before| Arc::ptr_eq(&component(before), &component(found)))
             };
             assert_eq!(found.iter().filter(is_taken).count(), same);
         }
-        // Those of a wider picture lie elsewhere.
+        // In a wider picture the same components have other hashes.
         let wide = cut(&spots(65, 40), usize::MAX, &before).unwrap();
         assert_eq!(hashes(&wide), hashes(&cut(&spots(65, 40), usize::MAX, &[]).unwrap()));
     }
 
     #[test]
-    fn more_components_than_are_wanted_are_counted() {
+    fn too_many_components_are_counted() {
         let count = spots(20, 8).statistics().len();
         let refused = cut(&spots(20, 8), count - 1, &[]).unwrap_err();
         assert_eq!(refused, NoElements::TooMany { count });

@@ -1,6 +1,7 @@
-//! Where a mesh runs through itself.
+//! Self-intersections of a mesh.
 //!
-//! Expectations and nodes call `Mesh::crossings`. It uses one tree of boxes: a sweep along one axis took minutes on a mesh of 350 000 faces.
+//! The search uses a tree of boxes, because a sweep along one axis took minutes on a mesh of 350 000 faces. Expectations and nodes call
+//! `Mesh::crossings`.
 
 use nalgebra::Point3;
 use robust::{Coord3D, orient3d};
@@ -10,12 +11,12 @@ use crate::parallel::*;
 use crate::{Bounds, BoxTree};
 
 impl Mesh {
-    /// Pairs of faces of which an edge of one pierces the other, ascending, decided by exact predicates (Shewchuk, "Adaptive precision
-    /// floating-point arithmetic and fast robust geometric predicates", 1997). Faces that merely touch, or lie in one plane, do not count. Cost
-    /// grows with n log n; `check` is asked from time to time whether to go on.
+    /// The pairs of faces where an edge of one face pierces the other, in ascending order. Exact predicates decide: Shewchuk, "Adaptive
+    /// precision floating-point arithmetic and fast robust geometric predicates" (1997). Faces that merely touch, or are coplanar, do not
+    /// count. Cost grows with n log n. `check` is called from time to time; if it returns an error, the search is canceled.
     ///
     /// # Errors
-    /// That of `check`.
+    /// The error of `check`.
     pub fn crossings<E: Send>(
         &self,
         check: impl Fn() -> Result<(), E> + Sync,
@@ -27,9 +28,12 @@ impl Mesh {
                 triangles.map(move |it| (number as u32, it.map(|corner| face[corner as usize])))
             })
             .collect();
-        let corners =
-            |(_, triangle): &(u32, [u32; 3])| triangle.map(|it| self.positions()[it as usize]);
-        let bounds: Vec<_> = triangles.iter().map(|it| Bounds::around(&corners(it))).collect();
+        let bounds: Vec<_> = triangles
+            .iter()
+            .map(|(_, vertices)| {
+                Bounds::from_points(&vertices.map(|vertex| self.positions()[vertex as usize]))
+            })
+            .collect();
         let boxes = BoxTree::new(bounds.iter().copied());
         const CHUNK: usize = 1024;
         let numbers = Vec::from_iter(0..triangles.len());
@@ -38,7 +42,7 @@ impl Mesh {
             let mut pairs = Vec::new();
             for &index in chunk {
                 let own = &triangles[index];
-                boxes.near(&bounds[index], |other| {
+                boxes.visit_overlapping(&bounds[index], |other| {
                     let other = &triangles[other as usize];
                     if own.0 < other.0 && cross(self, own.1, other.1) {
                         pairs.push([own.0, other.0]);
@@ -56,10 +60,11 @@ impl Mesh {
     }
 }
 
-/// Whether an edge of one triangle pierces the other one. One with a corner in common begins on the other and pierces nothing.
+/// Returns true if an edge of one triangle pierces the other triangle. An edge from a shared corner begins on the other triangle, so it
+/// does not count.
 ///
-/// Of two triangles that meet so, each has corners on both sides of the other's plane: most pairs are decided by three signs. Those of a
-/// triangle without area, which has no plane, are all 0.
+/// If two triangles cross, each has corners on both sides of the other's plane. The three signs of these sides decide most pairs. For a
+/// triangle without area, which has no plane, all signs are 0.
 fn cross(mesh: &Mesh, a: [u32; 3], b: [u32; 3]) -> bool {
     if 2 <= a.iter().filter(|corner| b.contains(corner)).count() {
         return false;
@@ -69,7 +74,7 @@ fn cross(mesh: &Mesh, a: [u32; 3], b: [u32; 3]) -> bool {
     pierces(mesh, (a, of_a), b) || may_be_pierced && pierces(mesh, (b, sides(mesh, b, a)), a)
 }
 
-/// On which side of a triangle's plane the corners of another one are, by sign; those that it has itself are in it.
+/// For each corner of one triangle, the side of the other triangle's plane on which the corner is, as a sign. A shared corner has side 0.
 fn sides(mesh: &Mesh, corners: [u32; 3], plane: [u32; 3]) -> [f64; 3] {
     corners.map(|corner| if plane.contains(&corner) { 0.0 } else { side(mesh, plane, corner) })
 }
@@ -78,7 +83,8 @@ fn straddles(sides: [f64; 3]) -> bool {
     sides.iter().any(|side| *side < 0.0) && sides.iter().any(|side| 0.0 < *side)
 }
 
-/// Whether an edge of a triangle pierces another one, on whose sides its corners are so.
+/// Returns true if an edge of a triangle pierces another triangle. `sides` are the sides of the other triangle's plane on which the corners
+/// are.
 fn pierces(mesh: &Mesh, (corners, sides): ([u32; 3], [f64; 3]), [u, v, w]: [u32; 3]) -> bool {
     let edges = [[0, 1], [1, 2], [2, 0]].into_iter();
     let mut through = edges
@@ -90,14 +96,15 @@ fn pierces(mesh: &Mesh, (corners, sides): ([u32; 3], [f64; 3]), [u, v, w]: [u32;
     })
 }
 
-/// On which side of the plane through three vertices a fourth one is: the sign of a determinant.
+/// The side of the plane through three vertices on which a fourth vertex is, as the sign of a determinant.
 fn side(mesh: &Mesh, plane: [u32; 3], corner: u32) -> f64 {
-    let coord = |vertex: u32| {
-        let Point3 { coords } = mesh.positions()[vertex as usize];
-        Coord3D { x: coords.x, y: coords.y, z: coords.z }
-    };
-    let [a, b, c] = plane.map(coord);
-    orient3d(a, b, c, coord(corner))
+    let [a, b, c] = plane.map(|vertex| coord(mesh, vertex));
+    orient3d(a, b, c, coord(mesh, corner))
+}
+
+fn coord(mesh: &Mesh, vertex: u32) -> Coord3D<f64> {
+    let Point3 { coords } = mesh.positions()[vertex as usize];
+    Coord3D { x: coords.x, y: coords.y, z: coords.z }
 }
 
 #[cfg(test)]
@@ -113,34 +120,42 @@ mod tests {
     }
 
     #[test]
-    fn two_crossing_triangles_are_named_and_neighbors_are_not() {
-        fn at(x: f64, y: f64, z: f64) -> Point3<f64> {
-            Point3::new(x, y, z)
-        }
-        let flat = [at(0., 0., 0.), at(4., 0., 0.), at(0., 4., 0.), at(4., 4., 0.)];
-        let spike = [at(1., 1., -1.), at(1., 1.2, 1.), at(1.3, 1., 1.)];
+    fn crossing_triangles_are_found_and_neighbors_are_not() {
+        let flat = [
+            Point3::new(0., 0., 0.),
+            Point3::new(4., 0., 0.),
+            Point3::new(0., 4., 0.),
+            Point3::new(4., 4., 0.),
+        ];
+        let spike = [Point3::new(1., 1., -1.), Point3::new(1., 1.2, 1.), Point3::new(1.3, 1., 1.)];
         let faces = [[0, 1, 2], [1, 3, 2], [4, 5, 6]];
-        fn all(height: f64, spike: [Point3<f64>; 3], flat: [Point3<f64>; 4]) -> Vec<Point3<f64>> {
+        fn corners_at(
+            height: f64,
+            spike: [Point3<f64>; 3],
+            flat: [Point3<f64>; 4],
+        ) -> Vec<Point3<f64>> {
             let moved = spike.map(|p| p + nalgebra::Vector3::z() * height);
             flat.into_iter().chain(moved).collect()
         }
-        assert_eq!(crossings(all(0.0, spike, flat), &faces), [[0, 2]]);
-        assert!(crossings(all(2.0, spike, flat), &faces).is_empty());
-        // It touches with its tip.
-        assert!(crossings(all(1.0, spike, flat), &faces).is_empty());
+        assert_eq!(crossings(corners_at(0.0, spike, flat), &faces), [[0, 2]]);
+        assert!(crossings(corners_at(2.0, spike, flat), &faces).is_empty());
+        // The tip of the spike only touches the other triangle.
+        assert!(crossings(corners_at(1.0, spike, flat), &faces).is_empty());
     }
 
     #[test]
     fn faces_with_a_vertex_in_common_may_cross() {
-        fn at(x: f64, y: f64, z: f64) -> Point3<f64> {
-            Point3::new(x, y, z)
-        }
-        let places =
-            vec![at(0., 0., 0.), at(4., 0., 0.), at(0., 4., 0.), at(2., 1., -1.), at(1., 2., 1.)];
-        assert_eq!(crossings(places, &[[0, 1, 2], [0, 3, 4]]), [[0, 1]]);
+        let positions = vec![
+            Point3::new(0., 0., 0.),
+            Point3::new(4., 0., 0.),
+            Point3::new(0., 4., 0.),
+            Point3::new(2., 1., -1.),
+            Point3::new(1., 2., 1.),
+        ];
+        assert_eq!(crossings(positions, &[[0, 1, 2], [0, 3, 4]]), [[0, 1]]);
     }
 
-    /// The definition, edge by edge.
+    /// Finds the crossings by their definition, edge by edge.
     fn meets(mesh: &Mesh, a: [u32; 3], b: [u32; 3]) -> bool {
         fn pierces(a: [u32; 3], b: [u32; 3], mesh: &Mesh) -> bool {
             [[0, 1], [1, 2], [2, 0]].into_iter().any(|ends| {
@@ -157,10 +172,10 @@ mod tests {
 
     #[test]
     fn triangles_of_a_lattice_cross_as_their_edges_pierce() {
-        // Many of them lie in one plane, touch, or have no area.
-        let places = (0..27).map(|k| [k % 3, k / 3 % 3, k / 9].map(f64::from));
-        let places: Vec<_> = places.map(Point3::from).collect();
-        let mesh = Mesh::new(places, Faces::triangles(Vec::new())).unwrap();
+        // Many of the random triangles are coplanar, touch, or have no area.
+        let positions = (0..27).map(|k| [k % 3, k / 3 % 3, k / 9].map(f64::from));
+        let positions: Vec<_> = positions.map(Point3::from).collect();
+        let mesh = Mesh::new(positions, Faces::triangles(Vec::new())).unwrap();
         let triangles = (0..27 * 27 * 27)
             .step_by(61)
             .map(|k| [k % 27, k / 27 % 27, k / 729])

@@ -1,4 +1,4 @@
-//! What a mesh tells of itself: its hash, its size, its facts.
+//! The implementation of `Value` for meshes.
 
 use super::super::material;
 use super::super::{
@@ -6,7 +6,7 @@ use super::super::{
     Property, Summary, Value,
 };
 use super::properties::PROPERTIES;
-use super::{Faces, Known, Mesh, describe_bounds, parts};
+use super::{DerivedData, Faces, Mesh, describe_bounds, parts};
 
 impl Value for Mesh {
     const NAME: &'static str = "Mesh";
@@ -35,7 +35,7 @@ impl Value for Mesh {
             creases: from.column()?,
             materials: material::decode(from)?.into(),
             frame: from.option(CaptureFrame::decode)?,
-            known: Known::default(),
+            derived: DerivedData::default(),
         })
     }
 
@@ -53,10 +53,7 @@ impl Value for Mesh {
         let edges = self.edges();
         let (vertices, faces) = (self.positions.len(), self.faces.len());
         let euler = vertices as i64 - edges.vertices.len() as i64 + faces as i64;
-        fn count(wanted: fn(&u32) -> bool, edges_faces: &[u32]) -> usize {
-            edges_faces.iter().filter(|n| wanted(n)).count()
-        }
-        // From 0 on: the sum of nothing is -0.
+        // The sum starts from 0.0 with `fold`, because `sum` of an empty iterator is -0.0.
         let area = self.faces.iter().fold(0.0, |sum, face| sum + self.area_vector(face).norm());
         let attributes: Vec<&str> = [&self.vertex, &self.corner, &self.face]
             .into_iter()
@@ -64,29 +61,29 @@ impl Value for Mesh {
             .map(|(name, _)| name)
             .collect();
         let summary = Summary::default()
-            .with("vertices", vertices)
-            .with("faces", faces)
-            .with("edges", edges.vertices.len())
-            .with("boundary edges", count(|&n| n == 1, &edges.faces))
-            .with("non-manifold edges", count(|&n| n > 2, &edges.faces))
-            .with("misoriented edges", edges.misoriented)
-            .with("Euler characteristic", euler)
-            .with("area", area)
+            .with_fact("vertices", vertices)
+            .with_fact("faces", faces)
+            .with_fact("edges", edges.vertices.len())
+            .with_fact("boundary edges", edges.faces.iter().filter(|&&n| n == 1).count())
+            .with_fact("non-manifold edges", edges.faces.iter().filter(|&&n| n > 2).count())
+            .with_fact("misoriented edges", edges.misoriented)
+            .with_fact("Euler characteristic", euler)
+            .with_fact("area", area)
             .with_histogram(
                 "edge length",
                 edges.vertices.iter().map(|&[a, b]| {
                     (self.positions[a as usize] - self.positions[b as usize]).norm()
                 }),
             )
-            .with("attributes", attributes.join(", "));
+            .with_fact("attributes", attributes.join(", "));
         let summary = match self.texture() {
             Some(texture) => {
-                summary.with("texture", format!("{} x {}", texture.width(), texture.height()))
+                summary.with_fact("texture", format!("{} x {}", texture.width(), texture.height()))
             }
             None => summary,
         };
         let summary = match parts::names(&self.materials) {
-            Some(names) => summary.with("materials", names),
+            Some(names) => summary.with_fact("materials", names),
             None => summary,
         };
         describe_bounds(summary, self.positions.iter())
@@ -108,7 +105,7 @@ impl Value for Mesh {
         parts::show(self)
     }
 
-    fn hostile() -> Vec<Self> {
-        parts::hostile()
+    fn edge_cases() -> Vec<Self> {
+        parts::edge_cases()
     }
 }

@@ -1,25 +1,37 @@
-//! What a mesh falls apart into: its parts, and the rims of its holes.
+//! The elements of a mesh: its connected parts, or the borders of its holes.
 
 use std::collections::HashSet;
 
 use nalgebra::Point3;
 
-use super::{Crease, Faces, Known, Mesh};
+use super::{Crease, DerivedData, Faces, Mesh};
+use crate::union_find::UnionFind;
 use crate::{AnyValue, Curve, Elements, NoElements, value_type};
 
-/// `Parts("mesh")` and `Holes("mesh")`.
+/// The two ways to split a mesh, `Parts("mesh")` and `Holes("mesh")`.
 pub(super) fn elements() -> Vec<Elements<Mesh>> {
     let (mesh, curve) = (value_type::<Mesh>(), value_type::<Curve>());
     vec![
-        Elements { word: "Parts", name: "parts", kind: mesh, cut: |it, most, _| parts(it, most) },
-        Elements { word: "Holes", name: "holes", kind: curve, cut: |it, most, _| holes(it, most) },
+        Elements {
+            word: "Parts",
+            name: "parts",
+            kind: mesh,
+            cut: |it, max_count, _| parts(it, max_count),
+        },
+        Elements {
+            word: "Holes",
+            name: "holes",
+            kind: curve,
+            cut: |it, max_count, _| holes(it, max_count),
+        },
     ]
 }
 
-/// What hangs together by vertices, in the order of the first faces. A vertex without a face is part of nothing.
-fn parts(mesh: &Mesh, most: usize) -> Result<Vec<AnyValue>, NoElements> {
+/// Splits the mesh into parts. The faces of a part are connected by vertices. Parts are in the order of their first faces. A vertex without
+/// a face belongs to no part.
+fn parts(mesh: &Mesh, max_count: usize) -> Result<Vec<AnyValue>, NoElements> {
     let (of_faces, count) = part_of_faces(mesh);
-    if most < count {
+    if max_count < count {
         return Err(NoElements::TooMany { count });
     }
     let mut faces: Vec<Vec<u32>> = vec![Vec::new(); count];
@@ -37,32 +49,21 @@ fn parts(mesh: &Mesh, most: usize) -> Result<Vec<AnyValue>, NoElements> {
             creases[a as usize].push(*crease);
         }
     }
-    let mut places = vec![0; mesh.positions.len()];
+    let mut new_indices = vec![0; mesh.positions.len()];
     Ok(faces
         .into_iter()
         .zip(creases)
         .map(|(faces, creases): (Vec<u32>, Vec<Crease>)| {
-            AnyValue::new(part(mesh, &faces, creases, &mut places))
+            AnyValue::new(part(mesh, &faces, creases, &mut new_indices))
         })
         .collect())
 }
 
-/// The part of each face, and how many parts there are.
+/// The index of the part that contains each face, and the number of parts.
 fn part_of_faces(mesh: &Mesh) -> (Vec<u32>, usize) {
-    let mut above: Vec<_> = (0..mesh.positions.len() as u32).collect();
-    fn root(above: &mut [u32], mut vertex: u32) -> u32 {
-        while above[vertex as usize] != vertex {
-            let next = above[vertex as usize];
-            above[vertex as usize] = above[next as usize];
-            vertex = above[vertex as usize];
-        }
-        vertex
-    }
+    let mut sets = UnionFind::new(mesh.positions.len());
     for face in mesh.faces.iter() {
-        for &vertex in &face[1..] {
-            let [a, b] = [face[0], vertex].map(|vertex| root(&mut above, vertex));
-            above[a.max(b) as usize] = a.min(b);
-        }
+        face[1..].iter().for_each(|&vertex| sets.union(face[0], vertex));
     }
     let mut numbers = vec![u32::MAX; mesh.positions.len()];
     let mut count = 0;
@@ -70,7 +71,7 @@ fn part_of_faces(mesh: &Mesh) -> (Vec<u32>, usize) {
         .faces
         .iter()
         .map(|face| {
-            let number = &mut numbers[root(&mut above, face[0]) as usize];
+            let number = &mut numbers[sets.find(face[0]) as usize];
             if *number == u32::MAX {
                 *number = count;
                 count += 1;
@@ -81,20 +82,20 @@ fn part_of_faces(mesh: &Mesh) -> (Vec<u32>, usize) {
     (parts, count as usize)
 }
 
-/// The mesh of some faces, with all that lies on them. `places` has an entry per vertex of the whole mesh.
-fn part(mesh: &Mesh, faces: &[u32], mut creases: Vec<Crease>, places: &mut [u32]) -> Mesh {
+/// The mesh of some faces, with their attributes. `new_indices` is a reusable buffer with an entry per vertex of the whole mesh.
+fn part(mesh: &Mesh, faces: &[u32], mut creases: Vec<Crease>, new_indices: &mut [u32]) -> Mesh {
     let all = &mesh.faces;
     let mut vertices =
         faces.iter().flat_map(|&face| all.face(face as usize)).copied().collect::<Vec<_>>();
     let mut corners = vertices.clone();
     vertices.sort_unstable();
     vertices.dedup();
-    for (place, &vertex) in (0..).zip(&vertices) {
-        places[vertex as usize] = place;
+    for (new_index, &vertex) in (0..).zip(&vertices) {
+        new_indices[vertex as usize] = new_index;
     }
-    corners.iter_mut().for_each(|corner| *corner = places[*corner as usize]);
+    corners.iter_mut().for_each(|corner| *corner = new_indices[*corner as usize]);
     for crease in &mut creases {
-        crease.vertices = crease.vertices.map(|vertex| places[vertex as usize]);
+        crease.vertices = crease.vertices.map(|vertex| new_indices[vertex as usize]);
     }
     let sides = faces.iter().map(|&face| all.face(face as usize).len());
     let of_corners = faces.iter().flat_map(|&face| {
@@ -111,15 +112,15 @@ fn part(mesh: &Mesh, faces: &[u32], mut creases: Vec<Crease>, places: &mut [u32]
         creases: creases.into(),
         materials: mesh.materials.clone(),
         frame: mesh.frame,
-        known: Known::default(),
+        derived: DerivedData::default(),
     }
 }
 
 impl Mesh {
-    /// The mesh of some faces, in this order, with all that lies on them. Vertices that they do not need are left out.
+    /// The mesh of some faces, in this order, with their attributes. Vertices that these faces do not use are left out.
     ///
     /// # Panics
-    /// If a face is behind the last one.
+    /// If a face does not exist.
     #[must_use]
     pub fn select(&self, faces: &[u32]) -> Self {
         let mut edges = HashSet::new();
@@ -143,11 +144,11 @@ impl Mesh {
     }
 }
 
-/// The rims of the holes as closed curves, in the order in which faces meet them; the face lies to the left. Where two rims share a
-/// vertex, each is a curve of its own.
-fn holes(mesh: &Mesh, most: usize) -> Result<Vec<AnyValue>, NoElements> {
+/// The borders of the holes as closed curves, with the faces on the left side, in the order in which the faces reach them. Where two
+/// borders share a vertex, each is a separate curve.
+fn holes(mesh: &Mesh, max_count: usize) -> Result<Vec<AnyValue>, NoElements> {
     let rims = rims(mesh);
-    if most < rims.len() {
+    if max_count < rims.len() {
         return Err(NoElements::TooMany { count: rims.len() });
     }
     rims.into_iter()
@@ -160,7 +161,7 @@ fn holes(mesh: &Mesh, most: usize) -> Result<Vec<AnyValue>, NoElements> {
         .collect()
 }
 
-/// The loops of edges with one face, as vertices.
+/// The closed loops of edges with one face, as lists of vertices.
 fn rims(mesh: &Mesh) -> Vec<Vec<u32>> {
     let all: Vec<_> = mesh
         .faces
@@ -171,15 +172,15 @@ fn rims(mesh: &Mesh) -> Vec<Vec<u32>> {
         })
         .collect();
     let mut order = Vec::from_iter(0..all.len());
-    fn undirected(edge: usize, all: &[[u32; 2]]) -> [u32; 2] {
+    fn sorted_ends(edge: usize, all: &[[u32; 2]]) -> [u32; 2] {
         [all[edge][0].min(all[edge][1]), all[edge][0].max(all[edge][1])]
     }
-    order.sort_by_key(|&edge| (undirected(edge, &all), edge));
-    let of_one_face = order.chunk_by(|&a, &b| undirected(a, &all) == undirected(b, &all));
+    order.sort_by_key(|&edge| (sorted_ends(edge, &all), edge));
+    let of_one_face = order.chunk_by(|&a, &b| sorted_ends(a, &all) == sorted_ends(b, &all));
     let open = of_one_face.filter(|same| same.len() == 1).map(|same| same[0]);
     let mut open = Vec::from_iter(open);
     open.sort_unstable();
-    // By their first vertices, so that the one that goes on is found.
+    // The edges are sorted by their first vertex, so that the edge that continues a path can be found.
     let mut from = open.clone();
     from.sort_by_key(|&edge| (all[edge][0], edge));
     let mut is_taken = vec![false; all.len()];
@@ -214,7 +215,7 @@ mod tests {
     use crate::{Attribute, Value, hash_of};
 
     fn mesh(faces: &[[u32; 3]]) -> Mesh {
-        let count = faces.iter().flatten().max().map_or(0, |most| most + 1);
+        let count = faces.iter().flatten().max().map_or(0, |max_count| max_count + 1);
         Mesh::new(
             (0..count)
                 .map(|k: u32| Point3::new(f64::from(k), f64::from(k * k), 0.0))
@@ -225,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn a_part_keeps_what_lies_on_it() {
+    fn a_part_keeps_its_attributes_and_creases() {
         let whole = mesh(&[[3, 4, 5], [0, 1, 2], [5, 4, 6]])
             .with_vertex("weight", Attribute::Number((0..7).map(f64::from).collect()))
             .unwrap()
@@ -251,12 +252,12 @@ mod tests {
     }
 
     #[test]
-    fn a_part_hangs_on_itself_alone() {
+    fn a_part_depends_only_on_itself() {
         let before = parts(&mesh(&[[0, 1, 2], [3, 4, 5]]), 9).unwrap();
         let moved = Point3::new(0.5, 0.5, 0.5);
-        let mut places = mesh(&[[0, 1, 2], [3, 4, 5]]).positions().to_vec();
-        places[1] = moved;
-        let after = mesh(&[[0, 1, 2], [3, 4, 5]]).with_positions(places).unwrap();
+        let mut positions = mesh(&[[0, 1, 2], [3, 4, 5]]).positions().to_vec();
+        positions[1] = moved;
+        let after = mesh(&[[0, 1, 2], [3, 4, 5]]).with_positions(positions).unwrap();
         let after = parts(&after, 9).unwrap();
         assert_ne!(before[0].hash(), after[0].hash());
         assert_eq!(before[1].hash(), after[1].hash());
@@ -265,8 +266,8 @@ mod tests {
     }
 
     #[test]
-    fn rims_that_share_a_vertex_are_two() {
-        // A ring of triangles has an outer and an inner rim; two triangles that touch at one vertex have one each.
+    fn borders_that_share_a_vertex_are_separate() {
+        // Each of two triangles that touch at one vertex has a border of its own.
         assert_eq!(rims(&mesh(&[[0, 1, 2], [2, 3, 4]])), [vec![0, 1, 2], vec![2, 3, 4]]);
         let ring = mesh(&[[0, 1, 4], [1, 5, 4], [1, 2, 5], [2, 6, 5], [2, 0, 6], [0, 4, 6]]);
         assert_eq!(rims(&ring).len(), 2);

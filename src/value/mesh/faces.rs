@@ -3,24 +3,24 @@
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
-use super::known::Spread;
+use super::derived::FaceBins;
 use super::{BLOCK, MeshError, check_count};
 use crate::memory::huge_vec;
 use crate::parallel::*;
 use crate::{Column, DecodeError, Decoder, Encoder};
 
-/// The faces of a mesh: corners by vertex index, counter-clockwise seen from outside.
+/// The faces of a mesh: for each corner, the index of its vertex. The corners of a face are counter-clockwise seen from outside.
 ///
 /// Invariant, checked by its constructors: every face has at least 3 corners.
 #[derive(Clone, Debug)]
 pub struct Faces {
     corners: Column<u32>,
     shape: Shape,
-    /// How many vertices there must be for these faces to be sound, found when first asked for and shared by copies; none if a
-    /// face meets a vertex twice.
-    needed: Arc<OnceLock<Option<u32>>>,
-    /// Where they are, found when first asked for and shared by copies.
-    spread: Arc<OnceLock<Spread>>,
+    /// The minimum number of vertices that a mesh with these faces must have. `None` if a face contains a vertex twice. Computed on first
+    /// use and shared by copies.
+    min_vertices: Arc<OnceLock<Option<u32>>>,
+    /// The bins of vertices that each block of faces uses. Computed on first use and shared by copies.
+    face_bins: Arc<OnceLock<FaceBins>>,
 }
 
 impl PartialEq for Faces {
@@ -31,14 +31,14 @@ impl PartialEq for Faces {
 
 #[derive(Clone, Debug, PartialEq)]
 enum Shape {
-    /// All faces have this many corners.
+    /// The number of corners that each face has.
     Uniform(usize),
-    /// The first corner of each face, and behind the last face the number of corners.
+    /// The index of the first corner of each face; the last entry is the number of corners.
     Mixed(Column<u32>),
 }
 
 impl Faces {
-    /// Faces of `sides` corners each.
+    /// Builds faces of `sides` corners each.
     ///
     /// # Errors
     /// If `sides` is less than 3 or does not divide the number of corners.
@@ -54,15 +54,15 @@ impl Faces {
         Ok(Self::new(corners, Shape::Uniform(sides)))
     }
 
-    /// Triangles.
+    /// Builds faces of three corners each.
     pub fn triangles(triangles: Vec<[u32; 3]>) -> Self {
         Self::new(triangles.into_flattened().into(), Shape::Uniform(3))
     }
 
-    /// Faces with these numbers of corners, one after the other.
+    /// Builds faces with these numbers of corners, in order.
     ///
     /// # Errors
-    /// If a face has fewer than 3 corners, or the numbers do not add up to the corners.
+    /// If a face has fewer than 3 corners, or the sum of the numbers is not the number of corners.
     pub fn polygons(sides: &[usize], corners: Vec<u32>) -> Result<Self, MeshError> {
         if let Some(face) = sides.iter().position(|&sides| sides < 3) {
             return Err(MeshError::FewCorners { face, corners: sides[face] });
@@ -85,20 +85,21 @@ impl Faces {
     }
 
     fn new(corners: Column<u32>, shape: Shape) -> Self {
-        Self { corners, shape, needed: Arc::default(), spread: Arc::default() }
+        Self { corners, shape, min_vertices: Arc::default(), face_bins: Arc::default() }
     }
 
-    pub(crate) fn spread(&self) -> &Spread {
-        self.spread.get().unwrap_or_else(|| {
-            // Made outside of the lock: its threads may take on other work meanwhile that asks for the same.
-            let spread = Spread::new(self);
-            self.spread.get_or_init(|| spread)
+    pub(crate) fn face_bins(&self) -> &FaceBins {
+        self.face_bins.get().unwrap_or_else(|| {
+            // The index is computed outside of the lock, because the thread pool may meanwhile run other work that needs the same value.
+            let face_bins = FaceBins::new(self);
+            self.face_bins.get_or_init(|| face_bins)
         })
     }
 
-    /// Finds the first face that names no vertex, or one twice. Looks at the faces only once, however many meshes share them.
+    /// Checks that all corners refer to one of `vertices` vertices, and that no face contains a vertex twice. However many meshes share the
+    /// faces, they are read only once.
     pub(super) fn check(&self, vertices: usize) -> Result<(), MeshError> {
-        match self.needed() {
+        match self.min_vertices() {
             Some(needed) if needed as usize <= vertices => Ok(()),
             _ => {
                 let bad = (0..self.len())
@@ -108,30 +109,31 @@ impl Faces {
         }
     }
 
-    /// How many vertices there must be for all corners; none if a face meets one twice.
-    pub fn needed(&self) -> Option<u32> {
-        *self.needed.get_or_init(|| self.count_needed())
+    /// The minimum number of vertices that the corners require. `None` if a face contains a vertex twice.
+    pub fn min_vertices(&self) -> Option<u32> {
+        *self.min_vertices.get_or_init(|| self.compute_min_vertices())
     }
 
-    fn count_needed(&self) -> Option<u32> {
+    fn compute_min_vertices(&self) -> Option<u32> {
         let blocks = (0..self.len().div_ceil(BLOCK)).into_par_iter();
-        let faces = |block: usize| block * BLOCK..self.len().min((block + 1) * BLOCK);
-        let needed = blocks.map(|block| match self.sides() {
-            Some(3) => count_needed::<3>(&self.corners, faces(block)),
-            Some(4) => count_needed::<4>(&self.corners, faces(block)),
-            _ => {
-                let mut faces = faces(block).map(|face| self.face(face));
-                let needed =
-                    |face: &[u32]| face.iter().max().map_or(0, |highest| highest.saturating_add(1));
-                faces.try_fold(0, |most, face| {
-                    (repeated(face).is_none()).then(|| u32::max(most, needed(face)))
-                })
-            }
-        });
-        needed
+        blocks
+            .map(|block| self.min_vertices_of_block(block))
             .collect::<Vec<_>>()
             .into_iter()
-            .try_fold(0, |most, of_block| Some(of_block?.max(most)))
+            .try_fold(0, |highest, of_block| Some(of_block?.max(highest)))
+    }
+
+    fn min_vertices_of_block(&self, block: usize) -> Option<u32> {
+        let mut faces = block * BLOCK..self.len().min((block + 1) * BLOCK);
+        match self.sides() {
+            Some(3) => min_vertices_of_faces::<3>(&self.corners, faces),
+            Some(4) => min_vertices_of_faces::<4>(&self.corners, faces),
+            _ => faces.try_fold(0, |highest, face| {
+                let face = self.face(face);
+                let needed = face.iter().max().map_or(0, |vertex| vertex.saturating_add(1));
+                first_repeated_vertex(face).is_none().then(|| u32::max(highest, needed))
+            }),
+        }
     }
 
     /// Number of faces.
@@ -142,12 +144,12 @@ impl Faces {
         }
     }
 
-    /// Whether there is no face.
+    /// Returns true if there are no faces.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// The number of corners of every face, if it is the same.
+    /// The number of corners per face, if all faces have the same number.
     pub fn sides(&self) -> Option<usize> {
         match self.shape {
             Shape::Uniform(sides) => Some(sides),
@@ -155,7 +157,7 @@ impl Faces {
         }
     }
 
-    /// All faces as triangles, if they are.
+    /// All faces as triangles, if every face has three corners.
     pub fn as_triangles(&self) -> Option<&[[u32; 3]]> {
         (self.sides() == Some(3)).then(|| bytemuck::cast_slice(&self.corners))
     }
@@ -169,7 +171,7 @@ impl Faces {
         }
     }
 
-    /// The vertices at a face's corners.
+    /// The vertices of a face.
     ///
     /// # Panics
     /// If there is no such face.
@@ -178,26 +180,26 @@ impl Faces {
         &self.corners[self.first_corner(face)..self.first_corner(face + 1)]
     }
 
-    /// The vertices at the corners of each face in turn.
+    /// Iterates over the vertices of each face.
     pub fn iter(&self) -> impl Iterator<Item = &[u32]> {
         (0..self.len()).map(|face| self.face(face))
     }
 
-    /// The vertices at all corners, face by face.
+    /// The vertices of all corners, face by face.
     pub fn corners(&self) -> &Column<u32> {
         &self.corners
     }
 
-    /// Their edges.
+    /// The edges of the faces.
     ///
-    /// Each edge is listed at the end that has fewer corners, so that the lists to be searched are short even around the tip
-    /// of a large fan: Chiba and Nishizeki, "Arboricity and subgraph listing algorithms" (1985), lemma 2.
+    /// Each edge is listed at that of its two vertices that has fewer corners. So the searched lists are short even around the center of a
+    /// large fan: Chiba and Nishizeki, "Arboricity and subgraph listing algorithms" (1985), lemma 2.
     pub fn edges(&self) -> Edges {
         let vertices = self.corners.iter().max().map_or(0, |&vertex| vertex as usize + 1);
         let mut degrees = vec![0u32; vertices];
         self.corners.iter().for_each(|&vertex| degrees[vertex as usize] += 1);
         let mut newest = vec![NONE; vertices];
-        let mut listed: Vec<Listed> = Vec::with_capacity(self.corners.len() / 2 + 1);
+        let mut listed: Vec<ListedEdge> = Vec::with_capacity(self.corners.len() / 2 + 1);
         let mut edges = Edges {
             vertices: Vec::with_capacity(self.corners.len() / 2 + 1),
             faces: Vec::with_capacity(self.corners.len() / 2 + 1),
@@ -216,7 +218,7 @@ impl Faces {
                 }
                 if edge == NONE {
                     edge = listed.len() as u32;
-                    listed.push(Listed { other, older: newest[at as usize], from });
+                    listed.push(ListedEdge { other, older: newest[at as usize], from });
                     newest[at as usize] = edge;
                     edges.vertices.push([low, high]);
                     edges.faces.push(1);
@@ -232,7 +234,7 @@ impl Faces {
         edges
     }
 
-    /// Writes them as part of a value that holds them.
+    /// Writes the faces as one part of a value that contains them.
     pub fn encode(&self, to: &mut Encoder) {
         let (sides, starts) = match &self.shape {
             Shape::Uniform(sides) => (*sides, None),
@@ -243,10 +245,10 @@ impl Faces {
         });
     }
 
-    /// Reads what [`Faces::encode`] wrote, for types that hold faces.
+    /// Reads what [`Faces::encode`] wrote, for types that contain faces.
     ///
     /// # Errors
-    /// If it is not that.
+    /// If the content is not what `encode` writes.
     pub fn decode(from: &mut Decoder<'_>) -> Result<Self, DecodeError> {
         let corners = from.column()?;
         let [sides] = from.counts()?;
@@ -263,8 +265,8 @@ impl Faces {
     }
 }
 
-/// The vertices that some faces of `N` corners need; none if one meets a vertex twice.
-fn count_needed<const N: usize>(corners: &[u32], faces: Range<usize>) -> Option<u32> {
+/// The minimum number of vertices that some faces of `N` corners require. `None` if a face contains a vertex twice.
+fn min_vertices_of_faces<const N: usize>(corners: &[u32], faces: Range<usize>) -> Option<u32> {
     let faces = corners[N * faces.start..N * faces.end].as_chunks::<N>().0;
     let (mut highest, mut repeats) = (0, false);
     for face in faces {
@@ -278,23 +280,23 @@ fn count_needed<const N: usize>(corners: &[u32], faces: Range<usize>) -> Option<
     (!repeats).then_some(if faces.is_empty() { 0 } else { highest.saturating_add(1) })
 }
 
-/// Faces up to this many corners are searched for repeated ones pair by pair; larger ones are sorted.
+/// The maximum number of corners of a face that is searched for repeated vertices pair by pair. The corners of larger faces are sorted.
 const FEW_CORNERS: usize = 16;
 
 fn check_face(face: usize, corners: &[u32], vertices: usize) -> Result<(), MeshError> {
     if let Some(&vertex) = corners.iter().find(|&&vertex| vertices <= vertex as usize) {
         return Err(MeshError::NoVertex { face, vertex, vertices });
     }
-    match repeated(corners) {
-        Some(place) => Err(MeshError::RepeatedVertex { face, vertex: corners[place] }),
+    match first_repeated_vertex(corners) {
+        Some(corner) => Err(MeshError::RepeatedVertex { face, vertex: corners[corner] }),
         None => Ok(()),
     }
 }
 
-/// The first corner whose vertex an earlier one has, too.
+/// The first corner whose vertex is also at an earlier corner.
 #[inline]
-fn repeated(corners: &[u32]) -> Option<usize> {
-    // What most faces are, without a loop.
+fn first_repeated_vertex(corners: &[u32]) -> Option<usize> {
+    // The common case, a quad without a repeated vertex, needs no loop.
     if let [a, b, c, d] = *corners
         && a != b
         && c != d
@@ -305,34 +307,34 @@ fn repeated(corners: &[u32]) -> Option<usize> {
     if corners.len() <= FEW_CORNERS {
         return (1..corners.len()).find(|&k| corners[..k].contains(&corners[k]));
     }
-    let mut places: Vec<(u32, usize)> = corners.iter().copied().zip(0..).collect();
-    places.sort_unstable();
-    let repeats = places.windows(2).filter(|pair| pair[0].0 == pair[1].0);
+    let mut sorted: Vec<(u32, usize)> = corners.iter().copied().zip(0..).collect();
+    sorted.sort_unstable();
+    let repeats = sorted.windows(2).filter(|pair| pair[0].0 == pair[1].0);
     repeats.map(|pair| pair[1].1).min()
 }
 
-/// No edge.
+/// The index that stands for no edge.
 const NONE: u32 = u32::MAX;
 
-/// An edge in the list of one of its ends.
-struct Listed {
-    /// The other end.
+/// An entry in the linked list of the edges at a vertex.
+struct ListedEdge {
+    /// The vertex at the other end of the edge.
     other: u32,
-    /// The edge listed before it at the same vertex.
+    /// The previous edge in the linked list of the same vertex.
     older: u32,
-    /// Where the last face that met it came from.
+    /// The vertex at which the edge began in the last face that uses the edge.
     from: u32,
 }
 
-/// The edges of a mesh between vertices a < b, in the order in which the faces meet them.
+/// The edges of a mesh as pairs of vertices a < b, in the order in which the faces first use them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Edges {
-    /// The two vertices of each edge, the lower one first.
+    /// The two vertices of each edge, the lower index first.
     pub vertices: Vec<[u32; 2]>,
-    /// How many faces meet at each edge: 1 at a boundary, more than 2 where the mesh is not manifold.
+    /// The number of faces at each edge: 1 at a boundary, and more than 2 where the mesh is not manifold.
     pub faces: Vec<u32>,
-    /// Edges which two faces run through in the same direction: their orientations disagree.
+    /// The number of edges that two faces traverse in the same direction, which means that the orientations of these faces disagree.
     pub misoriented: usize,
-    /// The edge from each corner to the next corner of its face.
+    /// For each corner, the edge from that corner to the next corner of its face.
     pub of_corner: Vec<u32>,
 }

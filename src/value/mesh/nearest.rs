@@ -1,7 +1,7 @@
-//! The nearest point of a mesh: a tree of boxes over its triangles, sorted along a space-filling curve.
+//! The nearest point of a mesh, found by a tree of boxes over the triangles, which are sorted along a space-filling curve.
 //!
-//! Karras, "Maximizing parallelism in the construction of BVHs, octrees, and k-d trees" (2012), of which only the order by
-//! Morton codes is taken: the tree is a complete binary one over equally long runs of it, so that it needs no pointers.
+//! Karras, "Maximizing parallelism in the construction of BVHs, octrees, and k-d trees" (2012). Only the order by Morton codes comes from
+//! that paper. The tree is a complete binary tree over runs of triangles of equal length in this order, so it needs no pointers.
 
 use nalgebra::Point3;
 
@@ -13,68 +13,78 @@ mod ray;
 
 pub use ray::RayHit;
 
-/// Triangles of a leaf: with fewer there are more boxes to visit, with more there are more triangles to measure.
+/// The number of triangles per leaf. With fewer triangles a search visits more boxes; with more triangles it measures more distances.
 const LEAF: usize = 4;
 
-/// Where a mesh is nearest to a point.
+/// The point of a mesh that is nearest to a given point.
 #[derive(Clone, Copy, Debug)]
-pub struct NearestPlace {
+pub struct NearestPoint {
     /// The square of the distance, in mm^2.
     pub distance_sq: f64,
-    /// The face.
+    /// The face that contains the nearest point.
     pub face: u32,
-    /// The corners of its triangle, by index among the corners of all faces.
+    /// The corners of the triangle that contains the nearest point, as indices among the corners of all faces.
     pub corners: [u32; 3],
-    /// How far each corner of the triangle weighs in the nearest point.
-    pub shares: [f64; 3],
+    /// The barycentric coordinates of the nearest point in that triangle.
+    pub barycentric: [f64; 3],
 }
 
-impl NearestPlace {
-    /// The nearest point.
-    pub fn place(&self, mesh: &Mesh) -> Point3<f64> {
+impl NearestPoint {
+    /// The position of the nearest point.
+    pub fn position(&self, mesh: &Mesh) -> Point3<f64> {
         let vertices = self.corners.map(|corner| mesh.faces().corners()[corner as usize] as usize);
-        let parts = vertices.map(|vertex| mesh.positions()[vertex]).into_iter().zip(self.shares);
-        parts.fold(Point3::origin(), |sum, (at, share)| sum + at.coords * share)
+        let parts =
+            vertices.map(|vertex| mesh.positions()[vertex]).into_iter().zip(self.barycentric);
+        parts.fold(Point3::origin(), |sum, (at, fraction)| sum + at.coords * fraction)
     }
 }
 
-/// Lowest and highest coordinates, rounded outwards: half the memory.
+/// The minimum and maximum coordinates of a box, rounded outwards to single precision, which needs half the memory.
 type Bounds = [[f32; 3]; 2];
 
 const EMPTY: Bounds = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
 
-/// The triangles of a mesh, so sorted that the nearest one is found fast.
+/// A tree of boxes over the triangles of a mesh, for fast nearest-point and ray queries.
 pub struct TriangleTree {
     triangles: Vec<Triangle>,
-    /// A complete binary tree: the root is at 1, the children of `n` at `2n` and `2n + 1`.
+    /// The boxes of a complete binary tree: the root is at index 1, the children of `n` are at `2n` and `2n + 1`.
     boxes: Vec<Bounds>,
     leaves: usize,
 }
 
 #[derive(Clone, Copy)]
 struct Triangle {
-    places: [Point3<f64>; 3],
+    positions: [Point3<f64>; 3],
     face: u32,
     corners: [u32; 3],
 }
 
+impl Triangle {
+    fn new(mesh: &Mesh, face: usize, corners: [u32; 3]) -> Self {
+        let vertices = mesh.faces().corners();
+        let positions = corners.map(|corner| mesh.positions()[vertices[corner as usize] as usize]);
+        Self { positions, face: face as u32, corners }
+    }
+
+    fn center(&self) -> Point3<f64> {
+        let [a, b, c] = self.positions;
+        Point3::from((a.coords + b.coords + c.coords) / 3.0)
+    }
+}
+
 impl TriangleTree {
-    /// Sorts the triangles of a mesh, polygons as [`Mesh::face_triangles`] cuts them. Cost grows with n log n.
+    /// Builds the tree of a mesh. Polygons are cut into triangles by [`Mesh::face_triangles`]. Cost grows with n log n.
     pub fn new(mesh: &Mesh) -> Self {
         let unsorted = triangles(mesh);
-        fn middle(triangle: &Triangle) -> Point3<f64> {
-            let [a, b, c] = triangle.places;
-            Point3::from((a.coords + b.coords + c.coords) / 3.0)
-        }
-        let order = along_curve(unsorted.len(), |index| middle(&unsorted[index]), mesh.bounds());
+        let order = along_curve(unsorted.len(), |index| unsorted[index].center(), mesh.bounds());
         let triangles: Vec<Triangle> =
             order.par_iter().map(|&index| unsorted[index as usize]).collect();
         let leaves = triangles.len().div_ceil(LEAF).max(1).next_power_of_two();
         let mut boxes = vec![EMPTY; 2 * leaves];
         let of_leaves = boxes[leaves..].par_iter_mut().zip(triangles.par_chunks(LEAF));
         of_leaves.for_each(|(bounds, leaf)| {
-            let corners = leaf.iter().flat_map(|triangle| triangle.places);
-            *bounds = corners.fold(EMPTY, |bounds, corner| join(bounds, around(corner)));
+            let corners = leaf.iter().flat_map(|triangle| triangle.positions);
+            *bounds = corners.fold(EMPTY, |bounds, corner| join(bounds, bounds_of_point(corner)));
         });
         for node in (1..leaves).rev() {
             boxes[node] = join(boxes[2 * node], boxes[2 * node + 1]);
@@ -82,30 +92,31 @@ impl TriangleTree {
         Self { triangles, boxes, leaves }
     }
 
-    /// The nearest place to each point; none without triangles.
-    pub fn nearest_to_all(&self, points: &[Point3<f64>]) -> Vec<Option<NearestPlace>> {
+    /// The nearest point of the mesh for each point; `None` without triangles and for points that are not finite.
+    pub fn nearest_to_all(&self, points: &[Point3<f64>]) -> Vec<Option<NearestPoint>> {
         self.search(points).0
     }
 
-    /// The nearest place to each point, and how many boxes were looked into for it.
-    pub fn search(&self, points: &[Point3<f64>]) -> (Vec<Option<NearestPlace>>, usize) {
+    /// For each point the nearest point of the mesh, as in [`nearest_to_all`](Self::nearest_to_all), and the total number of visited boxes.
+    pub fn search(&self, points: &[Point3<f64>]) -> (Vec<Option<NearestPoint>>, usize) {
         const CHUNK: usize = 2048;
         let finite = points.iter().filter(|point| point.coords.iter().all(|x| x.is_finite()));
         let bounds = finite.fold(None, |bounds: Option<(Point3<f64>, Point3<f64>)>, point| {
             let (low, high) = bounds.unwrap_or((*point, *point));
             Some((low.inf(point), high.sup(point)))
         });
-        // Each search begins where the last one ended: then it has little to look for.
+        // Each search begins in the leaf where the last one ended, because points that are neighbors along the curve are close to each
+        // other.
         let order = along_curve(points.len(), |index| points[index], bounds);
         let chunks: Vec<_> = order
             .par_chunks(CHUNK)
-            .map(|places| {
-                let (mut found, mut visited) = (Vec::with_capacity(places.len()), 0);
+            .map(|indices| {
+                let (mut found, mut visited) = (Vec::with_capacity(indices.len()), 0);
                 let (found_here, visited_here) = (&mut found, &mut visited);
                 widest(Search {
                     tree: self,
                     points,
-                    places,
+                    indices,
                     found: found_here,
                     visited: visited_here,
                 });
@@ -113,24 +124,24 @@ impl TriangleTree {
             })
             .collect();
         let mut hits = vec![None; points.len()];
-        for (places, (found, _)) in order.chunks(CHUNK).zip(&chunks) {
-            for (&place, hit) in places.iter().zip(found) {
-                hits[place as usize] = *hit;
+        for (indices, (found, _)) in order.chunks(CHUNK).zip(&chunks) {
+            for (&index, hit) in indices.iter().zip(found) {
+                hits[index as usize] = *hit;
             }
         }
         (hits, chunks.iter().map(|(_, visited)| visited).sum())
     }
 }
 
-/// Points that search together: a box is loaded once, and compared with all of them at once.
+/// The number of points per group. A box is loaded once for a whole group and compared with all of its points.
 const TOGETHER: usize = 8;
 
-/// The search of points that follow each other along a curve.
+/// The search for the nearest points of points that are consecutive along the curve.
 struct Search<'a> {
     tree: &'a TriangleTree,
     points: &'a [Point3<f64>],
-    places: &'a [u32],
-    found: &'a mut Vec<Option<NearestPlace>>,
+    indices: &'a [u32],
+    found: &'a mut Vec<Option<NearestPoint>>,
     visited: &'a mut usize,
 }
 
@@ -138,35 +149,36 @@ impl Kernel for Search<'_> {
     #[inline(always)]
     fn run(self) {
         let (mut stack, mut start) = (Vec::new(), 1);
-        for places in self.places.chunks(TOGETHER) {
-            let mut group = Group::new(self.points, places);
+        for indices in self.indices.chunks(TOGETHER) {
+            let mut group = Group::new(self.points, indices);
             group.search(self.tree, start, &mut stack);
             start = group.leaf;
-            self.found.extend_from_slice(&group.best[..places.len()]);
+            self.found.extend_from_slice(&group.best[..indices.len()]);
             *self.visited += group.visited;
         }
     }
 }
 
-/// Points that search together.
+/// A group of points whose searches run together.
 struct Group {
     points: [Point3<f64>; TOGETHER],
-    /// Their coordinates by axis.
+    /// The coordinates of the points of the group, by axis.
     columns: [Lanes<TOGETHER>; 3],
-    /// The squared distances of the nearest places so far; less than all of them for lanes that are left over.
+    /// The squared distance from each point to the nearest point found so far. It is negative for unused lanes.
     bounds: Lanes<TOGETHER>,
-    /// The greatest of them.
+    /// The maximum of `bounds`.
     bound: f64,
-    best: [Option<NearestPlace>; TOGETHER],
-    /// The leaf of the last place that was found.
+    best: [Option<NearestPoint>; TOGETHER],
+    /// The leaf in which a nearer point was found last.
     leaf: usize,
-    /// Boxes looked into, each counted for all points of the group, and leaves for those that measured something there.
+    /// The number of visited boxes, each counted for all points of the group. In a leaf only the points whose distances to triangles were
+    /// measured count.
     visited: usize,
 }
 
 impl Group {
     #[inline(always)]
-    fn new(points: &[Point3<f64>], places: &[u32]) -> Self {
+    fn new(points: &[Point3<f64>], indices: &[u32]) -> Self {
         let mut group = Self {
             points: [Point3::origin(); TOGETHER],
             columns: [Lanes::ZERO; 3],
@@ -176,8 +188,8 @@ impl Group {
             leaf: 1,
             visited: 0,
         };
-        for (lane, &place) in places.iter().enumerate() {
-            let point = points[place as usize];
+        for (lane, &index) in indices.iter().enumerate() {
+            let point = points[index as usize];
             group.points[lane] = point;
             (0..3).for_each(|axis| group.columns[axis].0[lane] = point[axis]);
             group.bounds.0[lane] = f64::INFINITY;
@@ -185,8 +197,8 @@ impl Group {
         group
     }
 
-    /// Begins in the leaf `start` and goes up from there: what is near in the list is near in space, so that hardly anything else is
-    /// looked into. The stack is empty before and after.
+    /// Searches from the leaf `start` upwards. Triangles that are close in the list are close in space, so few other boxes are visited. The
+    /// stack is empty before and after the search.
     #[inline(always)]
     fn search(&mut self, tree: &TriangleTree, start: usize, stack: &mut Vec<(usize, f64)>) {
         self.leaf = start;
@@ -198,7 +210,7 @@ impl Group {
         }
     }
 
-    /// Looks for nearer triangles below a node.
+    /// Searches for nearer triangles below a node of the tree.
     #[inline(always)]
     fn look_into(&mut self, tree: &TriangleTree, node: usize, stack: &mut Vec<(usize, f64)>) {
         stack.push((node, self.to_box(&tree.boxes[node])));
@@ -223,20 +235,21 @@ impl Group {
         }
     }
 
-    /// The least squared distance to a box, of the points that may find something nearer in it; infinite if there are none.
+    /// The minimum squared distance from a point of the group to a box. Only points that may find something nearer in the box count;
+    /// infinite if there are none.
     #[inline(always)]
     fn to_box(&self, bounds: &Bounds) -> f64 {
-        let Lanes(mut least) = self.to_box_each(bounds);
-        for (distance, &bound) in least.iter_mut().zip(&self.bounds.0) {
+        let Lanes(mut distances) = self.to_box_each(bounds);
+        for (distance, &bound) in distances.iter_mut().zip(&self.bounds.0) {
             *distance = if *distance < bound { *distance } else { f64::INFINITY };
         }
         for half in [4, 2, 1] {
-            let (kept, others) = least.split_at_mut(half);
+            let (kept, others) = distances.split_at_mut(half);
             for (kept, &other) in kept.iter_mut().zip(&*others) {
                 *kept = if other < *kept { other } else { *kept };
             }
         }
-        least[0]
+        distances[0]
     }
 
     #[inline(always)]
@@ -254,7 +267,7 @@ impl Group {
         sum
     }
 
-    /// Measures the triangles of a leaf.
+    /// Measures the distances from the points of the group to the triangles of a leaf.
     #[inline(always)]
     fn measure(&mut self, tree: &TriangleTree, leaf: usize) {
         let distances = self.to_box_each(&tree.boxes[leaf]);
@@ -265,11 +278,12 @@ impl Group {
                 continue;
             }
             self.visited += 1;
-            for &Triangle { places, face, corners } in triangles {
-                let (distance_sq, shares) = to_triangle(self.points[lane], places);
+            for &Triangle { positions, face, corners } in triangles {
+                let (distance_sq, barycentric) = closest_on_triangle(self.points[lane], positions);
                 if distance_sq < self.bounds.0[lane] {
                     self.bounds.0[lane] = distance_sq;
-                    self.best[lane] = Some(NearestPlace { distance_sq, face, corners, shares });
+                    self.best[lane] =
+                        Some(NearestPoint { distance_sq, face, corners, barycentric });
                     self.leaf = leaf;
                 }
             }
@@ -279,20 +293,10 @@ impl Group {
 }
 
 fn triangles(mesh: &Mesh) -> Vec<Triangle> {
-    let vertices = mesh.faces().corners();
-    fn triangle(
-        face: usize,
-        corners: [u32; 3],
-        mesh: &Mesh,
-        vertices: &crate::Column<u32>,
-    ) -> Triangle {
-        let places = corners.map(|corner| mesh.positions()[vertices[corner as usize] as usize]);
-        Triangle { places, face: face as u32, corners }
-    }
     if mesh.faces().sides() == Some(3) {
         let faces = (0..mesh.faces().len()).into_par_iter();
         return faces
-            .map(|face| triangle(face, [0, 1, 2].map(|k| 3 * face as u32 + k), mesh, vertices))
+            .map(|face| Triangle::new(mesh, face, [0, 1, 2].map(|k| 3 * face as u32 + k)))
             .collect();
     }
     (0..mesh.faces().len())
@@ -300,12 +304,12 @@ fn triangles(mesh: &Mesh) -> Vec<Triangle> {
         .flat_map_iter(|face: usize| {
             let first = mesh.faces().first_corner(face) as u32;
             mesh.face_triangles(face)
-                .map(move |it| triangle(face, it.map(|corner| first + corner), mesh, vertices))
+                .map(move |it| Triangle::new(mesh, face, it.map(|corner| first + corner)))
         })
         .collect()
 }
 
-/// The indices of points in such an order that neighbors in it are near each other.
+/// The indices of points in the order of a space-filling curve, in which consecutive points are close to each other.
 fn along_curve(
     count: usize,
     point: impl Fn(usize) -> Point3<f64> + Sync,
@@ -316,8 +320,8 @@ fn along_curve(
     let mut order: Vec<(u64, u32)> = (0..count)
         .into_par_iter()
         .map(|index: usize| {
-            let place = point(index) - low;
-            let [x, y, z] = [0, 1, 2].map(|axis| spread((place[axis] * scale) as u64));
+            let offset = point(index) - low;
+            let [x, y, z] = [0, 1, 2].map(|axis| spread((offset[axis] * scale) as u64));
             (x | y << 1 | z << 2, index as u32)
         })
         .collect();
@@ -325,13 +329,13 @@ fn along_curve(
     order.into_par_iter().map(|(_, index)| index).collect()
 }
 
-fn around(point: Point3<f64>) -> Bounds {
-    fn below(x: f64) -> f32 {
+fn bounds_of_point(point: Point3<f64>) -> Bounds {
+    fn round_down(x: f64) -> f32 {
         let rounded = x as f32;
         if f64::from(rounded) > x { rounded.next_down() } else { rounded }
     }
     let point = <[f64; 3]>::from(point.coords);
-    [point.map(below), point.map(|x| -below(-x))]
+    [point.map(round_down), point.map(|x| -round_down(-x))]
 }
 
 fn join(a: Bounds, b: Bounds) -> Bounds {
@@ -341,7 +345,7 @@ fn join(a: Bounds, b: Bounds) -> Bounds {
     ]
 }
 
-/// Puts two zero bits behind each of the lowest 21 bits.
+/// Spreads the lowest 21 bits by inserting two zero bits after each.
 fn spread(x: u64) -> u64 {
     let x = x & 0x1f_ffff;
     let x = (x | x << 32) & 0x1f_0000_0000_ffff;
@@ -351,15 +355,15 @@ fn spread(x: u64) -> u64 {
     (x | x << 2) & 0x1249_2492_4924_9249
 }
 
-/// The squared distance of a point to a triangle, and the nearest point as shares of the corners.
+/// The squared distance from a point to a triangle, and the barycentric coordinates of the nearest point.
 ///
-/// Ericson, *Real-Time Collision Detection* (2005), section 5.1.5, whose letters are kept.
+/// Algorithm and names of variables: Ericson, *Real-Time Collision Detection* (2005), section 5.1.5.
 #[inline(always)]
-pub fn to_triangle(p: Point3<f64>, [a, b, c]: [Point3<f64>; 3]) -> (f64, [f64; 3]) {
+pub fn closest_on_triangle(p: Point3<f64>, [a, b, c]: [Point3<f64>; 3]) -> (f64, [f64; 3]) {
     let (ab, ac, ap) = (b - a, c - a, p - a);
-    let done = |shares: [f64; 3]| {
-        let nearest = ab * shares[1] + ac * shares[2];
-        ((ap - nearest).norm_squared(), shares)
+    let done = |barycentric: [f64; 3]| {
+        let nearest = ab * barycentric[1] + ac * barycentric[2];
+        ((ap - nearest).norm_squared(), barycentric)
     };
     #[inline(always)]
     fn ratio(part: f64, rest: f64) -> f64 {
@@ -405,7 +409,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_tree_finds_what_a_look_at_all_triangles_finds() {
+    fn the_tree_finds_the_same_nearest_points_as_a_full_scan() {
         let quads = (0..19).flat_map(|row| (0..19).map(move |column| row * 20 + column));
         let faces = quads.flat_map(|a: u32| [[a, a + 1, a + 20], [a + 1, a + 21, a + 20]]);
         let mesh = Mesh::new(
@@ -429,7 +433,10 @@ mod tests {
             })
             .collect();
         for (point, hit) in points.iter().zip(tree.nearest_to_all(&points)) {
-            let all = tree.triangles.iter().map(|triangle| to_triangle(*point, triangle.places).0);
+            let all = tree
+                .triangles
+                .iter()
+                .map(|triangle| closest_on_triangle(*point, triangle.positions).0);
             let nearest = all.fold(f64::INFINITY, f64::min);
             assert!((hit.unwrap().distance_sq - nearest).abs() < 1e-12);
         }

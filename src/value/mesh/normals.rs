@@ -1,4 +1,4 @@
-//! Normals of a mesh: its own, or those of its faces.
+//! Normals of a mesh: stored ones, or normals computed from the faces.
 
 use std::borrow::Cow;
 
@@ -8,11 +8,12 @@ use super::{BLOCK, Mesh};
 use crate::memory::huge_vec;
 use crate::parallel::*;
 
-/// Above this many threads another look at all faces costs more than it saves.
-const MOST_SCANS: usize = 16;
+/// The maximum number of threads for computing normals. Each thread scans all faces; with more threads the additional scans cost more than
+/// they save.
+const MAX_SCANS: usize = 16;
 
 impl Mesh {
-    /// A normal per vertex: the attribute `normal` of the vertices, whose length is whatever was given, else
+    /// A normal per vertex: the vertex attribute `normal`, whose vectors may have any length, or else
     /// [`vertex_normals`](Self::vertex_normals).
     pub fn normals(&self) -> Cow<'_, [[f64; 3]]> {
         match self.vertex().vectors("normal") {
@@ -21,14 +22,15 @@ impl Mesh {
         }
     }
 
-    /// A unit normal per vertex: the mean of the faces' normals, each weighed by its area. Zero for a vertex of no face.
+    /// A unit normal per vertex: the mean of the face normals, weighted by area. Zero for a vertex without faces.
     pub fn vertex_normals(&self) -> Vec<Vector3<f64>> {
         let mut normals: Vec<Vector3<f64>> = huge_vec(self.positions.len());
-        // Each thread looks at all faces and adds up the normals of its own vertices, every one in the order of the faces.
-        let threads = rayon::current_num_threads().min(MOST_SCANS);
-        let share = self.positions.len().div_ceil(threads).max(BLOCK);
-        normals.par_chunks_mut(share).enumerate().for_each(|(index, normals)| {
-            let first = (index * share) as u32;
+        // Each thread scans all faces and sums the normals of its own vertices in the order of the faces, so the result does not depend on
+        // the number of threads.
+        let threads = rayon::current_num_threads().min(MAX_SCANS);
+        let chunk_len = self.positions.len().div_ceil(threads).max(BLOCK);
+        normals.par_chunks_mut(chunk_len).enumerate().for_each(|(index, normals)| {
+            let first = (index * chunk_len) as u32;
             match self.faces.as_triangles() {
                 Some(triangles) => {
                     triangles.iter().for_each(|face| self.add_area(face, first, normals));
@@ -42,47 +44,33 @@ impl Mesh {
         normals
     }
 
-    /// Adds a face's area vector to the normals of its vertices, as far as they are among those from `first` on.
+    /// Adds the area vector of a face to the sums in `normals`, which begin with the vertex `first`. Vertices outside of that range are
+    /// ignored.
     fn add_area(&self, face: &[u32], first: u32, normals: &mut [Vector3<f64>]) {
-        fn place(vertex: &u32, first: u32) -> usize {
-            vertex.wrapping_sub(first) as usize
-        }
-        if face.iter().any(|vertex| place(vertex, first) < normals.len()) {
+        if face.iter().any(|vertex| (vertex.wrapping_sub(first) as usize) < normals.len()) {
             let area = self.area_vector(face);
             for vertex in face {
-                if let Some(normal) = normals.get_mut(place(vertex, first)) {
+                if let Some(normal) = normals.get_mut(vertex.wrapping_sub(first) as usize) {
                     *normal += area;
                 }
             }
         }
     }
 
-    /// Half the sum of the cross products of neighboring corners: as long as the face's area, pointing outward.
+    /// The area vector of a face: half the sum of the cross products of neighboring corners. Its length is the area of the face, and it
+    /// points outward.
     pub fn area_vector(&self, face: &[u32]) -> Vector3<f64> {
         let origin = self.positions[face[0] as usize];
-        fn spoke(
-            k: usize,
-            origin: nalgebra::Point3<f64>,
-            face: &[u32],
-            positions: &crate::Column<nalgebra::Point3<f64>>,
-        ) -> Vector3<f64> {
-            positions[face[k] as usize] - origin
-        }
-        (1..face.len() - 1)
-            .map(|k| {
-                spoke(k, origin, face, &self.positions).cross(&spoke(
-                    k + 1,
-                    origin,
-                    face,
-                    &self.positions,
-                ))
-            })
-            .sum::<Vector3<f64>>()
-            / 2.0
+        let spokes = (1..face.len() - 1).map(|k| {
+            let [a, b] =
+                [face[k], face[k + 1]].map(|vertex| self.positions[vertex as usize] - origin);
+            a.cross(&b)
+        });
+        spokes.sum::<Vector3<f64>>() / 2.0
     }
 }
 
-/// The direction of a sum of areas; zero if there is none.
+/// Normalizes a vector. The zero vector stays zero.
 pub(super) fn unit(sum: Vector3<f64>) -> Vector3<f64> {
     sum.try_normalize(0.0).unwrap_or_default()
 }

@@ -1,183 +1,202 @@
-//! What a mesh is made of.
+//! The parts of a mesh.
 
 use nalgebra::Point3;
 
 use super::{Faces, Mesh};
 use crate::Hash;
+use crate::edge_cases::point_sets;
 use crate::frame::counts;
-use crate::hostile::clouds;
 use crate::{
-    Attribute, CaptureFrame, Decoder, Encoder, Image, Layer, Material, Meaning, On, Part, Parts,
-    PartsError, Pinhole, material,
+    Attribute, CaptureFrame, Decoder, ElementKind, Encoder, Image, Layer, Material, Meaning, Part,
+    Parts, PartsError, Pinhole, material,
 };
 
-/// Before the names of attributes of corners and faces; those of vertices are as they are.
+/// The prefixes of the names of corner and face attributes. Vertex attributes have no prefix.
 const OF_CORNER: &str = "corner ";
 const OF_FACE: &str = "face ";
 
-/// The picture on it: tests see its size and its hash in a fact.
+/// The part that holds the texture. Tests ignore this part, because a fact has the texture's size and hash.
 const TEXTURE: &str = "texture";
 const TEXTURE_SIZE: &str = "texture size";
 const TEXTURE_CAMERA: &str = "texture camera";
 
-/// The materials, if more is known than one picture: their bytes.
+/// The part that holds the encoded materials. It exists if the materials are more than one plain picture.
 const MATERIALS: &str = "materials";
 
 pub(super) fn parts(mesh: &Mesh) -> Parts<'_> {
     let mut parts = Parts::default();
     let sides = mesh.faces.sides();
-    fn text(text: Option<String>, instead: &str) -> String {
-        text.unwrap_or_else(|| instead.to_owned())
-    }
     parts.fact("vertices", mesh.positions.len());
     parts.fact("faces", mesh.faces.len());
-    parts.fact("corners of a face", text(sides.map(|sides| sides.to_string()), "mixed"));
-    parts.fact("texture", text(mesh.texture().map(in_words), "none"));
+    parts.fact(
+        "corners of a face",
+        sides.map_or_else(|| "mixed".to_owned(), |sides| sides.to_string()),
+    );
+    parts.fact("texture", mesh.texture().map_or_else(|| "none".to_owned(), in_words));
     if let Some(names) = names(&mesh.materials) {
-        let hash = Hash::of(&Encoder::bytes(|to| material::encode(&mesh.materials, to)));
+        let hash = Hash::compute(&Encoder::bytes(|to| material::encode(&mesh.materials, to)));
         parts.fact("materials", format!("{names}, {}", hash.short()));
     }
     if let Some(frame) = &mesh.frame {
         frame.push(&mut parts);
     }
-    parts.push("position", On::Vertex, Meaning::Position, 3, &mesh.positions[..]);
+    parts.push("position", ElementKind::Vertex, Meaning::Position, 3, &mesh.positions[..]);
     if sides.is_none() {
         let sides: Vec<_> = mesh.faces.iter().map(|face| face.len() as u32).collect();
-        parts.push("sides", On::Face, Meaning::Exact, 1, sides);
+        parts.push("sides", ElementKind::Face, Meaning::Exact, 1, sides);
     }
-    let on = if sides.is_some() { On::Face } else { On::Corner };
+    let on = if sides.is_some() { ElementKind::Face } else { ElementKind::Corner };
     let corners = &mesh.faces.corners()[..];
     parts.push("corners", on, Meaning::Index, sides.unwrap_or(1), corners);
-    parts.columns.extend(mesh.vertex.parts("", On::Vertex));
-    parts.columns.extend(mesh.corner.parts(OF_CORNER, On::Corner));
-    parts.columns.extend(mesh.face.parts(OF_FACE, On::Face));
+    parts.columns.extend(mesh.vertex.parts("", ElementKind::Vertex));
+    parts.columns.extend(mesh.corner.parts(OF_CORNER, ElementKind::Corner));
+    parts.columns.extend(mesh.face.parts(OF_FACE, ElementKind::Face));
     if !mesh.creases.is_empty() {
         let creases = mesh.creases().flat_map(|([a, b], sharp)| [a.into(), b.into(), sharp]);
-        parts.push("creases", On::Edge, Meaning::Number, 3, Vec::<f64>::from_iter(creases));
+        parts.push(
+            "creases",
+            ElementKind::Edge,
+            Meaning::Number,
+            3,
+            Vec::<f64>::from_iter(creases),
+        );
     }
     if let Some(texture) = mesh.texture() {
-        parts.push_aside(TEXTURE, On::Texel, Meaning::Level, 3, texture.pixels());
+        parts.push_hidden(TEXTURE, ElementKind::Texel, Meaning::Level, 3, texture.pixels());
         let size = [texture.width(), texture.height()].map(|size| size as f64).to_vec();
-        parts.push_aside(TEXTURE_SIZE, On::Whole, Meaning::Exact, 2, size);
+        parts.push_hidden(TEXTURE_SIZE, ElementKind::Whole, Meaning::Exact, 2, size);
         if let Some(camera) = texture.camera() {
             let numbers = camera.numbers();
-            parts.push_aside(TEXTURE_CAMERA, On::Whole, Meaning::Number, 4, numbers);
+            parts.push_hidden(TEXTURE_CAMERA, ElementKind::Whole, Meaning::Number, 4, numbers);
         }
     }
     if names(&mesh.materials).is_some() {
         let bytes = Encoder::bytes(|to| material::encode(&mesh.materials, to));
-        parts.push_aside(MATERIALS, On::Whole, Meaning::Exact, bytes.len(), bytes);
+        parts.push_hidden(MATERIALS, ElementKind::Whole, Meaning::Exact, bytes.len(), bytes);
     }
     parts
 }
 
-/// The names of materials, if more is known of them than one picture.
+/// Returns the names of the materials, if they are more than one plain picture.
 pub(super) fn names(materials: &[Material]) -> Option<String> {
     let is_more = materials.len() > 1 || materials.iter().any(|it| !it.is_plain());
-    let name =
-        |it: &Material| if it.name.is_empty() { "(no name)".into() } else { it.name.clone() };
-    is_more.then(|| materials.iter().map(name).collect::<Vec<_>>().join(", "))
+    is_more.then(|| {
+        let names =
+            materials.iter().map(|it| if it.name.is_empty() { "(no name)" } else { &it.name });
+        names.collect::<Vec<_>>().join(", ")
+    })
 }
 
-/// A picture beside materials that is not that of the first one that has one.
+/// The error for a texture that differs from the picture of the first material that has one.
 #[derive(Debug, thiserror::Error)]
-#[error("the part `{TEXTURE}` is not the picture in the part `{MATERIALS}`: leave one of them out")]
+#[error("the part `{TEXTURE}` is not the picture in the part `{MATERIALS}`: remove one of them")]
 struct OtherTexture;
 
 /// The size and the hash of a texture.
 fn in_words(texture: &Image) -> String {
     let pixels: &[u8] = texture.pixels().as_flattened();
     let (width, height) = (texture.width(), texture.height());
-    format!("{width} x {height}, {}", Hash::of(pixels).short())
+    format!("{width} x {height}, {}", Hash::compute(pixels).short())
 }
 
-/// Faces of several sizes have `sides`, a number for each, and `corners` of one number each; others have `corners` of as many numbers as
-/// a face has corners. What else lies on vertices, corners and faces is an attribute.
+/// Builds a mesh from parts. If all faces have equally many corners, the column `corners` has that many numbers per face. If not, the
+/// column `sides` has the number of corners of each face, and `corners` has one number per corner. All other columns of vertices, corners
+/// and faces are attributes.
 pub(super) fn made_of(parts: &Parts<'_>) -> Result<Mesh, PartsError> {
-    fn missing(part: &str) -> PartsError {
-        PartsError::Missing { part: part.to_owned() }
-    }
-    let of = |on, name: &str| parts.on(on, name);
-    let position = of(On::Vertex, "position").ok_or_else(|| missing("position"))?;
-    let corners = of(On::Face, "corners").or_else(|| of(On::Corner, "corners"));
-    let (corners, sides) = (corners.ok_or_else(|| missing("corners"))?, of(On::Face, "sides"));
+    let position = parts
+        .find(ElementKind::Vertex, "position")
+        .ok_or_else(|| PartsError::missing("position"))?;
+    let corners = parts
+        .find(ElementKind::Face, "corners")
+        .or_else(|| parts.find(ElementKind::Corner, "corners"))
+        .ok_or_else(|| PartsError::missing("corners"))?;
+    let sides = parts.find(ElementKind::Face, "sides");
     let faces = faces(corners, sides)?;
-    let mut mesh = Mesh::new(position.places()?, faces).map_err(PartsError::refused)?;
+    let mut mesh = Mesh::new(position.to_points()?, faces).map_err(PartsError::from_error)?;
     let own = [Some(position), Some(corners), sides];
-    let is_own = |part| own.iter().flatten().any(|own| std::ptr::eq(*own, part));
-    for part in parts.columns.iter().filter(|part| !is_own(*part)) {
-        let name = |of: &str| part.name.strip_prefix(of).unwrap_or(&part.name);
-        let attribute = || Attribute::of(part);
-        let with = match part.on {
-            On::Vertex => mesh.with_vertex(&part.name, attribute()?),
-            On::Corner => mesh.with_corner(name(OF_CORNER), attribute()?),
-            On::Face => mesh.with_face(name(OF_FACE), attribute()?),
-            _ => Ok(mesh),
+    for part in &parts.columns {
+        if own.iter().flatten().any(|own| std::ptr::eq(*own, part)) {
+            continue;
+        }
+        let prefix = match part.element_kind {
+            ElementKind::Vertex => "",
+            ElementKind::Corner => OF_CORNER,
+            ElementKind::Face => OF_FACE,
+            _ => continue,
         };
-        mesh = with.map_err(PartsError::refused)?;
+        let name = part.name.strip_prefix(prefix).unwrap_or(&part.name);
+        let attribute = Attribute::from_part(part)?;
+        let with_attribute = match part.element_kind {
+            ElementKind::Vertex => mesh.with_vertex(name, attribute),
+            ElementKind::Corner => mesh.with_corner(name, attribute),
+            _ => mesh.with_face(name, attribute),
+        };
+        mesh = with_attribute.map_err(PartsError::from_error)?;
     }
-    if let Some(part) = of(On::Edge, "creases") {
+    if let Some(part) = parts.find(ElementKind::Edge, "creases") {
         let mut creases = Vec::with_capacity(part.count());
         for (index, [a, b, sharpness]) in part.elements()?.into_iter().enumerate() {
             let ends = counts(part, 3 * index, [a, b])?.map(|end| end as u32);
             creases.push((ends, sharpness));
         }
-        mesh = mesh.with_creases(creases).map_err(PartsError::refused)?;
+        mesh = mesh.with_creases(creases).map_err(PartsError::from_error)?;
     }
-    let mesh = match of(On::Whole, MATERIALS) {
+    let mesh = match parts.find(ElementKind::Whole, MATERIALS) {
         Some(part) => {
-            let bytes = part.with_width(part.items.len())?.small(u8::MAX)?;
+            let bytes = part.with_width(part.items.len())?.to_u8(u8::MAX)?;
             let materials = Decoder::of_bytes(&bytes, material::decode);
-            let mesh = mesh.with_materials(materials.map_err(PartsError::refused)?);
+            let mesh = mesh.with_materials(materials.map_err(PartsError::from_error)?);
             if mesh.texture() != texture(parts)?.as_ref() {
-                return Err(PartsError::refused(OtherTexture));
+                return Err(PartsError::from_error(OtherTexture));
             }
             mesh
         }
         None => mesh.with_texture(texture(parts)?),
     };
-    Ok(mesh.with_frame(CaptureFrame::of(parts)?))
+    Ok(mesh.with_frame(CaptureFrame::from_parts(parts)?))
 }
 
 fn faces(corners: &Part<'_>, sides: Option<&Part<'_>>) -> Result<Faces, PartsError> {
     let faces = match sides {
         Some(sides) => {
-            let sides = sides.with_width(1)?.whole()?;
+            let sides = sides.with_width(1)?.to_u32()?;
             let sides: Vec<_> = sides.into_iter().map(|sides| sides as usize).collect();
-            Faces::polygons(&sides, corners.with_width(1)?.whole()?)
+            Faces::polygons(&sides, corners.with_width(1)?.to_u32()?)
         }
-        None => Faces::uniform(corners.width, corners.whole()?),
+        None => Faces::uniform(corners.width, corners.to_u32()?),
     };
-    faces.map_err(PartsError::refused)
+    faces.map_err(PartsError::from_error)
 }
 
 fn texture(parts: &Parts<'_>) -> Result<Option<Image>, PartsError> {
-    let Some(part) = parts.on(On::Texel, TEXTURE) else { return Ok(None) };
+    let Some(part) = parts.find(ElementKind::Texel, TEXTURE) else { return Ok(None) };
     let size = parts
-        .on(On::Whole, TEXTURE_SIZE)
-        .ok_or_else(|| PartsError::Missing { part: TEXTURE_SIZE.into() })?;
-    let [width, height] = counts(size, 0, size.only()?)?;
-    let texture = Image::new(width, height, part.colors()?).map_err(PartsError::refused)?;
-    Ok(Some(texture.with_camera(Pinhole::of(parts, TEXTURE_CAMERA)?)))
+        .find(ElementKind::Whole, TEXTURE_SIZE)
+        .ok_or_else(|| PartsError::missing(TEXTURE_SIZE))?;
+    let [width, height] = counts(size, 0, size.single()?)?;
+    let texture = Image::new(width, height, part.colors()?).map_err(PartsError::from_error)?;
+    Ok(Some(texture.with_camera(Pinhole::from_parts(parts, TEXTURE_CAMERA)?)))
 }
 
 pub(super) fn show(mesh: &Mesh) -> Vec<Layer> {
     vec![Layer::Triangles(Box::new(mesh.clone()))]
 }
 
-pub(super) fn hostile() -> Vec<Mesh> {
+pub(super) fn edge_cases() -> Vec<Mesh> {
     let faces: [&[[u32; 3]]; 5] = [
         &[],
         &[[0, 1, 2]],
-        // Three faces at an edge.
+        // Three faces at one edge.
         &[[0, 1, 2], [1, 0, 3], [0, 1, 4]],
-        // The same face twice, and turned round.
+        // The same face twice, and once reversed.
         &[[0, 1, 2], [0, 1, 2], [2, 1, 0]],
-        // Two faces that share one vertex alone.
+        // Two faces that share only one vertex.
         &[[0, 1, 2], [2, 3, 4]],
     ];
     let meshes = faces.into_iter().flat_map(|faces| {
-        clouds(5).into_iter().map(move |points| Mesh::new(points, Faces::triangles(faces.to_vec())))
+        point_sets(5)
+            .into_iter()
+            .map(move |points| Mesh::new(points, Faces::triangles(faces.to_vec())))
     });
     let polygon = Faces::polygons(&[5], vec![0, 1, 2, 3, 4]);
     let polygon = polygon.into_iter().flat_map(|faces| Mesh::new(vec![Point3::origin(); 5], faces));

@@ -1,9 +1,10 @@
-//! What may hold of a mesh: that it is closed, a surface, of triangles.
+//! Properties of meshes: closed, manifold, oriented and so on.
 
-use super::super::{Offence, Property};
+use super::super::{Property, Violation};
 use super::Mesh;
+use crate::union_find::UnionFind;
 
-/// What ports may want of a mesh.
+/// The properties that ports can require of a mesh.
 pub(super) const PROPERTIES: &[Property<Mesh>] = &[
     Property::new("Closed", "No edge has only one face: there is no border.", |mesh| {
         let found = mesh.edges();
@@ -19,22 +20,22 @@ pub(super) const PROPERTIES: &[Property<Mesh>] = &[
         let many = (0..found.faces.len()).filter(|&edge| 2 < found.faces[edge]);
         edges(mesh, "edges with more than two faces", many, &found.vertices)
     }),
-    Property::new("Oriented", "Faces that share an edge look to the same side.", |mesh| {
+    Property::new("Oriented", "Faces that share an edge have the same orientation.", |mesh| {
         let found = mesh.edges();
         if found.misoriented == 0 {
             return None;
         }
-        let twisted = twisted(mesh, &found.of_corner, found.faces.len());
+        let twisted = twisted_edges(mesh, &found.of_corner, found.faces.len());
         edges(
             mesh,
-            "edges between faces that look to different sides",
+            "edges between faces of opposite orientation",
             twisted.into_iter(),
             &found.vertices,
         )
     }),
-    Property::new("Unpinched", "The faces around each vertex hang together by edges.", |mesh| {
-        Offence::of(
-            &pinched(mesh),
+    Property::new("Unpinched", "The faces around each vertex are connected by edges.", |mesh| {
+        Violation::from_elements(
+            &pinched_vertices(mesh),
             "vertices that join fans of faces",
             |vertex| format!("vertex {vertex}"),
             |vertex| vec![mesh.positions()[vertex as usize]],
@@ -49,7 +50,7 @@ pub(super) const PROPERTIES: &[Property<Mesh>] = &[
         }
         let others: Vec<_> =
             (0..mesh.faces().len() as u32).filter(|face| sides(face, mesh) != 3).collect();
-        Offence::of(
+        Violation::from_elements(
             &others,
             "faces of more than three corners",
             |face: u32| format!("face {face} has {}", sides(&face, mesh)),
@@ -60,7 +61,7 @@ pub(super) const PROPERTIES: &[Property<Mesh>] = &[
         )
     }),
     Property::new("NonEmpty", "It has faces.", |mesh| {
-        mesh.faces().is_empty().then(|| Offence::nothing("faces"))
+        mesh.faces().is_empty().then(|| Violation::lack_of("faces"))
     }),
 ];
 
@@ -69,9 +70,9 @@ fn edges(
     what: &str,
     offending: impl Iterator<Item = usize>,
     ends: &[[u32; 2]],
-) -> Option<Offence> {
+) -> Option<Violation> {
     let offending: Vec<_> = offending.map(|edge| ends[edge]).collect();
-    Offence::of(
+    Violation::from_elements(
         &offending,
         what,
         |[a, b]: [u32; 2]| format!("edge {a}-{b}"),
@@ -79,9 +80,10 @@ fn edges(
     )
 }
 
-/// The edges that two faces run through in the same direction, ascending.
-fn twisted(mesh: &Mesh, edge_of: &[u32], count: usize) -> Vec<usize> {
-    // How often each edge is run through upwards, and downwards.
+/// The edges that two faces traverse in the same direction, in ascending order.
+fn twisted_edges(mesh: &Mesh, edge_of: &[u32], count: usize) -> Vec<usize> {
+    // The number of faces that traverse each edge from its lower to its higher vertex, and the number that traverse it in the opposite
+    // direction.
     let mut runs = vec![[0u8; 2]; count];
     let mut corner = 0;
     for face in mesh.faces().iter() {
@@ -94,13 +96,13 @@ fn twisted(mesh: &Mesh, edge_of: &[u32], count: usize) -> Vec<usize> {
     (0..count).filter(|&edge| runs[edge].iter().any(|run| 1 < *run)).collect()
 }
 
-/// The vertices whose faces do not hang together by edges at them, ascending.
-fn pinched(mesh: &Mesh) -> Vec<u32> {
+/// The vertices whose faces are not all connected by edges at that vertex, in ascending order.
+fn pinched_vertices(mesh: &Mesh) -> Vec<u32> {
     const NONE: u32 = u32::MAX;
     let edges = mesh.edges();
     let corners = mesh.faces().corners();
-    let mut sets: Vec<u32> = (0..corners.len() as u32).collect();
-    // Of each edge, a corner at its lower and one at its higher end.
+    let mut sets = UnionFind::new(corners.len());
+    // For each edge, one corner at its lower vertex and one at its higher vertex.
     let mut known = vec![[NONE; 2]; edges.vertices.len()];
     let mut first = 0;
     for face in mesh.faces().iter() {
@@ -112,7 +114,7 @@ fn pinched(mesh: &Mesh) -> Vec<u32> {
             for (end, corner) in ends.iter_mut().zip([low as u32, high as u32]) {
                 match *end {
                     NONE => *end = corner,
-                    other => join(&mut sets, other, corner),
+                    other => sets.union(other, corner),
                 }
             }
         }
@@ -121,7 +123,7 @@ fn pinched(mesh: &Mesh) -> Vec<u32> {
     let mut fan = vec![NONE; mesh.positions().len()];
     let mut pinched = Vec::new();
     for (corner, &vertex) in corners.iter().enumerate() {
-        let root = root(&mut sets, corner as u32);
+        let root = sets.find(corner as u32);
         match fan[vertex as usize] {
             NONE => fan[vertex as usize] = root,
             other if other != root => pinched.push(vertex),
@@ -133,22 +135,6 @@ fn pinched(mesh: &Mesh) -> Vec<u32> {
     pinched
 }
 
-fn root(sets: &mut [u32], of: u32) -> u32 {
-    let mut at = of;
-    while sets[at as usize] != at {
-        let above = sets[sets[at as usize] as usize];
-        sets[at as usize] = above;
-        at = above;
-    }
-    at
-}
-
-/// Makes one set of two; the lower root stays.
-fn join(sets: &mut [u32], a: u32, b: u32) {
-    let (a, b) = (root(sets, a), root(sets, b));
-    sets[a.max(b) as usize] = a.min(b);
-}
-
 #[cfg(test)]
 mod tests {
     use nalgebra::Point3;
@@ -156,40 +142,40 @@ mod tests {
     use super::super::super::{AnyValue, Faces};
     use super::*;
 
-    /// What is said of each property of a mesh of so many vertices on a line.
-    fn told(vertices: u32, faces: &[&[u32]]) -> Vec<String> {
+    /// Returns the violations of all properties by a mesh whose vertices are on a line.
+    fn violations(vertices: u32, faces: &[&[u32]]) -> Vec<String> {
         let positions: Vec<_> =
             (0..vertices).map(|x| Point3::new(f64::from(x), 0.0, 0.0)).collect();
         let sides: Vec<_> = faces.iter().map(|face| face.len()).collect();
         let faces = Faces::polygons(&sides, faces.concat()).unwrap();
         let mesh = AnyValue::new(Mesh::new(positions, faces).unwrap());
         let names = mesh.kind().properties().into_iter();
-        let told =
-            names.filter_map(|(name, _)| Some(format!("{name}: {}", mesh.offence(name)?.what)));
-        told.collect()
+        let messages =
+            names.filter_map(|(name, _)| Some(format!("{name}: {}", mesh.violation(name)?.what)));
+        messages.collect()
     }
 
     #[test]
     fn a_tetrahedron_has_every_property() {
-        assert_eq!(told(4, &[&[0, 2, 1], &[0, 1, 3], &[0, 3, 2], &[1, 2, 3]]), [""; 0]);
+        assert_eq!(violations(4, &[&[0, 2, 1], &[0, 1, 3], &[0, 3, 2], &[1, 2, 3]]), [""; 0]);
     }
 
     #[test]
-    fn what_offends_is_named_with_its_place() {
+    fn violations_name_elements_and_positions() {
         let open = "Closed: has 4 edges with one face (edge 0-1, edge 1-2, edge 2-3, edge 0-3; the first is at (0.5, 0, 0))";
         let quad = "Triangles: has 1 faces of more than three corners (face 0 has 4; the first is at (1.5, 0, 0))";
-        assert_eq!(told(4, &[&[0, 1, 2, 3]]), [open, quad]);
-        let fan = told(5, &[&[0, 1, 2], &[1, 0, 3], &[0, 1, 4]]);
+        assert_eq!(violations(4, &[&[0, 1, 2, 3]]), [open, quad]);
+        let fan = violations(5, &[&[0, 1, 2], &[1, 0, 3], &[0, 1, 4]]);
         assert!(fan.contains(&"Manifold: has 1 edges with more than two faces (edge 0-1; the first is at (0.5, 0, 0))".into()), "{fan:#?}");
-        let twisted = told(4, &[&[0, 1, 2], &[0, 1, 3]]);
+        let twisted = violations(4, &[&[0, 1, 2], &[0, 1, 3]]);
         assert!(
             twisted.iter().any(
                 |it| it.starts_with("Oriented: has 1 edges between") && it.contains("edge 0-1")
             ),
             "{twisted:#?}"
         );
-        let bow = told(5, &[&[0, 1, 2], &[0, 3, 4]]);
+        let bow = violations(5, &[&[0, 1, 2], &[0, 3, 4]]);
         assert!(bow.contains(&"Unpinched: has 1 vertices that join fans of faces (vertex 0; the first is at (0, 0, 0))".into()), "{bow:#?}");
-        assert_eq!(told(3, &[]), ["NonEmpty: has no faces"]);
+        assert_eq!(violations(3, &[]), ["NonEmpty: has no faces"]);
     }
 }

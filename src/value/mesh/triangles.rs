@@ -7,8 +7,8 @@ use crate::parallel::*;
 use crate::polygon::{fan, is_fan, triangulate};
 
 impl Mesh {
-    /// The triangles of a face, with its corners by index in the face: `n - 2` for `n` corners, cut along diagonals by
-    /// [`triangulate`].
+    /// The triangles of a face, each with three of the face's corners by index: `n - 2` triangles for `n` corners. [`triangulate`] cuts the
+    /// face along diagonals.
     ///
     /// # Panics
     /// If there is no such face.
@@ -23,8 +23,8 @@ impl Mesh {
         cut.into_iter().flatten().chain(plain)
     }
 
-    /// The triangles of all faces, face by face as [`face_triangles`](Self::face_triangles) cuts them, with their corners by index among the
-    /// corners of all faces.
+    /// The triangles of all faces, face by face as [`face_triangles`](Self::face_triangles) cuts them. Each is given by its corners, as
+    /// indices among the corners of all faces.
     pub fn triangle_corners(&self) -> Vec<[u32; 3]> {
         (0..self.faces().len())
             .into_par_iter()
@@ -35,7 +35,7 @@ impl Mesh {
             .collect()
     }
 
-    /// The triangles of all faces, face by face as [`face_triangles`](Self::face_triangles) cuts them, with their vertices.
+    /// The triangles of all faces, face by face as [`face_triangles`](Self::face_triangles) cuts them. Each is given by its vertices.
     pub fn triangles(&self) -> Cow<'_, [[u32; 3]]> {
         if let Some(triangles) = self.faces().as_triangles() {
             return Cow::Borrowed(triangles);
@@ -47,7 +47,7 @@ impl Mesh {
         Cow::Owned(vertices.collect())
     }
 
-    /// Returns true if the triangles of a face are the fan around its first corner.
+    /// Returns true if the triangles of a face form the fan around its first corner.
     ///
     /// # Panics
     /// If there is no such face.
@@ -64,11 +64,11 @@ mod tests {
     use super::*;
     use crate::Faces;
 
-    /// A dart whose concave corner is not where its fan begins, beside a triangle.
+    /// A dart whose first corner is not the concave one, with a triangle beside the dart.
     fn dart() -> Mesh {
-        let places = [[1., 0., 0.], [0.1, 0.1, 0.], [0., 1., 0.], [0., 0., 0.], [2., 2., 0.]];
+        let positions = [[1., 0., 0.], [0.1, 0.1, 0.], [0., 1., 0.], [0., 0., 0.], [2., 2., 0.]];
         let faces = Faces::polygons(&[3, 4], vec![0, 4, 2, 0, 1, 2, 3]).unwrap();
-        Mesh::new(Vec::from(places.map(Point3::from)), faces).unwrap()
+        Mesh::new(Vec::from(positions.map(Point3::from)), faces).unwrap()
     }
 
     #[test]

@@ -1,69 +1,86 @@
-//! What lies behind the faces of a mesh.
+//! Detection of walls: what is behind each face of a mesh.
 
 use nalgebra::{Point3, Vector3};
 
 use super::{Mesh, TriangleTree};
 use crate::parallel::*;
 
-/// Two faces are the sides of a wall if they look away from each other, but for such an angle; where they meet at a larger one there is an edge,
-/// which is thin at its end whatever is done. The cosine of 45 degrees: so the rim at which a body meets its flat base is no wall, and a fin is.
+/// The minimum cosine of the angle between the outward normal of one face and the reversed normal of the other, for two faces to be the
+/// sides of a wall: 45 degrees. At a larger angle the two faces meet at an edge, which is always thin at its end. So the rim between a body
+/// and its flat base is not a wall, but a fin is.
 const OPPOSITE: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
-/// A face with less than this share of the area around it has no say where it stands across all that: such slivers are left where skins meet, and rounding
-/// alone tells where they look.
+/// The maximum area of a sliver, as a fraction of the area around it. A sliver is ignored if its normal deviates from the normal of its
+/// surroundings. Slivers remain where surfaces meet, and their normals depend only on rounding.
 const SLIVER: f64 = 0.01;
 
-/// What lies behind a face, straight in from its middle.
+/// The thing that is behind a face, found by a ray from the middle of the face against its normal.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Behind {
-    /// The inside of another one that is no side of a wall; or nothing can be said, since the face has no area, or is a sliver that stands across the faces around it.
+pub enum Backing {
+    /// The inside of another face that is not the other side of a wall. Also used if the backing is unknown, because the face has no area
+    /// or is a sliver whose normal deviates from that of its surroundings.
     Solid,
-    /// Nothing, or the outside of another one: the face looks inward.
+    /// Nothing, or the outside of another face. So this face looks inward.
     Outside,
     /// The other side of a wall, at this distance in mm.
     Wall(f64),
 }
 
 impl Mesh {
-    /// What lies behind each face; `tree` is that of the mesh.
-    pub fn behind(&self, tree: &TriangleTree) -> Vec<Behind> {
+    /// Determines what is behind each face; `tree` must be the tree of this mesh.
+    pub fn backings(&self, tree: &TriangleTree) -> Vec<Backing> {
         let Some((low, high)) = self.bounds() else { return Vec::new() };
-        // A ray that begins on a face would meet it. So near to it nothing else lies in a mesh that can be printed.
+        // A ray that begins exactly on a face would hit that face, so the ray begins at this distance. In a printable mesh no other face is
+        // as close.
         let start = 1e-9 * (high - low).norm();
         let mut around = vec![Vector3::zeros(); self.positions().len()];
         for face in self.faces().iter() {
             let area = self.area_vector(face);
             face.iter().for_each(|&vertex| around[vertex as usize] += area);
         }
-        let is_sliver = |face: &[u32], out: &Vector3<f64>| {
-            let around: Vector3<f64> = face.iter().map(|&vertex| around[vertex as usize]).sum();
-            self.area_vector(face).norm() < SLIVER * around.norm()
-                && out.dot(&around) < OPPOSITE * around.norm()
-        };
-        let behind = |number: usize| {
-            let face = self.faces().face(number);
-            let Some(out) = self.outward(number).filter(|out| !is_sliver(face, out)) else {
-                return Behind::Solid;
-            };
-            let Some(hit) = tree.first_hit(self.first_middle(face) - out * start, -out) else {
-                return Behind::Outside;
-            };
-            let other = self.outward(hit.face as usize).unwrap_or(Vector3::zeros());
-            match other.dot(&out) {
-                cosine if cosine > 0.0 => Behind::Outside,
-                cosine if cosine < -OPPOSITE => Behind::Wall(hit.along + start),
-                _ => Behind::Solid,
-            }
-        };
-        (0..self.faces().len()).into_par_iter().map(behind).collect()
+        let faces = (0..self.faces().len()).into_par_iter();
+        faces.map(|face| self.backing(tree, &around, start, face)).collect()
     }
 
-    /// The middle of the first triangle of a face: on the face, also where it is not convex.
-    pub fn first_middle(&self, face: &[u32]) -> Point3<f64> {
+    /// Determines what is behind a face. `around` holds the sum of the area vectors at each vertex, and `start` is the distance from the
+    /// face at which the ray begins.
+    fn backing(
+        &self,
+        tree: &TriangleTree,
+        around: &[Vector3<f64>],
+        start: f64,
+        number: usize,
+    ) -> Backing {
+        let face = self.faces().face(number);
+        let Some(out) = self.outward(number).filter(|out| !self.is_sliver(face, out, around))
+        else {
+            return Backing::Solid;
+        };
+        let Some(hit) = tree.first_hit(self.first_triangle_center(face) - out * start, -out) else {
+            return Backing::Outside;
+        };
+        let other = self.outward(hit.face as usize).unwrap_or(Vector3::zeros());
+        match other.dot(&out) {
+            cosine if cosine > 0.0 => Backing::Outside,
+            cosine if cosine < -OPPOSITE => Backing::Wall(hit.along + start),
+            _ => Backing::Solid,
+        }
+    }
+
+    /// Returns true if a face is a sliver and its normal `out` deviates from that of its surroundings.
+    fn is_sliver(&self, face: &[u32], out: &Vector3<f64>, around: &[Vector3<f64>]) -> bool {
+        let around: Vector3<f64> = face.iter().map(|&vertex| around[vertex as usize]).sum();
+        self.area_vector(face).norm() < SLIVER * around.norm()
+            && out.dot(&around) < OPPOSITE * around.norm()
+    }
+
+    /// The middle of the first triangle of a face. Even if the face is not convex, this point is on the face.
+    pub fn first_triangle_center(&self, face: &[u32]) -> Point3<f64> {
         let [a, b, c] = [face[0], face[1], face[2]].map(|at| self.positions()[at as usize].coords);
         Point3::from((a + b + c) / 3.0)
     }
 
+    /// The unit normal of a face. `None` if the face has no area.
     fn outward(&self, face: usize) -> Option<Vector3<f64>> {
         self.area_vector(self.faces().face(face)).try_normalize(0.0)
     }

@@ -1,25 +1,25 @@
-//! What is done to items on their way to a loop's end: part by part, by the iterators of the standard library.
+//! Adaptors of parallel iterators. Each processes a part with the standard library's iterator of the same name.
 
 use std::iter;
 use std::marker::PhantomData;
 
-use super::{INITIALIZED_PARTS, Parallel};
+use super::{MAX_INIT_PARTS, Parallel};
 
-/// The methods of what has a place for each of its `items`, and else nothing that depends on the place.
-macro_rules! cut_where_its_items_are {
+/// Implements `len` and `split_at` for an adaptor whose other fields do not depend on the index.
+macro_rules! split_with_items {
     () => {
-        fn places(&self) -> usize {
-            self.items.places()
+        fn index_count(&self) -> usize {
+            self.items.index_count()
         }
 
-        fn split_at(self, place: usize) -> (Self, Self) {
-            let (before, after) = self.items.split_at(place);
+        fn split_at(self, index: usize) -> (Self, Self) {
+            let (before, after) = self.items.split_at(index);
             (Self { items: before, ..self }, Self { items: after, ..self })
         }
     };
 }
 
-/// What a closure makes of each item.
+/// The items mapped by a closure.
 #[derive(Clone, Debug)]
 pub struct Map<P, F> {
     pub(super) items: P,
@@ -31,7 +31,7 @@ impl<P: Parallel, T: Send, F: Fn(P::Item) -> T + Copy + Send> Parallel for Map<P
     type Part = iter::Map<P::Part, F>;
     const EXACT: bool = P::EXACT;
 
-    cut_where_its_items_are!();
+    split_with_items!();
 
     fn part(self) -> Self::Part {
         self.items.part().map(self.f)
@@ -42,7 +42,7 @@ impl<P: Parallel, T: Send, F: Fn(P::Item) -> T + Copy + Send> Parallel for Map<P
     }
 }
 
-/// The items that are kept.
+/// The items for which a closure returns true.
 #[derive(Clone, Debug)]
 pub struct Filter<P, F> {
     pub(super) items: P,
@@ -54,7 +54,7 @@ impl<P: Parallel, F: Fn(&P::Item) -> bool + Copy + Send> Parallel for Filter<P, 
     type Part = iter::Filter<P::Part, F>;
     const EXACT: bool = false;
 
-    cut_where_its_items_are!();
+    split_with_items!();
 
     fn part(self) -> Self::Part {
         self.items.part().filter(self.f)
@@ -65,7 +65,7 @@ impl<P: Parallel, F: Fn(&P::Item) -> bool + Copy + Send> Parallel for Filter<P, 
     }
 }
 
-/// What a closure makes of some items.
+/// The items mapped by a closure, without `None`.
 #[derive(Clone, Debug)]
 pub struct FilterMap<P, F> {
     pub(super) items: P,
@@ -82,7 +82,7 @@ where
     type Part = iter::FilterMap<P::Part, F>;
     const EXACT: bool = false;
 
-    cut_where_its_items_are!();
+    split_with_items!();
 
     fn part(self) -> Self::Part {
         self.items.part().filter_map(self.f)
@@ -93,7 +93,7 @@ where
     }
 }
 
-/// All that a closure makes of each item.
+/// The items mapped to several items each.
 #[derive(Clone, Debug)]
 pub struct FlatMap<P, I, F> {
     items: P,
@@ -117,12 +117,12 @@ where
     type Part = iter::FlatMap<P::Part, I, F>;
     const EXACT: bool = false;
 
-    fn places(&self) -> usize {
-        self.items.places()
+    fn index_count(&self) -> usize {
+        self.items.index_count()
     }
 
-    fn split_at(self, place: usize) -> (Self, Self) {
-        let (before, after) = self.items.split_at(place);
+    fn split_at(self, index: usize) -> (Self, Self) {
+        let (before, after) = self.items.split_at(index);
         (Self::new(before, self.f), Self::new(after, self.f))
     }
 
@@ -135,15 +135,15 @@ where
     }
 }
 
-/// What a closure makes of each item with the help of what another one made for the part.
+/// The items mapped by a closure that also gets a state, which is created once per part.
 #[derive(Clone, Debug)]
-pub struct Initialized<P, I, F> {
+pub struct MapInit<P, I, F> {
     pub(super) items: P,
     pub(super) init: I,
     pub(super) f: F,
 }
 
-impl<P, S, T, I, F> Parallel for Initialized<P, I, F>
+impl<P, S, T, I, F> Parallel for MapInit<P, I, F>
 where
     P: Parallel,
     T: Send,
@@ -151,29 +151,29 @@ where
     F: Fn(&mut S, P::Item) -> T + Copy + Send,
 {
     type Item = T;
-    type Part = InitializedPart<P::Part, S, F>;
+    type Part = MapInitPart<P::Part, S, F>;
     const EXACT: bool = P::EXACT;
 
-    cut_where_its_items_are!();
+    split_with_items!();
 
     fn part(self) -> Self::Part {
-        InitializedPart { items: self.items.part(), state: (self.init)(), f: self.f }
+        MapInitPart { items: self.items.part(), state: (self.init)(), f: self.f }
     }
 
     fn parts(&self) -> usize {
-        self.items.parts().min(INITIALIZED_PARTS)
+        self.items.parts().min(MAX_INIT_PARTS)
     }
 }
 
-/// The items of a part, and what was made for it.
+/// The sequential iterator over a part, with the state of that part.
 #[derive(Clone, Debug)]
-pub struct InitializedPart<P, S, F> {
+pub struct MapInitPart<P, S, F> {
     items: P,
     state: S,
     f: F,
 }
 
-impl<P: Iterator, S, T, F: Fn(&mut S, P::Item) -> T> Iterator for InitializedPart<P, S, F> {
+impl<P: Iterator, S, T, F: Fn(&mut S, P::Item) -> T> Iterator for MapInitPart<P, S, F> {
     type Item = T;
 
     fn next(&mut self) -> Option<T> {
@@ -185,7 +185,7 @@ impl<P: Iterator, S, T, F: Fn(&mut S, P::Item) -> T> Iterator for InitializedPar
     }
 }
 
-/// The items, copied.
+/// Copies of borrowed items.
 #[derive(Clone, Debug)]
 pub struct Copied<P>(pub(super) P);
 
@@ -194,12 +194,12 @@ impl<'a, P: Parallel<Item = &'a T>, T: Copy + Send + 'a> Parallel for Copied<P> 
     type Part = iter::Copied<P::Part>;
     const EXACT: bool = P::EXACT;
 
-    fn places(&self) -> usize {
-        self.0.places()
+    fn index_count(&self) -> usize {
+        self.0.index_count()
     }
 
-    fn split_at(self, place: usize) -> (Self, Self) {
-        let (before, after) = self.0.split_at(place);
+    fn split_at(self, index: usize) -> (Self, Self) {
+        let (before, after) = self.0.split_at(index);
         (Self(before), Self(after))
     }
 
@@ -212,7 +212,7 @@ impl<'a, P: Parallel<Item = &'a T>, T: Copy + Send + 'a> Parallel for Copied<P> 
     }
 }
 
-/// The items with their places.
+/// The items with their indices.
 #[derive(Clone, Debug)]
 pub struct Enumerate<P> {
     pub(super) items: P,
@@ -223,17 +223,17 @@ impl<P: Parallel> Parallel for Enumerate<P> {
     type Item = (usize, P::Item);
     type Part = iter::Zip<std::ops::Range<usize>, P::Part>;
 
-    fn places(&self) -> usize {
-        self.items.places()
+    fn index_count(&self) -> usize {
+        self.items.index_count()
     }
 
-    fn split_at(self, place: usize) -> (Self, Self) {
-        let (before, after) = self.items.split_at(place);
-        (Self { items: before, ..self }, Self { items: after, first: self.first + place })
+    fn split_at(self, index: usize) -> (Self, Self) {
+        let (before, after) = self.items.split_at(index);
+        (Self { items: before, ..self }, Self { items: after, first: self.first + index })
     }
 
     fn part(self) -> Self::Part {
-        iter::zip(self.first..self.first + self.items.places(), self.items.part())
+        iter::zip(self.first..self.first + self.items.index_count(), self.items.part())
     }
 
     fn parts(&self) -> usize {
@@ -241,7 +241,7 @@ impl<P: Parallel> Parallel for Enumerate<P> {
     }
 }
 
-/// The items of two lists at the same places.
+/// Pairs of items with the same index.
 #[derive(Clone, Debug)]
 pub struct Zip<A, B>(pub(super) A, pub(super) B);
 
@@ -249,12 +249,12 @@ impl<A: Parallel, B: Parallel> Parallel for Zip<A, B> {
     type Item = (A::Item, B::Item);
     type Part = iter::Zip<A::Part, B::Part>;
 
-    fn places(&self) -> usize {
-        self.0.places().min(self.1.places())
+    fn index_count(&self) -> usize {
+        self.0.index_count().min(self.1.index_count())
     }
 
-    fn split_at(self, place: usize) -> (Self, Self) {
-        let (a, b) = (self.0.split_at(place), self.1.split_at(place));
+    fn split_at(self, index: usize) -> (Self, Self) {
+        let (a, b) = (self.0.split_at(index), self.1.split_at(index));
         (Self(a.0, b.0), Self(a.1, b.1))
     }
 
@@ -267,11 +267,11 @@ impl<A: Parallel, B: Parallel> Parallel for Zip<A, B> {
     }
 }
 
-/// Parts of at least so many places.
+/// An iterator whose parts have a minimum length.
 #[derive(Clone, Debug)]
 pub struct MinLen<P> {
     pub(super) items: P,
-    pub(super) places: usize,
+    pub(super) min_len: usize,
 }
 
 impl<P: Parallel> Parallel for MinLen<P> {
@@ -279,13 +279,13 @@ impl<P: Parallel> Parallel for MinLen<P> {
     type Part = P::Part;
     const EXACT: bool = P::EXACT;
 
-    cut_where_its_items_are!();
+    split_with_items!();
 
     fn part(self) -> Self::Part {
         self.items.part()
     }
 
     fn parts(&self) -> usize {
-        self.items.parts().min(self.items.places() / self.places.max(1)).max(1)
+        self.items.parts().min(self.items.index_count() / self.min_len.max(1)).max(1)
     }
 }

@@ -1,6 +1,6 @@
-//! Lists of what loops make.
+//! Collects the items of parallel loops in lists.
 
-#![allow(unsafe_code, reason = "a list is told its length when all of its places are written")]
+#![allow(unsafe_code, reason = "a list is told its length when all of its items are written")]
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -8,9 +8,9 @@ use super::sources::ItemsMut;
 use super::{Parallel, Zip, each_part, of_parts};
 use crate::memory::reserve_huge;
 
-/// What a loop's items can be gathered in, in their order.
+/// Types that can collect the items of a parallel loop, in order.
 pub trait FromParallel<T: Send>: Sized {
-    /// All items.
+    /// Collects all items.
     fn from_parallel<P: Parallel<Item = T>>(items: P) -> Self;
 }
 
@@ -22,11 +22,11 @@ impl<T: Send> FromParallel<T> for Vec<T> {
     }
 }
 
-/// The first error, if there is one.
+/// Collects all items, or returns the first error.
 impl<T: Send, E: Send> FromParallel<Result<T, E>> for Result<Vec<T>, E> {
     fn from_parallel<P: Parallel<Item = Result<T, E>>>(items: P) -> Self {
         let failed = AtomicUsize::new(usize::MAX);
-        let of_part = |index: usize, part: P| {
+        let lists = of_parts(items, &|index: usize, part: P| {
             if failed.load(Ordering::Relaxed) < index {
                 return Ok(Vec::new());
             }
@@ -35,8 +35,8 @@ impl<T: Send, E: Send> FromParallel<Result<T, E>> for Result<Vec<T>, E> {
                 failed.fetch_min(index, Ordering::Relaxed);
             }
             list
-        };
-        let lists: Result<Vec<_>, E> = of_parts(items, &of_part).into_iter().collect();
+        });
+        let lists: Result<Vec<_>, E> = lists.into_iter().collect();
         lists.map(|parts| {
             let mut all = Vec::new();
             append_all(parts, &mut all);
@@ -51,37 +51,37 @@ pub(super) fn append<P: Parallel>(items: P, list: &mut Vec<P::Item>) {
         let parts = of_parts(items, &|_, part: P| part.part().collect());
         return append_all(parts, list);
     }
-    // Each item is written where it stays.
-    let count = items.places();
+    // Each item is written directly to its final position in the list.
+    let count = items.index_count();
     reserve_huge(list, count);
-    let places = ItemsMut(&mut list.spare_capacity_mut()[..count]);
-    let written = each_item(Zip(items, places), |(item, place)| {
-        place.write(item);
+    let slots = ItemsMut(&mut list.spare_capacity_mut()[..count]);
+    let written = each_item(Zip(items, slots), |(item, slot)| {
+        slot.write(item);
     });
-    assert_eq!(written, count, "items for some places are missing");
-    // SAFETY: the first `count` places of the spare capacity were handed out once each, as parts of one slice, and as many
-    // were written.
+    assert_eq!(written, count, "items are missing");
+    // SAFETY: the first `count` slots of the spare capacity were handed out as parts of one slice, each slot once, and `count` items were
+    // written into them.
     unsafe { list.set_len(list.len() + count) };
 }
 
-/// The two lists of the pairs' first and second items.
-pub(super) fn unzipped<A: Send, B: Send, P: Parallel<Item = (A, B)>>(items: P) -> (Vec<A>, Vec<B>) {
+/// Splits pairs into two lists.
+pub(super) fn unzip<A: Send, B: Send, P: Parallel<Item = (A, B)>>(items: P) -> (Vec<A>, Vec<B>) {
     if !P::EXACT {
         return items.collect::<Vec<_>>().into_iter().unzip();
     }
-    let count = items.places();
+    let count = items.index_count();
     let (mut firsts, mut seconds) = (Vec::new(), Vec::new());
     reserve_huge(&mut firsts, count);
     reserve_huge(&mut seconds, count);
-    let first_places = ItemsMut(&mut firsts.spare_capacity_mut()[..count]);
-    let second_places = ItemsMut(&mut seconds.spare_capacity_mut()[..count]);
-    let places = Zip(first_places, second_places);
-    let written = each_item(Zip(items, places), |((a, b), (first, second))| {
+    let first_slots = ItemsMut(&mut firsts.spare_capacity_mut()[..count]);
+    let second_slots = ItemsMut(&mut seconds.spare_capacity_mut()[..count]);
+    let slots = Zip(first_slots, second_slots);
+    let written = each_item(Zip(items, slots), |((a, b), (first, second))| {
         first.write(a);
         second.write(b);
     });
-    assert_eq!(written, count, "items for some places are missing");
-    // SAFETY: as in `append`, for both lists.
+    assert_eq!(written, count, "items are missing");
+    // SAFETY: as in `append`. Both lists satisfy the same conditions.
     unsafe {
         firsts.set_len(count);
         seconds.set_len(count);
@@ -89,7 +89,7 @@ pub(super) fn unzipped<A: Send, B: Send, P: Parallel<Item = (A, B)>>(items: P) -
     (firsts, seconds)
 }
 
-/// Calls `f` with each item; how many there were.
+/// Calls `f` with each item and returns their number.
 fn each_item<P: Parallel>(items: P, f: impl Fn(P::Item) + Sync) -> usize {
     let all = AtomicUsize::new(0);
     each_part(items, &|_, part: P| {

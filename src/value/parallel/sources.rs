@@ -1,16 +1,16 @@
-//! What loops go over: parts of slices, numbers in a row, lists that are used up.
+//! Sources of parallel loops: slices, chunks, ranges of integers, and lists that are consumed.
 
 use std::ops::Range;
 use std::{slice, vec};
 
 use super::Parallel;
 
-/// What can be gone over in parts.
+/// Types that can be converted to a parallel iterator.
 pub trait IntoParallel {
-    /// Its items.
+    /// The type of the items.
     type Items: Parallel;
 
-    /// Its items, for a loop on all threads.
+    /// Converts the value to a parallel iterator.
     fn into_par_iter(self) -> Self::Items;
 }
 
@@ -22,46 +22,50 @@ impl<P: Parallel> IntoParallel for P {
     }
 }
 
-/// Loops over what a slice holds.
+/// Parallel iteration over slices.
 pub trait ParallelSlice<T: Sync> {
-    /// Its items.
+    /// The type of the items.
     fn par_iter(&self) -> Items<'_, T>;
-    /// So many items at once, fewer at the end.
+    /// Chunks of `size` items, the last one possibly shorter.
     ///
     /// # Panics
     /// If `size` is 0.
     fn par_chunks(&self, size: usize) -> Chunks<'_, T>;
-    /// So many items at once, without a rest at the end.
+    /// Chunks of exactly `size` items. A shorter rest at the end is left out.
     ///
     /// # Panics
     /// If `size` is 0.
     fn par_chunks_exact(&self, size: usize) -> Chunks<'_, T>;
-    /// So many neighbors at once, from each item on that has them.
+    /// Overlapping windows of `size` items.
     ///
     /// # Panics
     /// If `size` is 0.
     fn par_windows(&self, size: usize) -> Windows<'_, T>;
 }
 
-/// Loops that change what a slice holds.
+/// Parallel mutable iteration over slices.
 pub trait ParallelSliceMut<T: Send> {
-    /// Its items.
+    /// The type of the items.
     fn par_iter_mut(&mut self) -> ItemsMut<'_, T>;
-    /// So many items at once, fewer at the end.
+    /// Chunks of `size` items, the last one possibly shorter.
     ///
     /// # Panics
     /// If `size` is 0.
     fn par_chunks_mut(&mut self, size: usize) -> ChunksMut<'_, T>;
-    /// The items in these rows, so many at once, fewer at the end of each row; with their places.
+    /// Chunks of at most `size` items of these rows. Each chunk comes with the range of its indices.
     ///
     /// # Panics
-    /// If there are no such rows, or they are not in order and apart from each other; if `size` is 0.
-    fn par_rows_mut(&mut self, rows: &[Range<u32>], size: usize) -> Owned<(Range<u32>, &mut [T])>;
-    /// Sorts; equal items change places.
+    /// If a row is out of bounds, rows overlap or are not in ascending order, or `size` is 0.
+    fn par_rows_mut(
+        &mut self,
+        rows: &[Range<u32>],
+        size: usize,
+    ) -> VecItems<(Range<u32>, &mut [T])>;
+    /// Sorts the slice. Equal items may change their order.
     fn par_sort_unstable(&mut self)
     where
         T: Ord;
-    /// Sorts by keys; items with equal keys change places.
+    /// Sorts the slice by keys. Items with equal keys may change their order.
     fn par_sort_unstable_by_key<K: Ord>(&mut self, key: impl Fn(&T) -> K + Sync);
 }
 
@@ -95,21 +99,25 @@ impl<T: Send> ParallelSliceMut<T> for [T] {
         ChunksMut { items: self, size }
     }
 
-    fn par_rows_mut(&mut self, rows: &[Range<u32>], size: usize) -> Owned<(Range<u32>, &mut [T])> {
+    fn par_rows_mut(
+        &mut self,
+        rows: &[Range<u32>],
+        size: usize,
+    ) -> VecItems<(Range<u32>, &mut [T])> {
         let mut pieces = Vec::with_capacity(rows.len());
         let (mut rest, mut first) = (self, 0);
         for row in rows {
             assert!(first <= row.start, "rows are in order and apart from each other");
-            let (_, behind) = rest.split_at_mut((row.start - first) as usize);
-            let (items, behind) = behind.split_at_mut(row.len());
+            let (_, after) = rest.split_at_mut((row.start - first) as usize);
+            let (items, after) = after.split_at_mut(row.len());
             let starts = row.clone().step_by(size);
             pieces.extend(starts.zip(items.chunks_mut(size)).map(|(start, items)| {
                 let end = start + items.len() as u32;
                 (start..end, items)
             }));
-            (rest, first) = (behind, row.start.max(row.end));
+            (rest, first) = (after, row.start.max(row.end));
         }
-        Owned(pieces)
+        VecItems(pieces)
     }
 
     fn par_sort_unstable(&mut self)
@@ -157,10 +165,10 @@ impl<'a, T: Send> IntoParallel for &'a mut Vec<T> {
 }
 
 impl<T: Send> IntoParallel for Vec<T> {
-    type Items = Owned<T>;
+    type Items = VecItems<T>;
 
-    fn into_par_iter(self) -> Owned<T> {
-        Owned(self)
+    fn into_par_iter(self) -> VecItems<T> {
+        VecItems(self)
     }
 }
 
@@ -172,12 +180,12 @@ impl<'a, T: Sync> Parallel for Items<'a, T> {
     type Item = &'a T;
     type Part = slice::Iter<'a, T>;
 
-    fn places(&self) -> usize {
+    fn index_count(&self) -> usize {
         self.0.len()
     }
 
-    fn split_at(self, place: usize) -> (Self, Self) {
-        let (before, after) = self.0.split_at(place);
+    fn split_at(self, index: usize) -> (Self, Self) {
+        let (before, after) = self.0.split_at(index);
         (Self(before), Self(after))
     }
 
@@ -186,7 +194,7 @@ impl<'a, T: Sync> Parallel for Items<'a, T> {
     }
 }
 
-/// The items of a slice, to be changed.
+/// The items of a slice, as mutable references.
 #[derive(Debug)]
 pub struct ItemsMut<'a, T>(pub(super) &'a mut [T]);
 
@@ -194,12 +202,12 @@ impl<'a, T: Send> Parallel for ItemsMut<'a, T> {
     type Item = &'a mut T;
     type Part = slice::IterMut<'a, T>;
 
-    fn places(&self) -> usize {
+    fn index_count(&self) -> usize {
         self.0.len()
     }
 
-    fn split_at(self, place: usize) -> (Self, Self) {
-        let (before, after) = self.0.split_at_mut(place);
+    fn split_at(self, index: usize) -> (Self, Self) {
+        let (before, after) = self.0.split_at_mut(index);
         (Self(before), Self(after))
     }
 
@@ -208,7 +216,7 @@ impl<'a, T: Send> Parallel for ItemsMut<'a, T> {
     }
 }
 
-/// Some items of a slice at once.
+/// Chunks of a slice.
 #[derive(Clone, Debug)]
 pub struct Chunks<'a, T> {
     items: &'a [T],
@@ -219,12 +227,12 @@ impl<'a, T: Sync> Parallel for Chunks<'a, T> {
     type Item = &'a [T];
     type Part = slice::Chunks<'a, T>;
 
-    fn places(&self) -> usize {
+    fn index_count(&self) -> usize {
         self.items.len().div_ceil(self.size)
     }
 
-    fn split_at(self, place: usize) -> (Self, Self) {
-        let (before, after) = self.items.split_at(self.items.len().min(place * self.size));
+    fn split_at(self, index: usize) -> (Self, Self) {
+        let (before, after) = self.items.split_at(self.items.len().min(index * self.size));
         (Self { items: before, ..self }, Self { items: after, ..self })
     }
 
@@ -233,7 +241,7 @@ impl<'a, T: Sync> Parallel for Chunks<'a, T> {
     }
 }
 
-/// Some items of a slice at once, to be changed.
+/// Mutable chunks of a slice.
 #[derive(Debug)]
 pub struct ChunksMut<'a, T> {
     items: &'a mut [T],
@@ -244,13 +252,13 @@ impl<'a, T: Send> Parallel for ChunksMut<'a, T> {
     type Item = &'a mut [T];
     type Part = slice::ChunksMut<'a, T>;
 
-    fn places(&self) -> usize {
+    fn index_count(&self) -> usize {
         self.items.len().div_ceil(self.size)
     }
 
-    fn split_at(self, place: usize) -> (Self, Self) {
+    fn split_at(self, index: usize) -> (Self, Self) {
         let Self { items, size } = self;
-        let (before, after) = items.split_at_mut(items.len().min(place * size));
+        let (before, after) = items.split_at_mut(items.len().min(index * size));
         (Self { items: before, size }, Self { items: after, size })
     }
 
@@ -259,7 +267,7 @@ impl<'a, T: Send> Parallel for ChunksMut<'a, T> {
     }
 }
 
-/// Neighbors in a slice.
+/// Overlapping windows of a slice.
 #[derive(Clone, Debug)]
 pub struct Windows<'a, T> {
     items: &'a [T],
@@ -270,15 +278,15 @@ impl<'a, T: Sync> Parallel for Windows<'a, T> {
     type Item = &'a [T];
     type Part = slice::Windows<'a, T>;
 
-    fn places(&self) -> usize {
+    fn index_count(&self) -> usize {
         (self.items.len() + 1).saturating_sub(self.size)
     }
 
-    fn split_at(self, place: usize) -> (Self, Self) {
-        let before = self.items.len().min(place + self.size - 1);
+    fn split_at(self, index: usize) -> (Self, Self) {
+        let before = self.items.len().min(index + self.size - 1);
         (
             Self { items: &self.items[..before], ..self },
-            Self { items: &self.items[place..], ..self },
+            Self { items: &self.items[index..], ..self },
         )
     }
 
@@ -287,20 +295,20 @@ impl<'a, T: Sync> Parallel for Windows<'a, T> {
     }
 }
 
-/// A list that is used up.
+/// The items of a list, which is consumed.
 #[derive(Debug)]
-pub struct Owned<T>(Vec<T>);
+pub struct VecItems<T>(Vec<T>);
 
-impl<T: Send> Parallel for Owned<T> {
+impl<T: Send> Parallel for VecItems<T> {
     type Item = T;
     type Part = vec::IntoIter<T>;
 
-    fn places(&self) -> usize {
+    fn index_count(&self) -> usize {
         self.0.len()
     }
 
-    fn split_at(mut self, place: usize) -> (Self, Self) {
-        let after = self.0.split_off(place);
+    fn split_at(mut self, index: usize) -> (Self, Self) {
+        let after = self.0.split_off(index);
         (self, Self(after))
     }
 
@@ -309,7 +317,7 @@ impl<T: Send> Parallel for Owned<T> {
     }
 }
 
-/// Whole numbers in a row.
+/// A range of integers.
 #[derive(Clone, Debug)]
 pub struct Numbers<N>(Range<N>);
 
@@ -327,12 +335,12 @@ macro_rules! numbers {
             type Item = $number;
             type Part = Range<$number>;
 
-            fn places(&self) -> usize {
+            fn index_count(&self) -> usize {
                 (self.0.end - self.0.start) as usize
             }
 
-            fn split_at(self, place: usize) -> (Self, Self) {
-                let middle = self.0.start + place as $number;
+            fn split_at(self, index: usize) -> (Self, Self) {
+                let middle = self.0.start + index as $number;
                 (Self(self.0.start..middle), Self(middle..self.0.end))
             }
 

@@ -1,4 +1,4 @@
-//! Loops on all threads against the iterators of the standard library.
+//! Compares parallel loops with the iterators of the standard library.
 
 use std::sync::Arc;
 
@@ -6,7 +6,7 @@ use super::*;
 
 const LENGTHS: [usize; 8] = [0, 1, 2, 127, 128, 129, 1000, 4099];
 
-/// What `f` gives for each length on some numbers of threads: always the same.
+/// Returns the result of `f` for each length, and asserts that the results do not depend on the number of threads.
 fn on_any_threads<T: PartialEq + std::fmt::Debug + Send>(f: impl Fn(usize) -> T + Sync) -> Vec<T> {
     let results = [1, 2, 7].map(|threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -19,12 +19,12 @@ fn on_any_threads<T: PartialEq + std::fmt::Debug + Send>(f: impl Fn(usize) -> T 
 }
 
 fn random(length: usize) -> Vec<u32> {
-    let mut random = crate::random::Random(length as u64);
-    (0..length).map(|_| random.below(1000) as u32).collect()
+    let mut random = crate::rng::Random(length as u64);
+    (0..length).map(|_| random.next_below(1000) as u32).collect()
 }
 
 #[test]
-fn lists_are_those_of_loops_on_one_thread() {
+fn parallel_lists_equal_sequential_ones() {
     on_any_threads(|length| {
         let list = random(length);
         fn odd(x: &&u32) -> bool {
@@ -41,8 +41,9 @@ fn lists_are_those_of_loops_on_one_thread() {
             list.clone().into_par_iter().filter_map(|x| (x > 500).then(|| x.to_string())).collect();
         let expected = list.iter().filter(|&&x| x > 500).map(u32::to_string);
         assert_eq!(text, Vec::from_iter(expected));
-        let (places, copies): (Vec<usize>, Vec<u32>) = list.par_iter().copied().enumerate().unzip();
-        assert_eq!((places, &copies), ((0..length).collect(), &list));
+        let (indices, copies): (Vec<usize>, Vec<u32>) =
+            list.par_iter().copied().enumerate().unzip();
+        assert_eq!((indices, &copies), ((0..length).collect(), &list));
         let longer = list.len() + 3;
         let pairs: Vec<(usize, u32)> =
             (0..longer).into_par_iter().zip(&list).map(|(a, b)| (a, *b)).collect();
@@ -56,7 +57,7 @@ fn lists_are_those_of_loops_on_one_thread() {
 }
 
 #[test]
-fn chunks_and_windows_are_those_of_the_slice() {
+fn parallel_chunks_and_windows_equal_sequential_ones() {
     on_any_threads(|length| {
         let list = random(length);
         for size in [1, 3, 100, 5000] {
@@ -69,7 +70,7 @@ fn chunks_and_windows_are_those_of_the_slice() {
             let mut marked = list.clone();
             let strips = marked.par_chunks_mut(size).enumerate();
             strips.for_each(|(strip, strip_of)| strip_of.fill(strip as u32));
-            assert!(marked.iter().enumerate().all(|(place, &mark)| mark == (place / size) as u32));
+            assert!(marked.iter().enumerate().all(|(index, &mark)| mark == (index / size) as u32));
         }
         let mut sorted = list.clone();
         sorted.par_sort_unstable();
@@ -80,7 +81,7 @@ fn chunks_and_windows_are_those_of_the_slice() {
 }
 
 #[test]
-fn rows_are_written_in_pieces_and_nothing_else_is() {
+fn only_the_given_rows_are_written() {
     on_any_threads(|length| {
         let [third, half] = [length as u32 / 3, length as u32 / 2];
         for rows in
@@ -89,9 +90,9 @@ fn rows_are_written_in_pieces_and_nothing_else_is() {
             let mut written = random(length);
             let mut expected = written.clone();
             rows.iter().cloned().flatten().for_each(|k| expected[k as usize] = k);
-            written.par_rows_mut(&rows, 7).for_each(|(places, items)| {
-                assert!(places.len() == items.len() && items.len() <= 7);
-                places.zip(items).for_each(|(place, item)| *item = place);
+            written.par_rows_mut(&rows, 7).for_each(|(indices, items)| {
+                assert!(indices.len() == items.len() && items.len() <= 7);
+                indices.zip(items).for_each(|(index, item)| *item = index);
             });
             assert_eq!(written, expected);
         }
@@ -99,15 +100,15 @@ fn rows_are_written_in_pieces_and_nothing_else_is() {
 }
 
 #[test]
-fn ends_of_loops_do_not_depend_on_threads() {
+fn results_of_loops_do_not_depend_on_threads() {
     let all = on_any_threads(|length| {
         let list = random(length);
         let numbers = || list.par_iter().map(|&x| 0.1 * f64::from(x));
         let sum: f64 = numbers().sum();
         let folded = numbers().reduce(|| 0.0, |a, b| a + b);
         let enumerated = || list.par_iter().copied().enumerate();
-        fn rank((place, x): (usize, u32)) -> (u32, usize) {
-            (x / 10, place)
+        fn rank((index, x): (usize, u32)) -> (u32, usize) {
+            (x / 10, index)
         }
         assert_eq!(enumerated().map(rank).max(), list.iter().copied().enumerate().map(rank).max());
         assert_eq!(enumerated().map(rank).min(), list.iter().copied().enumerate().map(rank).min());
@@ -130,18 +131,18 @@ fn ends_of_loops_do_not_depend_on_threads() {
 }
 
 #[test]
-fn memory_is_made_once_for_each_part() {
+fn state_is_initialized_once_per_part() {
     let made = AtomicUsize::new(0);
     let list: Vec<usize> = (0..1000_usize)
         .into_par_iter()
         .map_init(|| made.fetch_add(1, Ordering::Relaxed), |_, x| x)
         .collect();
     assert!(list.into_iter().eq(0..1000));
-    assert_eq!(made.into_inner(), INITIALIZED_PARTS);
+    assert_eq!(made.into_inner(), MAX_INIT_PARTS);
 }
 
 #[test]
-fn what_is_not_reached_is_dropped_once() {
+fn unreached_items_are_dropped_once() {
     let item = Arc::new(());
     for length in LENGTHS {
         let list = vec![item.clone(); length];

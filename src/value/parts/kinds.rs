@@ -1,8 +1,8 @@
-//! What the elements of a column are, and what its numbers mean.
+//! The kinds of elements of columns, and the meanings of their numbers.
 
-/// What the elements of a column are.
+/// The kind of the elements of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum On {
+pub enum ElementKind {
     /// Vertices of a mesh.
     Vertex,
     /// Corners of faces, face by face.
@@ -19,14 +19,13 @@ pub enum On {
     Point,
     /// Steps of an iteration.
     Step,
-    /// Entries of a list of its own length, such as knots.
+    /// Entries of a list whose length is independent of other columns, such as knots.
     Entry,
-    /// The whole value: there is one element.
+    /// The whole value, as the only element.
     Whole,
 }
 
-impl On {
-    /// All of them.
+impl ElementKind {
     const ALL: [Self; 10] = [
         Self::Vertex,
         Self::Corner,
@@ -40,7 +39,7 @@ impl On {
         Self::Whole,
     ];
 
-    /// The word for one element.
+    /// The singular noun for an element of this kind.
     pub fn word(self) -> &'static str {
         match self {
             Self::Vertex => "vertex",
@@ -56,38 +55,37 @@ impl On {
         }
     }
 
-    /// The one that a word names.
+    /// Parses a word that [`word`](Self::word) returns.
     ///
     /// # Errors
-    /// In words, with those that there are.
-    pub fn named(word: &str) -> Result<Self, String> {
-        named(word, &Self::ALL, Self::word, "columns lie on")
+    /// If the word is unknown. The error is a message that lists the known words.
+    pub fn from_word(word: &str) -> Result<Self, String> {
+        find_by_word(word, &Self::ALL, Self::word, "element kind")
     }
 }
 
-/// What the numbers of a column mean, and so how two of them are compared.
+/// The meaning of a column's numbers. It decides how two of the numbers are compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Meaning {
-    /// Places in mm: compared by their distance.
+    /// Positions in mm: compared by their distance.
     Position,
-    /// Directions: by their angle.
+    /// Directions: compared by their angle.
     Direction,
-    /// Numbers and vectors of any other kind: by the length of their difference.
+    /// Numbers and vectors of any other kind: compared by the length of their difference.
     Number,
-    /// Channels of colors, 0 to 255, 8-bit sRGB: by the largest difference of a channel.
+    /// Color channels, 0 to 255, 8-bit sRGB: compared by the largest difference of a channel.
     Level,
-    /// Numbers of other elements, from 0, or of components: equal or not.
+    /// Indices of other elements, from 0, or numbers of components. Two indices are either equal or different.
     Index,
-    /// Other whole numbers, flags (0 and 1) among them: equal or not.
+    /// Other whole numbers, including flags (0 and 1). Two of them are either equal or different.
     Exact,
 }
 
 impl Meaning {
-    /// All of them.
     const ALL: [Self; 6] =
         [Self::Position, Self::Direction, Self::Number, Self::Level, Self::Index, Self::Exact];
 
-    /// The word for it.
+    /// The noun for this meaning.
     pub fn word(self) -> &'static str {
         match self {
             Self::Position => "position",
@@ -99,16 +97,16 @@ impl Meaning {
         }
     }
 
-    /// The one that a word names.
+    /// Parses a word that [`word`](Self::word) returns.
     ///
     /// # Errors
-    /// In words, with those that there are.
-    pub fn named(word: &str) -> Result<Self, String> {
-        named(word, &Self::ALL, Self::word, "numbers mean")
+    /// If the word is unknown. The error is a message that lists the known words.
+    pub fn from_word(word: &str) -> Result<Self, String> {
+        find_by_word(word, &Self::ALL, Self::word, "meaning of numbers")
     }
 }
 
-fn named<T: Copy>(
+fn find_by_word<T: Copy>(
     word: &str,
     all: &[T],
     name: fn(T) -> &'static str,
@@ -117,6 +115,6 @@ fn named<T: Copy>(
     let found = all.iter().copied().find(|it| name(*it) == word);
     found.ok_or_else(|| {
         let known = all.iter().map(|it| name(*it)).collect::<Vec<_>>().join(", ");
-        format!("{what} one of {known}, not `{word}`")
+        format!("unknown {what} `{word}`, expected one of {known}")
     })
 }

@@ -1,16 +1,17 @@
-//! What a range image is made of, and how it looks.
+//! The parts, layers and edge cases of range images.
 
 use nalgebra::Vector3;
 
 use super::RangeImage;
+use crate::edge_cases::{SIZES, point_sets};
 use crate::frame::{counts, pose_of};
-use crate::hostile::{SIZES, clouds};
-use crate::layer::PLAIN;
+use crate::layer::BACKGROUND;
 use crate::{
-    Image, Layer, Meaning, On, Part, Parts, PartsError, Picture, Pinhole, Registration, Rgb,
+    ElementKind, Image, Layer, Meaning, Part, Parts, PartsError, Picture, Pinhole, Registration,
+    Rgb,
 };
 
-/// Parts that tests leave out: which triangles are surface, and the size of the picture that it is registered to.
+/// The names of two parts that tests ignore: the forced triangles, and the size of the registered picture.
 const JOINED: &str = "joined";
 const PICTURE: &str = "picture";
 
@@ -18,58 +19,59 @@ pub(super) fn parts(range: &RangeImage) -> Parts<'_> {
     let mut parts = Parts::default();
     parts.grid(range.width, range.height);
     parts.fact("valid cells", range.n_valid());
-    parts.push("point", On::Pixel, Meaning::Position, 3, &range.points[..]);
+    parts.push("point", ElementKind::Pixel, Meaning::Position, 3, &range.points[..]);
     if range.filled.is_empty() {
         let none = vec![0u8; range.points.len()];
-        parts.push("filled", On::Pixel, Meaning::Exact, 1, none);
+        parts.push("filled", ElementKind::Pixel, Meaning::Exact, 1, none);
     } else {
-        parts.push("filled", On::Pixel, Meaning::Exact, 1, &range.filled[..]);
+        parts.push("filled", ElementKind::Pixel, Meaning::Exact, 1, &range.filled[..]);
     }
     if let Some(colors) = range.colors() {
-        parts.push("color", On::Pixel, Meaning::Level, 3, colors);
+        parts.push("color", ElementKind::Pixel, Meaning::Level, 3, colors);
     }
     if !range.joined.is_empty() {
-        parts.push_aside(JOINED, On::Pixel, Meaning::Exact, 1, &range.joined[..]);
+        parts.push_hidden(JOINED, ElementKind::Pixel, Meaning::Exact, 1, &range.joined[..]);
     }
     let Registration { scale, offset, picture } = range.registration;
     let registration = [scale, offset].concat();
-    parts.push("registration", On::Whole, Meaning::Number, 4, registration);
+    parts.push("registration", ElementKind::Whole, Meaning::Number, 4, registration);
     let picture = picture.map(|size| size as f64).to_vec();
-    parts.push_aside(PICTURE, On::Whole, Meaning::Exact, 2, picture);
+    parts.push_hidden(PICTURE, ElementKind::Whole, Meaning::Exact, 2, picture);
     if let Some(camera) = &range.camera {
-        parts.push("camera", On::Whole, Meaning::Number, 4, camera.numbers());
+        parts.push("camera", ElementKind::Whole, Meaning::Number, 4, camera.numbers());
     }
     if let Some(pose) = &range.world_from_camera {
-        parts.push("pose", On::Whole, Meaning::Number, 16, pose.as_slice());
+        parts.push("pose", ElementKind::Whole, Meaning::Number, 16, pose.as_slice());
     }
     parts
 }
 
-/// All but `point` may be left out. Without a `registration` it is that to a picture of its own size, cell on pixel.
+/// Builds a range image from parts. Only the part `point` is required. Without the part `registration` the grid is registered to a picture
+/// of the grid's size, so that each cell is on one pixel.
 pub(super) fn made_of(parts: &Parts<'_>) -> Result<RangeImage, PartsError> {
     let [width, height] = parts.size()?;
-    let points = parts.need("point", 3)?.places()?;
-    let mut range = RangeImage::new(width, height, points).map_err(PartsError::refused)?;
+    let points = parts.require("point", 3)?.to_points()?;
+    let mut range = RangeImage::new(width, height, points).map_err(PartsError::from_error)?;
     if let Some(filled) = parts.column_of("filled", 1)? {
-        range = range.with_filled(filled.small(1)?).map_err(PartsError::refused)?;
+        range = range.with_filled(filled.to_u8(1)?).map_err(PartsError::from_error)?;
     }
     if let Some(joined) = parts.column_of(JOINED, 1)? {
-        range = range.with_joined(joined.small(15)?).map_err(PartsError::refused)?;
+        range = range.with_joined(joined.to_u8(15)?).map_err(PartsError::from_error)?;
     }
     if let Some(colors) = parts.column_of("color", 3)? {
-        range = range.with_colors(colors.colors()?).map_err(PartsError::refused)?;
+        range = range.with_colors(colors.colors()?).map_err(PartsError::from_error)?;
     }
-    if let Some([sx, sy, ox, oy]) = parts.column("registration").map(Part::only).transpose()? {
-        let picture = parts.need(PICTURE, 2)?;
-        let picture = counts(picture, 0, picture.only()?)?;
+    if let Some([sx, sy, ox, oy]) = parts.column("registration").map(Part::single).transpose()? {
+        let picture = parts.require(PICTURE, 2)?;
+        let picture = counts(picture, 0, picture.single()?)?;
         range =
             range.with_registration(Registration { scale: [sx, sy], offset: [ox, oy], picture });
     }
-    let camera = Pinhole::of(parts, "camera")?;
+    let camera = Pinhole::from_parts(parts, "camera")?;
     Ok(range.with_camera(camera).with_world_from_camera(pose_of(parts, "pose")?))
 }
 
-/// Near is bright and far is dark, lit from the left above.
+/// Draws near cells bright and far cells dark, with shading as if lit from the upper left.
 pub(super) fn show(range: &RangeImage) -> Vec<Layer> {
     let (width, height) = (range.width, range.height);
     let depths = || range.points.iter().map(|point| point.z).filter(|z| !z.is_nan());
@@ -77,8 +79,8 @@ pub(super) fn show(range: &RangeImage) -> Vec<Layer> {
     let light = Vector3::new(-0.45, -0.55, -0.7).normalize();
     let cells = (0..height).flat_map(|row| (0..width).map(move |column| [column, row]));
     let pixels = cells.map(|[column, row]| -> Rgb {
-        let Some(point) = range.point(row * width + column) else { return PLAIN };
-        // The way from the cell before to the one behind, as far as both are there.
+        let Some(point) = range.point(row * width + column) else { return BACKGROUND };
+        // The vector from the previous cell to the next cell. An invalid or missing neighbor is replaced by the cell between them.
         let across = |step: usize, at: usize, count: usize| {
             let cell = row * width + column;
             let before = (at > 0).then(|| range.point(cell - step)).flatten().unwrap_or(point);
@@ -96,14 +98,16 @@ pub(super) fn show(range: &RangeImage) -> Vec<Layer> {
     let registration = Some(range.registration);
     image
         .into_iter()
-        .map(|image| Layer::Picture(Picture { image, registration, drawn: true }))
+        .map(|image| Layer::Picture(Picture { image, registration, has_false_colors: true }))
         .collect()
 }
 
-pub(super) fn hostile() -> Vec<RangeImage> {
+pub(super) fn edge_cases() -> Vec<RangeImage> {
     let sizes = SIZES.into_iter().chain([[3, 3], [8, 5]]);
     let ranges = sizes.flat_map(|[width, height]| {
-        clouds(width * height).into_iter().map(move |points| RangeImage::new(width, height, points))
+        point_sets(width * height)
+            .into_iter()
+            .map(move |points| RangeImage::new(width, height, points))
     });
     ranges.flatten().collect()
 }
@@ -115,7 +119,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn near_is_brighter_than_far_and_holes_are_plain() {
+    fn near_cells_are_brighter_and_holes_have_the_background_color() {
         let range = RangeImage::new(
             4,
             3,
@@ -132,7 +136,7 @@ mod tests {
         )
         .unwrap();
         let [Layer::Picture(picture)] = &show(&range)[..] else { panic!("one picture") };
-        assert_eq!(picture.image.at([1, 1]), PLAIN);
-        assert!(picture.image.at([0, 2])[0] > picture.image.at([3, 2])[0]);
+        assert_eq!(picture.image.pixel([1, 1]), BACKGROUND);
+        assert!(picture.image.pixel([0, 2])[0] > picture.image.pixel([3, 2])[0]);
     }
 }

@@ -1,11 +1,12 @@
-//! What a region is made of, and how it looks.
+//! The parts, layers and edge cases of regions.
 
 use super::{Contour, Region};
-use crate::hostile::clouds;
-use crate::layer::PLAIN;
-use crate::{Axes, Image, Layer, Lines, Meaning, On, Parts, PartsError, Picture};
+use crate::edge_cases::point_sets;
+use crate::layer::BACKGROUND;
+use crate::{Axes, ElementKind, Image, Layer, Lines, Meaning, Parts, PartsError, Picture};
 
-/// How many cells each contour has, and whether it is one of a hole: tests see the contours' cells.
+/// The names of two parts: the number of cells of each contour, and a flag that marks the contours of holes. Tests ignore both parts and
+/// compare the cells of the contours.
 const LENGTHS: &str = "contour cells";
 const HOLES: &str = "contour of a hole";
 
@@ -14,42 +15,43 @@ pub(super) fn parts(region: &Region) -> Parts<'_> {
     parts.grid(region.width, region.height);
     parts.fact("cells", region.cells.len());
     parts.fact("contours", region.contours.len());
-    parts.push("point", On::Point, Meaning::Position, 3, &region.points[..]);
-    parts.push("cell", On::Point, Meaning::Index, 1, &region.cells[..]);
-    parts.push("filled", On::Point, Meaning::Exact, 1, &region.filled[..]);
-    let contours = || region.contours.iter();
-    let cells: Vec<_> = contours().flat_map(|contour| contour.cells.iter().copied()).collect();
-    parts.push("contour", On::Entry, Meaning::Index, 1, cells);
-    let lengths: Vec<_> = contours().map(|contour| contour.cells.len() as u32).collect();
-    parts.push_aside(LENGTHS, On::Entry, Meaning::Exact, 1, lengths);
-    let holes: Vec<_> = contours().map(|contour| u8::from(contour.hole)).collect();
-    parts.push_aside(HOLES, On::Entry, Meaning::Exact, 1, holes);
+    parts.push("point", ElementKind::Point, Meaning::Position, 3, &region.points[..]);
+    parts.push("cell", ElementKind::Point, Meaning::Index, 1, &region.cells[..]);
+    parts.push("filled", ElementKind::Point, Meaning::Exact, 1, &region.filled[..]);
+    let contours = &region.contours;
+    let cells: Vec<_> = contours.iter().flat_map(|contour| contour.cells.iter().copied()).collect();
+    parts.push("contour", ElementKind::Entry, Meaning::Index, 1, cells);
+    let lengths: Vec<_> = contours.iter().map(|contour| contour.cells.len() as u32).collect();
+    parts.push_hidden(LENGTHS, ElementKind::Entry, Meaning::Exact, 1, lengths);
+    let holes: Vec<_> = contours.iter().map(|contour| u8::from(contour.hole)).collect();
+    parts.push_hidden(HOLES, ElementKind::Entry, Meaning::Exact, 1, holes);
     parts
 }
 
-/// Without `filled` all points are measured; without `contour` there are no contours.
+/// Builds a region from parts. Without the part `filled` all points count as measured. Without the part `contour` the region has no
+/// contours.
 pub(super) fn made_of(parts: &Parts<'_>) -> Result<Region, PartsError> {
     let [width, height] = parts.size_of("size")?;
-    let points = parts.need("point", 3)?.places()?;
-    let cells = parts.need("cell", 1)?.whole()?;
-    let filled = parts.column_of("filled", 1)?.map(|part| part.small(1)).transpose()?;
+    let points = parts.require("point", 3)?.to_points()?;
+    let cells = parts.require("cell", 1)?.to_u32()?;
+    let filled = parts.column_of("filled", 1)?.map(|part| part.to_u8(1)).transpose()?;
     let filled = filled.unwrap_or_else(|| vec![0; cells.len()]);
     let contours = match parts.column("contour") {
         Some(_) => contours(parts, &cells)?,
         None => Vec::new(),
     };
-    Region::new(width, height, cells, points, filled, contours).map_err(PartsError::refused)
+    Region::new(width, height, cells, points, filled, contours).map_err(PartsError::from_error)
 }
 
 fn contours(parts: &Parts<'_>, cells: &[u32]) -> Result<Vec<Contour>, PartsError> {
-    let (contour, lengths) = (parts.need("contour", 1)?, parts.need(LENGTHS, 1)?);
-    let all = contour.whole()?;
+    let (contour, lengths) = (parts.require("contour", 1)?, parts.require(LENGTHS, 1)?);
+    let all = contour.to_u32()?;
     if let Some(index) = all.iter().position(|cell| cells.binary_search(cell).is_err()) {
-        return Err(contour.wrong(index, f64::from(all[index]), "a cell of the region"));
+        return Err(contour.number_error(index, f64::from(all[index]), "a cell of the region"));
     }
-    let counts = lengths.whole()?;
+    let counts = lengths.to_u32()?;
     contour.with_count(counts.iter().map(|&count| count as usize).sum())?;
-    let holes = parts.need(HOLES, 1)?.with_count(counts.len())?.small(1)?;
+    let holes = parts.require(HOLES, 1)?.with_count(counts.len())?.to_u8(1)?;
     let mut rest = &all[..];
     Ok(counts
         .iter()
@@ -62,14 +64,14 @@ fn contours(parts: &Parts<'_>, cells: &[u32]) -> Result<Vec<Contour>, PartsError
         .collect())
 }
 
-/// White on its grid; its contours in space.
+/// Draws the region in white on the range grid, and its contours in space.
 pub(super) fn show(region: &Region) -> Vec<Layer> {
     let pixels: Vec<_> = region
         .grid()
         .into_iter()
-        .map(|inside: u8| if inside == 1 { [255; 3] } else { PLAIN })
+        .map(|inside: u8| if inside == 1 { [255; 3] } else { BACKGROUND })
         .collect();
-    let mut layers = Picture::drawn(Image::new(region.width, region.height, pixels));
+    let mut layers = Picture::from_false_colors(Image::new(region.width, region.height, pixels));
     let chains: Vec<Vec<u32>> = region
         .contours
         .iter()
@@ -85,11 +87,11 @@ pub(super) fn show(region: &Region) -> Vec<Layer> {
     layers
 }
 
-pub(super) fn hostile() -> Vec<Region> {
+pub(super) fn edge_cases() -> Vec<Region> {
     let sizes = [[1, 1], [7, 1], [1, 7], [3, 3], [400, 300]];
     let regions = sizes.into_iter().flat_map(|[width, height]| {
         let count = (width * height).min(9);
-        clouds(count).into_iter().map(move |points| {
+        point_sets(count).into_iter().map(move |points| {
             let cells = (0..count as u32).collect();
             Region::new(width, height, cells, points, vec![0; count], Vec::new())
         })

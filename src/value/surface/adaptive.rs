@@ -1,56 +1,60 @@
-//! A surface as a mesh that is fine only where it bends.
+//! Adaptive tessellation: the mesh is fine only where the surface is curved.
 //!
-//! The cells of a quadtree over each span are divided until their chords lie within a tolerance of the surface, and then until
-//! neighbors differ by one level at most: von Herzen and Barr, "Accurate triangulations of deformed, intersecting surfaces"
-//! (1987), a restricted quadtree. A cell next to smaller ones becomes a fan that meets all their vertices, so that no vertex lies on
-//! the edge of another face.
+//! The cells of a quadtree over each span are divided until their chords are within a tolerance of the surface. Then they are divided until
+//! neighbors differ by at most one level, which makes the quadtree restricted: von Herzen and Barr, "Accurate triangulations of deformed,
+//! intersecting surfaces" (1987). A cell next to smaller ones becomes a fan of triangles that includes all vertices of the smaller cells on
+//! its border, so that no vertex is on the edge of another face.
 
 use nalgebra::{Point3, Unit, Vector3};
 
 use super::super::{Attribute, Faces, Mesh, MeshError};
 use super::Surface;
-use super::tessellate::{distance, divided, to_unit};
+use super::tessellate::{distance, divide_spans, to_unit};
 use crate::parallel::*;
 
-/// A span is divided at most so often: into 1024 x 1024 cells. A tolerance near rounding would go on forever.
-const DEEPEST: u32 = 10;
+/// The maximum number of times that a span is halved, which gives 1024 x 1024 cells. With a tolerance near rounding the division would
+/// never end.
+const MAX_DEPTH: u32 = 10;
 
 /// The side of a span in units of the smallest cell.
-const SPAN: u32 = 1 << DEEPEST;
+const SPAN: u32 = 1 << MAX_DEPTH;
 
-/// Most cells: with some 130 MB of mesh and a second or two of work, more than any use of a mesh.
-const MOST: usize = 1 << 20;
+/// The maximum number of cells. It gives a mesh of about 130 MB and takes a second or two, which is more than any use of a mesh needs.
+const MAX_CELLS: usize = 1 << 20;
 
-/// Samples along each side of a cell: one in the middle alone would miss a curve that bends both ways.
+/// The number of samples along each side of a cell. A single sample in the middle would miss a curve that bends both ways.
 const SAMPLES: usize = 5;
 
+/// The index of the last sample along a side.
+const LAST: usize = SAMPLES - 1;
+
 impl Surface {
-    /// A mesh whose edges, and the diagonals of its quads, stay within `tolerance` (mm) of the surface: quads, and triangles where
-    /// small quads meet large ones. It has the vertex attributes and the sides of [`tessellate`](Self::tessellate).
+    /// A mesh whose edges and quad diagonals are within `tolerance` (mm) of the surface. It consists of quads, and of triangles where small
+    /// quads meet large ones. It has the vertex attributes and the orientation of [`tessellate`](Self::tessellate).
     ///
     /// The distance is measured at a few samples of each cell, and no span is divided into more than 1024 x 1024 cells.
     ///
     /// # Errors
-    /// If that is more than a mesh can hold, or a point is not finite because the net's numbers are too large.
+    /// If there are more cells than allowed, or a point is not finite because the net's numbers are too large.
     pub fn tessellate_within(&self, tolerance: f64) -> Result<Mesh, MeshError> {
-        let mut tree = Tree::new(self, MOST)?;
+        let mut tree = Tree::new(self, MAX_CELLS)?;
         tree.refine(tolerance)?;
         tree.balance()?;
         tree.mesh()
     }
 }
 
-/// Cells of a surface's domain, by place in units of the smallest cell.
+/// A quadtree of cells in the domain of a surface. The positions of cells are in units of the smallest cell.
 struct Tree<'a> {
     surface: &'a Surface,
-    /// Ends of the spans.
+    /// The parameters at the ends of the spans.
     us: Vec<f64>,
     vs: Vec<f64>,
-    /// The spans first, row by row, then the quarters of divided cells, four by four.
+    /// The cells: first the spans, row by row, then the quarters of divided cells, four at a time.
     cells: Vec<Cell>,
     leaves: usize,
-    /// Most undivided cells.
-    most: usize,
+    /// The maximum number of undivided cells.
+    max_leaves: usize,
 }
 
 #[derive(Clone, Copy)]
@@ -58,15 +62,15 @@ struct Cell {
     x: u32,
     y: u32,
     side: u32,
-    /// The first of its quarters, if it is divided; 0 otherwise.
+    /// The index of the cell's first quarter if the cell is divided, otherwise 0.
     quarters: u32,
 }
 
 impl<'a> Tree<'a> {
-    fn new(surface: &'a Surface, most: usize) -> Result<Self, MeshError> {
-        let (us, vs) = (divided(&surface.u, 1), divided(&surface.v, 1));
+    fn new(surface: &'a Surface, max_leaves: usize) -> Result<Self, MeshError> {
+        let (us, vs) = (divide_spans(&surface.u, 1), divide_spans(&surface.v, 1));
         let (rows, columns) = (us.len() - 1, vs.len() - 1);
-        // A place must be countable in either direction.
+        // The positions of cells must fit in 32 bits in both directions.
         if (u32::MAX / SPAN) as usize <= rows.max(columns) {
             return Err(MeshError::TooLarge { what: "spans", count: rows.max(columns) });
         }
@@ -74,16 +78,16 @@ impl<'a> Tree<'a> {
             .map(|k| [(k / columns) as u32 * SPAN, (k % columns) as u32 * SPAN])
             .map(|[x, y]| Cell { x, y, side: SPAN, quarters: 0 })
             .collect();
-        Ok(Self { surface, us, vs, leaves: cells.len(), most, cells })
+        Ok(Self { surface, us, vs, leaves: cells.len(), max_leaves, cells })
     }
 
-    /// Divides cells until all are flat.
+    /// Divides cells until all of them are flat.
     fn refine(&mut self, tolerance: f64) -> Result<(), MeshError> {
         let mut open: Vec<usize> = (0..self.cells.len()).collect();
         while !open.is_empty() {
             let bent = open.par_iter().with_min_len(16).filter(|&&cell| {
                 let cell = &self.cells[cell];
-                // A height or tolerance that is NaN is not flat either.
+                // A height or tolerance that is NaN does not count as flat.
                 let is_flat = self.height(cell) <= tolerance;
                 cell.side > 1 && !is_flat
             });
@@ -110,7 +114,7 @@ impl<'a> Tree<'a> {
                 if self.cells[near].quarters == 0 && self.cells[near].side > 2 * cell.side {
                     let first = self.divide(near)?;
                     open.extend(first..first + 4);
-                    // Its quarters may still be too large.
+                    // The quarters of the neighbor may still be too large.
                     open.push(index);
                 }
             }
@@ -120,7 +124,7 @@ impl<'a> Tree<'a> {
 
     fn divide(&mut self, index: usize) -> Result<usize, MeshError> {
         self.leaves += 3;
-        if self.most < self.leaves {
+        if self.max_leaves < self.leaves {
             return Err(MeshError::TooLarge { what: "faces", count: self.leaves });
         }
         let first = self.cells.len();
@@ -133,7 +137,7 @@ impl<'a> Tree<'a> {
         Ok(first)
     }
 
-    /// The cell that is not divided and holds the smallest cell at (x, y).
+    /// The undivided cell that contains the smallest cell at (x, y).
     fn find(&self, x: u32, y: u32) -> usize {
         let mut index = (x / SPAN) as usize * (self.vs.len() - 1) + (y / SPAN) as usize;
         while self.cells[index].quarters != 0 {
@@ -145,7 +149,8 @@ impl<'a> Tree<'a> {
         index
     }
 
-    /// The undivided cells next to the start of a cell's four sides, counter-clockwise in the order of [`ring`](Self::ring).
+    /// The undivided cells at the start of each of a cell's four sides, outside of the cell. The sides are counter-clockwise, in the order
+    /// of [`ring`](Self::ring).
     fn neighbors(&self, cell: &Cell) -> [Option<usize>; 4] {
         let Cell { x, y, side, .. } = *cell;
         let (right, bottom) = (x + side, y + side);
@@ -158,7 +163,7 @@ impl<'a> Tree<'a> {
         ]
     }
 
-    /// The vertices around a cell, those in the middle of its sides included.
+    /// The vertices around a cell, including those in the middle of the cell's sides.
     fn ring(&self, cell: &Cell) -> Vec<u64> {
         let Cell { x, y, side, .. } = *cell;
         let half = side / 2;
@@ -175,45 +180,37 @@ impl<'a> Tree<'a> {
     }
 
     fn parameters(&self, x: u32, y: u32) -> [f64; 2] {
-        fn at(ends: &[f64], x: u32) -> f64 {
-            let (span, share) = ((x / SPAN) as usize, f64::from(x % SPAN) / f64::from(SPAN));
+        fn parameter(ends: &[f64], x: u32) -> f64 {
+            let (span, fraction) = ((x / SPAN) as usize, f64::from(x % SPAN) / f64::from(SPAN));
             match ends.get(span + 1) {
-                Some(end) => ends[span] + (end - ends[span]) * share,
+                Some(end) => ends[span] + (end - ends[span]) * fraction,
                 None => ends[span],
             }
         }
-        [at(&self.us, x), at(&self.vs, y)]
+        [parameter(&self.us, x), parameter(&self.vs, y)]
     }
 
-    /// The largest distance of a sample from the chord of its line, for the lines along u and v, or of the diagonals from
-    /// the quad.
+    /// The height of the surface over a cell: the maximum distance of a sample from the chord of its line along u or v, or of a diagonal
+    /// from the plane of the quad.
     fn height(&self, cell: &Cell) -> f64 {
-        const LAST: usize = SAMPLES - 1;
         let [u, v] = self.parameters(cell.x, cell.y);
         let [u_end, v_end] = self.parameters(cell.x + cell.side, cell.y + cell.side);
-        fn share(k: usize) -> f64 {
-            k as f64 / LAST as f64
-        }
         let mut points = [[Point3::origin(); SAMPLES]; SAMPLES];
         for (i, line) in points.iter_mut().enumerate() {
             for (j, point) in line.iter_mut().enumerate() {
-                let at = [u + (u_end - u) * share(i), v + (v_end - v) * share(j)];
+                let at = [
+                    u + (u_end - u) * (i as f64 / LAST as f64),
+                    v + (v_end - v) * (j as f64 / LAST as f64),
+                ];
                 *point = self.surface.point(at[0], at[1]);
             }
         }
         let mut height = 0.0f64;
-        fn line(at: &[Point3<f64>; SAMPLES], height: &mut f64) {
-            for k in 1..LAST {
-                let sample = distance(at[k], at[0], at[LAST]);
-                // What is not finite is not flat.
-                *height = if sample <= *height { *height } else { sample };
-            }
-        }
         for (fixed, along) in points.iter().enumerate() {
-            line(along, &mut height);
-            line(&points.map(|line| line[fixed]), &mut height);
+            height = max_height(along, height);
+            height = max_height(&points.map(|line| line[fixed]), height);
         }
-        // A diagonal may bend inside of its quad, but not out of it.
+        // A diagonal may be curved within the plane of its quad, but not out of that plane.
         let [a, b] = [points[0][0], points[0][LAST]];
         let across = (points[LAST][LAST] - a).cross(&(points[LAST][0] - b));
         if let Some(normal) = across.try_normalize(0.0) {
@@ -273,7 +270,16 @@ impl<'a> Tree<'a> {
     }
 }
 
-/// A place as one number; in order row by row.
+/// The maximum of `height` and the distances of the samples of a line from the chord of that line. A distance of NaN counts as the maximum.
+fn max_height(line: &[Point3<f64>; SAMPLES], mut height: f64) -> f64 {
+    for point in &line[1..LAST] {
+        let sample = distance(*point, line[0], line[LAST]);
+        height = if sample <= height { height } else { sample };
+    }
+    height
+}
+
+/// Encodes a position as one number. The order of the numbers is row by row.
 fn key([x, y]: [u32; 2]) -> u64 {
     u64::from(x) << 32 | u64::from(y)
 }
@@ -284,7 +290,7 @@ mod tests {
     use super::super::evaluate::tests::surface;
     use super::*;
 
-    /// A plain with one steep hill.
+    /// A plane with one steep hill as a test surface.
     fn hill() -> Surface {
         let net = ControlNet::new(
             12,
@@ -301,9 +307,9 @@ mod tests {
         Surface::new(net, knots.clone(), knots).unwrap()
     }
 
-    /// The distance of a point from the nearest triangle of a face, divided as a fan.
+    /// The distance of a point from the nearest triangle of a face, if the face is divided as a fan.
     fn from_face(mesh: &Mesh, face: &[u32], point: Point3<f64>) -> f64 {
-        fn at(k: usize, mesh: &Mesh, face: &[u32]) -> Point3<f64> {
+        fn corner(k: usize, mesh: &Mesh, face: &[u32]) -> Point3<f64> {
             mesh.positions()[face[k] as usize]
         }
         fn plane([a, b, c]: [Point3<f64>; 3], point: Point3<f64>) -> f64 {
@@ -311,7 +317,12 @@ mod tests {
             ((point - a).dot(&normal) / normal.norm()).abs()
         }
         (2..face.len())
-            .map(|k| plane([at(0, mesh, face), at(k - 1, mesh, face), at(k, mesh, face)], point))
+            .map(|k| {
+                plane(
+                    [corner(0, mesh, face), corner(k - 1, mesh, face), corner(k, mesh, face)],
+                    point,
+                )
+            })
             .fold(f64::INFINITY, f64::min)
     }
 
@@ -321,7 +332,7 @@ mod tests {
         let coarse = hill.tessellate_within(0.1).unwrap();
         let fine = hill.tessellate_within(0.001).unwrap();
         assert!(fine.faces().len() > 10 * coarse.faces().len());
-        // The far corner is flat: one quad per span.
+        // The corner far from the hill is flat, and has one quad per span.
         let uv = fine.vertex().pairs("uv").unwrap();
         assert_eq!(uv.iter().filter(|uv| uv[0] > 0.888 && uv[1] > 0.888).count(), 4);
         let even = hill.tessellate(0, 0).unwrap();
@@ -334,7 +345,7 @@ mod tests {
             for tolerance in [0.3, 0.02, 0.004] {
                 let mesh = surface.tessellate_within(tolerance).unwrap();
                 assert_eq!(mesh.edges().misoriented, 0);
-                // A T-junction would be an open edge inside of the domain.
+                // A vertex on the edge of another face (a T-junction) would make that edge an open edge inside of the domain.
                 let uv = mesh.vertex().pairs("uv").unwrap();
                 let mut sides = std::collections::BTreeMap::new();
                 for face in mesh.faces().iter() {
@@ -375,7 +386,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tolerance_of_nothing_is_too_much_for_a_mesh() {
+    fn a_tolerance_of_zero_needs_too_many_cells() {
         let hill = hill();
         for nothing in [0.0, f64::NAN] {
             let refused = Tree::new(&hill, 5000).unwrap().refine(nothing);

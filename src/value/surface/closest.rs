@@ -1,38 +1,38 @@
-//! The point of a surface next to a given one.
+//! The point of a surface closest to a given point.
 
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 
 use super::{Derivatives, KnotVector, Surface};
 
-/// The point of a surface next to a given one.
+/// The point of a surface closest to a given point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Foot {
-    /// Its first parameter.
+    /// The first parameter.
     pub u: f64,
-    /// Its second parameter.
+    /// The second parameter.
     pub v: f64,
     /// The point.
     pub point: Point3<f64>,
-    /// Its distance from the given one.
+    /// The distance between the two points.
     pub distance: f64,
 }
 
-/// Where the iteration stops: the step as a share of the domain, the cosine of the angle between the spoke and a tangent.
-/// Rounding leaves some 1e-16 of either.
+/// The tolerance at which the iteration stops. It applies to the step, as a fraction of the domain, and to the cosine of the angle between
+/// a tangent and the vector to the given point. Rounding leaves about 1e-16 in each.
 const PRECISION: f64 = 1e-12;
 
-/// Most steps: Newton's method needs some five, and gradient steps near a degenerate point a few dozen.
-const MOST_STEPS: usize = 60;
+/// The maximum number of steps. Newton's method needs about five; gradient steps near a degenerate point need a few dozen.
+const MAX_STEPS: usize = 60;
 
-/// Most halvings of one step: what is left then is rounding.
-const MOST_HALVINGS: usize = 40;
+/// The maximum number of times that one step is halved. After that many halvings only rounding remains.
+const MAX_HALVINGS: usize = 40;
 
 impl Surface {
-    /// The point of the surface that is nearest to `to`.
+    /// The point of the surface that is closest to `to`.
     ///
-    /// Every piece lies in the box of its control points, so that pieces whose box is farther away than a point already found
-    /// are left out; in the others the best of (2 p + 1) x (2 q + 1) samples starts [`closest_from`](Self::closest_from). Of
-    /// equally near points any may be found, always the same.
+    /// Every piece is inside the bounding box of its control points, so a piece is skipped if its box is farther away than the closest
+    /// point found so far. In every other piece the best of (2 p + 1) x (2 q + 1) samples (p and q are the degrees) starts
+    /// [`closest_from`](Self::closest_from). If several points are equally close, any of them may be returned, but always the same one.
     pub fn closest(&self, to: Point3<f64>) -> Foot {
         let (p, q) = (self.u.degree(), self.v.degree());
         fn spans(knots: &KnotVector) -> Vec<usize> {
@@ -47,17 +47,18 @@ impl Surface {
         }
         pieces.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
         let mut best: Option<Foot> = None;
-        for (least, u, v) in pieces {
-            if best.is_some_and(|best| best.distance <= least) {
+        for (min_distance, u, v) in pieces {
+            if best.is_some_and(|best| best.distance <= min_distance) {
                 break;
             }
-            fn inside(knots: &KnotVector, span: usize, count: usize) -> Vec<f64> {
+            fn samples_of_span(knots: &KnotVector, span: usize, count: usize) -> Vec<f64> {
                 let (low, high) = (knots.knots()[span], knots.knots()[span + 1]);
                 (0..count)
                     .map(|k| low + (high - low) * (k as f64 / (count - 1) as f64))
                     .collect::<Vec<f64>>()
             }
-            let (at_u, at_v) = (inside(&self.u, u, 2 * p + 1), inside(&self.v, v, 2 * q + 1));
+            let (at_u, at_v) =
+                (samples_of_span(&self.u, u, 2 * p + 1), samples_of_span(&self.v, v, 2 * q + 1));
             let samples = at_u.iter().flat_map(|&u| at_v.iter().map(move |&v| [u, v]));
             let distances = samples.map(|[u, v]| ((self.point(u, v) - to).norm(), [u, v]));
             let Some((_, start)) = distances.min_by(|a, b| a.0.total_cmp(&b.0)) else { continue };
@@ -69,11 +70,12 @@ impl Surface {
         best.unwrap_or_else(|| self.closest_from(to, [self.u.domain().0, self.v.domain().0]))
     }
 
-    /// The point next to `to` that is reached downhill from the parameters `start`, for instance those of a neighbor.
+    /// The point closest to `to` that a local search finds. The search starts at the parameters `start`, for instance those found for a
+    /// neighboring point.
     ///
-    /// Newton's method for `(S - x) . S_u = (S - x) . S_v = 0` on the domain: Piegl and Tiller, *The NURBS Book*, 2nd ed. (1997),
-    /// eqs. 6.4 to 6.7. Without a curvature that goes up from the foot it takes the step of Gauss and Newton; steps that do not
-    /// come nearer are halved.
+    /// Newton's method solves `(S - x) . S_u = (S - x) . S_v = 0` on the domain: Piegl and Tiller, *The NURBS Book*, 2nd ed. (1997), eqs.
+    /// 6.4 to 6.7. If the Hessian of the squared distance is not positive definite, the Gauss-Newton step is used instead. A step that does
+    /// not reduce the distance is halved.
     pub fn closest_from(&self, to: Point3<f64>, [u, v]: [f64; 2]) -> Foot {
         let domain = [self.u.domain(), self.v.domain()];
         let clamp =
@@ -81,19 +83,19 @@ impl Surface {
         let size = Vector2::from_fn(|k, _| domain[k].1 - domain[k].0);
         let mut at = clamp(Vector2::new(u, v));
         let mut here = self.derivatives(at.x, at.y);
-        for _ in 0..MOST_STEPS {
+        for _ in 0..MAX_STEPS {
             let Some(step) = step(&here, to, at, domain) else { break };
             let before = (here.point - to).norm();
-            let mut share = 1.0;
+            let mut fraction = 1.0;
             let mut next = None;
-            for _ in 0..MOST_HALVINGS {
-                let trial = clamp(at + step * share);
+            for _ in 0..MAX_HALVINGS {
+                let trial = clamp(at + step * fraction);
                 let there = self.derivatives(trial.x, trial.y);
                 if (there.point - to).norm() < before {
                     next = Some((trial, there));
                     break;
                 }
-                share /= 2.0;
+                fraction /= 2.0;
             }
             let Some((trial, there)) = next else { break };
             let moved = (trial - at).component_div(&size).amax();
@@ -106,7 +108,7 @@ impl Surface {
         Foot { u: at.x, v: at.y, point, distance: (point - to).norm() }
     }
 
-    /// A lower bound of the distance of a piece: that of the box around its control points.
+    /// A lower bound of the distance to a piece of the surface: the distance to the bounding box of the piece's control points.
     fn distance_from_box(&self, to: Point3<f64>, span_u: usize, span_v: usize) -> f64 {
         let (p, q) = (self.u.degree(), self.v.degree());
         let columns = self.net.columns();
@@ -123,7 +125,8 @@ impl Surface {
     }
 }
 
-/// The next step downhill; none at a foot. A parameter at an end of its domain, beyond which it would go on, stays.
+/// The next step of the search. `None` at a closest point. A parameter does not change if it is at an end of its domain and the step would
+/// cross that end.
 fn step(
     here: &Derivatives,
     to: Point3<f64>,
@@ -170,13 +173,10 @@ fn step(
         let step = Vector2::from_fn(|k, _| if free[k] { step[k] } else { 0.0 });
         step.iter().all(|x| x.is_finite()).then_some(step)
     }
-    // At a pole one tangent is zero: then only the other parameter moves.
+    // At a pole one tangent is zero, so only the parameter of the other tangent changes.
     down(first + second, &free, slope).or_else(|| down(first, &free, slope)).or_else(|| {
-        fn share(k: usize, free: &[bool; 2], slope: Vector2<f64>, first: &Matrix2<f64>) -> f64 {
-            if free[k] { -slope[k] / first[(k, k)] } else { 0.0 }
-        }
         let step = Vector2::from_fn(|k, _| {
-            if first[(k, k)] > 0.0 { share(k, &free, slope, &first) } else { 0.0 }
+            if free[k] && first[(k, k)] > 0.0 { -slope[k] / first[(k, k)] } else { 0.0 }
         });
         step.iter().all(|x| x.is_finite()).then_some(step)
     })
@@ -188,8 +188,8 @@ mod tests {
     use super::super::evaluate::tests::{samples, surface};
     use super::*;
 
-    /// A place around the test surface.
-    fn place(k: usize) -> Point3<f64> {
+    /// A point near the test surface.
+    fn test_point(k: usize) -> Point3<f64> {
         let k = k as f64;
         fn wave(step: f64, k: f64) -> f64 {
             libm::sin(step * k + step)
@@ -203,7 +203,7 @@ mod tests {
             let surface = surface(orders);
             let (us, vs) = (samples(surface.u(), 120), samples(surface.v(), 120));
             let grid = surface.grid(&us, &vs);
-            for to in (0..40).map(place) {
+            for to in (0..40).map(test_point) {
                 let foot = surface.closest(to);
                 let sampled = grid.iter().map(|point| (point - to).norm());
                 let sampled = sampled.fold(f64::INFINITY, f64::min);
@@ -214,10 +214,10 @@ mod tests {
     }
 
     #[test]
-    fn a_foot_inside_is_at_right_angles() {
+    fn an_inner_closest_point_is_perpendicular() {
         let surface = surface([4, 4]);
         let mut inside = 0;
-        for to in (0..40).map(place) {
+        for to in (0..40).map(test_point) {
             let foot = surface.closest(to);
             let at = surface.derivatives(foot.u, foot.v);
             let spoke = (to - foot.point).normalize();
@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn a_point_of_the_surface_is_its_own_foot() {
+    fn a_point_of_the_surface_is_its_own_closest_point() {
         let surface = surface([3, 4]);
         for (u, v) in [(0.0, 0.0), (1.3, 2.9), (3.0, 3.0), (6.0, 1.0)] {
             assert!(surface.closest(surface.point(u, v)).distance <= 1e-9);

@@ -6,10 +6,10 @@ use super::super::knots::Basis;
 use super::evaluate::inward;
 use super::{KnotVector, Surface};
 
-/// A point of a surface and its derivatives there.
+/// A point of a surface and the derivatives of the surface at that point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Derivatives {
-    /// The point S.
+    /// The point S(u, v).
     pub point: Point3<f64>,
     /// dS/du.
     pub u: Vector3<f64>,
@@ -23,45 +23,37 @@ pub struct Derivatives {
     pub vv: Vector3<f64>,
 }
 
-/// How far from a parameter at which all weights vanish derivatives are taken, as a share of the span. Their numerators cancel: a
-/// smaller step would lose the second derivatives to rounding, a larger one would show.
+/// The step inward from a parameter at which all weights are 0 to the point where derivatives are taken instead, as a fraction of the span.
+/// The numerators of derivatives contain differences of nearly equal terms. A smaller step would lose the second derivatives to rounding,
+/// and a larger step would be visible.
 const INWARD_FOR_DERIVATIVES: f64 = 1e-4;
 
-/// Below this sine of the angle between the two tangents they do not span a plane: far above rounding, far below any sampled
-/// shape.
-pub(super) const LEAST_SINE: f64 = 1e-12;
+/// The minimum sine of the angle between two tangents that span a plane. It is far above rounding errors, and far below the angles of any
+/// sampled shape.
+pub(super) const MIN_SINE: f64 = 1e-12;
 
-/// A tangent below this share of the numbers that it is a sum of is what rounding left of zero: a hundred times that, and far below
-/// what a surface at such a distance from the origin can show.
+/// The maximum length of a tangent that is only a rounding error, as a fraction of the sum of the absolute terms from which the tangent is
+/// computed. It is a hundred times the rounding error of such a sum, and far below the detail that a surface so far from the origin can
+/// have.
 pub(super) const NOISE: f64 = 1e-13;
 
-/// How far inward a normal is taken where there is none, as a share of the domain: small on every picture, large enough for the
-/// tangents to be exact to 12 digits.
+/// The step inward from a point without a normal to the point where the normal is taken instead, as a fraction of the domain. The step is
+/// invisible in pictures, and large enough for the tangents to be exact to 12 digits.
 const INWARD_FOR_NORMALS: f64 = 1e-4;
 
 impl Surface {
     /// The point at (u, v) and its first and second derivatives.
     ///
-    /// With A = (w S, w): `S_u = (A_u - w_u S) / w`, `S_uu = (A_uu - 2 w_u S_u - w_uu S) / w`,
-    /// `S_uv = (A_uv - w_u S_v - w_v S_u - w_uv S) / w`; Piegl and Tiller, *The
-    /// NURBS Book*, 2nd ed. (1997), eq. 4.20. Where all weights vanish they are taken 1e-4 of the span further inward.
+    /// With A = (w S, w): `S_u = (A_u - w_u S) / w`, `S_uu = (A_uu - 2 w_u S_u - w_uu S) / w`, `S_uv = (A_uv - w_u S_v - w_v S_u - w_uv S)
+    /// / w`; Piegl and Tiller, *The NURBS Book*, 2nd ed. (1997), eq. 4.20. Where all weights are 0, the derivatives are taken further
+    /// inward, by 1e-4 of the span.
     pub fn derivatives(&self, u: f64, v: f64) -> Derivatives {
-        fn bases(
-            u: f64,
-            v: f64,
-            self_u: &KnotVector,
-            self_v: &KnotVector,
-        ) -> ([Basis; 3], [Basis; 3]) {
-            fn by(knots: &KnotVector, at: f64) -> [Basis; 3] {
-                [0, 1, 2].map(|k| knots.basis_derivative(at, k))
-            }
-            (by(self_u, u), by(self_v, v))
-        }
-        let (mut by_u, mut by_v) = bases(u, v, &self.u, &self.v);
+        let mut by_u = derivatives_of_basis(&self.u, u);
+        let mut by_v = derivatives_of_basis(&self.v, v);
         if self.contract(&by_u[0], &by_v[0]).w <= 0.0 {
             let step = INWARD_FOR_DERIVATIVES;
-            (by_u, by_v) =
-                bases(inward(&self.u, u, step), inward(&self.v, v, step), &self.u, &self.v);
+            by_u = derivatives_of_basis(&self.u, inward(&self.u, u, step));
+            by_v = derivatives_of_basis(&self.v, inward(&self.v, v, step));
         }
         let sum = |k: usize, l: usize| {
             let sum = self.contract(&by_u[k], &by_v[l]);
@@ -82,11 +74,12 @@ impl Surface {
         }
     }
 
-    /// The unit normal at (u, v), on the side of `S_u x S_v`. Where the two tangents span no plane (a collapsed edge, a pole) it
-    /// is taken 1e-4 of the domain further inward, first along the longer tangent, then along the other one, then along both;
-    /// none if there is no normal there either.
+    /// The unit normal at (u, v), on the side of `S_u x S_v`. If the two tangents do not span a plane (at a collapsed edge or a pole), the
+    /// normal is taken further inward, by 1e-4 of the domain: first along the longer tangent, then along the other one, then along both.
+    /// `None` if none of these points has a normal either.
     ///
-    /// For a net from a capture, whose rows run down and whose columns run to the right, this is the side of the sensor.
+    /// If the net came from a capture, its rows run down and its columns run to the right. Then the side of the normal is the side of the
+    /// sensor.
     pub fn normal(&self, u: f64, v: f64) -> Option<Unit<Vector3<f64>>> {
         let here = self.derivatives(u, v);
         let size = here.point.coords.norm();
@@ -102,26 +95,31 @@ impl Surface {
             if at < start + (end - start) / 2.0 { at.max(start) + step } else { at.min(end) - step }
         }
         let (in_u, in_v) = (further(&self.u, u), further(&self.v, v));
-        let mut places = [(in_u, v), (u, in_v), (in_u, in_v)];
+        let mut candidates = [(in_u, v), (u, in_v), (in_u, in_v)];
         if here.u.norm() < here.v.norm() {
-            places.swap(0, 1);
+            candidates.swap(0, 1);
         }
-        places.into_iter().find_map(|(u, v)| {
+        candidates.into_iter().find_map(|(u, v)| {
             let there = self.derivatives(u, v);
             normal(there.u, there.v)
         })
     }
 }
 
-/// How large a derivative can be for control points of size 1: the sum of its basis functions' sizes.
+/// The basis functions at a parameter and their first and second derivatives.
+fn derivatives_of_basis(knots: &KnotVector, at: f64) -> [Basis; 3] {
+    [0, 1, 2].map(|k| knots.basis_derivative(at, k))
+}
+
+/// The maximum size that a derivative can have for control points of size 1: the sum of the absolute values of the basis functions.
 pub(super) fn steepness(slopes: &Basis) -> f64 {
     slopes.values.iter().map(|slope| slope.abs()).sum()
 }
 
 fn normal(u: Vector3<f64>, v: Vector3<f64>) -> Option<Unit<Vector3<f64>>> {
-    // Unit vectors first, so that the test means an angle whatever the scale.
+    // The tangents are normalized first, so that the threshold is an angle, independent of scale.
     let (u, v) = (u.try_normalize(0.0)?, v.try_normalize(0.0)?);
-    Unit::try_new(u.cross(&v), LEAST_SINE)
+    Unit::try_new(u.cross(&v), MIN_SINE)
 }
 
 #[cfg(test)]
@@ -140,19 +138,20 @@ mod tests {
             fn slope(f: &dyn Fn(f64) -> Vector3<f64>, h: f64) -> Vector3<f64> {
                 (f(h) - f(-h)) / (2.0 * h)
             }
-            let near =
-                |a: Vector3<f64>, b: Vector3<f64>| assert!((a - b).norm() <= 1e-6, "{a} {b}");
-            near(at.u, slope(&|d| surface.point(u + d, v).coords, h));
-            near(at.v, slope(&|d| surface.point(u, v + d).coords, h));
-            near(at.uu, slope(&|d| surface.derivatives(u + d, v).u, h));
-            near(at.uv, slope(&|d| surface.derivatives(u, v + d).u, h));
-            near(at.vv, slope(&|d| surface.derivatives(u, v + d).v, h));
+            fn assert_near(a: Vector3<f64>, b: Vector3<f64>) {
+                assert!((a - b).norm() <= 1e-6, "{a} {b}");
+            }
+            assert_near(at.u, slope(&|d| surface.point(u + d, v).coords, h));
+            assert_near(at.v, slope(&|d| surface.point(u, v + d).coords, h));
+            assert_near(at.uu, slope(&|d| surface.derivatives(u + d, v).u, h));
+            assert_near(at.uv, slope(&|d| surface.derivatives(u, v + d).u, h));
+            assert_near(at.vv, slope(&|d| surface.derivatives(u, v + d).v, h));
         }
     }
 
     #[test]
     fn a_pole_far_from_the_origin_has_a_normal_too() {
-        // The points of the pole are equal, but rounding leaves a tangent of some 1e-14.
+        // The control points at the pole are equal, but rounding leaves a tangent of about 1e-14.
         let net = ControlNet::new(
             4,
             9,
@@ -180,7 +179,7 @@ mod tests {
 
     #[test]
     fn a_pole_has_a_normal() {
-        // A cone: the first row of the net is one point.
+        // A cone, for which all points in the first row of the net are equal.
         let net = ControlNet::new(
             3,
             5,

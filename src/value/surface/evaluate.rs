@@ -1,19 +1,18 @@
-//! Points of a surface.
+//! Evaluation of points of a surface.
 //!
-//! Everything is computed with homogeneous control points (w x, w y, w z, w) and divided at the end: Piegl and Tiller, *The
-//! NURBS Book*, 2nd ed. (1997), algorithms A4.3 and A4.4. A parameter outside of the domain counts as the nearest end, NaN as
-//! the start.
+//! All points are computed from homogeneous control points (w x, w y, w z, w) and divided by w at the end: Piegl and Tiller, *The NURBS
+//! Book*, 2nd ed. (1997), algorithms A4.3 and A4.4. A parameter outside of the domain is clamped to the nearest end; NaN means the start.
 //!
-//! Where only control points of weight 0 reach a parameter (at a clamped end whose row has weight 0), the quotient is 0/0. The
-//! surface has a limit there, and that is what is given: see [`INWARD`].
+//! If only control points of weight 0 affect a parameter (at a clamped end whose row has weight 0), the quotient is 0/0. The surface has a
+//! limit at such a parameter, and that limit is returned: see [`INWARD`].
 
 use nalgebra::{Point3, Vector4};
 
 use super::super::knots::Basis;
 use super::{KnotVector, Surface};
 
-/// How far from a parameter at which all weights vanish its limit is taken, as a share of the span. The sums that are divided
-/// there have no cancelling terms, so that a tiny step costs no digits; below 1e-16 it would be lost.
+/// The step inward from a parameter at which all weights are 0 to the point that approximates the limit, as a fraction of the span. No
+/// terms cancel in the sums that are divided, so a tiny step loses no digits. A step below 1e-16 would be lost to rounding.
 const INWARD: f64 = 1e-9;
 
 impl Surface {
@@ -59,14 +58,14 @@ fn divide(sum: Vector4<f64>) -> Point3<f64> {
     (sum.xyz() / sum.w).into()
 }
 
-/// From `u` a share of its span towards the middle of it; from the middle itself nowhere, since there all basis functions are
-/// positive.
-pub(super) fn inward(knots: &KnotVector, u: f64, share: f64) -> f64 {
+/// Moves `u` by a fraction of its span towards the middle of the span. The middle itself does not move, because all basis functions are
+/// positive at the middle.
+pub(super) fn inward(knots: &KnotVector, u: f64, fraction: f64) -> f64 {
     let (start, end) = knots.domain();
     let u = u.max(start).min(end);
     let span = knots.span(u);
     let [low, high] = [knots.knots()[span], knots.knots()[span + 1]];
-    u + (low + (high - low) / 2.0 - u) * share
+    u + (low + (high - low) / 2.0 - u) * fraction
 }
 
 #[cfg(test)]
@@ -76,7 +75,7 @@ pub(super) mod tests {
     use super::super::super::ControlNet;
     use super::*;
 
-    /// A net of wavy points whose weights go from 0.5 to 2.
+    /// A wavy net with weights from 0.5 to 2.
     fn wavy(rows: usize, columns: usize) -> ControlNet {
         let count = rows * columns;
         ControlNet::new(
@@ -130,7 +129,7 @@ pub(super) mod tests {
         Surface::new(net, KnotVector::uniform(2, 2).unwrap(), KnotVector::cylinder()).unwrap()
     }
 
-    // The full circle, and its exact tangent.
+    // Checks the full circle and its tangents.
     #[test]
     fn the_cylinder_is_round() {
         let cylinder = cylinder();
@@ -143,7 +142,6 @@ pub(super) mod tests {
         }
     }
 
-    // The quarter.
     #[test]
     fn a_quarter_circle_is_round() {
         let arc = [(1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
@@ -177,12 +175,12 @@ pub(super) mod tests {
     fn a_grid_has_the_same_bits_for_any_number_of_threads() {
         let surface = surface([4, 3]);
         let (us, vs) = (samples(surface.u(), 60), samples(surface.v(), 50));
-        let with = |threads| {
+        let [one, eight] = [1, 8].map(|threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| (surface.grid(&us, &vs), surface.normal_grid(&us, &vs)))
-        };
-        assert_eq!(with(1), with(8));
-        assert_eq!(with(1).0, with(1).1.0);
+        });
+        assert_eq!(one, eight);
+        assert_eq!(one.0, one.1.0);
     }
 
     #[test]
@@ -202,7 +200,7 @@ pub(super) mod tests {
         }
     }
 
-    // By support functions.
+    // The property is checked with support functions in 100 directions.
     #[test]
     fn a_point_lies_in_the_hull_of_its_control_points() {
         let surface = surface([4, 3]);
@@ -220,8 +218,8 @@ pub(super) mod tests {
                         &row[..values_v.len()]
                     });
                     let support = local.map(|control| direction.dot(&control.coords));
-                    let most = support.fold(f64::NEG_INFINITY, f64::max);
-                    assert!(direction.dot(&point.coords) <= most + 1e-12);
+                    let max = support.fold(f64::NEG_INFINITY, f64::max);
+                    assert!(direction.dot(&point.coords) <= max + 1e-12);
                 }
             }
         }
@@ -229,10 +227,11 @@ pub(super) mod tests {
 
     #[test]
     fn an_evenly_spaced_plane_is_reproduced_at_its_net_coordinates() {
-        fn at(a: f64, b: f64) -> Point3<f64> {
+        fn plane_point(a: f64, b: f64) -> Point3<f64> {
             Point3::new(3.0 + 0.5 * b, -1.0 + 0.25 * a + 0.1 * b, a - b)
         }
-        let net = (0..12 * 13).map(|k| at((k / 13) as f64, (k % 13) as f64)).collect::<Vec<_>>();
+        let net =
+            (0..12 * 13).map(|k| plane_point((k / 13) as f64, (k % 13) as f64)).collect::<Vec<_>>();
         for order in 2..=5 {
             let net = ControlNet::new(12, 13, net.clone()).unwrap();
             let [u, v] = [12, 13].map(|count| KnotVector::uniform(count, order).unwrap());
@@ -247,7 +246,7 @@ pub(super) mod tests {
             {
                 assert_eq!(surface.point(u, v), net.points()[row * 13 + column]);
             }
-            // Linear in the Greville abscissae, linear in the parameter.
+            // A net that is linear in the Greville abscissae gives a surface that is linear in the parameters.
             let abscissae = surface.u().greville();
             let net = net
                 .with_points(
@@ -266,7 +265,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_control_point_reaches_its_own_spans_only() {
+    fn a_control_point_affects_only_its_own_spans() {
         let before = surface([3, 4]);
         let (row, column) = (3, 4);
         let mut points = before.net().points().to_vec();
@@ -288,19 +287,20 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn only_the_ratio_of_weights_counts_and_a_heavy_point_attracts_all() {
+    fn only_the_ratio_of_weights_matters_and_a_heavy_point_attracts_the_surface() {
         let surface = surface([3, 3]);
-        fn weighted(weights: Vec<f64>, surface: &Surface) -> Surface {
+        fn with_weights(weights: Vec<f64>, surface: &Surface) -> Surface {
             let net = surface.net().clone().with_weights(weights).unwrap();
             Surface::new(net, surface.u().clone(), surface.v().clone()).unwrap()
         }
-        let scaled = weighted(surface.net().weights().iter().map(|w| 7.0 * w).collect(), &surface);
+        let scaled =
+            with_weights(surface.net().weights().iter().map(|w| 7.0 * w).collect(), &surface);
         for (u, v) in [(0.0, 0.0), (0.4, 3.3), (2.5, 6.9), (6.0, 7.0)] {
             assert!((scaled.point(u, v) - surface.point(u, v)).norm() <= 1e-14);
         }
         let mut weights = surface.net().weights().to_vec();
         weights[3 * 9 + 4] = 1e12;
-        let heavy = weighted(weights, &surface);
+        let heavy = with_weights(weights, &surface);
         assert!((heavy.point(1.6, 2.4) - surface.net().points()[3 * 9 + 4]).norm() <= 1e-9);
     }
 

@@ -1,35 +1,36 @@
-//! Points and normals of a surface at all pairs of many parameters.
+//! Points and normals of a surface on a grid of parameters.
 //!
-//! Two stages: first each row of the net is contracted along v, at all parameters v, into a line of sums; then the lines of p + 1
-//! rows are contracted along u, for each parameter u. That costs p + 1 instead of (p + 1)^2 terms a point. Lines are kept
-//! coordinate by coordinate, so that the inner loops run over plain rows of numbers, a block at a time; the result is written
-//! once. All sums run in the order of [`Surface::point`], whose bits they have.
+//! The points are computed in two stages. First each row of the net is contracted along v, at all parameters v, into a line of sums. Then,
+//! for each parameter u, p + 1 of these lines are contracted along u, where p is the degree. That costs p + 1 instead of (p + 1)^2 terms
+//! per point. Lines are stored coordinate by coordinate, so that the inner loops run over contiguous rows of numbers, a block at a time.
+//! The result is written once. All sums are added in the order of [`Surface::point`], so that the bits are equal.
 
 use nalgebra::{Point3, Vector3};
 
 use super::super::knots::Basis;
 use super::Surface;
-use super::differentiate::{LEAST_SINE, NOISE, steepness};
+use super::differentiate::{MIN_SINE, NOISE, steepness};
 use super::evaluate::table;
 use crate::memory::huge_vec;
 use crate::parallel::*;
 use crate::simd::{Kernel, widest};
 
-/// Parameters of one block: its sums stay in the first cache.
+/// The number of parameters per block. The sums of a block fit in the first-level cache.
 const BLOCK: usize = 128;
 
-/// Rows of points that one task computes, block by block: the lines that a block needs stay in the first cache from row to row.
+/// The number of rows of points per task. A task works block by block, so that the lines of a block stay in the first-level cache from row
+/// to row.
 const STRIP: usize = 16;
 
-/// Squared lengths between these are far from overflow and underflow.
+/// The range of squared lengths that neither overflow nor underflow in further computations.
 const SAFE: std::ops::Range<f64> = 1e-200..1e200;
 
-/// The four sums (w x, w y, w z, w) at the parameters of a block.
+/// The four homogeneous sums (w x, w y, w z, w) at the parameters of a block.
 type Sums = [[f64; BLOCK]; 4];
 
 impl Surface {
-    /// The points at all pairs of these parameters: for each of `us` a row of all `vs`. Equal to [`point`](Self::point), and
-    /// the same bits for any number of threads.
+    /// The points at all pairs of these parameters: for each of `us` a row with all of `vs`. The points equal those of
+    /// [`point`](Self::point), with the same bits for any number of threads.
     pub fn grid(&self, us: &[f64], vs: &[f64]) -> Vec<Point3<f64>> {
         let mut points = huge_vec(us.len() * vs.len());
         if points.is_empty() {
@@ -45,8 +46,8 @@ impl Surface {
         points
     }
 
-    /// Points and unit normals at all pairs of these parameters, in the order of [`grid`](Self::grid); the normal is zero where
-    /// [`normal`](Self::normal) finds none. The same bits for any number of threads.
+    /// The points and unit normals at all pairs of these parameters, in the order of [`grid`](Self::grid). The normal is zero where
+    /// [`normal`](Self::normal) finds none. The bits are the same for any number of threads.
     pub fn normal_grid(&self, us: &[f64], vs: &[f64]) -> (Vec<Point3<f64>>, Vec<Vector3<f64>>) {
         let mut points = huge_vec(us.len() * vs.len());
         let mut normals = huge_vec(us.len() * vs.len());
@@ -82,7 +83,7 @@ impl Surface {
         (points, normals)
     }
 
-    /// Divides the sums of a block, which hold the points afterwards.
+    /// Divides the sums of a block by the weights and writes the points.
     #[inline(always)]
     fn write_points(&self, sums: &mut Sums, u: f64, vs: &[f64], points: &mut [Point3<f64>]) {
         let [x, y, z, w] = sums;
@@ -92,7 +93,7 @@ impl Surface {
         for (k, point) in points.iter_mut().enumerate() {
             *point = Point3::new(x[k], y[k], z[k]);
         }
-        // Without an early end, so that it becomes wide instructions; so are the loops below.
+        // The loop has no early exit, so that vector instructions can be used. The same applies to the loops below.
         let all_positive = w[..points.len()].iter().fold(true, |all, &w| all & is_positive(w));
         if !all_positive {
             for (k, point) in points.iter_mut().enumerate().filter(|(k, _)| !is_positive(w[*k])) {
@@ -101,10 +102,12 @@ impl Surface {
         }
     }
 
-    /// Normals of a block: sums of the points, already divided, and of their derivatives by u and by v.
+    /// Writes the normals of a block. They are computed from the points, which are already divided by the weights, and from the sums of the
+    /// derivatives by u and by v.
     ///
-    /// With A = (w S, w) the tangent `(A_u - w_u S) / w` has the direction of `A_u - w_u S`, and the normal that of their
-    /// product, if neither is what rounding left of zero (`noise_`: its square, for points of size 1).
+    /// With A = (w S, w), the tangent `(A_u - w_u S) / w` has the direction of `A_u - w_u S`, and the normal has the direction of the cross
+    /// product of two such vectors. The exception is a tangent that is only a rounding error of zero; the parameters `noise_` are the
+    /// squares of such errors, for points of size 1.
     #[inline(always)]
     fn write_normals(
         &self,
@@ -128,8 +131,8 @@ impl Surface {
             let size_sq = (px[k] * px[k] + py[k] * py[k] + pz[k] * pz[k]) * (w[k] * w[k]);
             let scale = 1.0 / length_sq.sqrt();
             (ux[k], uy[k], uz[k]) = (nx * scale, ny * scale, nz * scale);
-            // The square of the length, or 0 where the tangents hardly span a plane.
-            let spans = (length_sq > LEAST_SINE * LEAST_SINE * (a_sq * b_sq))
+            // The square of the length of the normal, or 0 where the tangents are almost parallel.
+            let spans = (length_sq > MIN_SINE * MIN_SINE * (a_sq * b_sq))
                 & (a_sq > noise_u * size_sq)
                 & (b_sq > noise_v[k] * size_sq);
             sine[k] = if spans { length_sq } else { 0.0 };
@@ -149,7 +152,7 @@ impl Surface {
         }
     }
 
-    /// The first stage: all rows of the net contracted along v with these basis functions.
+    /// The first stage, which contracts all rows of the net along v with these basis functions.
     fn lines(&self, along_v: &[Basis]) -> Lines {
         let (columns, q) = (self.net.columns(), self.v.degree());
         let len = along_v.len();
@@ -180,7 +183,7 @@ fn is_positive(weight: f64) -> bool {
     weight > 0.0
 }
 
-/// Some rows of points; of `bases` and `us` those that the rows need come first.
+/// Some rows of the grid of points. `bases` and `us` begin with the entries of these rows.
 struct PointStrip<'a> {
     surface: &'a Surface,
     lines: &'a Lines,
@@ -205,8 +208,8 @@ impl Kernel for PointStrip<'_> {
     }
 }
 
-/// Some rows of points and normals: with the lines those of the derivatives along v, with the bases their derivatives, and along
-/// u and v the noise and the parameters. Of what goes along u, that which the rows need comes first.
+/// Some rows of the grid of points and normals. Each of `lines` and `bases` is a pair for values and for derivatives; each of `noise` and
+/// `at` is a pair for u and for v. Data along u begins with the entries of these rows.
 struct NormalStrip<'a> {
     surface: &'a Surface,
     lines: [&'a Lines; 2],
@@ -242,16 +245,16 @@ impl Kernel for NormalStrip<'_> {
     }
 }
 
-/// For each row of a net its contraction along v: `len` sums of each of the four coordinates.
+/// The result of contracting each row of a net along v: for each row, `len` sums of each of the four coordinates.
 struct Lines {
     sums: Vec<f64>,
     len: usize,
-    /// Degree of the contraction along u that is still to do.
+    /// The degree along u, which the second stage uses.
     degree: usize,
 }
 
 impl Lines {
-    /// The second stage: contracts the lines along u, at `count` parameters v from `from` on.
+    /// The second stage, which contracts the lines along u, at `count` parameters v beginning with the index `from`.
     #[inline(always)]
     fn sum(&self, basis: &Basis, from: usize, count: usize, sums: &mut Sums) {
         match self.degree {
@@ -267,7 +270,7 @@ impl Lines {
         }
     }
 
-    /// The same for `N` = degree + 1 lines: with their number known all of them are added in one pass.
+    /// The second stage for `N` lines, where `N` is the degree + 1. Since `N` is a constant, all lines are added in one pass.
     #[inline(always)]
     fn sum_of<const N: usize>(&self, basis: &Basis, from: usize, count: usize, sums: &mut Sums) {
         for (coordinate, sums) in sums.iter_mut().enumerate() {
@@ -290,9 +293,9 @@ impl Lines {
 mod tests {
     use super::super::evaluate::tests::{samples, surface};
 
-    // With normals and more than one block.
+    // The grid has more than one block.
     #[test]
-    fn a_grid_has_the_bits_of_its_points_and_the_normals_of_its_derivatives() {
+    fn a_grid_equals_its_points_bitwise_and_has_the_normals_of_the_derivatives() {
         for orders in [[2, 3], [3, 4], [4, 4], [5, 2], [7, 6]] {
             let surface = surface(orders);
             let (us, vs) = (samples(surface.u(), 7), samples(surface.v(), 300));

@@ -1,27 +1,29 @@
-//! A surface as quads.
+//! Tessellation of a surface into evenly spaced quads.
 
 use nalgebra::Point3;
 
 use super::super::{Attribute, Faces, KnotVector, Mesh, MeshError};
-use super::{Along, Surface};
+use super::{ParameterDirection, Surface};
 
-/// Largest distance of a chosen mesh from its surface, as a share of the diagonal of the net's box: not to be seen on a
-/// picture of 1000 pixels.
+/// The maximum distance between the mesh and the surface, as a fraction of the diagonal of the control points' bounding box. At 1/1000 the
+/// distance is invisible in a picture of 1000 pixels.
 const CHORD: f64 = 1e-3;
 
-/// Most quads that are chosen in one direction, unless there are more spans. More come from surfaces that no chosen number
-/// would follow, such as a net of noise.
-const MOST: usize = 4096;
+/// The maximum number of quads that is chosen in one direction, unless there are more spans. A surface that needs more, such as that of a
+/// net of random points, would not be approximated by any reasonable number.
+const MAX_QUADS: usize = 4096;
 
 impl Surface {
-    /// A mesh of `u` x `v` quads, evenly spaced in the domain; with 0 for one direction its number is chosen: every span that
-    /// is not empty is divided evenly into as many quads as keep all of them within 1/1000 of the diagonal of the net's box.
+    /// A mesh of `u` x `v` quads, which are evenly spaced in the domain. If a number is 0, it is chosen: every span that is not empty is
+    /// divided into equally many quads, enough to keep the mesh within 1/1000 of the diagonal of the control points' bounding box from the
+    /// surface.
     ///
-    /// Vertices come row by row, each row along v. Faces are counter-clockwise seen from the side of `S_u x S_v`: outside, for
-    /// a net from a capture. Vertex attributes: `uv`, the parameters scaled to 0..1; `normal`, exact.
+    /// Vertices are stored row by row, and each row runs along v. Faces are counter-clockwise seen from the side of `S_u x S_v`, which is
+    /// the outside if the net came from a capture. The vertex attributes are `uv`, the parameters scaled to 0..1, and `normal`, the exact
+    /// normals.
     ///
     /// # Errors
-    /// If that is more than a mesh can hold, or a point is not finite because the net's numbers are too large.
+    /// If there are more quads than a mesh can hold, or a point is not finite because the net's numbers are too large.
     pub fn tessellate(&self, u: usize, v: usize) -> Result<Mesh, MeshError> {
         fn corners(u: usize, v: usize) -> usize {
             u.saturating_mul(v).saturating_mul(4)
@@ -33,8 +35,10 @@ impl Surface {
             }
         }
         check(corners(u.max(1), v.max(1)))?;
-        let us = if u == 0 { self.chosen(Along::U) } else { even(&self.u, u) };
-        let vs = if v == 0 { self.chosen(Along::V) } else { even(&self.v, v) };
+        let us =
+            if u == 0 { self.choose_parameters(ParameterDirection::U) } else { even(&self.u, u) };
+        let vs =
+            if v == 0 { self.choose_parameters(ParameterDirection::V) } else { even(&self.v, v) };
         check(corners(us.len(), vs.len()))?;
         let (points, normals) = self.normal_grid(&us, &vs);
         let (unit_u, unit_v) = (to_unit(&self.u, &us), to_unit(&self.v, &vs));
@@ -46,21 +50,21 @@ impl Surface {
             .with_vertex("normal", Attribute::Vector(normals.collect()))
     }
 
-    /// Parameters along one direction that keep the chords within the tolerance.
+    /// Parameters in one direction that keep the chords within the tolerance.
     ///
-    /// Chords are measured on two pieces per span; their height falls with the square of the number of pieces.
-    fn chosen(&self, along: Along) -> Vec<f64> {
+    /// The heights of chords are measured on two pieces per span. A height decreases with the square of the number of pieces.
+    fn choose_parameters(&self, along: ParameterDirection) -> Vec<f64> {
         const PIECES: usize = 2;
         let (knots, across) = match along {
-            Along::U => (&self.u, &self.v),
-            Along::V => (&self.v, &self.u),
+            ParameterDirection::U => (&self.u, &self.v),
+            ParameterDirection::V => (&self.v, &self.u),
         };
-        let fine = divided(knots, 2 * PIECES);
-        let lines = divided(across, 2);
-        // Either way a line along the direction has all of `fine` and a fixed parameter across.
+        let fine = divide_spans(knots, 2 * PIECES);
+        let lines = divide_spans(across, 2);
+        // In either direction, a line has all the parameters `fine` along it and one constant parameter across it.
         let (grid, step, next_line) = match along {
-            Along::U => (self.grid(&fine, &lines), lines.len(), 1),
-            Along::V => (self.grid(&lines, &fine), 1, fine.len()),
+            ParameterDirection::U => (self.grid(&fine, &lines), lines.len(), 1),
+            ParameterDirection::V => (self.grid(&lines, &fine), 1, fine.len()),
         };
         let mut height = 0.0f64;
         for line in 0..lines.len() {
@@ -72,11 +76,11 @@ impl Surface {
         let allowed = CHORD * self.diagonal();
         let pieces = (PIECES as f64 * (height / allowed).sqrt()).ceil();
         let spans = (fine.len() - 1) / (2 * PIECES);
-        // A flat or collapsed surface gives 0 or NaN, which casts to 0.
-        divided(knots, (pieces as usize).clamp(1, (MOST / spans).max(1)))
+        // A flat or collapsed surface gives 0 or NaN, and the cast of NaN gives 0.
+        divide_spans(knots, (pieces as usize).clamp(1, (MAX_QUADS / spans).max(1)))
     }
 
-    /// The diagonal of the box around all control points.
+    /// The length of the diagonal of the bounding box of all control points.
     fn diagonal(&self) -> f64 {
         let points = self.net.points();
         let first = points[0].coords;
@@ -87,7 +91,7 @@ impl Surface {
     }
 }
 
-/// Parameters at the ends of `count` equal parts of the domain.
+/// The parameters at the ends of `count` equal parts of the domain.
 fn even(knots: &KnotVector, count: usize) -> Vec<f64> {
     let (start, end) = knots.domain();
     (0..=count)
@@ -95,8 +99,8 @@ fn even(knots: &KnotVector, count: usize) -> Vec<f64> {
         .collect()
 }
 
-/// Parameters at the ends of `pieces` equal parts of each span that is not empty.
-pub(super) fn divided(knots: &KnotVector, pieces: usize) -> Vec<f64> {
+/// The parameters at the ends of `pieces` equal parts of each span that is not empty.
+pub(super) fn divide_spans(knots: &KnotVector, pieces: usize) -> Vec<f64> {
     let (start, end) = knots.domain();
     let domain = &knots.knots()[knots.degree()..=knots.n_control()];
     let mut at = vec![start];
@@ -112,8 +116,8 @@ pub(super) fn to_unit(knots: &KnotVector, at: &[f64]) -> Vec<f64> {
     at.iter().map(|u| (u - start) / (end - start)).collect()
 }
 
-/// The quads of a grid of vertices, each counter-clockwise seen with rows growing down and columns to the *left*: from the side
-/// of "down" x "right".
+/// The quads of a grid of vertices. If rows grow down and columns grow to the *left*, each quad is counter-clockwise: seen from the side of
+/// "down" x "right".
 fn quads(rows: usize, columns: usize) -> Result<Faces, MeshError> {
     let mut corners = Vec::with_capacity(4 * (rows - 1) * (columns - 1));
     for row in 0..rows - 1 {
@@ -126,7 +130,7 @@ fn quads(rows: usize, columns: usize) -> Result<Faces, MeshError> {
     Faces::uniform(4, corners)
 }
 
-/// The distance of a point from the line through two others, or from both if they are one.
+/// The distance of a point from the line through two other points. If these coincide, the distance from them.
 pub(super) fn distance(point: Point3<f64>, a: Point3<f64>, b: Point3<f64>) -> f64 {
     let spoke = point - a;
     match (b - a).try_normalize(0.0) {
@@ -142,7 +146,7 @@ mod tests {
     use super::super::super::ControlNet;
     use super::*;
 
-    /// A capture's net: rows run down (y), columns to the right (x), bulging towards the sensor (-z).
+    /// The net of a capture: rows run down (y), columns run to the right (x), and the net bulges towards the sensor (-z).
     fn bulge() -> Surface {
         let net = ControlNet::new(
             6,
@@ -160,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn the_outside_of_a_capture_looks_at_the_sensor() {
+    fn the_outside_of_a_capture_faces_the_sensor() {
         let mesh = bulge().tessellate(4, 5).unwrap();
         assert_eq!((mesh.positions().len(), mesh.faces().len()), (30, 20));
         assert!(mesh.faces().iter().all(|face| mesh.area_vector(face).z < 0.0));
@@ -177,7 +181,7 @@ mod tests {
         assert_eq!([uv[0], uv[2], uv[11]], [[0.0, 0.0], [0.0, 1.0], [1.0, 1.0]]);
         let normals = mesh.vertex().vectors("normal").unwrap();
         for ((at, normal), point) in uv.iter().zip(normals.iter()).zip(mesh.positions().iter()) {
-            let [u, v] = at.map(|share| 4.0 * share);
+            let [u, v] = at.map(|fraction| 4.0 * fraction);
             let exact = surface.normal(u, v).unwrap().into_inner();
             assert!((Vector3::from(*normal) - exact).norm() <= 1e-12);
             assert!((surface.point(u, v) - point).norm() <= 1e-12);
@@ -185,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn a_chosen_mesh_stays_within_a_thousandth() {
+    fn an_automatic_tessellation_stays_within_a_thousandth() {
         let surface = bulge();
         let mesh = surface.tessellate(0, 0).unwrap();
         let allowed = CHORD * surface.diagonal();
@@ -193,16 +197,16 @@ mod tests {
         assert_eq!(n * n, mesh.positions().len());
         let us = even(surface.u(), 2 * (n - 1));
         let fine = surface.grid(&us, &us);
-        fn at(row: usize, column: usize, fine: &[Point3<f64>], us: &[f64]) -> Point3<f64> {
+        fn grid_point(row: usize, column: usize, fine: &[Point3<f64>], us: &[f64]) -> Point3<f64> {
             fine[row * us.len() + column]
         }
         let mut highest = 0.0f64;
         for row in (1..us.len()).step_by(2) {
             for column in 0..us.len() {
                 highest = highest.max(distance(
-                    at(row, column, &fine, &us),
-                    at(row - 1, column, &fine, &us),
-                    at(row + 1, column, &fine, &us),
+                    grid_point(row, column, &fine, &us),
+                    grid_point(row - 1, column, &fine, &us),
+                    grid_point(row + 1, column, &fine, &us),
                 ));
             }
         }

@@ -1,15 +1,15 @@
-//! `maquette test`: what a graph gives is compared, accepted, and compared again.
+//! `maquette test`: compares results, accepts them, and compares them again.
 
 use std::path::Path;
 use std::process::{Command, Output};
 
 use super::{names, stderr, stdout};
 
-/// A folder with the subdivided doll, its test, and nothing blessed yet.
+/// Makes a folder with the subdivided doll and its test, without goldens.
 pub(super) fn tested_graph() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     fn write(name: &str, text: &str, folder: &tempfile::TempDir) {
-        std::fs::write(folder.path().join(name), text).unwrap()
+        std::fs::write(folder.path().join(name), text).unwrap();
     }
     write(
         "net.ron",

@@ -1,22 +1,22 @@
-//! What people expect of a farm: a log of each task, limits, resources, and a page at the end, whatever the engine.
+//! What users expect of a batch on a farm: a log of each task, limits, resources, and a page at the end, with every engine.
 
 use std::os::unix::fs::symlink;
 use std::path::PathBuf;
 
 use super::*;
 
-/// Three scans, of which the one in the middle is none.
+/// Makes a project with three scans, the second of which is invalid.
 fn with_a_broken_scan() -> Project {
-    let project = scanned();
+    let project = project_with_scans();
     write(&project, "scans/c it's $HOME; {{d}}.obj", "no mesh\n");
     project
 }
 
-/// What hands the batch over with these options.
+/// Emits the batch with these options and returns the job.
 fn emitted_with(project: &Project, engine: &str, options: &[&str]) -> String {
     let words = [&["batch", "s.sweep.ron", "--emit", engine], options].concat();
     let output = project.maquette(&words);
-    assert!(output.status.success(), "{}", err(&output));
+    assert!(output.status.success(), "{}", stderr_of(&output));
     String::from_utf8(output.stdout).unwrap()
 }
 
@@ -24,7 +24,7 @@ fn is_installed(program: &str) -> bool {
     Command::new(program).arg("--version").output().is_ok()
 }
 
-/// Checks that each task has a log that says how it ended, and that the page is there.
+/// Checks that each task has a log that ends with its status, and that the page exists.
 fn check_logs(project: &Project, engine: &str) {
     let lists = project.folder().join("out/s.sweep/tasks/@handovers");
     let lists = fs::read_dir(lists).unwrap().map(|entry| entry.unwrap().path());
@@ -45,13 +45,13 @@ fn check_logs(project: &Project, engine: &str) {
         let text = log(name, logs, engine);
         assert!(text.starts_with(&format!("task {name}, process ")), "{engine}: {text}");
         assert!(text.contains("a.ply"), "{engine}: {text}");
-        // What others have computed is not computed again, and what is done not run again.
+        // The scans `b` and `e` are equal: `b` is computed, and `e` uses the results of `b`.
         assert!(name == "e" || text.contains("s  computed moved ("), "{engine}: {text}");
         let last = text.lines().last().unwrap();
         let is_done = last.starts_with("done in ") || last.starts_with("not run: done");
         assert!(is_done, "{engine}: {text}");
     }
-    // Its name has signs that not every file system takes.
+    // The log of `c it's ..` is found by the beginning of its name, because the rest has characters that some file systems reject.
     let text = log("c", logs, engine);
     assert!(text.contains("error: ") && text.contains("doll.ron:5:"), "{engine}: {text}");
     assert!(text.lines().last().unwrap().starts_with("failed after "), "{engine}: {text}");
@@ -63,7 +63,7 @@ fn check_logs(project: &Project, engine: &str) {
 fn every_engine_leaves_a_log_of_each_task_and_the_page_behind_a_failure() {
     for engine in ["lines", "openjd", "slurm"] {
         let project = with_a_broken_scan();
-        let job = emitted(&project, engine);
+        let job = emit_job(&project, engine);
         let tasks = match engine {
             "lines" => {
                 job.lines().map(|line| vec!["bash".into(), "-c".into(), line.into()]).collect()
@@ -84,11 +84,11 @@ fn every_engine_leaves_a_log_of_each_task_and_the_page_behind_a_failure() {
 fn lines_are_a_script_that_goes_on_behind_a_failure_and_fails() {
     for shell in ["bash", "bash -e", "sh"] {
         let project = with_a_broken_scan();
-        write(&project, "jobs", &emitted(&project, "lines"));
+        write(&project, "jobs", &emit_job(&project, "lines"));
         let output = super::shell(&project, &format!("{shell} jobs"));
-        assert_eq!(output.status.code(), Some(1), "{shell}: {}", err(&output));
+        assert_eq!(output.status.code(), Some(1), "{shell}: {}", stderr_of(&output));
         check_logs(&project, shell);
-        // What is right is no failure.
+        // The scan is valid now, so no task fails.
         scan(&project, "c it's $HOME; {{d}}");
         assert_eq!(super::shell(&project, &format!("{shell} jobs")).status.code(), Some(0));
     }
@@ -103,16 +103,28 @@ fn make_goes_on_behind_a_failure_and_makes_the_page() {
     let project = with_a_broken_scan();
     write(&project, "jobs.mk", &emitted_with(&project, "make", &["--jobs", "2"]));
     let output = shell(&project, "make -f jobs.mk");
-    assert_eq!(output.status.code(), Some(2), "{}", err(&output));
+    assert_eq!(output.status.code(), Some(2), "{}", stderr_of(&output));
     check_logs(&project, "make");
-    assert!(err(&output).contains("3 tasks: 2 done, 1 failed, 0 missing"), "{}", err(&output));
-    assert!(err(&output).contains("@handovers/"), "the logs are named: {}", err(&output));
+    assert!(
+        stderr_of(&output).contains("3 tasks: 2 done, 1 failed, 0 missing"),
+        "{}",
+        stderr_of(&output)
+    );
+    assert!(
+        stderr_of(&output).contains("@handovers/"),
+        "the logs are named: {}",
+        stderr_of(&output)
+    );
     scan(&project, "c it's $HOME; {{d}}");
     let output = shell(&project, "make -f jobs.mk");
-    assert_eq!(output.status.code(), Some(0), "{}", err(&output));
+    assert_eq!(output.status.code(), Some(0), "{}", stderr_of(&output));
     scan(&project, "a");
     let output = shell(&project, "make -f jobs.mk");
-    assert!(!output.status.success() && err(&output).contains("1 added (`a`)"), "{}", err(&output));
+    assert!(
+        !output.status.success() && stderr_of(&output).contains("1 added (`a`)"),
+        "{}",
+        stderr_of(&output)
+    );
     assert_eq!(records(&project).len(), 3);
 }
 
@@ -147,7 +159,7 @@ fn hyperqueue_keeps_what_jobs_print_and_is_asked_for_resources() {
         ),
     );
     let output = shell(&project, "python3 job.py server");
-    assert_eq!(output.status.code(), Some(1), "{}", err(&output));
+    assert_eq!(output.status.code(), Some(1), "{}", stderr_of(&output));
     let told = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(told.contains("'cpus': 2") && told.contains("'mem': 1193"), "{told}");
     check_logs(&project, "hq");
@@ -157,7 +169,7 @@ fn hyperqueue_keeps_what_jobs_print_and_is_asked_for_resources() {
 
 #[test]
 fn slurm_is_asked_for_resources_logs_and_limits() {
-    let project = scanned();
+    let project = project_with_scans();
     let options = ["--threads", "4", "--max-memory", "8GB", "--jobs", "2", "--time-limit", "90min"];
     let script = emitted_with(&project, "slurm", &[&options[..], &["--chunk", "2"]].concat());
     write(&project, "submit.sh", &script);
@@ -169,7 +181,7 @@ fn slurm_is_asked_for_resources_logs_and_limits() {
     );
     let run =
         shell(&project, "chmod +x slurm/sbatch && PATH=$PWD/slurm:$PATH bash submit.sh --time=5");
-    assert!(run.status.success(), "{}", err(&run));
+    assert!(run.status.success(), "{}", stderr_of(&run));
     let words = fs::read_to_string(project.folder().join("words")).unwrap();
     for wanted in ["--array=0-1%2", "--cpus-per-task=4", "--mem=9537M", "--time=181", "--time=5"] {
         assert!(words.lines().any(|line| line == wanted), "{wanted} in {words}");
@@ -190,7 +202,11 @@ fn chunks_run_all_tasks_and_go_on_behind_a_failure() {
     check_logs(&project, "chunks");
     let refused = project.maquette(&["batch", "s.sweep.ron", "--chunk", "2", "--task", "2"]);
     assert_eq!(refused.status.code(), Some(2));
-    assert!(err(&refused).contains("there is no chunk 2"), "{}", err(&refused));
+    assert!(
+        stderr_of(&refused).contains("expected a chunk from 0 to 1, found 2"),
+        "{}",
+        stderr_of(&refused)
+    );
     let job = emitted_with(&project, "openjd", &["--chunk", "2", "--time-limit", "1min"]);
     let [_, tasks, _] = commands_of_openjd(&project, &job);
     assert_eq!(tasks.len(), 2);
@@ -203,11 +219,11 @@ fn chunks_run_all_tasks_and_go_on_behind_a_failure() {
 
 #[test]
 fn who_cannot_say_how_many_jobs_run_is_told_where_it_is_said() {
-    let project = scanned();
+    let project = project_with_scans();
     for (engine, help) in [("openjd", "submitted"), ("lines", "parallel --jobs")] {
         let output = project.maquette(&["batch", "s.sweep.ron", "--emit", engine, "--jobs", "2"]);
         assert_eq!(output.status.code(), Some(2), "{engine}");
-        assert!(err(&output).contains(help), "{}", err(&output));
+        assert!(stderr_of(&output).contains(help), "{}", stderr_of(&output));
     }
 }
 
@@ -243,37 +259,38 @@ fn a_task_that_takes_too_long_is_stopped_and_tried_again() {
 
 #[test]
 fn a_password_that_is_left_out_is_told() {
-    let project = scanned();
+    let project = project_with_scans();
     for engine in ["lines", "openjd", "slurm", "hq", "make"] {
         let server = "http://me:secret@127.0.0.1:1/x";
         let output =
             project.maquette(&["batch", "s.sweep.ron", "--cache-remote", server, "--emit", engine]);
-        assert!(output.status.success(), "{}", err(&output));
+        assert!(output.status.success(), "{}", stderr_of(&output));
         assert!(!String::from_utf8_lossy(&output.stdout).contains("secret"));
-        let told = err(&output);
+        let told = stderr_of(&output);
         assert!(
-            told.contains("--cache-remote has a name or a password") && !told.contains("secret"),
+            told.contains("--cache-remote contains a name or a password")
+                && !told.contains("secret"),
             "{told}"
         );
         assert!(told.contains("MAQUETTE_CACHE_REMOTE"), "{told}");
     }
 }
 
-/// Names that a shell, a template or an option parser would take for something else.
+/// Names that a shell, a template or an option parser would misread.
 #[test]
 fn files_have_any_names() {
     for name in
         ["-x it's \"so\"", "{{Param.Project}}\ttab", "gr\u{f6}\u{df}er $PWD `id` @NAME@ a\\x41%d"]
     {
         for engine in ["lines", "openjd", "slurm", "make"] {
-            let project = scanned();
+            let project = project_with_scans();
             let file = format!("{name}.sweep.ron");
             let out = format!("{name} out");
             fs::rename(project.folder().join("s.sweep.ron"), project.folder().join(&file)).unwrap();
             let out_word = format!("--out={out}");
             let emit = ["--emit", engine, &out_word];
             let output = project.maquette(&[&["batch"], &emit[..], &["--", &file]].concat());
-            assert!(output.status.success(), "{name}, {engine}: {}", err(&output));
+            assert!(output.status.success(), "{name}, {engine}: {}", stderr_of(&output));
             let job = String::from_utf8(output.stdout).unwrap();
             match engine {
                 "lines" => write(&project, "jobs", &job),
@@ -293,7 +310,7 @@ fn files_have_any_names() {
                 "make" => shell(&project, "make -f jobs.mk"),
                 _ => shell(&project, "true"),
             };
-            assert!(run.status.success(), "{name}, {engine}: {}", err(&run));
+            assert!(run.status.success(), "{name}, {engine}: {}", stderr_of(&run));
             let page = project.folder().join(&out).join("index.html");
             assert!(page.is_file(), "{name}, {engine}: no {}", page.display());
         }
@@ -302,7 +319,7 @@ fn files_have_any_names() {
 
 #[test]
 fn paths_in_the_project_are_written_from_there() {
-    let project = scanned();
+    let project = project_with_scans();
     let folder = project.folder().display().to_string();
     let link = project
         .folder()
@@ -318,7 +335,7 @@ fn paths_in_the_project_are_written_from_there() {
             ["batch", &sweep, "--emit", "openjd", "--out", &out, "--cache", &cache, "--root", from];
         let output = project.maquette(&words);
         let job = String::from_utf8(output.stdout.clone()).unwrap();
-        assert!(output.status.success(), "{}", err(&output));
+        assert!(output.status.success(), "{}", stderr_of(&output));
         let args = commands_of_openjd(&project, &job)[1][0].clone();
         let words = args[4..].join(" ");
         assert!(
@@ -329,7 +346,11 @@ fn paths_in_the_project_are_written_from_there() {
         let scans = format!("{from}/scans/*.obj");
         let output = project.maquette(&["batch", &graph, "--scans", &scans, "--emit", "lines"]);
         let job = String::from_utf8(output.stdout.clone()).unwrap();
-        assert!(job.contains(" batch doll.ron --scans 'scans/*.obj' "), "{job}{}", err(&output));
+        assert!(
+            job.contains(" batch doll.ron --scans 'scans/*.obj' "),
+            "{job}{}",
+            stderr_of(&output)
+        );
     }
     fs::remove_file(link).unwrap();
 }

@@ -1,4 +1,4 @@
-//! Test files: what is wrong with them is told by `check`, and before anything is blessed.
+//! Test files: `check` reports their errors, and `test` reports them before it accepts any result.
 
 use std::process::Output;
 
@@ -14,7 +14,7 @@ const GRAPH: &str = r#"Graph(
     outputs: { "flat.ply": "flat" },
 )"#;
 
-/// The graph with these test files.
+/// Makes a project with the graph and these test files.
 fn project(tests: &[(&str, &str)]) -> Project {
     let project = Project::new(GRAPH);
     for (name, text) in tests {
@@ -28,12 +28,12 @@ fn errors(output: &Output) -> Vec<String> {
     let lines = text.lines().map(str::trim_start);
     let told = lines.filter(|line| line.starts_with("error[") || line.starts_with("--> "));
     let told: Vec<_> = told.map(str::to_owned).collect();
-    // Some commands name what they find in the folder as `./name`.
+    // Some commands write `./name` for files of the current folder.
     told.chunks(2).map(|lines| lines.join(" ").replace("./", "")).collect()
 }
 
-/// The errors that `check` tells of a file; `test` tells the same and accepts nothing.
-fn both(project: &Project, file: &str) -> Vec<String> {
+/// Returns the errors that `check` reports for a file. Also checks that `test --bless` reports the same errors and accepts nothing.
+fn check_and_bless(project: &Project, file: &str) -> Vec<String> {
     let told = errors(&project.maquette(&["check", file]));
     let mut bless = project.command(&["test", file, "--bless"]);
     let blessed = bless.env_remove("CI").output().unwrap();
@@ -44,27 +44,27 @@ fn both(project: &Project, file: &str) -> Vec<String> {
 
 #[test]
 fn two_files_with_a_case_of_one_name_would_share_its_goldens() {
-    fn named(value: i32) -> String {
+    fn test_text(value: i32) -> String {
         format!("Test(graph: \"doll.ron\", cases: {{ \"x\": (set: {{ \"far\": {value} }}) }})")
     }
-    let project = project(&[("one.test.ron", &named(1)), ("two.test.ron", &named(2))]);
-    let told = both(&project, ".");
+    let project = project(&[("one.test.ron", &test_text(1)), ("two.test.ron", &test_text(2))]);
+    let told = check_and_bless(&project, ".");
     assert!(told[0].starts_with("error[G006]: case `x` of"), "{told:?}");
     assert!(told[0].contains("one.test.ron and in") && told[0].contains("two.test.ron --> "));
     assert_eq!(told.len(), 1);
-    // Whoever names one of them is told of the other.
+    // A command for only one of the files also reports the conflict.
     assert_eq!(
-        both(&project, "one.test.ron"),
+        check_and_bless(&project, "one.test.ron"),
         [
             "error[G006]: case `x` of doll.ron is in two.test.ron and in one.test.ron --> one.test.ron:1:34"
         ]
     );
-    // A case without a name is `default`, and a `*` means this graph, too.
+    // A case without a name is named `default`, and the pattern `*.ron` includes this graph.
     let unnamed =
         [("one.test.ron", "Test(graph: \"doll.ron\")"), ("two.test.ron", "Test(graph: \"*.ron\")")];
     let project = self::project(&unnamed);
     assert_eq!(
-        both(&project, "two.test.ron"),
+        check_and_bless(&project, "two.test.ron"),
         [
             "error[G006]: case `default` of doll.ron is in one.test.ron and in two.test.ron --> two.test.ron:1:1"
         ]
@@ -84,7 +84,7 @@ fn a_name_that_stands_twice_in_a_test_is_told_at_the_second_one() {
 )"#;
     let project = project(&[("doll.test.ron", text)]);
     assert_eq!(
-        both(&project, "doll.test.ron"),
+        check_and_bless(&project, "doll.test.ron"),
         [
             "error[G006]: value `far` is given twice --> doll.test.ron:4:32",
             "error[G006]: case `a` is given twice --> doll.test.ron:5:9",
@@ -118,7 +118,7 @@ fn what_a_case_sets_wrongly_is_told_in_the_test() {
     );
     let text = text.replace("nope.obj", "doll.ron");
     std::fs::write(project.folder().join("doll.test.ron"), text).unwrap();
-    let told = both(&project, "doll.test.ron");
+    let told = check_and_bless(&project, "doll.test.ron");
     assert_eq!(
         told,
         [
@@ -144,13 +144,13 @@ fn what_a_test_wants_of_values_is_judged_by_their_types() {
 )"#;
     let project = project(&[("doll.test.ron", text)]);
     assert_eq!(
-        both(&project, "doll.test.ron"),
+        check_and_bless(&project, "doll.test.ron"),
         [
             "error[G007]: the graph has no output `flat.pyl` --> doll.test.ron:3:16",
             "error[G012]: `flat.ply` is a Surface, not an Image --> doll.test.ron:3:57",
             "error[G007]: there is no output or node `nope` --> doll.test.ron:5:16",
             "error[G007]: there is no output or node `nope` --> doll.test.ron:6:34",
-            "error[G009]: of a Surface no `feces` are counted --> doll.test.ron:7:33",
+            "error[G009]: a Surface has no count of `feces` --> doll.test.ron:7:33",
             "error[G009]: along z, `low`, 1, is above `high`, 0 --> doll.test.ron:8:33",
         ]
     );
@@ -210,8 +210,8 @@ fn a_node_that_is_renamed_keeps_its_golden() {
     assert!(project.maquette(&["edit", "doll.ron", "rename", "flat", "smooth"]).status.success());
     let (code, told) = test(&[], &project);
     assert!(code == Some(0) && told.starts_with("passed"), "{told}");
-    // What is accepted later goes to the same file.
-    assert!(project.maquette(&["set", "doll.ron", "far=2"]).status.success());
+    // A result that is accepted after the renaming is written to the existing golden file.
+    assert!(project.maquette(&["edit", "doll.ron", "set", "far=2"]).status.success());
     let (code, told) = test(&[], &project);
     assert!(code == Some(1) && told.contains("flat: `point` differs"), "{told}");
     assert_eq!(test(&["--bless"], &project).0, Some(0));
@@ -236,12 +236,12 @@ fn a_node_that_is_renamed_takes_its_warning_along() {
     assert!(project.maquette(&["edit", "doll.ron", "rename", "none", "empty"]).status.success());
     let (code, told) = test(&[], &project);
     assert!(code == Some(0) && told.starts_with("passed"), "{told}");
-    // A second one is new, whatever it is called.
+    // The warning of another node is new, whatever the name of the node is.
     project.save(&graph(
         "\"empty\": Merge(meshes: []), \"more\": Merge(meshes: []), \"all\": Merge(meshes: [\"empty\", \"more\"])",
     ));
     let (code, told) = test(&[], &project);
-    assert!(code == Some(1) && told.contains("a new warning `more`"), "{told}");
+    assert!(code == Some(1) && told.contains("new warning `more`"), "{told}");
     assert!(!told.contains("no longer"), "{told}");
 }
 

@@ -1,4 +1,4 @@
-//! `ForEach` over data on the command line: what is known before and after it has been run, and what a watch makes of other data.
+//! `ForEach` over data on the command line: the forecast before a run, the result, and a watch while the data change.
 
 use crate::project::Project;
 
@@ -13,7 +13,7 @@ const GRAPH: &str = r#"Graph(
 )
 "#;
 
-/// A graph over so many points.
+/// Makes a project whose graph iterates over this number of points.
 fn project(points: usize) -> Project {
     let project = Project::new(GRAPH);
     put(&project, points);
@@ -25,8 +25,8 @@ fn put(project: &Project, points: usize) {
     std::fs::write(project.folder().join("cloud.xyz"), lines.collect::<String>()).unwrap();
 }
 
-/// What a command prints.
-fn said(project: &Project, arguments: &[&str]) -> String {
+/// Runs a command that must succeed and returns its output.
+fn run_text(project: &Project, arguments: &[&str]) -> String {
     let told = project.maquette(arguments);
     assert!(told.status.success(), "{told:?}");
     String::from_utf8(told.stdout).unwrap()
@@ -35,11 +35,11 @@ fn said(project: &Project, arguments: &[&str]) -> String {
 #[test]
 fn before_it_is_run_its_number_is_said_to_be_unknown() {
     let project = project(3);
-    said(&project, &["check", "doll.ron"]);
-    said(&project, &["draw", "doll.ron", "--out", "graph.svg"]);
+    run_text(&project, &["check", "doll.ron"]);
+    run_text(&project, &["draw", "doll.ron", "--out", "graph.svg"]);
     let drawn = std::fs::read_to_string(project.folder().join("graph.svg")).unwrap();
     assert!(drawn.contains("ForEach(Transform) of ? elements"), "{drawn}");
-    let why = said(&project, &["why", "doll.ron", "moved/3"]);
+    let why = run_text(&project, &["why", "doll.ron", "moved/3"]);
     assert_eq!(why, "how many elements `moved` has is known when the graph has been run\n");
 }
 
@@ -47,25 +47,25 @@ fn before_it_is_run_its_number_is_said_to_be_unknown() {
 fn an_output_of_elements_is_replayed() {
     let project = Project::new(&GRAPH.replace("second.xyz", "second.ply"));
     put(&project, 3);
-    said(&project, &["run", "doll.ron", "--out", "out"]);
-    let again = said(&project, &["replay", "out/second.ply"]);
-    assert!(again.contains("is made again with the same bytes"), "{again}");
+    run_text(&project, &["run", "doll.ron", "--out", "out"]);
+    let again = run_text(&project, &["replay", "out/second.ply"]);
+    assert!(again.contains("reproduced with the same bytes"), "{again}");
 }
 
 #[test]
 fn elements_are_run_inspected_and_explained_by_their_names() {
     let project = project(3);
-    let ran = said(&project, &["run", "doll.ron", "--out", "out"]);
+    let ran = run_text(&project, &["run", "doll.ron", "--out", "out"]);
     assert!(ran.contains("moved/2") && !ran.contains("moved/1"), "{ran}");
-    let looked = said(&project, &["inspect", "doll.ron", "moved/3"]);
+    let looked = run_text(&project, &["inspect", "doll.ron", "moved/3"]);
     assert!(looked.contains("(3, 0, 0)"), "{looked}");
-    let data = said(&project, &["inspect", "doll.ron", "moved/3/mesh"]);
+    let data = run_text(&project, &["inspect", "doll.ron", "moved/3/mesh"]);
     assert!(data.contains("(2, 0, 0)"), "{data}");
-    let all = said(&project, &["inspect", "doll.ron", "moved"]);
+    let all = run_text(&project, &["inspect", "doll.ron", "moved"]);
     assert_eq!(all.matches("Points").count(), 3, "{all}");
-    let why = said(&project, &["why", "doll.ron", "moved/2"]);
+    let why = run_text(&project, &["why", "doll.ron", "moved/2"]);
     assert_eq!(why, "`moved/2` does not run: nothing that it depends on changed\n");
-    let plan = said(&project, &["run", "-n", "doll.ron"]);
+    let plan = run_text(&project, &["run", "-n", "doll.ron"]);
     assert!(plan.contains("cached") && !plan.contains("runs"), "{plan}");
     let none = project.maquette(&["inspect", "doll.ron", "moved/4"]);
     assert!(String::from_utf8(none.stderr).unwrap().contains("no node `moved/4`"));
@@ -74,10 +74,10 @@ fn elements_are_run_inspected_and_explained_by_their_names() {
 #[test]
 fn its_text_is_formatted_edited_and_compared_as_any_other() {
     let project = project(3);
-    assert_eq!(said(&project, &["fmt", "--check", "doll.ron"]), "");
-    said(&project, &["set", "doll.ron", "moved.most=20"]);
-    said(&project, &["edit", "doll.ron", "rename", "cloud", "dots"]);
-    said(&project, &["edit", "doll.ron", "rename", "moved", "shifted"]);
+    assert_eq!(run_text(&project, &["fmt", "--check", "doll.ron"]), "");
+    run_text(&project, &["edit", "doll.ron", "set", "moved.most=20"]);
+    run_text(&project, &["edit", "doll.ron", "rename", "cloud", "dots"]);
+    run_text(&project, &["edit", "doll.ron", "rename", "moved", "shifted"]);
     let text = std::fs::read_to_string(project.graph()).unwrap();
     assert!(text.contains("over: \"dots\"") && text.contains("most: 20"), "{text}");
     assert!(text.contains("mesh: \"shifted/2\""), "{text}");
@@ -95,7 +95,7 @@ fn goldens_hold_for_its_elements() {
     let bless = &["test", "doll.test.ron", "--bless"];
     let blessed = project.command(bless).env_remove("CI").output().unwrap();
     assert!(blessed.status.success(), "{blessed:?}");
-    said(&project, &["test", "doll.test.ron"]);
+    run_text(&project, &["test", "doll.test.ron"]);
     put(&project, 1);
     let told = project.maquette(&["test", "doll.test.ron"]);
     assert!(!told.status.success());
@@ -125,13 +125,13 @@ fn a_watch_runs_what_is_new_when_the_data_change() {
 #[test]
 fn an_output_is_inspected_by_its_name_and_no_elements_are_a_list_of_0() {
     let project = project(3);
-    let told = said(&project, &["inspect", "doll.ron", "second.xyz"]);
+    let told = run_text(&project, &["inspect", "doll.ron", "second.xyz"]);
     assert!(told.starts_with("second.") && told.contains(": Points"), "{told}");
     let each =
         "\"none\": ForEach(graph: \"Transform\", over: Param(\"n\"), links: (mesh: \"cloud\")),";
     let none = format!("params: {{ \"n\": Integer(default: 0) }}, nodes: {{ {each}");
     project.save(&GRAPH.replace("nodes: {", &none));
-    assert_eq!(said(&project, &["inspect", "doll.ron", "none"]), "none: a list of 0\n");
+    assert_eq!(run_text(&project, &["inspect", "doll.ron", "none"]), "none: empty list\n");
 }
 
 #[test]
@@ -144,15 +144,15 @@ fn data_that_fail_have_no_elements_of_a_run_before() {
     let file = project.folder().join("part.obj");
     let triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\n";
     std::fs::write(&file, triangle.repeat(3)).unwrap();
-    assert!(said(&project, &["run", "doll.ron"]).contains("moved/3"));
+    assert!(run_text(&project, &["run", "doll.ron"]).contains("moved/3"));
     std::fs::write(&file, "").unwrap();
-    fn failed(more: &[&str], project: &Project) -> Vec<String> {
+    fn run_errors(more: &[&str], project: &Project) -> Vec<String> {
         let output = project.maquette(&[&["run", "doll.ron"], more].concat());
         assert_eq!(output.status.code(), Some(1), "{output:?}");
         let told = String::from_utf8(output.stdout).unwrap();
         told.lines().filter(|it| it.contains("Transform")).map(str::to_owned).collect::<Vec<_>>()
     }
-    let fresh = failed(&["--no-cache"], &project);
+    let fresh = run_errors(&["--no-cache"], &project);
     assert_eq!(fresh.len(), 1, "{fresh:?}");
-    assert_eq!(failed(&[], &project), fresh);
+    assert_eq!(run_errors(&[], &project), fresh);
 }

@@ -1,9 +1,9 @@
-//! `maquette help`: the language of graphs, a topic at a time, and the commands as before.
+//! `maquette help` explains the graph language by topic, and the commands.
 
 use crate::project::Project;
 
-/// What is printed, and whether the command succeeds.
-fn told(arguments: &[&str]) -> (String, bool) {
+/// Runs the program; returns its output, and true if it succeeds.
+fn run_text(arguments: &[&str]) -> (String, bool) {
     let output = Project::new("").maquette(arguments);
     let words = [output.stdout, output.stderr].concat();
     (String::from_utf8(words).unwrap(), output.status.success())
@@ -11,35 +11,35 @@ fn told(arguments: &[&str]) -> (String, bool) {
 
 #[test]
 fn a_topic_is_readable_text_with_samples() {
-    let (text, is_known) = told(&["help", "params"]);
-    assert!(is_known && text.starts_with("Parameters: what can be changed from outside\n===="));
+    let (text, is_known) = run_text(&["help", "params"]);
+    assert!(is_known && text.starts_with("Parameters: values that can be set from outside\n===="));
     assert!(text.contains("\n    Graph(\n        format: 1,\n"), "{text}");
     assert!(!text.contains("```"), "{text}");
-    assert_eq!(told(&["help", "ForEach"]), told(&["help", "foreach"]));
+    assert_eq!(run_text(&["help", "ForEach"]), run_text(&["help", "foreach"]));
 }
 
 #[test]
 fn without_a_word_commands_and_topics_are_listed() {
-    let (text, is_known) = told(&["help"]);
-    assert!(is_known && text == told(&["--help"]).0, "{text}");
+    let (text, is_known) = run_text(&["help"]);
+    assert!(is_known && text == run_text(&["--help"]).0, "{text}");
     assert!(text.contains("\n  run  ") && text.contains("\n  params      Parameters: "), "{text}");
 }
 
 #[test]
 fn commands_are_explained_as_before() {
     for words in [&["run"][..], &["cache", "ls"]] {
-        let by_help = told(&[&["help"], words].concat());
-        assert_eq!(by_help, told(&[words, &["--help"]].concat()));
+        let by_help = run_text(&[&["help"], words].concat());
+        assert_eq!(by_help, run_text(&[words, &["--help"]].concat()));
         assert!(by_help.1 && by_help.0.contains("Usage: maquette"), "{by_help:?}");
     }
-    let (test, _) = told(&["help", "test"]);
+    let (test, _) = run_text(&["help", "test"]);
     assert!(test.contains("`maquette test --help` explains the command."), "{test}");
 }
 
 #[test]
 fn an_unknown_topic_gets_a_guess() {
     fn unknown(word: &str) -> String {
-        let (text, is_known) = told(&["help", word]);
+        let (text, is_known) = run_text(&["help", word]);
         assert!(!is_known, "{text}");
         text
     }
@@ -54,7 +54,7 @@ fn an_unknown_topic_gets_a_guess() {
 
 #[test]
 fn what_becomes_of_attributes_is_told_for_each_node_of_the_program() {
-    let (nodes, _) = told(&["nodes", "--json"]);
+    let (nodes, _) = run_text(&["nodes", "--json"]);
     let nodes: serde_json::Value = serde_json::from_str(&nodes).unwrap();
     let mut wanted = Vec::new();
     for node in nodes["nodes"].as_array().unwrap() {
@@ -66,7 +66,7 @@ fn what_becomes_of_attributes_is_told_for_each_node_of_the_program() {
             wanted.push(format!("| {name} | `{port}`, `{output}` | {fates} |"));
         }
     }
-    let (text, _) = told(&["help", "attributes"]);
+    let (text, _) = run_text(&["help", "attributes"]);
     let rows = text.lines().filter(|line| line.starts_with("| ") && line.contains(", `"));
     let (mut rows, several) = (Vec::from_iter(rows), wanted.len() > 10);
     rows.sort_unstable();
@@ -76,23 +76,23 @@ fn what_becomes_of_attributes_is_told_for_each_node_of_the_program() {
 
 #[test]
 fn each_node_says_how_exact_it_is() {
-    let (nodes, _) = told(&["nodes", "--json"]);
+    let (nodes, _) = run_text(&["nodes", "--json"]);
     let nodes: serde_json::Value = serde_json::from_str(&nodes).unwrap();
     assert!(nodes["nodes"].as_array().unwrap().iter().all(|node| node["exactness"] == "exact"));
     let exact = "\nExactness\n  exact: the same bytes on every machine and build\n";
-    let (one, _) = told(&["nodes", "Threshold"]);
+    let (one, _) = run_text(&["nodes", "Threshold"]);
     assert!(one.contains(exact), "{one}");
-    assert_eq!(told(&["nodes", "--doc", "Threshold"]).0, one);
-    let (all, is_known) = told(&["nodes", "--doc"]);
+    assert_eq!(run_text(&["nodes", "--doc", "Threshold"]).0, one);
+    let (all, is_known) = run_text(&["nodes", "--doc"]);
     assert!(is_known && all.contains(&one), "{all}");
     assert_eq!(all.matches(exact).count(), nodes["nodes"].as_array().unwrap().len());
 }
 
 #[test]
 fn what_files_keep_is_told_for_each_format_of_the_program() {
-    let (text, is_known) = told(&["help", "formats"]);
+    let (text, is_known) = run_text(&["help", "formats"]);
     assert!(is_known, "{text}");
-    // For each table its formats, and for each kind of data as many words.
+    // Each of the four tables has a header row with the formats and one row for each kind of data.
     let tables: Vec<_> = text.split("\n| ").skip(1).filter(|line| line.starts_with(' ')).collect();
     assert_eq!(tables.len(), 4, "{text}");
     assert!(tables[0].contains("| ply") && tables[0].contains("| 3mf"), "{text}");

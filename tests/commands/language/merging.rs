@@ -1,4 +1,4 @@
-//! `maquette merge`, by itself and as git's merge driver.
+//! `maquette merge` as a command and as git's merge driver.
 
 use std::process::{Command, Output};
 
@@ -10,14 +10,14 @@ Graph(
     params: { "size": Number(default: 1.0, min: 0.1, max: 9.0, doc: "How large.") },
     nodes: {
         "ball": ReadMesh(path: "ball.obj"),
-        // Made larger.
+        // Scaled.
         "big": Transform(mesh: "ball", scale: (1.0, 1.0, 1.0)),
     },
     outputs: { "big.ply": "big" },
 )
 "#;
 
-/// A repository whose merge driver is the program.
+/// Makes a git repository that uses the program as its merge driver.
 fn repository() -> Project {
     let project = Project::new(BASE);
     let driver = format!("\"{}\" merge %O %A %B --path %P", env!("CARGO_BIN_EXE_maquette"));
@@ -49,8 +49,8 @@ fn commit(project: &Project, text: &str) {
     assert!(done.status.success(), "{done:?}");
 }
 
-/// What git makes of two people's texts, and whether it is content.
-fn merged(ours: &str, theirs: &str) -> (String, bool) {
+/// Lets git merge two texts; returns the result, and true if there was no conflict.
+fn merge(ours: &str, theirs: &str) -> (String, bool) {
     let project = repository();
     git(&project, &["checkout", "-q", "-b", "theirs"]);
     commit(&project, theirs);
@@ -65,7 +65,7 @@ fn git_merges_edits_of_one_line_and_of_neighbors() {
     let ours = BASE.replace("default: 1.0", "default: 2.0");
     let theirs = BASE.replace("max: 9.0", "max: 20.0");
     let both = BASE.replace("default: 1.0", "default: 2.0").replace("max: 9.0", "max: 20.0");
-    assert_eq!(merged(&ours, &theirs), (both, true));
+    assert_eq!(merge(&ours, &theirs), (both, true));
 }
 
 #[test]
@@ -75,14 +75,14 @@ fn git_merges_a_new_name_with_a_new_link_to_the_old_one() {
     let other = "        \"more\": Transform(mesh: \"big\", translate: (1.0, 0.0, 0.0)),\n";
     let theirs = BASE.replace(last, &format!("{last}{other}"));
     let both = ours.replace(last, &format!("{last}{}", other.replace("big", "large")));
-    assert_eq!(merged(&ours, &theirs), (both, true));
+    assert_eq!(merge(&ours, &theirs), (both, true));
 }
 
 #[test]
 fn git_keeps_a_real_conflict_with_its_marks() {
     let ours = BASE.replace("(1.0, 1.0, 1.0)", "(2.0, 2.0, 2.0)");
     let theirs = BASE.replace("(1.0, 1.0, 1.0)", "(3.0, 3.0, 3.0)");
-    let (text, is_content) = merged(&ours, &theirs);
+    let (text, is_content) = merge(&ours, &theirs);
     assert!(!is_content);
     fn line(scale: &str) -> String {
         format!("        \"big\": Transform(mesh: \"ball\", scale: {scale}),\n")
@@ -99,7 +99,7 @@ fn git_keeps_a_real_conflict_with_its_marks() {
 fn the_result_is_written_into_ours_or_printed_and_the_exit_code_says_how_it_went() {
     let project = Project::new(BASE);
     fn put(name: &str, text: &str, project: &Project) {
-        std::fs::write(project.folder().join(name), text).unwrap()
+        std::fs::write(project.folder().join(name), text).unwrap();
     }
     put("ours.ron", &BASE.replace("default: 1.0", "default: 2.0"), &project);
     put("theirs.ron", &BASE.replace("max: 9.0", "max: 20.0"), &project);
@@ -114,7 +114,7 @@ fn the_result_is_written_into_ours_or_printed_and_the_exit_code_says_how_it_went
     let conflict = project.maquette(&words);
     assert_eq!(conflict.status.code(), Some(1));
     let told = String::from_utf8(conflict.stderr).unwrap();
-    assert_eq!(told, "ours.ron: both changed params.size.default, differently\n");
+    assert_eq!(told, "ours.ron: conflict: both sides changed params.size.default\n");
     put("theirs.ron", "Graph(", &project);
     let broken = project.maquette(&words);
     assert_eq!(broken.status.code(), Some(1));
@@ -125,18 +125,19 @@ fn the_result_is_written_into_ours_or_printed_and_the_exit_code_says_how_it_went
 #[test]
 fn git_keeps_both_sides_where_what_they_say_cannot_be_merged() {
     let broken = BASE.replace("(1.0, 1.0, 1.0)", "(3.0");
-    let (text, is_content) = merged(&BASE.replace("(1.0, 1.0, 1.0)", "(2.0, 2.0, 2.0)"), &broken);
+    let (text, is_content) = merge(&BASE.replace("(1.0, 1.0, 1.0)", "(2.0, 2.0, 2.0)"), &broken);
     assert!(!is_content && text.contains("<<<<<<< ours\n"), "{text}");
     assert!(text.contains("scale: (2.0, 2.0, 2.0)") && text.contains("scale: (3.0"), "{text}");
-    // A mistake of theirs in lines that we left alone has no marks, but git waits all the same.
-    let (text, is_content) = merged(&BASE.replace("default: 1.0", "default: 2.0"), &broken);
+    // The other side's text has a syntax error in a part that this side did not change. The result has no conflict markers, but git still
+    // reports a conflict.
+    let (text, is_content) = merge(&BASE.replace("default: 1.0", "default: 2.0"), &broken);
     assert!(!is_content && text.contains("default: 2.0") && text.contains("scale: (3.0"), "{text}");
 
     let project = repository();
     fn add(text: &str, project: &Project) {
         std::fs::write(project.folder().join("new.ron"), text).unwrap();
         git(project, &["add", "-A"]);
-        assert!(git(&project, &["commit", "-q", "-m", "x"]).status.success());
+        assert!(git(project, &["commit", "-q", "-m", "x"]).status.success());
     }
     git(&project, &["checkout", "-q", "-b", "theirs"]);
     add(&BASE.replace("A ball", "Their ball"), &project);

@@ -1,15 +1,16 @@
-//! Row 32: a pinned result stands in for its node, whatever happens to the cache; a stale pin is loud, and one whose bytes are gone an error.
+//! Row 32 of the feature list: a pinned result replaces its node, whatever happens to the cache. A stale pin is a warning, and a pin
+//! without its bytes is an error.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::process::Output;
 
-use maquette::random::Random;
+use maquette::rng::Random;
 use serde_json::Value as Json;
 
+use crate::output::text_of;
 use crate::project::Project;
 
-/// A graph with a use, of which `skin` has so many levels.
+/// Returns a graph whose node `skin` has this number of levels, and which uses another graph.
 fn graph(levels: &str) -> String {
     format!(
         r#"Graph(
@@ -42,37 +43,32 @@ fn project() -> Project {
     project
 }
 
-fn told(output: &Output) -> String {
-    let [out, err] = [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text));
-    format!("{out}{err}")
-}
-
-/// What the program says, which succeeds.
+/// Runs a command that must succeed and returns its output.
 fn ok(project: &Project, words: &[&str]) -> String {
     let output = project.maquette(words);
-    let told = told(&output);
+    let told = text_of(&output);
     assert!(output.status.success(), "{words:?}: {told}");
     told
 }
 
-/// What the program says, which fails.
+/// Runs a command that must fail and returns its output.
 fn fails(project: &Project, words: &[&str]) -> String {
     let output = project.maquette(words);
-    let told = told(&output);
+    let told = text_of(&output);
     assert!(!output.status.success() && !told.contains("panicked"), "{words:?}: {told}");
     told
 }
 
 const RUN: [&str; 5] = ["run", "doll.ron", "--out", "out", "--no-provenance"];
 
-/// What is said of a run, and the mesh that it writes.
+/// Runs the graph; returns the output and the mesh that it writes.
 fn run(project: &Project, more: &[&str]) -> (String, Vec<u8>) {
     let told = ok(project, &[&RUN, more].concat());
     (told, project.outputs().remove("end.ply").unwrap())
 }
 
-/// The only file of a pinned result.
-fn kept(project: &Project) -> PathBuf {
+/// Returns the only file of a pinned result.
+fn pin_file(project: &Project) -> PathBuf {
     let mut files = std::fs::read_dir(project.folder().join("doll.pins")).unwrap();
     files.next().unwrap().unwrap().path()
 }
@@ -106,17 +102,19 @@ fn a_pinned_node_is_not_run_and_a_stale_pin_is_loud() {
     let why = ok(&project, &["why", "doll.ron", "skin"]);
     assert!(why.contains("`skin` does not run: its result is pinned"), "{why}");
 
-    // As if there were no pins, and as if there never had been any.
+    // A run can ignore pins, and after they are removed nothing shows that they existed.
     let (told, two_levels) = run(&project, &["--no-pins"]);
     assert!(!told.to_lowercase().contains("pinned"), "{told}");
     assert!(two_levels != one_level);
-    assert_eq!(ok(&project, &["unpin", "doll.ron", "skin"]), "unpinned skin\n");
+    assert_eq!(ok(&project, &["pin", "--remove", "doll.ron", "skin"]), "unpinned skin\n");
     let (told, end) = run(&project, &[]);
     assert!(!told.to_lowercase().contains("pinned") && end == two_levels, "{told}");
     for left in ["doll.pins.ron", "doll.pins"] {
         assert!(!project.folder().join(left).exists(), "{left} holds nothing");
     }
-    assert!(fails(&project, &["unpin", "doll.ron", "skin"]).contains("`skin` is not pinned"));
+    assert!(
+        fails(&project, &["pin", "--remove", "doll.ron", "skin"]).contains("`skin` is not pinned")
+    );
     assert!(!project.folder().join("doll.pins.ron").exists(), "nothing is written for nothing");
 }
 
@@ -126,7 +124,7 @@ fn a_pin_survives_the_cache_and_is_an_error_without_its_bytes() {
     ok(&project, &["pin", "doll.ron", "skin"]);
     ok(&project, &["cache", "clear"]);
     assert!(!run(&project, &[]).0.contains("Subdivide"));
-    let file = kept(&project);
+    let file = pin_file(&project);
     let bytes = std::fs::read(&file).unwrap();
     for damaged in [bytes[..bytes.len() - 1].to_vec(), Vec::new(), [&bytes[..], b"x"].concat(), {
         let mut bytes = bytes.clone();
@@ -154,20 +152,20 @@ fn nodes_inside_of_uses_are_pinned_and_pins_without_a_node_are_told() {
     assert!(told.starts_with("part/big  Mesh\n"), "{told}");
     let (told, _) = run(&project, &[]);
     assert!(!told.contains("Subdivide") && told.contains("part/big"), "{told}");
-    // What it hangs on has changed.
+    // A node on which the pinned node depends has changed.
     project.save(&graph("2"));
     let told = ok(&project, &["check", "doll.ron"]);
     assert!(told.contains("`part/big` is pinned before `skin.levels` changed (1 -> 2)"), "{told}");
-    // Other names are no change.
+    // Renaming the nodes on which it depends does not make the pin stale.
     project.save(&graph("1").replace("\"skin\"", "\"hull\""));
     assert!(ok(&project, &["check", "doll.ron"]).contains("0 errors\n"));
     project.save(&graph("1").replace("\"part\"", "\"piece\""));
     let told = ok(&project, &["check", "doll.ron"]);
     assert!(told.contains("`part/big` is pinned, but the graph has no such node"), "{told}");
     assert!(told.contains("doll.pins.ron:5:"), "{told}");
-    let told = fails(&project, &["unpin", "doll.ron", "piece"]);
+    let told = fails(&project, &["pin", "--remove", "doll.ron", "piece"]);
     assert!(told.contains("`piece` is not pinned; pinned are: part/big"), "{told}");
-    assert_eq!(ok(&project, &["unpin", "doll.ron", "part"]), "unpinned part/big\n");
+    assert_eq!(ok(&project, &["pin", "--remove", "doll.ron", "part"]), "unpinned part/big\n");
 }
 
 #[test]
@@ -191,7 +189,7 @@ fn another_file_makes_a_pin_stale_and_a_draft_does_not() {
 fn a_file_that_a_file_names_makes_a_pin_stale_too() {
     let project = project();
     fn write(name: &str, text: &str, project: &Project) {
-        std::fs::write(project.folder().join(name), text).unwrap()
+        std::fs::write(project.folder().join(name), text).unwrap();
     }
     write(
         "a.obj",
@@ -245,11 +243,11 @@ fn what_cannot_be_pinned_is_told_with_what_can() {
     );
     for name in ["piece", "piece/1/big"] {
         let told = fails(&project, &["pin", "doll.ron", name]);
-        assert!(told.contains("pin its data, or what is made of all of them"), "{told}");
+        assert!(told.contains("pin its data, or a node that uses all elements"), "{told}");
     }
     let told = fails(&project, &["pin", "doll.ron", "al"]);
     assert!(told.contains("the graph has no node `al`") && told.contains("`all`"), "{told}");
-    // What is made of them hangs on nothing then, and nothing of them is computed.
+    // The pinned `all` hides the elements, so none of them is computed.
     let (_, before) = run(&project, &[]);
     ok(&project, &["pin", "doll.ron", "all"]);
     let (told, after) = run(&project, &["--no-cache"]);
@@ -263,8 +261,8 @@ fn goldens_of_a_pinned_graph_are_judged_without_its_pins() {
     ok(&project, &["pin", "doll.ron", "skin"]);
     project.save(&graph("2"));
     let bless = project.command(&["test", ".", "--bless"]).env_remove("CI").output().unwrap();
-    assert!(bless.status.success(), "{}", told(&bless));
-    ok(&project, &["unpin", "doll.ron", "skin"]);
+    assert!(bless.status.success(), "{}", text_of(&bless));
+    ok(&project, &["pin", "--remove", "doll.ron", "skin"]);
     ok(&project, &["test", "."]);
 }
 
@@ -277,16 +275,18 @@ fn a_file_of_pins_that_is_none_is_an_error_at_its_place() {
         ("Pins(format: 1)", "a file of pins needs a map `pins`"),
         ("Pins(format: 1, pins: {", "doll.pins.ron:1:"),
         ("", "doll.pins.ron"),
-        // Taking the file away would lose the pins of both sides.
+        // The help must not suggest to delete the file: the pins of both sides would be lost.
         (
             "<<<<<<< a\nPins(format: 1, pins: {})\n=======\nPins()\n>>>>>>> b\n",
-            "keep one side of each conflict",
+            "resolve each conflict",
         ),
     ] {
         std::fs::write(project.folder().join("doll.pins.ron"), text).unwrap();
-        for words in [&RUN[..], &["unpin", "doll.ron", "skin"], &["pin", "doll.ron", "skin"]] {
+        for words in
+            [&RUN[..], &["pin", "--remove", "doll.ron", "skin"], &["pin", "doll.ron", "skin"]]
+        {
             let told = fails(&project, words);
-            assert!(told.contains(expected) || words[0] == "unpin", "{words:?}: {told}");
+            assert!(told.contains(expected) || words[1] == "--remove", "{words:?}: {told}");
         }
         let unchanged = std::fs::read_to_string(project.folder().join("doll.pins.ron")).unwrap();
         assert_eq!(unchanged, text, "nothing is written over it");
@@ -301,7 +301,7 @@ fn outputs_tell_of_pins_and_are_made_again_with_them() {
     ok(&project, &["run", "doll.ron", "--out", "out"]);
     let told = ok(&project, &["replay", "out/end.ply", "--graph", "doll.ron"]);
     assert!(told.contains(STALE), "{told}");
-    ok(&project, &["unpin", "doll.ron", "skin"]);
+    ok(&project, &["pin", "--remove", "doll.ron", "skin"]);
     let told = fails(&project, &["replay", "out/end.ply", "--graph", "doll.ron"]);
     assert!(told.contains("pin `skin` is not there any more"), "{told}");
 }
@@ -311,7 +311,7 @@ fn a_watch_takes_up_pins_while_it_runs() {
     let project = project();
     let mut watch = project.watch(&["--no-provenance"]);
     let without = project.outputs();
-    // Pinned with two levels, then taken back: the pin is stale, and is used.
+    // `skin` is pinned with two levels and then set back to one level, so its pin is stale but used.
     project.save(&graph("2"));
     watch.run_until_ok();
     let with = project.outputs();
@@ -322,12 +322,12 @@ fn a_watch_takes_up_pins_while_it_runs() {
         run = watch.run_until_ok();
     }
     assert!(project.outputs() == with);
-    ok(&project, &["unpin", "doll.ron", "skin"]);
+    ok(&project, &["pin", "--remove", "doll.ron", "skin"]);
     watch.run_until_ok();
     assert!(project.outputs() == without);
 }
 
-/// A chain of nodes, each of which makes a mesh so many times as large.
+/// A chain of three nodes that scale a mesh.
 const CHAIN: [&str; 3] = ["a", "b", "c"];
 
 fn chain(times: [u32; 3]) -> String {
@@ -340,7 +340,7 @@ fn chain(times: [u32; 3]) -> String {
     )
 }
 
-/// Any order of edits, pins, runs and cleared caches gives what a few lines that remember nothing say.
+/// Random sequences of edits, pins, unpins and cleared caches give the results of a simple model without state.
 #[test]
 fn any_sequence_of_pins_and_edits_is_as_said() {
     let project = project();
@@ -351,15 +351,15 @@ fn any_sequence_of_pins_and_edits_is_as_said() {
     }
     let mut random = Random(20_261_125);
     let mut times = [1, 1, 1];
-    // How many times each is as large up to the node, as it was then.
+    // For each pinned node: the scales of the chain up to that node at the time of pinning.
     let mut pinned: BTreeMap<usize, Vec<u32>> = BTreeMap::new();
     project.save(&chain(times));
     let start = area(&project);
     for turn in 0..60 {
-        let node = random.below(3);
-        match random.below(6) {
+        let node = random.next_below(3);
+        match random.next_below(6) {
             0 | 1 => {
-                times[node] = 1 + u32::try_from(random.below(4)).unwrap();
+                times[node] = 1 + u32::try_from(random.next_below(4)).unwrap();
                 project.save(&chain(times));
             }
             2 | 3 => {
@@ -367,7 +367,7 @@ fn any_sequence_of_pins_and_edits_is_as_said() {
                 pinned.insert(node, times[..=node].to_vec());
             }
             4 if pinned.remove(&node).is_some() => {
-                ok(&project, &["unpin", "doll.ron", CHAIN[node]]);
+                ok(&project, &["pin", "--remove", "doll.ron", CHAIN[node]]);
             }
             _ => drop(ok(&project, &["cache", "clear"])),
         }
@@ -391,7 +391,7 @@ fn a_stale_pin_tells_of_what_changed_and_not_of_another_name() {
     ok(&project, &["pin", "doll.ron", "end"]);
     ok(&project, &["edit", "doll.ron", "rename", "part", "wide"]);
     assert!(!ok(&project, &["check", "doll.ron"]).contains("is pinned before"));
-    ok(&project, &["set", "doll.ron", "wide.scale=3"]);
+    ok(&project, &["edit", "doll.ron", "set", "wide.scale=3"]);
     let told = ok(&project, &["check", "doll.ron"]);
     assert!(told.contains("`end` is pinned before `wide/big.scale"), "{told}");
 }

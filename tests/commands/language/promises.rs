@@ -1,4 +1,4 @@
-//! What a value is wanted to be and is not is listed and marked where people look.
+//! Properties that a value lacks although a port wants them are listed, and marked in pictures.
 
 use maquette::format::png;
 use maquette::value::Image;
@@ -6,7 +6,7 @@ use serde_json::{Value as Json, json};
 
 use crate::project::Project;
 
-/// How many pixels of a picture have the color of marks.
+/// Returns the number of pixels that have the red color of the marks.
 fn red(picture: &Image) -> usize {
     picture.pixels().iter().filter(|[r, g, b]| 120 < *r && *g < r / 3 && *b < r / 3).count()
 }
@@ -19,7 +19,7 @@ fn inspect_lists_and_marks_the_elements() {
     }
     let done = project.maquette(&["inspect", "doll.ron", "open", "--out", "open.png"]);
     let text = String::from_utf8(done.stdout).unwrap();
-    let expected = "  is not Closed, which is asked by input `skin` of `whole`: it has 3 edges with one face (edge 0-2, edge 0-3, edge 2-3; \
+    let expected = "  is not Closed, as required by input `skin` of `whole`: it has 3 edges with one face (edge 0-2, edge 0-3, edge 2-3; \
                     the first is at (0, 0.5, 0))\n    edge 0-2  (0, 0.5, 0)\n    edge 0-3  (0, 0, 0.5)\n    edge 2-3  (0, 0.5, 0.5)\n";
     assert!(text.ends_with(expected), "{text}");
     assert!(1000 < red(&picture(&project)), "{}", red(&picture(&project)));
@@ -28,11 +28,11 @@ fn inspect_lists_and_marks_the_elements() {
     let broken = &json["outputs"][0]["broken"][0];
     assert_eq!((&broken["property"], &broken["count"]), (&"Closed".into(), &3.into()));
     assert_eq!(broken["elements"][2]["name"], "edge 2-3");
-    // Who was not given what it wants tells the same as data.
+    // `run --json` reports the offending elements as data, too.
     let json = project.maquette(&["run", "doll.ron", "--json"]).stdout;
     let json: Json = serde_json::from_slice(&json).unwrap();
     assert_eq!(json["problems"][0]["elements"][1]["at"], json!([0.0, 0.0, 0.5]));
-    // Nothing is marked on what is as it is wanted.
+    // If no port wants the property, nothing is marked.
     project.save(
         &std::fs::read_to_string(project.graph()).unwrap().replace("Lib(skin", "Transform(mesh"),
     );

@@ -1,13 +1,13 @@
-//! What outputs tell of where they came from, and that they can be made again by it.
+//! Output files record how they were made, and can be made again from this record.
 
 use std::collections::BTreeMap;
-use std::process::Output;
 
 use serde_json::Value as Json;
 
+use crate::output::text_of;
 use crate::project::Project;
 
-/// A graph that writes all formats, of which some hang on a parameter and some do not.
+/// A graph that writes all formats. Some of the outputs depend on a parameter.
 const GRAPH: &str = r#"Graph(
     format: 1,
     params: { "height": Number(default: 10.0, min: 0.0, max: 90.0, unit: "mm", doc: "How high.") },
@@ -32,24 +32,19 @@ fn project() -> Project {
     project
 }
 
-fn told(output: &Output) -> String {
-    let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    text + &String::from_utf8_lossy(&output.stderr)
-}
-
 fn run(project: &Project, more: &[&str]) -> BTreeMap<String, Vec<u8>> {
     let words = [&["run", "doll.ron", "--out", "out"], more].concat();
     let output = project.maquette(&words);
-    assert!(output.status.success(), "{}", told(&output));
+    assert!(output.status.success(), "{}", text_of(&output));
     project.outputs()
 }
 
 fn replay(project: &Project, name: &str) -> (String, bool) {
     let output = project.maquette(&["replay", &format!("out/{name}"), "--graph", "doll.ron"]);
-    (told(&output), output.status.success())
+    (text_of(&output), output.status.success())
 }
 
-/// The document in a GLB file.
+/// Returns the record in the JSON document of a GLB file.
 fn asset(bytes: &[u8]) -> Json {
     let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
     let document: Json = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
@@ -63,14 +58,14 @@ fn every_output_is_made_again_with_the_same_bytes() {
     for name in outputs.keys() {
         let (text, is_same) = replay(&project, name);
         match &name[..] {
-            "scan.ptx" => assert!(text.contains("does not tell where it came from"), "{text}"),
-            // A hash does not tell the values.
-            "lifted.stl" => assert!(!is_same && text.contains("a hash alone"), "{text}"),
+            "scan.ptx" => assert!(text.contains("contains no provenance"), "{text}"),
+            // An STL file has room only for a hash, from which the set values cannot be found.
+            "lifted.stl" => assert!(!is_same && text.contains("only a hash"), "{text}"),
             _ => assert!(is_same && text.contains("with the same bytes"), "{name}: {text}"),
         }
     }
     let output = project.maquette(&["replay", "out/lifted.glb"]);
-    assert!(output.status.success(), "it knows its graph: {}", told(&output));
+    assert!(output.status.success(), "it knows its graph: {}", text_of(&output));
     let told = asset(&outputs["lifted.glb"]);
     assert_eq!((&told["graph"], &told["output"]), (&"doll.ron".into(), &"lifted.glb".into()));
     assert_eq!(told["parameters"]["height"], 25);
@@ -112,7 +107,7 @@ fn what_differs_is_named() {
     let text = std::fs::read_to_string(project.graph()).unwrap();
     project.save(&text.replace("translate: (0, ", "translate: (1, "));
     let (told, is_same) = replay(&project, "lifted.glb");
-    assert!(!is_same && told.contains("comes out different"), "{told}");
+    assert!(!is_same && told.contains("out/lifted.glb differs"), "{told}");
     assert!(told.contains("  the graph changed\n"), "{told}");
     project.save(&text);
     project.copy_asset("mug.obj", "doll/coarse.obj");
@@ -121,7 +116,7 @@ fn what_differs_is_named() {
     assert!(!told.contains("the graph changed"), "{told}");
     std::fs::write(project.folder().join("out/net.json"), "{}").unwrap();
     let (told, _) = replay(&project, "net.json");
-    assert!(told.contains("does not tell where it came from"), "{told}");
+    assert!(told.contains("contains no provenance"), "{told}");
 }
 
 #[test]
@@ -132,7 +127,7 @@ fn files_tell_nothing_if_they_must_not() {
         assert!(!text.contains("\"made\":"), "{name}");
     }
     let (told, is_known) = replay(&project, "lifted.glb");
-    assert!(!is_known && told.contains("does not tell where it came from"), "{told}");
+    assert!(!is_known && told.contains("contains no provenance"), "{told}");
 }
 
 #[test]
@@ -162,7 +157,7 @@ fn what_a_patch_in_another_folder_made_is_made_again() {
     let ran = project.maquette(&["run", "sub/high.ron", "--out", "out"]);
     assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
     let again = project.maquette(&["replay", "out/lifted.glb", "--graph", "sub/high.ron"]);
-    assert!(again.status.success(), "{}", told(&again));
+    assert!(again.status.success(), "{}", text_of(&again));
 }
 
 #[test]
@@ -187,7 +182,7 @@ fn a_parameter_tells_no_path_out_of_the_project() {
         let words = ["replay", &file, "--graph", "doll.ron", "--root", &root];
         let set = if name == "a.ply" { format!("file={other}") } else { format!("b.path={other}") };
         let replayed = project.maquette(&[&words[..], &["--set", &set]].concat());
-        assert!(replayed.status.success(), "{}", told(&replayed));
+        assert!(replayed.status.success(), "{}", text_of(&replayed));
     }
 }
 
@@ -199,5 +194,5 @@ fn a_file_is_made_again_from_whatever_folder() {
     let elsewhere = tempfile::tempdir().unwrap();
     let replayed = project.command(&["replay", &file]).current_dir(elsewhere.path()).output();
     let replayed = replayed.unwrap();
-    assert!(replayed.status.success(), "{}", told(&replayed));
+    assert!(replayed.status.success(), "{}", text_of(&replayed));
 }

@@ -1,7 +1,6 @@
-//! Texts that are damaged, in conflict or odd: an error with file, line and advice, and never a panic.
+//! Damaged, conflicting or unusual text files cause an error with file, line and help, and never a panic.
 
-use std::process::Output;
-
+use crate::output::text_of;
 use crate::project::{Project, TETRAHEDRON};
 
 const GRAPH: &str = r#"Graph(
@@ -18,16 +17,11 @@ const GRAPH: &str = r#"Graph(
 
 const PART: &str = "Graph(format: 1, inputs: { \"mesh\": Mesh() }, nodes: { \"it\": Transform(mesh: \"mesh\") }, outputs: { \"mesh\": \"it\" })\n";
 
-fn told(output: &Output) -> String {
-    let [out, err] = [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text));
-    format!("{out}{err}")
-}
-
-/// A graph with a test and its golden, a pin, a lock and a sweep.
+/// Makes a project with a graph, its test and golden, a pin, a lock and a sweep.
 fn project() -> Project {
     let project = Project::new(GRAPH);
     fn write(name: &str, text: &str, project: &Project) {
-        std::fs::write(project.folder().join(name), text).unwrap()
+        std::fs::write(project.folder().join(name), text).unwrap();
     }
     write("a.obj", TETRAHEDRON, &project);
     write("part.ron", PART, &project);
@@ -44,12 +38,12 @@ fn project() -> Project {
         &["test", "doll.test.ron", "--bless"],
     ] {
         let done = project.command(words).env_remove("CI").output().unwrap();
-        assert!(done.status.success(), "{words:?}: {}", told(&done));
+        assert!(done.status.success(), "{words:?}: {}", text_of(&done));
     }
     project
 }
 
-/// The files with text, and a command that reads each.
+/// Returns the text files of the project, each with a command that reads it.
 fn texts(project: &Project) -> Vec<(String, Vec<String>)> {
     let golden = std::fs::read_dir(project.folder().join("goldens")).unwrap();
     let golden = golden.map(|file| file.unwrap().path());
@@ -60,9 +54,9 @@ fn texts(project: &Project) -> Vec<(String, Vec<String>)> {
         ("doll.ron".to_owned(), "check doll.ron"),
         ("doll.ron".to_owned(), "run doll.ron"),
         ("doll.ron".to_owned(), "fmt doll.ron"),
-        ("doll.ron".to_owned(), "set doll.ron up.scale=(1,2,1)"),
+        ("doll.ron".to_owned(), "edit doll.ron set up.scale=(1,2,1)"),
         ("doll.pins.ron".to_owned(), "run doll.ron"),
-        ("doll.pins.ron".to_owned(), "unpin doll.ron up"),
+        ("doll.pins.ron".to_owned(), "pin --remove doll.ron up"),
         ("doll.test.ron".to_owned(), "test doll.test.ron"),
         ("doll.sweep.ron".to_owned(), "batch doll.sweep.ron --out sweep"),
     ];
@@ -75,8 +69,8 @@ fn texts(project: &Project) -> Vec<(String, Vec<String>)> {
     all.into_iter().map(|(file, command)| (file, words(command))).collect()
 }
 
-/// Tries a text in place of that of each file.
-fn each(damage: impl Fn(&[u8]) -> Vec<u8>, wanted: &str) {
+/// Damages each text file in turn, runs its command, and checks that the message contains `wanted`.
+fn check_each_text(damage: impl Fn(&[u8]) -> Vec<u8>, wanted: &str) {
     let project = project();
     for (file, words) in texts(&project) {
         let path = project.folder().join(&file);
@@ -84,8 +78,8 @@ fn each(damage: impl Fn(&[u8]) -> Vec<u8>, wanted: &str) {
         std::fs::write(&path, damage(&good)).unwrap();
         let words: Vec<_> = words.iter().map(String::as_str).collect();
         let done = project.maquette(&words);
-        let told = told(&done);
-        // A lock that cannot be read is a warning.
+        let told = text_of(&done);
+        // An unreadable lock is only a warning.
         let is_refused = matches!(done.status.code(), Some(1 | 2));
         assert!(is_refused || file == "doll.lock.ron", "{file} {words:?}: {told}");
         assert!(told.contains(wanted), "{file} {words:?}: {told}");
@@ -98,22 +92,22 @@ fn each(damage: impl Fn(&[u8]) -> Vec<u8>, wanted: &str) {
 
 #[test]
 fn marks_of_a_merge_are_one_message_in_every_file() {
-    each(
+    check_each_text(
         |good| {
             let text = String::from_utf8_lossy(good);
             format!("<<<<<<< ours\n{text}=======\n{text}>>>>>>> theirs\n").into_bytes()
         },
-        "this file has the conflict marks of a merge",
+        "this file contains merge conflict markers",
     );
 }
 
 #[test]
 fn what_is_no_utf_8_is_told_with_its_line() {
-    each(
+    check_each_text(
         |good| [&good[..good.len() - 2], b"\xe4", &good[good.len() - 2..]].concat(),
         "expected text in UTF-8, found the byte 0xE4",
     );
-    each(
+    check_each_text(
         |good| {
             let units = String::from_utf8_lossy(good).encode_utf16().collect::<Vec<_>>();
             let bytes = units.into_iter().flat_map(u16::to_le_bytes);
@@ -121,7 +115,7 @@ fn what_is_no_utf_8_is_told_with_its_line() {
         },
         "line 1, column 1: expected text in UTF-8, found UTF-16",
     );
-    each(
+    check_each_text(
         |good| [&good[..good.len() - 2], b"\0", &good[good.len() - 2..]].concat(),
         "found the byte 0",
     );
@@ -144,12 +138,12 @@ fn pins_are_those_of_the_graph_wherever_a_link_leads_to_it_from() {
         std::fs::create_dir(&elsewhere).unwrap();
         std::os::unix::fs::symlink(project.folder(), elsewhere.join("link")).unwrap();
         let linked = "elsewhere/link/doll.ron";
-        assert_eq!(told(&project.maquette(&["pin", linked, "--list"])), "up  Mesh\n");
-        let done = project.maquette(&["unpin", linked, "up"]);
-        assert!(done.status.success(), "{}", told(&done));
-        assert_eq!(told(&project.maquette(&["pin", "doll.ron", "--list"])), "");
+        assert_eq!(text_of(&project.maquette(&["pin", linked, "--list"])), "up  Mesh\n");
+        let done = project.maquette(&["pin", "--remove", linked, "up"]);
+        assert!(done.status.success(), "{}", text_of(&done));
+        assert_eq!(text_of(&project.maquette(&["pin", "doll.ron", "--list"])), "");
         assert!(project.maquette(&["pin", linked, "mesh"]).status.success());
-        assert_eq!(told(&project.maquette(&["pin", "doll.ron", "--list"])), "mesh  Mesh\n");
+        assert_eq!(text_of(&project.maquette(&["pin", "doll.ron", "--list"])), "mesh  Mesh\n");
     }
 }
 
@@ -163,11 +157,11 @@ fn names_of_several_lines_are_printed_on_one() {
     for words in
         [&["check", name][..], &["run", name], &["fmt", "--check", name], &["why", name, "up"]]
     {
-        let told = told(&project.maquette(words));
+        let told = text_of(&project.maquette(words));
         assert!(!told.contains("\nerror: no") && !told.contains('\u{1b}'), "{words:?}: {told}");
     }
     let outputs = GRAPH.replace("up.ply", "u\\n\\u{1b}p.ply");
     std::fs::write(project.folder().join("b.ron"), outputs).unwrap();
-    let told = told(&project.maquette(&["check", "b.ron"]));
+    let told = text_of(&project.maquette(&["check", "b.ron"]));
     assert!(told.contains("output `u␊␛p.ply` has a control character in its name"), "{told}");
 }

@@ -1,4 +1,4 @@
-//! A graph with a node of a pack that is not there.
+//! A graph with a node type of a pack that the program does not have.
 
 use crate::project::Project;
 
@@ -36,10 +36,10 @@ fn what_does_not_need_the_unknown_node_is_written_and_the_error_is_told_once() {
     assert!(states.contains("skipped   combed"), "{states}");
     let check = project.maquette(&["check", "doll.ron"]);
     assert_eq!(check.status.code(), Some(1));
-    // Nothing of it is lost.
+    // The tools keep the text of the unknown node.
     let fmt = project.maquette(&["fmt", "--check", "doll.ron"]);
     assert!(fmt.status.success(), "{fmt:?}");
-    let set = project.maquette(&["set", "doll.ron", "big.scale=(3.0, 3.0, 3.0)"]);
+    let set = project.maquette(&["edit", "doll.ron", "set", "big.scale=(3.0, 3.0, 3.0)"]);
     assert!(set.status.success(), "{set:?}");
     let text = std::fs::read_to_string(project.graph()).unwrap();
     assert_eq!(
@@ -56,14 +56,14 @@ fn what_is_asked_for_and_does_not_need_it_is_given_with_a_warning() {
         &["why", "doll.ron", "big"],
         &["inspect", "doll.ron", "big", "--out", "big.png"],
         &["render", "doll.ron", "big", "render.png"],
-        &["sheet", "doll.ron", "--size", "30x20"],
+        &["render", "sheet", "doll.ron", "--size", "30x20"],
     ] {
         let done = project.maquette(words);
         let told = String::from_utf8_lossy(&done.stderr);
         assert!(done.status.success(), "{words:?}: {told}");
         assert!(!told.contains("error"), "{words:?}: {told}");
         let warned = told.matches("there is no node type `HairStrands`").count();
-        // What is looked into says nothing of what it has nothing to do with.
+        // `inspect` reports only errors that concern the inspected node.
         assert_eq!(warned, usize::from(words[0] != "inspect"), "{words:?}: {told}");
     }
     for file in ["graph.svg", "big.png", "render.png", "doll.png"] {
@@ -82,23 +82,24 @@ fn what_is_asked_for_and_does_not_need_it_is_given_with_a_warning() {
 #[test]
 fn what_does_not_hang_on_it_is_pinned_and_locked() {
     let project = project();
-    fn told(words: &[&str], project: &Project) -> (String, Option<i32>) {
+    fn run_text(words: &[&str], project: &Project) -> (String, Option<i32>) {
         let done = project.maquette(words);
         let text = String::from_utf8_lossy(&done.stdout) + String::from_utf8_lossy(&done.stderr);
         (text.into_owned(), done.status.code())
     }
-    let (text, code) = told(&["pin", "doll.ron", "big"], &project);
+    let (text, code) = run_text(&["pin", "doll.ron", "big"], &project);
     assert!(code == Some(0) && text.contains("pinned big"), "{text}");
-    let (text, code) = told(&["pin", "doll.ron", "--list"], &project);
+    let (text, code) = run_text(&["pin", "doll.ron", "--list"], &project);
     assert!(code == Some(0) && text.contains("big  Mesh"), "{text}");
-    let (text, code) = told(&["pin", "doll.ron", "combed"], &project);
+    let (text, code) = run_text(&["pin", "doll.ron", "combed"], &project);
     assert!(code == Some(1) && text.contains("error[G003]"), "{text}");
     let library = r#"Graph(format: 1, inputs: { "mesh": Mesh() }, nodes: { "up": Transform(mesh: "mesh") }, outputs: { "mesh": "up" })"#;
     std::fs::write(project.folder().join("up.ron"), library).unwrap();
     project.save(&GRAPH.replace("packs:", "use: { \"Up\": \"up.ron\" },\n    packs:"));
-    let (text, code) = told(&["lock", "doll.ron"], &project);
+    let (text, code) = run_text(&["lock", "doll.ron"], &project);
     assert!(code == Some(0) && text.contains("1 graph"), "{text}");
-    let (text, code) = told(&["extract", "doll.ron", "big", "--to", "big.ron"], &project);
+    let (text, code) =
+        run_text(&["edit", "doll.ron", "extract", "big", "--to", "big.ron"], &project);
     assert!(code != Some(0) && text.contains("HairStrands"), "{text}");
 }
 
@@ -109,7 +110,7 @@ fn why_says_what_cannot_run_and_what_is_skipped_for_it() {
         |node| String::from_utf8(project.maquette(&["why", "doll.ron", node]).stdout).unwrap();
     let reason = "there is no node type `HairStrands`: it may be of the pack `hair` 0.3, which this program does not have\n";
     assert_eq!(why("strands"), format!("`strands` cannot run: {reason}"));
-    let skipped = "`combed` is skipped: it hangs on `strands`, which cannot run: ";
+    let skipped = "`combed` is skipped: it depends on `strands`, which cannot run: ";
     assert_eq!(why("combed"), format!("{skipped}{reason}"));
     assert_eq!(why("big"), "`big` runs: not computed before\n");
 }
@@ -122,7 +123,7 @@ fn a_watch_makes_the_rest_too_also_of_a_graph_that_was_whole() {
     assert_eq!((run.state("big"), run.state("combed")), ("computed", "skipped"), "{run:?}");
     assert_eq!(run.done["ok"], false);
     assert_eq!(project.outputs().into_keys().collect::<Vec<_>>(), ["big.ply"]);
-    // The node gets a type that there is, and again one that there is not, with a change of the rest.
+    // The node gets a known type and later an unknown type again, with other changes at the same time.
     let whole = GRAPH
         .replace("HairStrands(on: \"ball\")", "Transform(mesh: \"ball\", scale: (1.0, 2.0, 1.0))");
     project.save(&whole);
@@ -135,7 +136,7 @@ fn a_watch_makes_the_rest_too_also_of_a_graph_that_was_whole() {
     assert_eq!((run.state("big"), run.state("combed")), ("computed", "skipped"), "{run:?}");
     assert!(run.problems.to_string().contains("the pack `hair` 0.3"), "{run:?}");
     let outputs = project.outputs();
-    // What cannot be made anew stays as it was.
+    // The output that depends on the unknown node keeps its old file.
     assert_eq!(outputs["hair.obj"], before["hair.obj"]);
     assert_ne!(outputs["big.ply"], before["big.ply"]);
 }

@@ -1,11 +1,11 @@
-//! Quick fixes that add what a node needs.
+//! Quick fixes that add the missing fields of a node.
 
 use serde_json::{Value as Json, json};
 
 use super::Place;
-use super::editor::{Editor, edited, uri};
+use super::editor::{Editor, apply_edits, uri};
 
-/// The titles of the fixes at a node, and the text behind each.
+/// Returns the titles of the quick fixes in a text, each with the text after the fix.
 fn fixes(editor: &mut Editor, place: &Place, text: &str) -> Vec<(String, String)> {
     let path = place.path("x.ron");
     editor.open(&path, text);
@@ -19,7 +19,7 @@ fn fixes(editor: &mut Editor, place: &Place, text: &str) -> Vec<(String, String)
         .unwrap()
         .iter()
         .map(|it| {
-            let text = edited(text, &it["edit"]["changes"][uri(&path)]);
+            let text = apply_edits(text, &it["edit"]["changes"][uri(&path)]);
             (it["title"].as_str().unwrap().to_owned(), text)
         })
         .collect()
@@ -31,7 +31,7 @@ fn graph(nodes: &str) -> String {
     )
 }
 
-/// Checks the titles, and that of each text that is no empty link the program finds no mistake.
+/// Checks the titles of the fixes. Each fixed text must also have no errors, unless the fix inserts an empty link.
 #[track_caller]
 fn check(nodes: &str, titles: &[&str]) {
     let place = Place::new(&[]);
@@ -41,7 +41,7 @@ fn check(nodes: &str, titles: &[&str]) {
     for (title, text) in found.iter().filter(|(title, _)| !title.contains("\"\"")) {
         place.write("x.ron", text);
         let told: Json = serde_json::from_str(&place.run(&["check", "x.ron", "--json"])).unwrap();
-        // What is not used is a warning.
+        // An unused node is only a warning, so only errors count.
         let problems = told["problems"].as_array().unwrap().iter();
         let errors: Vec<_> = problems.filter(|it| it["severity"] == "error").collect();
         assert!(errors.is_empty(), "{title}: {errors:?} in {text}");
@@ -54,7 +54,7 @@ fn a_port_that_is_missing_is_added_with_each_link_that_fits() {
         format!("\"{name}\": Primitive(shape: Sphere(radius: 1.0)),")
     }
     let (a, b) = (ball("a"), ball("b"));
-    // One answer, then several, then none.
+    // The first graph has one possible link, the second has several, and the third has none.
     check(&format!("{a} \"x\": Transform(scale: (2, 2, 2))"), &["Write `mesh: \"a\",`"]);
     check(
         &format!("{a} {b} \"x\": Transform(scale: (2, 2, 2))"),

@@ -1,4 +1,4 @@
-//! What is proposed while somebody writes.
+//! Completions while the user types.
 
 use serde_json::json;
 
@@ -11,10 +11,10 @@ fn completion_proposes_what_fits() {
     let place = face();
     let path = place.path("new.ron");
     let mut editor = place.editor();
-    // What has been written, where, what is among the first five, and what is not there.
+    // Checks the completions at the end of a text: labels that must be among the first five, and labels that must not be proposed.
     let check = |editor: &mut Editor, text: &str, wanted: &[&str], not: &[&str]| {
         editor.open(&path, text);
-        let found = editor.proposed(&path, text, text);
+        let found = editor.complete_at(&path, text, text);
         let first: Vec<_> = found.iter().take(5).map(String::as_str).collect();
         for wanted in wanted {
             assert!(first.contains(wanted), "{wanted} in {found:?} behind {text}");
@@ -82,7 +82,7 @@ fn completion_proposes_what_fits() {
     );
     let check = |editor: &mut Editor, text: &str, wanted: &[&str]| {
         editor.open(&path, text);
-        let found = editor.proposed(&path, text, text);
+        let found = editor.complete_at(&path, text, text);
         wanted.iter().for_each(|wanted| {
             assert!(
                 found.iter().take(5).any(|it| it == wanted),
@@ -107,13 +107,13 @@ fn functions_of_expressions_are_proposed_and_their_parentheses_written_once() {
     let path = place.path("new.ron");
     let mut editor = place.editor();
     let head = "Graph(params: { \"growth\": Number(default: 1.0, unit: \"mm\") }, nodes: { \"ball\": ReadMesh(path: \"ball.obj\"), \"a\": Transform(mesh: \"ball\", translate: (0, Expr(\"";
-    // What is proposed at the bar, with what is written.
+    // Returns the completions at the bar `|`: labels and inserted texts.
     let mut proposed = |text: &str| {
         let (before, behind) = text.split_once('|').unwrap();
         let whole = format!("{head}{before}{behind}");
         editor.open(&path, &whole);
         let mark = format!("{head}{before}");
-        let found = editor.at("textDocument/completion", &path, &whole, &mark);
+        let found = editor.ask_at("textDocument/completion", &path, &whole, &mark);
         let items = found["items"].as_array().unwrap().iter();
         fn word(json: &serde_json::Value) -> String {
             json.as_str().unwrap().to_owned()
@@ -140,7 +140,7 @@ fn functions_of_expressions_are_proposed_and_their_parentheses_written_once() {
             let (label, written) = &proposed(&text)[0];
             assert_eq!((&label[..], &written[..]), (name, &format!("{name}($0)")[..]), "{text}");
         }
-        // It is called already.
+        // The text already has a parenthesis after the name, so only the name is inserted.
         for text in
             [format!("{name}|(growth)\"), 0))"), format!("1 + {}|{} (2)", &name[..1], &name[1..])]
         {
@@ -169,9 +169,9 @@ fn completion_bears_every_cut() {
         for at in (0..text.len()).filter(|&at| text.is_char_boundary(at)).step_by(step) {
             let cut = &text[..at];
             editor.open(path, cut);
-            let found = editor.proposed(path, cut, cut);
+            let found = editor.complete_at(path, cut, cut);
             asked += 1;
-            // The word that is being written is among the first five once half of it is there.
+            // Of the words that are at least half typed, nearly all must be among the first five completions.
             let typed =
                 cut.chars().rev().take_while(|c| c.is_alphanumeric() || "-_.".contains(*c)).count();
             let rest = text[at..]
@@ -193,7 +193,7 @@ fn completion_bears_every_cut() {
     assert!(named * step > 1_500 && 100 * met >= 97 * named, "{met} of {named}");
 }
 
-/// Texts that somebody has not finished: without an end somewhere, in the middle of other lines, with letters of several units.
+/// Unfinished texts: strings, brackets or comments without an end, various line endings, and characters with several UTF-16 units.
 const BROKEN: [&str; 9] = [
     "Graph(\n    format: 1,\n    nodes: {\n        \"b\": Primitive(shape: Sphere(radius: 2.0)),\n        \"s\": Subdivide(mesh: \"\n        \"t\": Subdivide(mesh: \"b\", levels: 1),\n    },\n    outputs: { \"b.ply\": \"t\" },\n)\n",
     "Graph(format: 1, params: { \"g\": Number(default: 1.0) },\n nodes: {\n  \"b\": Primitive(shape: Sphere(radius: Expr(\"g * \n  \"t\": Subdivide(mesh: \"b\"),\n })\n",
@@ -243,7 +243,7 @@ fn every_completion_changes_its_own_line_around_the_cursor_only() {
                         is_of_line && start <= column && column <= end,
                         "{item} at {position} of {text:?}"
                     );
-                    // What is replaced is a word or the inside of a text, never a bracket or a quote.
+                    // The replaced range is a word or the inside of a string, and never contains a bracket or a quote.
                     let units = Vec::from_iter(content.encode_utf16());
                     let replaced = String::from_utf16(&units[start..end]).unwrap();
                     let is_kept = |c: char| "(){}[]:\"".contains(c);
@@ -261,16 +261,16 @@ fn a_node_comes_with_its_required_ports_and_is_found_by_other_words() {
     let place = face();
     let path = place.path("new.ron");
     let mut editor = place.editor();
-    fn first(typed: &str, editor: &mut Editor, path: &std::path::Path) -> serde_json::Value {
+    fn first_item(typed: &str, editor: &mut Editor, path: &std::path::Path) -> serde_json::Value {
         let text = format!("Graph(nodes: {{ \"a\": {typed}");
         editor.open(path, &text);
-        let found = editor.at("textDocument/completion", path, &text, &text);
+        let found = editor.ask_at("textDocument/completion", path, &text, &text);
         found["items"][0].clone()
     }
-    let item = first("Decim", &mut editor, &path);
+    let item = first_item("Decim", &mut editor, &path);
     assert_eq!((&item["label"], &item["filterText"]), (&"Simplify".into(), &"Decim".into()));
     assert_eq!(item["textEdit"]["newText"], "Simplify(mesh: \"$0\")");
-    let item = first("Merg", &mut editor, &path);
+    let item = first_item("Merg", &mut editor, &path);
     assert_eq!(item["textEdit"]["newText"], "Merge(meshes: [$0])");
     assert_eq!(item.get("filterText"), None);
 }

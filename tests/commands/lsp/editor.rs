@@ -1,4 +1,4 @@
-//! An editor without a window: it says to the language server what real ones say, in this process.
+//! A simulated editor: it sends the messages of real editors to a language server that runs in this process.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use maquette::{CacheFolder, Session, Settings};
 use maquette_lsp::{Setup, serve};
 use serde_json::{Value as Json, json};
 
-/// Only a failing test waits that long.
+/// Timeout for answers; only a failing test waits this long.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 pub(crate) struct Editor {
@@ -18,9 +18,9 @@ pub(crate) struct Editor {
     server: Option<JoinHandle<Result<(), String>>>,
     next: i32,
     version: i32,
-    /// The last diagnostics of each file, by its URI.
+    /// The latest diagnostics of each file, by its URI.
     pub(crate) told: BTreeMap<String, Vec<Json>>,
-    /// Notifications and requests of the server, by method.
+    /// All notifications and requests that the server has sent, each with its method.
     pub(crate) heard: Vec<(String, Json)>,
 }
 
@@ -51,7 +51,7 @@ impl Editor {
         let server = std::thread::spawn(move || {
             let session = Session::new(maquette_nodes::PACKS, &settings).unwrap();
             let program = PathBuf::from(env!("CARGO_BIN_EXE_maquette"));
-            serve(&theirs, Setup { session, program, words })
+            serve(&theirs, Setup { session, program, arguments: words })
         });
         let (told, heard) = (BTreeMap::new(), Vec::new());
         let mut editor =
@@ -70,7 +70,7 @@ impl Editor {
         self.send(Notification { method: method.into(), params });
     }
 
-    /// The answer to a request, or why there is none.
+    /// Sends a request and returns the answer, or its error.
     pub(crate) fn try_ask(&mut self, method: &str, params: Json) -> Result<Json, String> {
         self.next += 1;
         let id = self.next;
@@ -124,7 +124,7 @@ impl Editor {
         );
     }
 
-    /// The diagnostics of this file for the text that was sent last.
+    /// Waits for the diagnostics of this file for the text that was sent last.
     pub(crate) fn diagnostics(&mut self, path: &Path) -> Vec<Json> {
         let start = Instant::now();
         loop {
@@ -142,7 +142,7 @@ impl Editor {
         }
     }
 
-    /// The diagnostics of this file as soon as there are some.
+    /// Waits until this file has diagnostics.
     pub(crate) fn some_diagnostics(&mut self, path: &Path) -> Vec<Json> {
         while self.told.get(&uri(path)).is_none_or(Vec::is_empty) {
             let message = self.receive();
@@ -161,15 +161,15 @@ impl Editor {
         }
     }
 
-    /// What is asked about the place behind the first occurrence of `mark` in a text; `|` in it is the place itself.
-    pub(crate) fn at(&mut self, method: &str, path: &Path, text: &str, mark: &str) -> Json {
+    /// Sends a request for the position that `mark` denotes: after its first occurrence in the text, or at the `|` inside of it.
+    pub(crate) fn ask_at(&mut self, method: &str, path: &Path, text: &str, mark: &str) -> Json {
         let params = place(path, text, mark);
         self.ask(method, params)
     }
 
-    /// The labels that are proposed.
-    pub(crate) fn proposed(&mut self, path: &Path, text: &str, mark: &str) -> Vec<String> {
-        let found = self.at("textDocument/completion", path, text, mark);
+    /// Returns the labels of the completions at the position that `mark` denotes.
+    pub(crate) fn complete_at(&mut self, path: &Path, text: &str, mark: &str) -> Vec<String> {
+        let found = self.ask_at("textDocument/completion", path, text, mark);
         let items = found["items"].as_array().into_iter().flatten();
         items.map(|item| item["label"].as_str().unwrap().to_owned()).collect()
     }
@@ -191,7 +191,7 @@ pub(crate) fn uri(path: &Path) -> String {
     format!("file://{}", path.display())
 }
 
-/// The line and column of a place in a text, in UTF-16.
+/// Returns the line and column (in UTF-16 units) of a byte offset.
 pub(crate) fn position(text: &str, at: usize) -> Json {
     let before = &text[..at];
     let line = before.matches('\n').count();
@@ -206,8 +206,8 @@ pub(crate) fn place(path: &Path, text: &str, mark: &str) -> Json {
     json!({ "textDocument": { "uri": uri(path) }, "position": position(text, start + before.len()) })
 }
 
-/// A text after the edits of a workspace edit or a list of edits for it.
-pub(crate) fn edited(text: &str, edits: &Json) -> String {
+/// Applies a list of text edits to a text.
+pub(crate) fn apply_edits(text: &str, edits: &Json) -> String {
     fn byte(position: &Json, text: &str) -> usize {
         let (line, column) =
             (position["line"].as_u64().unwrap(), position["character"].as_u64().unwrap());

@@ -1,18 +1,18 @@
-//! What an editor writes into a text that is not in order yet: an edit stays on its line and takes away nothing beside it.
+//! Edits in texts with syntax errors: an edit stays on its line and removes nothing else.
 //!
-//! `PROPTEST_RNG_SEED` chooses the positions that are tried in large texts.
+//! `PROPTEST_RNG_SEED` selects the positions that are tried in large texts.
 
 use std::path::Path;
 
 use serde_json::{Value as Json, json};
 
-use super::editor::{Editor, edited, uri};
+use super::editor::{Editor, apply_edits, uri};
 use super::{GRAPHS, Place, face, files};
 
-/// All positions of texts up to this length are tried.
+/// Maximum length in bytes of a text of which all positions are tried.
 const SMALL: usize = 700;
 
-/// So many positions of a large text are tried.
+/// Number of positions that are tried in a longer text.
 const SAMPLES: usize = 6;
 
 const TEXT: &str = r##"Graph(
@@ -33,13 +33,13 @@ const TEXT: &str = r##"Graph(
 struct Random(u64);
 
 impl Random {
-    fn below(&mut self, end: usize) -> usize {
+    fn next_below(&mut self, end: usize) -> usize {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
         (self.0 >> 33) as usize % end.max(1)
     }
 }
 
-/// A text with its lines, as editors see them: each with its end.
+/// Splits a text into lines as editors do; each line includes its line ending.
 fn lines(text: &str) -> Vec<&str> {
     let (mut lines, mut start) = (Vec::new(), 0);
     for (at, c) in text.char_indices() {
@@ -57,7 +57,7 @@ fn without_end(line: &str) -> &str {
     line.trim_end_matches(['\r', '\n'])
 }
 
-/// The byte of a column, which must be one of this line.
+/// Converts a column in UTF-16 units to a byte offset. The column must be on this line.
 fn column(line: &str, units: u64) -> usize {
     let line = without_end(line);
     let mut passed = 0;
@@ -71,8 +71,8 @@ fn column(line: &str, units: u64) -> usize {
     line.len()
 }
 
-/// The text after an edit that must stay on this line and contain this column.
-fn applied(lines: &[&str], edit: &Json, line: usize, at: u64) -> String {
+/// Applies an edit, which must stay on line `line` and contain column `at`.
+fn apply_edit(lines: &[&str], edit: &Json, line: usize, at: u64) -> String {
     let range = &edit["range"];
     fn number(path: &str, range: &Json) -> u64 {
         range.pointer(path).and_then(Json::as_u64).unwrap()
@@ -83,7 +83,7 @@ fn applied(lines: &[&str], edit: &Json, line: usize, at: u64) -> String {
     assert!(start <= at && at <= end, "{start}..{end} does not contain {at}");
     let old = lines[line];
     let (start, end) = (column(old, start), column(old, end));
-    // What is replaced is a word, or inside of quotes.
+    // The edit must not remove a quote.
     let gone = &old[start..end];
     assert!(!gone.contains('"') || gone.contains('\\'), "`{gone}` is taken away");
     let new = edit["newText"].as_str().unwrap();
@@ -91,7 +91,7 @@ fn applied(lines: &[&str], edit: &Json, line: usize, at: u64) -> String {
     format!("{before}{}{new}{}{behind}", &old[..start], &old[end..])
 }
 
-/// Applies all completions at a position. Returns how many there are.
+/// Applies each completion at a position separately. Returns the number of completions.
 fn complete(editor: &mut Editor, path: &Path, text: &str, at: usize) -> usize {
     let (lines, mut line, mut start) = (lines(text), 0, 0);
     while start + lines[line].len() <= at && line + 1 < lines.len() {
@@ -102,13 +102,13 @@ fn complete(editor: &mut Editor, path: &Path, text: &str, at: usize) -> usize {
     let position = json!({ "line": line, "character": units });
     let asked = json!({ "textDocument": { "uri": uri(path) }, "position": position });
     let found = editor.ask("textDocument/completion", asked);
-    // What is no file of ours has none.
+    // A file that is not of maquette gets no completions.
     let items = found["items"].as_array().map_or(&[][..], Vec::as_slice);
     for item in items {
         assert!(item.get("additionalTextEdits").is_none(), "{item}");
         assert!(!item["label"].as_str().unwrap().contains(['\n', '\r']), "{item}");
-        let new = applied(&lines, &item["textEdit"], line, units);
-        // All around the line is as it was, and on it what is before and behind the range.
+        let new = apply_edit(&lines, &item["textEdit"], line, units);
+        // Everything before and after the line is unchanged.
         let (before, behind) = (&text[..start], &text[start + lines[line].len()..]);
         assert!(before.len() + behind.len() <= new.len());
         assert!(new.starts_with(before) && new.ends_with(behind));
@@ -116,14 +116,14 @@ fn complete(editor: &mut Editor, path: &Path, text: &str, at: usize) -> usize {
     items.len()
 }
 
-/// Says at which position of which text a law is broken.
-struct Told<'a> {
+/// The text and position that are tested. If the test fails, they are printed.
+struct Case<'a> {
     seed: u64,
     text: &'a str,
     at: usize,
 }
 
-impl Drop for Told<'_> {
+impl Drop for Case<'_> {
     #[expect(clippy::print_stdout, reason = "says which case failed")]
     fn drop(&mut self) {
         if std::thread::panicking() {
@@ -142,32 +142,34 @@ fn boundaries(text: &str) -> Vec<usize> {
         .collect()
 }
 
-/// The byte of each of some letters.
+/// Returns the byte offsets of all occurrences of these letters.
 fn places_of(text: &str, letters: &[char]) -> Vec<usize> {
     text.match_indices(letters).map(|(at, _)| at).collect()
 }
 
-fn without(text: &str, at: usize) -> String {
+fn remove_char(text: &str, at: usize) -> String {
     let mut text = text.to_owned();
     text.remove(at);
     text
 }
 
-/// Texts that are not in order.
-fn broken(text: &str, random: &mut Random, all: bool) -> Vec<String> {
+/// Returns versions of a text with syntax errors.
+fn damaged_texts(text: &str, random: &mut Random, all: bool) -> Vec<String> {
     let mut texts = vec![text.to_owned(), text.trim_end().to_owned()];
     for letters in [&['"'][..], &['(', ')', '[', ']', '{', '}']] {
         let places = places_of(text, letters);
         match all {
-            true => texts.extend(places.iter().map(|&at| without(text, at))),
+            true => texts.extend(places.iter().map(|&at| remove_char(text, at))),
             false => {
-                texts.extend(places.get(random.below(places.len())).map(|&at| without(text, at)));
+                texts.extend(
+                    places.get(random.next_below(places.len())).map(|&at| remove_char(text, at)),
+                );
             }
         }
     }
     let cuts = boundaries(text);
     let count = if all { 12 } else { 1 };
-    texts.extend((0..count).map(|_| text[..cuts[random.below(cuts.len())]].to_owned()));
+    texts.extend((0..count).map(|_| text[..cuts[random.next_below(cuts.len())]].to_owned()));
     texts
 }
 
@@ -184,15 +186,15 @@ fn a_completion_changes_its_line_alone_in_any_text() {
         editor.open(&path, text);
         let mut at = boundaries(text);
         while samples < at.len() {
-            at.swap_remove(random.below(at.len()));
+            at.swap_remove(random.next_below(at.len()));
         }
         for at in at {
-            let _told = Told { seed, text, at };
+            let _told = Case { seed, text, at };
             found += complete(&mut editor, &path, text, at);
             asked += 1;
         }
     };
-    // Small texts at all positions.
+    // Small texts are tried at all positions.
     for text in [
         "",
         "\n",
@@ -214,17 +216,17 @@ fn a_completion_changes_its_line_alone_in_any_text() {
         assert!(text.len() <= SMALL);
         check(text, &mut random, usize::MAX);
     }
-    // One text in all its broken forms, with all ends of lines.
+    // One text is tried in all its damaged versions, with all kinds of line endings.
     for ends in ["\n", "\r\n", "\r"] {
-        for text in broken(&TEXT.replace('\n', ends), &mut random, true) {
+        for text in damaged_texts(&TEXT.replace('\n', ends), &mut random, true) {
             check(&text, &mut random, SAMPLES);
         }
     }
     let mut graphs = Vec::new();
     files(&std::fs::canonicalize(GRAPHS).unwrap(), &mut graphs);
-    for graph in graphs.iter().skip(random.below(9)).step_by(9) {
+    for graph in graphs.iter().skip(random.next_below(9)).step_by(9) {
         let text = std::fs::read_to_string(graph).unwrap();
-        for text in broken(&text, &mut random, false) {
+        for text in damaged_texts(&text, &mut random, false) {
             check(&text, &mut random, SAMPLES);
         }
     }
@@ -236,7 +238,7 @@ fn a_completion_in_a_string_without_an_end_leaves_the_lines_behind_it() {
     let place = face();
     let path = place.path("new.ron");
     let mut editor = place.editor();
-    // What a proposal of this name makes of a text, at the mark.
+    // Checks the text that results from the completion with this label at the `|`.
     fn check(text: &str, label: &str, expected: &str, editor: &mut Editor, path: &Path) {
         let at = text.find('|').unwrap();
         let text = text.replacen('|', "", 1);
@@ -244,11 +246,14 @@ fn a_completion_in_a_string_without_an_end_leaves_the_lines_behind_it() {
         let (line, start) =
             (text[..at].matches('\n').count(), text[..at].rfind('\n').map_or(0, |at| at + 1));
         let position = json!({ "line": line, "character": at - start });
-        let asked = json!({ "textDocument": { "uri": uri(&path) }, "position": position });
+        let asked = json!({ "textDocument": { "uri": uri(path) }, "position": position });
         let found = editor.ask("textDocument/completion", asked);
         let item = found["items"].as_array().unwrap().iter().find(|item| item["label"] == label);
         let item = item.unwrap_or_else(|| panic!("no `{label}` in {found}"));
-        assert_eq!(applied(&lines(&text), &item["textEdit"], line, (at - start) as u64), expected);
+        assert_eq!(
+            apply_edit(&lines(&text), &item["textEdit"], line, (at - start) as u64),
+            expected
+        );
     }
     let head =
         "Graph(params: { \"g\": Number(default: 1.0) }, nodes: { \"b\": ReadMesh(path: \"x\"),\n";
@@ -280,7 +285,7 @@ fn a_completion_in_a_string_without_an_end_leaves_the_lines_behind_it() {
         "g",
         "\"s\": Transform(scale: Expr(\"2 *\ng\n + 3\")),",
     );
-    // The lines behind a string without an end are read as what they are.
+    // The lines after a string without an end are parsed normally.
     check(
         "\"s\": Subdivide(mesh: \"\n), \"u\": Subdivide(mesh: \"|\"),",
         "b",
@@ -288,7 +293,7 @@ fn a_completion_in_a_string_without_an_end_leaves_the_lines_behind_it() {
     );
 }
 
-/// Fixes, names and the layout of texts that are not in order.
+/// Tests quick fixes, renaming and formatting in texts with syntax errors.
 #[test]
 fn other_edits_of_broken_texts_leave_their_lines_too() {
     let place = Place::new(&[]);
@@ -297,7 +302,7 @@ fn other_edits_of_broken_texts_leave_their_lines_too() {
     let mut random = Random(20_070_115);
     for ends in ["\n", "\r\n", "\r"] {
         let whole = TEXT.replace('\n', ends);
-        for text in broken(&whole, &mut random, true) {
+        for text in damaged_texts(&whole, &mut random, true) {
             editor.open(&path, &text);
             let lines = lines(&text);
             let file = json!({ "uri": uri(&path) });
@@ -325,18 +330,18 @@ fn other_edits_of_broken_texts_leave_their_lines_too() {
                 for edit in found["changes"][uri(&path)].as_array().unwrap() {
                     let line = edit["range"]["start"]["line"].as_u64().unwrap() as usize;
                     let from = edit["range"]["start"]["character"].as_u64().unwrap();
-                    drop(applied(&lines, edit, line, from));
+                    drop(apply_edit(&lines, edit, line, from));
                 }
             }
-            // A new layout moves what is there, and leaves nothing out. What cannot be read has none.
+            // Formatting moves existing text and removes none. It leaves a text with syntax errors unchanged.
             let asked =
                 json!({ "textDocument": file, "options": { "tabSize": 4, "insertSpaces": true } });
             let edits = editor.ask("textDocument/formatting", asked);
             if ends == "\n" {
-                fn kept(text: &str) -> String {
+                fn letters(text: &str) -> String {
                     text.chars().filter(|c| !c.is_whitespace() && *c != ',').collect::<String>()
                 }
-                assert_eq!(kept(&edited(&text, &edits)), kept(&text));
+                assert_eq!(letters(&apply_edits(&text, &edits)), letters(&text));
             }
         }
     }

@@ -1,16 +1,16 @@
-//! Whatever an editor does in whatever order, the server says what one says that has just begun.
+//! After any sequence of edits, the server gives the same answers as a new server.
 
 use serde_json::{Value as Json, json};
 
 use super::editor::{Editor, uri};
 use super::{FACE, NOSE, Place, face};
 
-/// So many steps in one editor.
+/// Number of steps with one server.
 const STEPS: usize = 150;
 
 const FILES: [&str; 3] = ["face.ron", "lib/nose.ron", "big.ron"];
 
-/// What a file may say, right and wrong.
+/// Returns possible contents of a file, valid and invalid ones.
 fn texts(file: &str) -> Vec<String> {
     match file {
         "face.ron" => vec![
@@ -33,9 +33,9 @@ fn texts(file: &str) -> Vec<String> {
     }
 }
 
-/// Problems of all files, and where a few names lead.
-fn said(editor: &mut Editor, place: &Place, open: &[(usize, String)]) -> Json {
-    // Files are told in the order of their paths: with the last one, all are.
+/// Returns the diagnostics of all files, and the answers to requests at a few positions.
+fn diagnostics(editor: &mut Editor, place: &Place, open: &[(usize, String)]) -> Json {
+    // Diagnostics arrive in the order of paths, so once those of the last file arrive, all others have arrived.
     let last = place.path("zz.ron");
     editor.open(&last, "Graph(format: 1, nodes: {}, outputs: {})");
     editor.diagnostics(&last);
@@ -99,7 +99,8 @@ fn any_order_of_edits_leads_where_a_new_server_begins() {
         if step % 10 == 9 && !open.is_empty() {
             let mut fresh = place.editor();
             open.iter().for_each(|(file, text)| fresh.open(&place.path(FILES[*file]), text));
-            let (now, new) = (said(&mut editor, &place, &open), said(&mut fresh, &place, &open));
+            let (now, new) =
+                (diagnostics(&mut editor, &place, &open), diagnostics(&mut fresh, &place, &open));
             assert_eq!(now, new, "step {step}");
         }
     }

@@ -1,4 +1,4 @@
-//! What an editor writes into a file has the ends of its lines, whichever they are.
+//! New text in edits has the line endings of the file.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use super::{FACE, Place, face};
 
 const ENDS: [&str; 3] = ["\n", "\r\n", "\r"];
 
-/// Every new text in an answer.
+/// Collects all new texts in an answer.
 fn new_texts<'a>(answer: &'a Json, found: &mut Vec<&'a str>) {
     match answer {
         Json::Object(fields) => {
@@ -21,7 +21,7 @@ fn new_texts<'a>(answer: &'a Json, found: &mut Vec<&'a str>) {
     }
 }
 
-/// Checks the ends of lines in all new texts of an answer, and returns how many there are.
+/// Checks the line endings in all new texts of an answer, and returns the number of these line endings.
 #[track_caller]
 fn check(answer: &Json, end: &str) -> usize {
     let mut texts = Vec::new();
@@ -35,7 +35,7 @@ fn check(answer: &Json, end: &str) -> usize {
     count
 }
 
-fn whole(path: &Path, text: &str) -> Json {
+fn replace_all(path: &Path, text: &str) -> Json {
     let lines = text.replace("\r\n", "\n").replace('\r', "\n").matches('\n').count();
     let range =
         json!({ "start": { "line": 0, "character": 0 }, "end": { "line": lines, "character": 0 } });
@@ -53,14 +53,14 @@ fn new_lines_end_as_the_lines_of_the_file() {
         let place = face();
         let path = place.path("face.ron");
         let text = FACE.replace("levels: 1", "levls: 1").replace(", lift:", ",\n  lift:");
-        // A line comment goes on to the next line feed.
+        // A line comment ends only at a line feed, so a text with `\r` alone cannot have any.
         let text = if end == "\r" { without_comments(&text) } else { text };
         let text = text.replace('\n', end);
         let mut editor = place.editor();
         editor.open(&path, &text);
         let mut count = 0;
         for method in ["formatting", "rangeFormatting", "codeAction"] {
-            let answer = editor.ask(&format!("textDocument/{method}"), whole(&path, &text));
+            let answer = editor.ask(&format!("textDocument/{method}"), replace_all(&path, &text));
             count += check(&answer, end);
         }
         assert!(count > 0, "nothing with a line end is written: {end:?}");
@@ -87,7 +87,7 @@ fn a_formatted_file_has_the_ends_that_it_had() {
             !rest.contains(['\n', '\r']) && formatted.matches(end).count() > 5,
             "{formatted:?}"
         );
-        place.run(&["set", "x.ron", "a.shape=Sphere(radius: 2.0)"]);
+        place.run(&["edit", "x.ron", "set", "a.shape=Sphere(radius: 2.0)"]);
         let rest = std::fs::read_to_string(&path).unwrap().replace(end, "");
         assert!(rest.contains("2.0") && !rest.contains(['\n', '\r']), "{rest:?}");
     }

@@ -1,10 +1,10 @@
-//! Where names lead, and what a new one changes.
+//! Definitions of names, and their renaming.
 
 use std::path::Path;
 
 use serde_json::{Value as Json, json};
 
-use super::editor::{Editor, edited, place as place_of, position, uri};
+use super::editor::{Editor, apply_edits, place as place_of, position, uri};
 use super::{FACE, NOSE, face};
 
 #[test]
@@ -15,7 +15,7 @@ fn definitions_and_references_lead_through_files() {
     editor.open(&path, FACE);
     let nose = uri(&place.path("lib/nose.ron"));
     let mut check = |mark: &str, file: &str, at: &str, text: &str| {
-        let found = editor.at("textDocument/definition", &path, FACE, mark);
+        let found = editor.ask_at("textDocument/definition", &path, FACE, mark);
         assert_eq!(found[0]["uri"], file, "{mark}: {found}");
         let wanted = position(text, text.find(at).unwrap());
         assert_eq!(found[0]["range"]["start"], wanted, "{mark}: {found}");
@@ -85,7 +85,7 @@ fn a_new_name_changes_names_alone_in_all_files() {
         for name in all {
             let Some(edits) = changes.get(uri(&place.path(name))) else { continue };
             let old = read(name, &place);
-            let new = edited(&old, edits);
+            let new = apply_edits(&old, edits);
             grown += new.len() as i64 - old.len() as i64;
             files += 1;
             place.write(name, &new);
@@ -109,7 +109,7 @@ fn a_new_name_changes_names_alone_in_all_files() {
     check("lib/nose.ron", "inputs: { \"wh|at\"", "the-mesh", 4 * 4);
     check("face.ron", "the_m|esh: \"ball\", raise", "some_mesh", 4);
     assert_eq!(keys(&place), before);
-    // What cannot be is said.
+    // A rename that is not possible is refused with a reason.
     let text = read("face.ron", &place);
     let mut refused = |mark: &str, to: &str, wanted: &str| {
         let mut asked = place_of(&place.path("face.ron"), &text, mark);
@@ -157,7 +157,7 @@ fn names_in_the_groups_of_a_for_each_are_followed() {
         asked["newName"] = "the-lift".into();
         let changes = editor.ask("textDocument/rename", asked)["changes"].clone();
         for (name, old) in [("each.test.ron", test), ("patch.ron", patch)] {
-            let new = edited(&old, &changes[uri(&place.path(name))]);
+            let new = apply_edits(&old, &changes[uri(&place.path(name))]);
             assert_eq!(new, old.replace("lift", "the_lift"), "{name}: {changes}");
         }
     }
@@ -185,7 +185,7 @@ fn names_in_sweeps_are_followed() {
         let mut asked = place_of(&place.path("face.ron"), &text, mark);
         asked["newName"] = to.into();
         let changes = editor.ask("textDocument/rename", asked)["changes"].clone();
-        edited(sweep, &changes[uri(&place.path("face.sweep.ron"))])
+        apply_edits(sweep, &changes[uri(&place.path("face.sweep.ron"))])
     };
     let new = renamed("\"gro|wth\": Num", "size");
     let expected =

@@ -1,11 +1,11 @@
-//! Every kind of message gets an answer, whatever one of its fields is.
+//! The server answers each kind of message, whatever the values of its fields.
 
 use serde_json::{Value as Json, json};
 
 use super::editor::{Editor, uri};
 use super::{FACE, Place, face};
 
-/// The places of all fields and items in a value, and of the value itself.
+/// Collects the JSON pointers of all fields and items in a value, and of the value itself.
 fn places(value: &Json, at: String, found: &mut Vec<String>) {
     match value {
         Json::Object(fields) => {
@@ -42,7 +42,7 @@ fn odd_values() -> Vec<Json> {
     ]
 }
 
-/// The requests that are known, with fields as editors send them.
+/// The requests that the server knows, with fields as editors send them.
 fn requests(place: &Place) -> Vec<(&'static str, Json)> {
     let document = json!({ "uri": uri(&place.path("face.ron")) });
     let start = json!({ "line": 6, "character": 12 });
@@ -50,7 +50,7 @@ fn requests(place: &Place) -> Vec<(&'static str, Json)> {
     let at = json!({ "textDocument": document, "position": start });
     let of = json!({ "textDocument": document });
     let of_range = json!({ "textDocument": document, "range": range });
-    fn with(base: &Json, name: &str, value: Json) -> Json {
+    fn with_field(base: &Json, name: &str, value: Json) -> Json {
         let mut all = base.clone();
         all[name] = value;
         all
@@ -59,22 +59,22 @@ fn requests(place: &Place) -> Vec<(&'static str, Json)> {
     let refactor = json!({ "title": "x", "kind": "refactor.extract", "data": { "extract": { "uri": document["uri"], "nodes": ["smooth"] } } });
     let stop = json!({ "command": "maquette.stop", "arguments": [document["uri"], "smooth"], "workDoneToken": 1 });
     vec![
-        ("textDocument/completion", with(&at, "context", context.clone())),
+        ("textDocument/completion", with_field(&at, "context", context.clone())),
         ("textDocument/hover", at.clone()),
         ("textDocument/signatureHelp", at.clone()),
         ("textDocument/definition", at.clone()),
-        ("textDocument/references", with(&at, "context", context.clone())),
+        ("textDocument/references", with_field(&at, "context", context.clone())),
         ("textDocument/documentHighlight", at.clone()),
         ("textDocument/prepareRename", at.clone()),
-        ("textDocument/rename", with(&at, "newName", json!("other"))),
+        ("textDocument/rename", with_field(&at, "newName", json!("other"))),
         ("textDocument/documentSymbol", of.clone()),
         ("workspace/symbol", json!({ "query": "smooth" })),
         ("textDocument/foldingRange", of.clone()),
-        ("textDocument/selectionRange", with(&of, "positions", json!([start]))),
+        ("textDocument/selectionRange", with_field(&of, "positions", json!([start]))),
         ("textDocument/documentColor", of.clone()),
         (
             "textDocument/colorPresentation",
-            with(
+            with_field(
                 &of_range,
                 "color",
                 json!({ "red": 0.5, "green": 0.5, "blue": 0.5, "alpha": 1.0 }),
@@ -85,13 +85,13 @@ fn requests(place: &Place) -> Vec<(&'static str, Json)> {
         ("textDocument/semanticTokens/range", of_range.clone()),
         ("textDocument/inlayHint", of_range.clone()),
         ("textDocument/codeLens", of.clone()),
-        ("textDocument/codeAction", with(&of_range, "context", context)),
+        ("textDocument/codeAction", with_field(&of_range, "context", context)),
         ("codeAction/resolve", refactor),
         (
             "textDocument/formatting",
-            with(&of, "options", json!({ "tabSize": 4, "insertSpaces": true })),
+            with_field(&of, "options", json!({ "tabSize": 4, "insertSpaces": true })),
         ),
-        ("textDocument/rangeFormatting", with(&of_range, "options", json!({ "tabSize": 4 }))),
+        ("textDocument/rangeFormatting", with_field(&of_range, "options", json!({ "tabSize": 4 }))),
         ("workspace/executeCommand", stop),
         ("no/such/method", of),
     ]
@@ -129,7 +129,7 @@ fn notifications(place: &Place) -> Vec<(&'static str, Json)> {
     ]
 }
 
-/// Calls with each message in which one field is odd.
+/// Calls `send` with copies of a message in which one field has an unexpected value.
 fn for_each_odd(params: &Json, mut send: impl FnMut(Json)) {
     let mut all = Vec::new();
     places(params, String::new(), &mut all);
@@ -160,7 +160,7 @@ fn every_request_with_an_odd_field_is_answered() {
             check_answer(method, &params, &answer);
             count += 1;
         });
-        // Nothing of it stays.
+        // The unexpected messages leave the server able to answer.
         let hover = json!({ "textDocument": { "uri": uri(&place.path("face.ron")) }, "position": { "line": 0, "character": 2 } });
         assert!(editor.try_ask("textDocument/hover", hover).is_ok(), "behind {method}");
     }

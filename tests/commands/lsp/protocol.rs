@@ -1,4 +1,4 @@
-//! What the server answers over stdin and stdout, whatever an editor sends.
+//! The messages of the server over stdin and stdout, for valid and invalid input.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
@@ -7,13 +7,13 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value as Json, json};
 
-use super::editor::{Editor, edited, uri};
+use super::editor::{Editor, apply_edits, uri};
 use super::{BALL, FACE, NOSE, Place, face};
 
-/// Only a failing test waits that long.
+/// Only a failing test waits this long.
 const TIMEOUT: Duration = Duration::from_secs(60);
 
-/// `maquette lsp`, and what it says.
+/// A process `maquette lsp`, and the messages that it has sent.
 struct Server {
     process: Child,
     input: Option<ChildStdin>,
@@ -22,10 +22,10 @@ struct Server {
 
 impl Server {
     fn start(place: &Place) -> Self {
-        Self::with(place, &[])
+        Self::start_with(place, &[])
     }
 
-    fn with(place: &Place, options: &[&str]) -> Self {
+    fn start_with(place: &Place, options: &[&str]) -> Self {
         let mut process = Command::new(env!("CARGO_BIN_EXE_maquette"))
             .args(["lsp", "--no-cache"])
             .args(options)
@@ -63,7 +63,7 @@ impl Server {
         self.send(&json!({ "jsonrpc": "2.0", "method": method, "params": params }));
     }
 
-    /// The answer with this id.
+    /// Waits for the answer to the request with this id.
     fn answer(&self, id: &Json) -> Json {
         let end = Instant::now() + TIMEOUT;
         loop {
@@ -82,7 +82,7 @@ impl Server {
         self.answer(&id)
     }
 
-    fn initialized(place: &Place, params: Json) -> Self {
+    fn initialize(place: &Place, params: Json) -> Self {
         let mut server = Self::start(place);
         let answer = server.ask(0, "initialize", params);
         assert!(answer["result"]["capabilities"].is_object(), "{answer}");
@@ -90,7 +90,7 @@ impl Server {
         server
     }
 
-    /// The exit code.
+    /// Waits for the process to end and returns its exit code.
     fn end(mut self) -> Option<i32> {
         self.wait()
     }
@@ -138,7 +138,7 @@ const SHUTDOWN: &str = "shutdown";
 fn a_log_gets_all_messages_and_keeps_what_was_there() {
     let place = face();
     place.write("messages.log", "older\n");
-    let mut server = Server::with(&place, &["--log", "messages.log"]);
+    let mut server = Server::start_with(&place, &["--log", "messages.log"]);
     server.ask(7, "initialize", json!({}));
     server.ask(8, SHUTDOWN, json!(null));
     server.tell("exit", json!(null));
@@ -147,7 +147,7 @@ fn a_log_gets_all_messages_and_keeps_what_was_there() {
     let log = std::fs::read_to_string(place.path("messages.log")).unwrap();
     let lines: Vec<_> = log.lines().collect();
     assert_eq!(lines[0], "older");
-    fn said(who: &str, what: &str, lines: &[&str]) -> usize {
+    fn count_lines(who: &str, what: &str, lines: &[&str]) -> usize {
         lines.iter().filter(|line| line.contains(who) && line.contains(what)).count()
     }
     for (who, what) in [
@@ -157,7 +157,7 @@ fn a_log_gets_all_messages_and_keeps_what_was_there() {
         (" server: ", "\"id\":8"),
         (" editor: ", "\"exit\""),
     ] {
-        assert_eq!(said(who, what, &lines), 1, "{who}{what}\n{log}");
+        assert_eq!(count_lines(who, what, &lines), 1, "{who}{what}\n{log}");
     }
 }
 
@@ -179,7 +179,7 @@ fn odd_fields_of_no_interest_stop_nothing() {
         (Json::Null, json!({ "roots": [null, "/nowhere"] })),
     ] {
         let params = json!({ "processId": 1e99, "rootUri": 5, "capabilities": capabilities, "initializationOptions": options });
-        let mut server = Server::initialized(&place, params);
+        let mut server = Server::initialize(&place, params);
         let document = json!({ "uri": uri(&path), "languageId": 7, "version": 1.0, "text": FACE });
         server.tell("textDocument/didOpen", json!({ "textDocument": document }));
         let document = json!({ "uri": uri(&path) });
@@ -230,23 +230,23 @@ fn what_breaks_the_protocol_is_an_error_and_the_next_request_is_answered() {
     server.tell("textDocument/didClose", json!({ "textDocument": { "uri": "file:///x" } }));
     server.tell("exit", Json::Null);
     assert_eq!(server.end(), Some(0));
-    let mut server = Server::initialized(&place, json!({}));
+    let mut server = Server::initialize(&place, json!({}));
     server.tell("exit", Json::Null);
     assert_eq!(server.end(), Some(1));
 }
 
-/// Takes long, whatever the machine.
+/// A graph that takes long to run on any machine.
 const LONG: &str = "Graph(format: 1, nodes: { \"b\": Primitive(shape: Sphere(radius: 1.0)), \"s\": Subdivide(mesh: \"b\", scheme: CatmullClark, levels: 6), \"m\": Simplify(mesh: \"s\", faces: 100) }, outputs: { \"a.ply\": \"m\" })\n";
 
-/// A server that runs a graph under the id 7.
+/// Starts a server and lets it run a graph; the request has the id 7.
 fn running(place: &Place, params: Json) -> Server {
     let path = place.path("long.ron");
-    let mut server = Server::initialized(place, params);
+    let mut server = Server::initialize(place, params);
     let document = json!({ "uri": uri(&path), "languageId": "ron", "version": 1, "text": LONG });
     server.tell("textDocument/didOpen", json!({ "textDocument": document }));
     let command = json!({ "command": "maquette.run", "arguments": [uri(&path)] });
     server.send(&json!({ "id": 7, "method": "workspace/executeCommand", "params": command }));
-    // What is asked behind it is answered when the process is there.
+    // A request that is sent later is answered only after the run's process has started.
     server.ask(8, "workspace/symbol", json!({ "query": "" }));
     server
 }
@@ -272,7 +272,7 @@ fn a_run_ends_with_its_editor_and_with_its_server() {
     }
     fn have_ended(children: &[String]) {
         let end = Instant::now() + TIMEOUT;
-        // What is left of a process that nobody waits for has no program.
+        // A process that has ended but was not waited for (a zombie) has no executable.
         while children.iter().any(|child| std::fs::read_link(Path::new(child)).is_ok()) {
             assert!(Instant::now() < end, "{children:?} still run");
             std::thread::sleep(Duration::from_millis(20));
@@ -293,7 +293,7 @@ fn a_run_ends_with_its_editor_and_with_its_server() {
     have_ended(&runs);
 }
 
-/// A server may be killed before what it runs has begun.
+/// The server may be killed before the process of its run checks that the server exists.
 #[cfg(unix)]
 #[test]
 fn a_run_ends_at_once_if_its_server_has_ended_before() {
@@ -324,7 +324,7 @@ fn files_that_change_outside_of_the_editor_are_seen() {
     let other = NOSE.replace("\"lift\"", "\"raise\"");
     check(&|| place.write("lib/nose.ron", &other), "Nose has no field `lift`");
     check(&|| std::fs::remove_file(place.path("ball.obj")).unwrap(), "there is no file `ball.obj`");
-    // A text of the same length that has the time of the one before, as `cp -p` and version control leave it.
+    // The new text has the length and the modification time of the old one, as after `cp -p` or with some version control systems.
     check(
         &|| {
             let path = place.path("lib/nose.ron");
@@ -343,9 +343,9 @@ fn an_editor_gets_what_it_says_that_it_understands() {
     let mut editor = Editor::that_can(&place.cache, json!({}), Json::Null);
     let text = FACE.replace("Subdivide(", "Subdivde(");
     editor.open(&path, &text);
-    let hover = editor.at("textDocument/hover", &path, &text, "sc|heme");
+    let hover = editor.ask_at("textDocument/hover", &path, &text, "sc|heme");
     assert!(hover["contents"]["kind"] == "plaintext" || hover.is_null(), "{hover}");
-    let hover = editor.at("textDocument/hover", &path, &text, "For|Each");
+    let hover = editor.ask_at("textDocument/hover", &path, &text, "For|Each");
     assert_eq!(hover["contents"]["kind"], "plaintext");
     assert!(!hover["contents"]["value"].as_str().unwrap().contains(['*', '`']), "{hover}");
     let document = json!({ "uri": uri(&path) });
@@ -353,7 +353,7 @@ fn an_editor_gets_what_it_says_that_it_understands() {
     assert!(symbols[0]["location"]["range"].is_object() && symbols[0].get("children").is_none());
     let found = editor.ask("workspace/symbol", json!({ "query": "smth" }));
     assert_eq!(found[0]["name"], "smooth", "{found}");
-    // Actions are commands, which have the editor make the edit.
+    // For this editor, code actions are commands, which ask the editor to apply the edit.
     let whole =
         json!({ "start": { "line": 0, "character": 0 }, "end": { "line": 99, "character": 0 } });
     let asked =
@@ -363,7 +363,7 @@ fn an_editor_gets_what_it_says_that_it_understands() {
     let action = actions.as_array().unwrap().iter().find(|it| it["command"] == "maquette.apply");
     editor.ask("workspace/executeCommand", action.unwrap().clone());
     let (_, edit) = editor.heard.iter().find(|it| it.0 == "workspace/applyEdit").unwrap();
-    assert_eq!(edited(&text, &edit["edit"]["changes"][uri(&path)]), FACE);
+    assert_eq!(apply_edits(&text, &edit["edit"]["changes"][uri(&path)]), FACE);
 }
 
 #[test]
@@ -374,7 +374,7 @@ fn settings_that_are_not_named_stay() {
     let mut editor = Editor::that_can(&place.cache, json!({}), json!({ "largeFiles": 1000 }));
     editor.open(&path, FACE);
     fn lenses(editor: &mut Editor, path: &std::path::Path) -> bool {
-        let asked = json!({ "textDocument": { "uri": uri(&path) } });
+        let asked = json!({ "textDocument": { "uri": uri(path) } });
         editor.ask("textDocument/codeLens", asked).is_array()
     }
     assert!(lenses(&mut editor, &path));
@@ -422,5 +422,5 @@ fn one_file_under_two_names_has_its_problems_under_both() {
     assert_eq!(editor.diagnostics(&other).len(), editor.some_diagnostics(&path).len());
     editor.tell("textDocument/didClose", json!({ "textDocument": { "uri": uri(&other) } }));
     editor.no_diagnostics(&other);
-    assert!(editor.at("textDocument/hover", &path, &text, "For|Each").is_object());
+    assert!(editor.ask_at("textDocument/hover", &path, &text, "For|Each").is_object());
 }

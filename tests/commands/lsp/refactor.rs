@@ -1,11 +1,11 @@
-//! Nodes that become a graph, and come back.
+//! Extracting nodes to a new graph and inlining them again, as code actions.
 
 use std::path::Path;
 
 use serde_json::{Value as Json, json};
 
 use super::Place;
-use super::editor::{Editor, edited, position, uri};
+use super::editor::{Editor, apply_edits, position, uri};
 
 const GRAPH: &str = r#"Graph(
     format: 1,
@@ -21,7 +21,7 @@ const GRAPH: &str = r#"Graph(
 )
 "#;
 
-/// The actions for what stands between two marks.
+/// Returns the refactorings for the text between two marks.
 fn actions(editor: &mut Editor, path: &Path, text: &str, marks: [&str; 2]) -> Vec<Json> {
     let [start, end] = marks.map(|mark| position(text, text.find(mark).unwrap()));
     let asked = json!({
@@ -36,11 +36,11 @@ fn titles(actions: &[Json]) -> Vec<&str> {
     actions.iter().map(|action| action["title"].as_str().unwrap()).collect()
 }
 
-/// What an edit puts into the file of this URI.
+/// Applies the part of an edit for this file to the text `before`.
 fn text_of(edit: &Json, path: &Path, before: &str) -> String {
     let changes = edit["documentChanges"].as_array().unwrap();
     let change = changes.iter().find(|it| it["textDocument"]["uri"] == uri(path)).unwrap();
-    edited(before, &change["edits"])
+    apply_edits(before, &change["edits"])
 }
 
 fn lazy() -> Json {
@@ -53,7 +53,7 @@ fn lazy() -> Json {
 #[test]
 fn nodes_become_a_graph_and_come_back() {
     let place = Place::doll("both.ron", GRAPH);
-    // The name that is wanted first.
+    // The preferred name of the new file is taken.
     place.write("moved.ron", "");
     let (path, new) = (place.path("both.ron"), place.path("moved-2.ron"));
     for can in [lazy(), json!({ "workspace": lazy()["workspace"] })] {
@@ -83,7 +83,7 @@ fn nodes_become_a_graph_and_come_back() {
             true => editor.ask("codeAction/resolve", found[1].clone()),
             false => found[1].clone(),
         };
-        assert_eq!(edited(&text, &action["edit"]["changes"][uri(&path)]), GRAPH);
+        assert_eq!(apply_edits(&text, &action["edit"]["changes"][uri(&path)]), GRAPH);
     }
 }
 
@@ -97,9 +97,9 @@ fn what_cannot_be_done_is_refused_in_words_and_nothing_is_offered_that_an_editor
     let why = editor.try_ask("codeAction/resolve", asked).unwrap_err();
     assert_eq!(
         why,
-        "`smooth` stands between the nodes: it needs `mesh`, and `moved` needs it: extract `smooth`, too, or leave one of them where it is"
+        "`smooth` is between the nodes: it needs `mesh`, and `moved` needs it: extract `smooth`, too, or leave one of them where it is"
     );
-    // An editor that cannot make files.
+    // Extraction is not offered to an editor that cannot create files.
     let mut editor = Editor::that_can(&place.cache, json!({}), Json::Null);
     editor.open(&path, GRAPH);
     let found = actions(&mut editor, &path, GRAPH, ["smooth\":", "moved\": Tr"]);

@@ -1,9 +1,10 @@
-//! The cache holds what the program made and nothing else; folders of others are none.
+//! The cache folder contains only files that the program made; other files and folders in it are left alone.
 
 use std::fs;
 use std::path::Path;
 
-use super::project::{Project, everything, said, wait};
+use super::project::{Project, everything, wait};
+use crate::output::text_of;
 
 const OTHER_TAG: &str = "Signature: 8a477f597d28d172789f06886806bc55\n# This file is a cache directory tag created by cargo.\n";
 
@@ -27,11 +28,11 @@ fn a_folder_of_the_user_is_no_cache() {
             &["run", "net.ron", "--cache", "."],
         ] {
             let output = project.maquette(arguments);
-            assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", said(&output));
+            assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", text_of(&output));
             assert!(
-                said(&output).contains("no cache of maquette"),
+                text_of(&output).contains("is not a cache of maquette"),
                 "{arguments:?}: {}",
-                said(&output)
+                text_of(&output)
             );
             assert_eq!(project.everything(""), before, "{arguments:?}");
         }
@@ -45,9 +46,9 @@ fn what_others_keep_in_the_cache_folder_stays() {
     let cache = project.root().join("cache");
     let home = fs::read_dir(&cache).unwrap().map(|entry| entry.unwrap().path());
     let home = home.into_iter().find(|path| path.join("entries").is_dir()).unwrap();
-    project.outside("home/entries/0123", "secret");
+    project.write_outside("home/entries/0123", "secret");
     let hash = "0123456789abcdef0123456789abcdef0123456789abcdef0123456789abcdef";
-    project.outside(&format!("home/columns/{hash}"), "secret");
+    project.write_outside(&format!("home/columns/{hash}"), "secret");
     let other = "0123456789abcdef0123456789abcdef";
     std::os::unix::fs::symlink(project.root().join("home"), cache.join(other)).unwrap();
     fs::create_dir(cache.join(other.replace('0', "1"))).unwrap();
@@ -73,14 +74,14 @@ fn what_others_keep_in_the_cache_folder_stays() {
         [&["cache", "gc", "--limit", "0"][..], &["cache", "doctor"], &["cache", "clear"]]
     {
         let output = project.maquette(arguments);
-        assert!(output.status.success(), "{arguments:?}: {}", said(&output));
+        assert!(output.status.success(), "{arguments:?}: {}", text_of(&output));
         for path in &foreign {
             assert_eq!(fs::read(path).unwrap(), b"mine", "{arguments:?} {}", path.display());
         }
         assert_eq!(project.everything_outside(), outside, "{arguments:?}");
     }
     let left = everything(&cache, &[]);
-    // What is foreign, two links and the tag.
+    // What remains are the foreign files, two links and the cache tag.
     assert_eq!(left.len(), foreign.len() + 3, "{:?}", left.keys());
 }
 
@@ -90,10 +91,10 @@ fn a_relative_folder_of_the_system_is_ignored() {
     let mut command = project.command(&["cache", "ls"]);
     command.env_remove("MAQUETTE_CACHE").env("XDG_CACHE_HOME", "here").env("HOME", "/home/of");
     let output = wait(command);
-    assert!(said(&output).starts_with("/home/of"), "{}", said(&output));
+    assert!(text_of(&output).starts_with("/home/of"), "{}", text_of(&output));
 }
 
-/// Only who may give files away can try this.
+/// Only root can give a folder to another user; for other users the test is skipped.
 #[test]
 fn a_cache_of_another_user_is_refused() {
     let project = Project::new();
@@ -104,8 +105,8 @@ fn a_cache_of_another_user_is_refused() {
         return;
     }
     let output = project.maquette(&["run", "net.ron", "--cache", cache.to_str().unwrap()]);
-    assert_eq!(output.status.code(), Some(2), "{}", said(&output));
-    assert!(said(&output).contains("belongs to another user"), "{}", said(&output));
+    assert_eq!(output.status.code(), Some(2), "{}", text_of(&output));
+    assert!(text_of(&output).contains("belongs to another user"), "{}", text_of(&output));
     assert_eq!(fs::read_dir(&cache).unwrap().count(), 0);
     let output =
         project.command(&["run", "net.ron"]).env("MAQUETTE_CACHE", &cache).output().unwrap();

@@ -1,4 +1,4 @@
-//! A project with a graph, in a folder with other ones.
+//! A project with a graph, inside of a folder that also has other files.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -22,7 +22,7 @@ pub(crate) const GRAPH: &str = r#"Graph(
 )
 "#;
 
-/// Longer than anything takes on a busy machine: what takes longer hangs.
+/// Maximum time of a command, even on a busy machine. A command that takes longer is considered stuck.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 pub(crate) struct Project {
@@ -31,7 +31,7 @@ pub(crate) struct Project {
 }
 
 impl Project {
-    /// `ROOT/project/net.ron`, with a marker of the project's root; the cache is `ROOT/cache`.
+    /// Makes a project: the graph is `ROOT/project/net.ron` beside a marker of the project's root, and the cache is `ROOT/cache`.
     pub(crate) fn new() -> Self {
         let temporary = tempfile::tempdir().unwrap();
         let root = fs::canonicalize(temporary.path()).unwrap();
@@ -59,7 +59,7 @@ impl Project {
         fs::read_to_string(self.path(name)).unwrap()
     }
 
-    pub(crate) fn outside(&self, name: &str, text: &str) {
+    pub(crate) fn write_outside(&self, name: &str, text: &str) {
         write(&self.root.join(name), text);
     }
 
@@ -67,17 +67,17 @@ impl Project {
         fs::read_to_string(self.root.join(name)).unwrap()
     }
 
-    /// A pipe that nobody writes to.
+    /// Makes a named pipe to which nobody writes.
     pub(crate) fn pipe(&self, name: &str) {
         assert!(Command::new("mkfifo").arg(self.path(name)).status().unwrap().success());
     }
 
-    /// Everything in a folder of the project, links as links.
+    /// Returns all files in a folder of the project. Links are not followed.
     pub(crate) fn everything(&self, folder: &str) -> BTreeMap<PathBuf, Vec<u8>> {
         everything(&self.path(folder), &[])
     }
 
-    /// Everything beside the project.
+    /// Returns all files outside of the project and its cache.
     pub(crate) fn everything_outside(&self) -> BTreeMap<PathBuf, Vec<u8>> {
         everything(&self.root, &[self.root.join("project"), self.root.join("cache")])
     }
@@ -90,7 +90,7 @@ impl Project {
         command
     }
 
-    /// What the program says; not for ever.
+    /// Runs the program with a timeout and returns its output.
     pub(crate) fn maquette(&self, arguments: &[&str]) -> Output {
         wait(self.command(arguments))
     }
@@ -126,7 +126,8 @@ fn write(path: &Path, text: &str) {
     fs::write(path, text).unwrap();
 }
 
-/// Every file below a folder with its content, every link with its target, and pipes; without those parts.
+/// Returns the content of each file below a folder, the target of each link, and a placeholder for each pipe, except for the paths in
+/// `without`.
 pub(crate) fn everything(folder: &Path, without: &[PathBuf]) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
     let mut folders = vec![folder.to_owned()];
@@ -151,8 +152,4 @@ pub(crate) fn everything(folder: &Path, without: &[PathBuf]) -> BTreeMap<PathBuf
         }
     }
     found
-}
-
-pub(crate) fn said(output: &Output) -> String {
-    [&output.stdout[..], &output.stderr[..]].map(String::from_utf8_lossy).concat()
 }

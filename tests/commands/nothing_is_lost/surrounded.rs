@@ -1,15 +1,16 @@
-//! A project in the midst of links, pipes, devices and files of others: every command that writes or deletes, in turn.
+//! Runs every command that writes or deletes files in a project that is full of links, pipes, devices and foreign files.
 
 use std::collections::BTreeMap;
 use std::fs;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 
-use super::project::{GRAPH, Project, everything, said};
+use super::project::{GRAPH, Project, everything};
+use crate::output::text_of;
 
 const HASH: &str = "0123456789abcdef0123456789abcdef0123456789abcdef0123456789abcdef";
 
-/// Names that look like ours, in every folder that we write to.
+/// In each folder to which the program writes, `NAMES` are foreign files whose names resemble those of the program's files.
 const FOLDERS: [&str; 9] = [
     ".",
     "goldens",
@@ -33,7 +34,7 @@ const NAMES: [&str; 9] = [
     "CACHEDIR.TAG",
 ];
 
-fn surrounded() -> Project {
+fn project_with_neighbors() -> Project {
     let project = Project::new();
     for name in [
         "key",
@@ -47,10 +48,10 @@ fn surrounded() -> Project {
         "a.ron",
         "net.png",
     ] {
-        project.outside(&format!("home/{name}"), "secret");
+        project.write_outside(&format!("home/{name}"), "secret");
     }
-    project.outside("home/graph.ron", "Graph(format:1,nodes:{},outputs:{})");
-    project.outside(&format!("home/entries/{HASH}"), "secret");
+    project.write_outside("home/graph.ron", "Graph(format:1,nodes:{},outputs:{})");
+    project.write_outside(&format!("home/entries/{HASH}"), "secret");
     for folder in FOLDERS {
         for name in NAMES {
             project.write(&format!("{folder}/{name}"), "mine");
@@ -99,7 +100,7 @@ fn surrounded() -> Project {
     project
 }
 
-/// What is there and not ours: all but the goldens, outputs and pictures that commands may write.
+/// Returns all files except the goldens, outputs and pictures that the commands may write.
 fn foreign(project: &Project) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut all = everything(project.root(), &[project.root().join("cache")]);
     let ours = [
@@ -126,7 +127,7 @@ fn foreign(project: &Project) -> BTreeMap<PathBuf, Vec<u8>> {
 
 #[test]
 fn nothing_outside_and_nothing_of_others_changes_whatever_is_run() {
-    let project = surrounded();
+    let project = project_with_neighbors();
     let before = foreign(&project);
     let commands: &[(&[&str], i32)] = &[
         (&["test", "net.test.ron", "--bless"], 0),
@@ -148,11 +149,11 @@ fn nothing_outside_and_nothing_of_others_changes_whatever_is_run() {
         (&["render", "net.ron", "mesh", "rendered.png"], 0),
         (&["render", "net.ron", "mesh", "net.ron"], 2),
         (&["draw", "net.ron", "--out", "drawn.svg"], 0),
-        (&["gallery", "gallery"], 1),
-        (&["gallery", "."], 1),
+        (&["render", "gallery", "gallery"], 1),
+        (&["render", "gallery", "."], 1),
         (&["fmt", "net.ron", "."], 1),
         (&["fmt", "read-only.ron"], 1),
-        (&["set", "read-only.ron", "x.y=1"], 1),
+        (&["edit", "read-only.ron", "set", "x.y=1"], 1),
         (&["cache", "gc", "--limit", "0", "--cache", "."], 2),
         (&["cache", "clear", "--cache", "home"], 2),
         (&["cache", "doctor", "--cache", "goldens"], 2),
@@ -164,7 +165,7 @@ fn nothing_outside_and_nothing_of_others_changes_whatever_is_run() {
         let output = project.maquette(arguments);
         let after = foreign(&project);
         assert_same(&before, &after, arguments);
-        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {}", said(&output));
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {}", text_of(&output));
     }
     assert!(project.path("goldens/net/default/mesh.txt").is_file());
     assert!(project.path("out/net/mesh.ply").is_file());

@@ -1,6 +1,7 @@
-//! What others wrote cannot talk to the terminal, nor to a browser.
+//! Control characters and markup in texts from files do not reach the terminal or the browser.
 
-use super::project::{Project, said};
+use super::project::Project;
+use crate::output::text_of;
 
 #[test]
 fn nothing_that_is_printed_talks_to_the_terminal() {
@@ -44,15 +45,15 @@ fn nothing_that_is_printed_talks_to_the_terminal() {
         &["why", "good.ron", "\u{1b}[2J"],
         &["run", "\u{1b}[2J.ron"],
         &["check", "bad.ron"],
-        &["gallery", "\u{1b}[2J"],
+        &["render", "gallery", "\u{1b}[2J"],
         &["diff", "good.ron", "bad.ron"],
     ] {
         let output = project.maquette(arguments);
-        let found = said(&output).chars().find(|c| c.is_control() && *c != '\n');
-        assert_eq!(found, None, "{arguments:?}: {:?}", said(&output));
+        let found = text_of(&output).chars().find(|c| c.is_control() && *c != '\n');
+        assert_eq!(found, None, "{arguments:?}: {:?}", text_of(&output));
     }
     let inspected = project.maquette(&["inspect", "good.ron", "m"]);
-    assert!(said(&inspected).contains("␛[31mred"), "{}", said(&inspected));
+    assert!(text_of(&inspected).contains("␛[31mred"), "{}", text_of(&inspected));
 }
 
 #[test]
@@ -60,14 +61,14 @@ fn texts_go_out_as_they_are() {
     let project = Project::new();
     let text = "// \u{1b}[1m\tbold\nGraph(format: 1, nodes: {}, outputs: {})\n";
     project.write("bold.ron", text);
-    let output = project.maquette(&["set", "bold.ron", "--dry-run", "a=1"]);
+    let output = project.maquette(&["edit", "bold.ron", "set", "--dry-run", "a=1"]);
     assert_ne!(output.status.code(), Some(0));
     project.write(
         "bold.ron",
         &text.replace("format: 1,", "format: 1, params: {\"a\": Number(default: 2.0)},"),
     );
-    let output = project.maquette(&["set", "bold.ron", "--dry-run", "a=1"]);
-    assert!(said(&output).starts_with("// \u{1b}[1m\tbold\n"), "{}", said(&output));
+    let output = project.maquette(&["edit", "bold.ron", "set", "--dry-run", "a=1"]);
+    assert!(text_of(&output).starts_with("// \u{1b}[1m\tbold\n"), "{}", text_of(&output));
 }
 
 #[test]
@@ -75,8 +76,8 @@ fn a_gallery_takes_no_markup_from_a_graph() {
     let project = Project::new();
     let doc = "doc: \"It <script>alert(1)</script> shines.\", params: {\"a\": Number(default: 1.0, doc: \"<img src=x>\")},";
     project.write("net.ron", &super::GRAPH.replace("format: 1,", &format!("format: 1, {doc}")));
-    let output = project.maquette(&["gallery", "."]);
-    assert!(output.status.success(), "{}", said(&output));
+    let output = project.maquette(&["render", "gallery", "."]);
+    assert!(output.status.success(), "{}", text_of(&output));
     let page = project.read("README.md");
     assert!(
         page.contains("It &lt;script>alert(1)&lt;/script> shines.") && page.contains("&lt;img"),

@@ -1,4 +1,5 @@
-//! A small HTTP server that keeps files by name, honestly or not: one thread, one request for each connection.
+//! A small HTTP server that stores files by name and can misbehave in several ways. It has one thread and answers one request for each
+//! connection.
 
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -6,31 +7,31 @@ use std::net::{TcpListener, TcpStream};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// How a server treats those who ask.
+/// The way in which a server answers requests.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Mode {
     Honest,
-    /// It gives what has another name.
+    /// Returns the content of another file.
     Lies,
-    /// It changes a byte of what it gives.
+    /// Changes a byte of each file that it returns.
     Flips,
-    /// It closes in the middle of what it gives.
+    /// Closes the connection in the middle of a file.
     Truncates,
-    /// It says that less is all.
+    /// Returns half of a file with a matching `Content-Length`.
     Shortens,
     Endless,
     StallsBefore,
     StallsInside,
-    /// A byte now and then.
+    /// Sends one byte every 50 ms.
     Trickles,
     Fails,
     ReadOnly,
     Full,
     Redirects,
     Closes,
-    /// No HTTP at all.
+    /// Sends text that is not HTTP.
     Babbles,
-    /// Any of these at each request, from this seed.
+    /// Chooses a mode at random for each request. The number is the state of the generator.
     Any(u64),
 }
 
@@ -53,7 +54,7 @@ impl Mode {
         Self::Babbles,
     ];
 
-    /// Whether the first request shows that it is of no use.
+    /// Returns true if the first request already shows that the server is useless.
     pub(super) fn is_failure(self) -> bool {
         use Mode::{Babbles, Closes, Fails, StallsBefore, StallsInside};
         [StallsBefore, StallsInside, Fails, Closes, Babbles].contains(&self)
@@ -64,17 +65,17 @@ impl Mode {
 struct State {
     mode: Option<Mode>,
     files: BTreeMap<String, Vec<u8>>,
-    /// The methods of all requests.
+    /// The methods of all requests since the mode was set.
     asked: Vec<String>,
     authorizations: Vec<String>,
-    /// Connections that are left as they are.
+    /// Connections that are kept open without an answer.
     held: Vec<TcpStream>,
 }
 
-/// Where its files are.
+/// The path of the stored files in URLs.
 const ROOT: &str = "/results/";
 
-/// It lives as long as the test.
+/// The server runs until the test process ends.
 pub(super) struct Server {
     port: u16,
     state: Arc<Mutex<State>>,
@@ -87,7 +88,7 @@ impl Server {
         let answering = state.clone();
         std::thread::spawn(move || {
             for stream in listener.incoming().flatten() {
-                // Who asks may leave at any time.
+                // The client may close the connection at any time.
                 let _ = answer(stream, &answering);
             }
         });
@@ -98,15 +99,15 @@ impl Server {
         format!("http://127.0.0.1:{}{}", self.port, ROOT.trim_end_matches('/'))
     }
 
-    /// From now on it treats those who ask like this, and has forgotten who asked before.
+    /// Sets the mode for future requests and forgets the past ones.
     pub(super) fn set(&self, mode: Mode) {
         let mut state = self.state.lock().unwrap();
         state.mode = Some(mode);
         state.asked.clear();
     }
 
-    /// How many requests were of this method.
-    pub(super) fn asked(&self, method: &str) -> usize {
+    /// Returns the number of requests with this method.
+    pub(super) fn count_requests(&self, method: &str) -> usize {
         let state = self.state.lock().unwrap();
         state.asked.iter().filter(|asked| asked.contains(method)).count()
     }
@@ -115,19 +116,19 @@ impl Server {
         self.state.lock().unwrap().authorizations.clone()
     }
 
-    /// The names of its files.
+    /// Returns the names of the stored files.
     pub(super) fn names(&self) -> Vec<String> {
         let state = self.state.lock().unwrap();
         state.files.keys().map(|path| path.trim_start_matches(ROOT).to_owned()).collect()
     }
 
-    /// Gives it these files.
+    /// Stores these files.
     pub(super) fn fill(&self, files: &BTreeMap<String, Vec<u8>>) {
         let files = files.iter().map(|(name, bytes)| (format!("{ROOT}{name}"), bytes.clone()));
         self.state.lock().unwrap().files.extend(files);
     }
 
-    /// Changes a byte of every file.
+    /// Changes a byte of each stored file.
     pub(super) fn flip_all(&self) {
         let mut state = self.state.lock().unwrap();
         state.files.values_mut().for_each(|file| flip(file));
@@ -169,7 +170,7 @@ fn answer(mut stream: TcpStream, state: &Mutex<State>) -> std::io::Result<()> {
     }
     let mode = match state.mode.unwrap_or(Mode::Honest) {
         Mode::Any(seed) => {
-            // Of each two requests one is answered honestly, so that there is something to be wrong about.
+            // Half of the requests are answered honestly, so the server has files with which it can misbehave.
             let next = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
             state.mode = Some(Mode::Any(next ^ next >> 33));
             let pick = (next >> 40) as usize;

@@ -1,4 +1,4 @@
-//! Whatever runs a graph tells of a server that is of no use: once, and in the same words.
+//! Every command that runs a graph reports a useless cache server once, and in the same words.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
@@ -6,7 +6,7 @@ use std::process::Stdio;
 
 use serde_json::{Value as Json, json};
 
-use super::{Machine, Mode, Server, alone, said};
+use super::{Machine, Mode, Server, lock_machine, stderr_of};
 
 const GRAPH: &str = r#"Graph(
     format: 1,
@@ -20,11 +20,11 @@ const GRAPH: &str = r#"Graph(
 
 const MESH: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
 
-/// A folder of graphs.
+/// Makes a folder with graphs, a test and a sweep.
 fn project() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     fn write(name: &str, text: &str, folder: &tempfile::TempDir) {
-        std::fs::write(folder.path().join(name), text).unwrap()
+        std::fs::write(folder.path().join(name), text).unwrap();
     }
     write("maquette.toml", "", &folder);
     write("mesh.obj", MESH, &folder);
@@ -38,50 +38,50 @@ fn project() -> tempfile::TempDir {
     folder
 }
 
-/// What a command says of the server, on a machine that has no results.
-fn told(project: &Path, address: &str, words: &[&str]) -> Vec<String> {
+/// Runs a command on a machine without cached results, and returns its messages about the server.
+fn warnings(project: &Path, address: &str, words: &[&str]) -> Vec<String> {
     let machine = Machine::new();
     let mut command = machine.command(&[words, &["--cache-remote", address]].concat());
     let output = command.current_dir(project).output().unwrap();
-    let lines = said(&output);
+    let lines = stderr_of(&output);
     let of_server = lines.lines().filter(|line| line.contains("the server of results"));
     of_server.map(str::to_owned).collect()
 }
 
 #[test]
 fn every_command_tells_the_trouble_with_a_server_once_and_in_the_same_words() {
-    let _alone = alone();
+    let _alone = lock_machine();
     let (server, project) = (Server::new(), project());
     let (address, folder) = (server.address(), project.path());
     server.set(Mode::Fails);
     let wanted = format!(
-        "warning: the server of results {address}: 500 Internal Server Error; it is left alone"
+        "warning: the server of results {address}: 500 Internal Server Error; it is not used any more"
     );
     for words in [
         "run fine.ron",
         "replay out/fine/fine.ply --graph fine.ron",
         "render fine.ron fine fine.png",
-        "sheet fine.ron",
+        "render sheet fine.ron",
         "inspect fine.ron fine",
-        "gallery .",
+        "render gallery .",
         "test . --threads 2",
         "batch many.sweep.ron --jobs 3",
     ] {
-        let told = told(folder, &address, &words.split(' ').collect::<Vec<_>>());
+        let told = warnings(folder, &address, &words.split(' ').collect::<Vec<_>>());
         assert_eq!(told, std::slice::from_ref(&wanted), "{words}");
     }
 }
 
 #[test]
 fn a_host_hears_of_the_trouble_with_a_server() {
-    let _alone = alone();
+    let _alone = lock_machine();
     let (server, project, machine) = (Server::new(), project(), Machine::new());
     server.set(Mode::Fails);
     let address = server.address();
     let mut command = machine.command(&["serve", "--stdio", "--cache-remote", &address]);
     let command = command.current_dir(project.path()).stdin(Stdio::piped()).stdout(Stdio::piped());
     let mut process = command.spawn().unwrap();
-    // As long as it can hear, the run is wanted.
+    // The run continues only while stdin is open.
     let mut requests = process.stdin.take().unwrap();
     writeln!(requests, "{}", json!({ "id": 1, "do": "run", "graph": "fine.ron" })).unwrap();
     let lines = BufReader::new(process.stdout.take().unwrap()).lines();

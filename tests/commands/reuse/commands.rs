@@ -1,4 +1,4 @@
-//! What the program's commands make of graphs that use graphs.
+//! The program's commands for graphs that use other graphs.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -115,9 +115,9 @@ fn what_is_inside_of_a_use_can_be_looked_at() {
     assert!(list.contains("lib/moved.ron  a graph that it uses"), "{list}");
     let drawn = stdout(&folder, &["draw", "graph.ron", "--dot"]);
     assert!(drawn.contains("| a\\nMoved |") && !drawn.contains("Transform"), "{drawn}");
-    let set = stdout(&folder, &["set", "graph.ron", "a.step=2.5", "--dry-run"]);
+    let set = stdout(&folder, &["edit", "graph.ron", "set", "a.step=2.5", "--dry-run"]);
     assert!(set.contains("\"a\": Moved(mesh: \"doll\", step: 2.5)"), "{set}");
-    assert!(stderr(&folder, &["set", "graph.ron", "a.step=99"]).contains("at most 10"));
+    assert!(stderr(&folder, &["edit", "graph.ron", "set", "a.step=99"]).contains("at most 10"));
 }
 
 #[test]
@@ -151,7 +151,8 @@ fn graphs_may_be_nested_deeply_and_circles_end() {
 
 #[test]
 fn the_gallery_is_up_to_date() {
-    let output = maquette(Path::new(GRAPHS).parent().unwrap(), &["gallery", "graphs", "--check"]);
+    let output =
+        maquette(Path::new(GRAPHS).parent().unwrap(), &["render", "gallery", "graphs", "--check"]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
@@ -165,9 +166,9 @@ fn a_gallery_passes_over_lock_files_and_pins_and_names_its_own_graphs() {
     }
     run(&["lock", "graph.ron"], &folder);
     run(&["pin", "graph.ron", "doll"], &folder);
-    assert!(run(&["gallery", "."], &folder).contains("README.md: 1 graph\n"));
+    assert!(run(&["render", "gallery", "."], &folder).contains("README.md: 1 graph\n"));
     let page = std::fs::read_to_string(folder.path("README.md")).unwrap();
-    assert!(page.contains("This page is made by `maquette gallery .`."), "{page}");
+    assert!(page.contains("This page is made by `maquette render gallery .`."), "{page}");
     assert!(page.contains("## [graph]") && !page.contains("face.ron"), "{page}");
 }
 

@@ -1,18 +1,18 @@
-//! Graphs in a folder of their own.
+//! A temporary folder with graphs.
 
 use std::path::PathBuf;
 
 use expect_test::Expect;
-use maquette::{Catalog, Checked, Evaluator, Graph, Options, Place};
+use maquette::{Catalog, CheckedGraph, Evaluator, Graph, Options, Position};
 
-/// A folder of graph files, with a mesh, `doll.obj`.
+/// A folder of graph files with a mesh `doll.obj`.
 pub(crate) struct Folder(tempfile::TempDir);
 
 /// A tetrahedron.
 pub(crate) const DOLL: &str =
     "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n";
 
-/// Moves a mesh, by a step in some direction.
+/// A graph that moves a mesh along x.
 pub(crate) const MOVED: &str = r#"// Moves things.
 Graph(
     format: 1,
@@ -34,7 +34,7 @@ impl Folder {
         Self(folder)
     }
 
-    /// With a graph `graph.ron` that uses `lib/moved.ron` as Moved, with these nodes, and writes the node `out`.
+    /// Makes a folder with the graph of [`graph`] as `graph.ron`.
     pub(crate) fn with_nodes(nodes: &str) -> Self {
         Self::new(&[("graph.ron", &graph(nodes))])
     }
@@ -43,7 +43,7 @@ impl Folder {
         self.0.path().join(name)
     }
 
-    pub(crate) fn load_with(&self, name: &str, set: &[(&str, &str)]) -> Checked {
+    pub(crate) fn load_with(&self, name: &str, set: &[(&str, &str)]) -> CheckedGraph {
         let catalog = Catalog::new(maquette_nodes::PACKS);
         let set = set.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned()));
         let options = Options { set: set.collect(), ..Options::default() };
@@ -55,20 +55,21 @@ impl Folder {
         checked.graph.unwrap_or_else(|| panic!("{}", self.problems(&[])))
     }
 
-    /// The problems of `graph.ron`: `file:line:columns code message (help) <- uses`.
+    /// Returns the diagnostics of `graph.ron` as `file:line:columns code message (help) <- uses`.
     pub(crate) fn problems(&self, set: &[(&str, &str)]) -> String {
         let checked = self.load_with("graph.ron", set);
-        assert_eq!(checked.graph.is_none(), !checked.problems.is_empty());
+        assert_eq!(checked.graph.is_none(), !checked.diagnostics.is_empty());
         let root = std::fs::canonicalize(self.0.path()).unwrap();
-        let lines = checked.problems.iter().map(|problem| {
+        let lines = checked.diagnostics.iter().map(|problem| {
             let text = &problem.source.text;
-            let start = Place::of(text, problem.span.start);
-            let end = Place::of(text, problem.span.end);
+            let start = Position::from_offset(text, problem.span.start);
+            let end = Position::from_offset(text, problem.span.end);
             let help = match &problem.help[..] {
                 "" => String::new(),
                 help => format!(" ({help})"),
             };
-            let uses = problem.uses.iter().map(|at| format!(" <- {} at {}", at.name, at.place()));
+            let uses =
+                problem.uses.iter().map(|at| format!(" <- {} at {}", at.name, at.location()));
             let (code, message, uses) = (problem.code, &problem.message, String::from_iter(uses));
             let file = problem.source.name.display();
             let place = format!("{file}:{}:{}-{}", start.line, start.column, end.column);
@@ -83,7 +84,7 @@ impl Folder {
         expected.assert_eq(&self.problems(&[]));
     }
 
-    /// The x of the first vertex of the mesh that a link names.
+    /// Evaluates a mesh and returns the x coordinate of its first vertex.
     pub(crate) fn x_of(&self, set: &[(&str, &str)], link: &str) -> f64 {
         let checked = self.load_with("graph.ron", set);
         let graph = checked.graph.unwrap_or_else(|| panic!("{}", self.problems(set)));
@@ -94,7 +95,7 @@ impl Folder {
     }
 }
 
-/// A graph that uses `lib/moved.ron` as Moved, with these nodes; it writes the node `out`.
+/// Returns a graph with these nodes that uses `lib/moved.ron` as `Moved` and writes the node `out`.
 pub(crate) fn graph(nodes: &str) -> String {
     format!(
         "Graph(format: 1, use: {{ \"Moved\": \"lib/moved.ron\" }}, params: {{ \"far\": Number(default: 3.0) }}, nodes: {{\n\

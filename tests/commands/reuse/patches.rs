@@ -1,4 +1,4 @@
-//! Graphs that are other graphs with other values.
+//! Patches: graphs that are other graphs with some values changed.
 
 use expect_test::expect;
 use maquette::{Catalog, Graph, Options, Source};
@@ -68,7 +68,7 @@ fn mistakes_are_reported_where_they_stand() {
 )"#,
     );
     folder.check(expect![[r#"
-        graph.ron:3:33-36 G009 parameter `far` wants a number, not the text "x"
+        graph.ron:3:33-36 G009 parameter `far`: expected a number, found the text "x"
         graph.ron:4:79-88 G013 there is no file `dll.obj` (did you mean `doll.obj`?)
         graph.ron:4:57-61 G010 field `step` of Moved is 40 mm, but must be at least 0 and at most 10 mm
         graph.ron:4:41-44 G004 Moved has no field `stp` (did you mean `step`?)
@@ -85,7 +85,7 @@ fn mistakes_are_reported_where_they_stand() {
     "#]]);
     std::fs::write(folder.path("base/graph.ron"), base.replace("nodes: {", "nodes: ")).unwrap();
     folder.check(expect![[r#"
-        base/graph.ron:1:6-7 G001 this `(` is not closed before the `}` at 4:1 (put a `)` where it ends)
+        base/graph.ron:1:6-7 G001 this `(` is not closed before the `}` at 4:1 (add the missing `)`)
     "#]]);
     for patch in ["Patch()", "Patch(of: \"graph.ron\")", "Patch(of: 5)", "Patch(of: \"gone.ron\")"]
     {
@@ -101,20 +101,24 @@ fn a_patch_is_set_and_compared_like_a_graph() {
     );
     let path = folder.path("graph.ron");
     let catalog = Catalog::new(maquette_nodes::PACKS);
-    fn edited(
+    fn load_edited(
         text: &str,
         set: &[(&str, &str)],
         path: &std::path::Path,
         catalog: &Catalog,
-    ) -> Result<maquette::Edited, Vec<maquette::Problem>> {
+    ) -> Result<maquette::EditedText, Vec<maquette::Diagnostic>> {
         let set: Vec<_> = set.iter().map(|(a, b)| ((*a).to_owned(), (*b).to_owned())).collect();
-        maquette::edit::edited(path, text, &set, catalog, &Options::default())
+        maquette::edit::set_values(path, text, &set, catalog, &Options::default())
     }
     let text = std::fs::read_to_string(&path).unwrap();
-    let new =
-        edited(&text, &[("far", "6"), ("out.step", "1.5"), ("out.mesh", "doll")], &path, &catalog)
-            .unwrap()
-            .text;
+    let new = load_edited(
+        &text,
+        &[("far", "6"), ("out.step", "1.5"), ("out.mesh", "doll")],
+        &path,
+        &catalog,
+    )
+    .unwrap()
+    .text;
     expect![[r#"
         Patch(
             of: "base/graph.ron", // here
@@ -123,8 +127,8 @@ fn a_patch_is_set_and_compared_like_a_graph() {
         )
     "#]]
     .assert_eq(&new);
-    assert!(edited(&text, &[("out.step", "99")], &path, &catalog).is_err());
-    assert!(edited(&text, &[("ot.step", "1")], &path, &catalog).is_err());
+    assert!(load_edited(&text, &[("out.step", "99")], &path, &catalog).is_err());
+    assert!(load_edited(&text, &[("ot.step", "1")], &path, &catalog).is_err());
     fn source(path: std::path::PathBuf, text: &str) -> Source {
         Source { name: path, text: text.to_owned() }
     }

@@ -1,4 +1,4 @@
-//! `ForEach` and `Switch`.
+//! Tests of `ForEach` and `Switch`.
 
 use expect_test::{Expect, expect};
 use maquette::{RunTrace, State};
@@ -47,7 +47,7 @@ fn what_is_not_carried_is_a_list_for_ports_that_take_many() {
     let folder = Folder::with_nodes(nodes);
     let graph = folder.graph();
     let evaluation = evaluator().evaluate_all(&graph);
-    assert_eq!(evaluation.problems(), []);
+    assert_eq!(evaluation.diagnostics(), []);
     fn count(node: &str, graph: &maquette::Graph) -> usize {
         let evaluation = evaluator().evaluate_nodes(graph, &[node]);
         let mesh = evaluation.find(graph, node, "").unwrap();
@@ -78,15 +78,15 @@ fn mistakes_of_repetition_are_explained() {
             graph.ron:6:6-42 G005 ForEach needs a field `graph` (write `graph: ..`)
             graph.ron:6:34-37 G004 ForEach has no field `wth` (did you mean `with`?)
             graph.ron:7:37-38 G009 an element of ForEach is a group of fields, not the number 1 (write `(field: value, ..)`)
-            graph.ron:7:60-61 G009 field `with` of ForEach wants a group of fields: `(field: value, ..)`, not the number 5
-            graph.ron:9:18-21 G012 port `mesh` of Moved takes one link, but `f` is a list of 2 (a port that takes many links takes it; `f/1` is the first)
+            graph.ron:7:60-61 G009 field `with` of ForEach: expected a group of fields: `(field: value, ..)`, found the number 5
+            graph.ron:9:18-21 G012 port `mesh` of Moved takes one link, but `f` is a list of 2 (link it to a port that takes many links; `f/1` is the first)
             graph.ron:10:18-29 G007 `f` is a Moved, which has no output `nothing` (its outputs: mesh)
-            graph.ron:11:1-4 G008 nodes hang on each other in a circle: i/1 <- i/2 <- i/1 (a node cannot need its own result: break one of these links)
+            graph.ron:11:1-4 G008 cycle: i/1 <- i/2 <- i/1 (a node cannot need its own result: break one of these links)
         "#]],
     );
 }
 
-/// What became of the nodes that were not cached.
+/// Returns the names of the nodes that were not cached.
 fn busy(trace: &RunTrace) -> Vec<&str> {
     let busy = trace.0.iter().filter(|node| node.state != State::Cached);
     busy.map(|node| &node.name[..]).collect()
@@ -196,12 +196,12 @@ fn mistakes_of_a_switch_are_explained() {
 "out": Moved(mesh: "b")"#,
         expect![[r#"
             graph.ron:4:47-50 G006 there is already a case `x` (keep one of them)
-            graph.ron:5:40-45 G012 case `y` of Switch is a ControlNet, but the first one is a Mesh (all cases give one type)
+            graph.ron:5:40-45 G012 case `y` of Switch is a ControlNet, but the first one is a Mesh (use cases of one type)
             graph.ron:5:52-57 G007 there is no node `dol` (did you mean `doll`?)
             graph.ron:6:20-22 G005 Switch has no cases (write `{"name": "node", ..}`)
             graph.ron:7:6-33 G005 Switch needs a field `cases` (write `cases: ..`)
             graph.ron:7:24-29 G004 Switch has no field `chose` (did you mean `choose`?)
-            graph.ron:8:1-4 G008 nodes hang on each other in a circle: e <- e (a node cannot need its own result: break one of these links)
+            graph.ron:8:1-4 G008 cycle: e <- e (a node cannot need its own result: break one of these links)
         "#]],
     );
 }

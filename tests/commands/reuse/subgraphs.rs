@@ -1,9 +1,9 @@
-//! Graphs that use graphs: what they compute, and what is said of their mistakes.
+//! Graphs that use other graphs: their results and their errors.
 
-use std::path::{Path};
+use std::path::Path;
 
 use expect_test::{Expect, expect};
-use maquette::{Checked, Place, State};
+use maquette::{CheckedGraph, Position, State};
 
 use super::folder::{DOLL, Folder, MOVED, evaluator, graph};
 
@@ -67,11 +67,11 @@ fn a_use_is_checked_at_the_border() {
             graph.ron:5:6-22 G005 Moved needs a link at its port `mesh` (write `mesh: "node"` with a node that gives a Mesh)
             graph.ron:6:32-36 G010 field `step` of Moved is 11 mm, but must be at least 0 and at most 10 mm
             graph.ron:7:26-29 G004 Moved has no field `stp` (did you mean `step`?)
-            graph.ron:7:42-46 G009 field `step` of Moved wants a number, not true
+            graph.ron:7:42-46 G009 field `step` of Moved: expected a number, found true
             graph.ron:8:26-30 G006 field `mesh` is given twice (keep one of them)
             graph.ron:8:46-61 G010 field `step` of Moved is 12 mm, but must be at least 0 and at most 10 mm
             graph.ron:9:6-10 G003 there is no node type `Movd` (did you mean `Moved`?)
-            graph.ron:10:18-19 G009 port `mesh` of Moved wants a link, not the number 4 (write the name of a node that gives a Mesh: "node")
+            graph.ron:10:18-19 G009 port `mesh` of Moved: expected a link, found the number 4 (write the name of a node that gives a Mesh: "node")
             graph.ron:11:20-27 G007 `c` is a Moved, which has no output `msh` (did you mean `mesh`?)
         "#]],
     );
@@ -113,11 +113,11 @@ fn graphs_that_use_each_other_are_refused_with_their_path() {
         ("lib/b.ron", &a.replace("\"b.ron\"", "\"../lib/./a.ron\"")),
     ]);
     folder.check(expect![[r#"
-        lib/b.ron:1:30-46 G008 graphs use each other in a circle: lib/a.ron -> lib/b.ron -> lib/a.ron (a graph cannot be a part of itself) <- a at graph.ron:1:54 <- b at lib/a.ron:1:62
+        lib/b.ron:1:30-46 G008 cycle of graphs: lib/a.ron -> lib/b.ron -> lib/a.ron (a graph cannot be a part of itself) <- a at graph.ron:1:54 <- b at lib/a.ron:1:62
     "#]]);
     let itself = text.replace("lib/a.ron", "graph.ron");
     Folder::new(&[("graph.ron", &itself)]).check(expect![[r#"
-        graph.ron:1:30-41 G008 graphs use each other in a circle: graph.ron -> graph.ron (a graph cannot be a part of itself)
+        graph.ron:1:30-41 G008 cycle of graphs: graph.ron -> graph.ron (a graph cannot be a part of itself)
     "#]]);
 }
 
@@ -134,12 +134,12 @@ expect: [Closed("ti")],
     let text = graph(r#""out": Moved(mesh: "doll", other: "doll", odd: "doll")"#);
     Folder::new(&[("graph.ron", &text), ("lib/moved.ron", moved)]).check(expect![[r#"
         lib/moved.ron:3:19-22 G009 there is no type of values `Msh` (did you mean `Mesh`?) <- out at graph.ron:3:1
-        lib/moved.ron:3:26-31 G006 `Net` cannot name an input (names begin with a lower-case letter; lower-case letters, digits and hyphens follow) <- out at graph.ron:3:1
+        lib/moved.ron:3:26-31 G006 `Net` cannot name an input (use a lower-case letter followed by lower-case letters, digits and hyphens) <- out at graph.ron:3:1
         lib/moved.ron:3:55-58 G004 an input has no field `dok` (did you mean `doc`?) <- out at graph.ron:3:1
         lib/moved.ron:3:73-74 G009 input `odd` has no type, but is the number 5 (write Mesh(doc: "what it is")) <- out at graph.ron:3:1
         lib/moved.ron:4:11-17 G006 there is already an input `mesh` (give one of them another name) <- out at graph.ron:3:1
         lib/moved.ron:5:10-17 G006 there is already an input `other` (give one of them another name) <- out at graph.ron:3:1
-        lib/moved.ron:6:12-21 G006 `out.ply` cannot name an output of a graph that others use (its outputs are ports, not files: lower-case letters, digits, hyphens) <- out at graph.ron:3:1
+        lib/moved.ron:6:12-21 G006 `out.ply` cannot name an output of a graph that others use (its outputs are ports, not files: use lower-case letters, digits and hyphens) <- out at graph.ron:3:1
         lib/moved.ron:6:43-49 G006 there is already an output `mesh` <- out at graph.ron:3:1
         lib/moved.ron:6:65-69 G007 there is no node `ti` (did you mean `it`?) <- out at graph.ron:3:1
         lib/moved.ron:7:10-22 G007 there is no node `ti` (did you mean `it`?) <- out at graph.ron:3:1
@@ -153,9 +153,9 @@ nodes: { "a": A(mesh: "b"), "b": B(x: 1) }, outputs: {})"#;
     Folder::new(&[("graph.ron", text)]).check(expect![[r#"
         graph.ron:1:30-44 G013 there is no file `lib/movd.ron` (did you mean `moved.ron`?)
         graph.ron:1:51-64 G014 `../../x.ron` lies outside of the project (move the file into ROOT, put a maquette.toml into a folder above both, or allow its folder with --root)
-        graph.ron:1:66-69 G006 the text "c" cannot name a type of nodes (such names begin with a capital letter: "Feature")
+        graph.ron:1:66-69 G006 the text "c" cannot be the name of a node type (use a name that begins with a capital letter: "Feature")
         graph.ron:1:88-95 G006 there is already a node type `Merge` (give it another name)
-        graph.ron:1:119-120 G009 `D` wants the path of a graph, not the number 4 (write "lib/name.ron" or Graph("lib/name.ron", version: "2.1"))
+        graph.ron:1:119-120 G009 `D`: expected the path of a graph, found the number 4 (write "lib/name.ron" or Graph("lib/name.ron", version: "2.1"))
         graph.ron:1:127-132 G013 `lib` is not a file
     "#]]);
 }
@@ -213,14 +213,14 @@ nodes: {
     let wrong = r##""out": All(mesh: "doll", number: "2", integer: 2.5, toggle: yes, color: "red", text: Word, choice: Edge, vector: (1, -20, 3)),
 "two": All(mesh: "doll", vector: (1, 2))"##;
     expect![[r##"
-        graph.ron:3:34-37 G009 field `number` of All wants a number, not the text "2" (parameters take values; for a parameter of the graph write Param("2"))
-        graph.ron:3:48-51 G009 field `integer` of All wants a number without fraction, not the number 2.5
-        graph.ron:3:61-64 G009 field `toggle` of All wants true or false, not `yes`
+        graph.ron:3:34-37 G009 field `number` of All: expected a number, found the text "2" (parameters take values; for a parameter of the graph write Param("2"))
+        graph.ron:3:48-51 G009 field `integer` of All: expected a number without fraction, found the number 2.5
+        graph.ron:3:61-64 G009 field `toggle` of All: expected true or false, found `yes`
         graph.ron:3:73-78 G009 field `color` of All: `red` is not a color; write six hexadecimal digits, as in "#c33923"
-        graph.ron:3:86-90 G009 field `text` of All wants a text in double quotes, not `Word`
+        graph.ron:3:86-90 G009 field `text` of All: expected a text in double quotes, found `Word`
         graph.ron:3:100-104 G009 field `choice` of All has no choice `Edge` (did you mean `EdgeOnly`?)
         graph.ron:3:118-121 G010 field `vector` of All is -20, but must be at least -9
-        graph.ron:4:34-40 G009 field `vector` of All wants 3 values, not 2
+        graph.ron:4:34-40 G009 field `vector` of All: expected 3 values, found 2
     "##]].assert_eq(&files(&with_all(wrong), all));
 }
 
@@ -254,7 +254,7 @@ fn a_graph_with_inputs_is_checked_by_itself_and_cannot_be_computed_without_value
     let checked = folder.load_with("lib/moved.ron", &[]);
     let graph = checked.graph.unwrap();
     let evaluation = evaluator().evaluate_nodes(&graph, &["it"]);
-    let problems = evaluation.problems();
+    let problems = evaluation.diagnostics();
     assert_eq!(problems.len(), 1);
     assert_eq!(
         problems[0].message,
@@ -276,11 +276,11 @@ fn a_node_that_fails_inside_says_where() {
         ("lib/bad.obj", "v 1 x 2\n"),
     ]);
     let graph = folder.graph();
-    let problems = evaluator().evaluate_all(&graph).problems();
+    let problems = evaluator().evaluate_all(&graph).diagnostics();
     assert_eq!(problems.len(), 1, "{problems:?}");
     let problem = &problems[0];
     assert!(problem.source.name.ends_with(Path::new("lib/moved.ron")));
-    assert_eq!(Place::of(&problem.source.text, problem.span.start).line, 7);
+    assert_eq!(Position::from_offset(&problem.source.text, problem.span.start).line, 7);
     assert_eq!(problem.uses.iter().map(|at| &at.name[..]).collect::<Vec<_>>(), ["out"]);
 }
 
@@ -289,7 +289,7 @@ fn every_file_of_a_graph_is_known_even_if_it_is_not_there() {
     let text =
         graph(r#""out": Moved(mesh: "doll")"#).replace("use: {", "use: { \"Gone\": \"gone.ron\",");
     let folder = Folder::new(&[("graph.ron", &text)]);
-    fn names(checked: &Checked) -> Vec<String> {
+    fn names(checked: &CheckedGraph) -> Vec<String> {
         checked
             .subgraphs
             .iter()

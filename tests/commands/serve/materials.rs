@@ -1,4 +1,4 @@
-//! Materials that a host gives come back as they went in, with their pictures.
+//! Materials that a host passes come back unchanged, with their pictures.
 
 use std::fs;
 
@@ -7,10 +7,11 @@ use serde_json::{Value as Json, json};
 use super::{CORNERS, FACES, FINE, Host, tetrahedron};
 use crate::project::Project;
 
-/// A host that has put a picture and a tetrahedron with texture coordinates into its folder.
+/// Starts a host that has put a picture and a tetrahedron with texture coordinates into the exchange folder; returns the host and the
+/// picture.
 fn painter(project: &Project) -> (Host, Vec<u8>) {
     project.copy_asset("color.png", "wood.png");
-    let host = Host::of(project);
+    let host = Host::start(project);
     let wood = fs::read(project.folder().join("wood.png")).unwrap();
     host.put("in-1", &CORNERS);
     host.put("in-2", &FACES);
@@ -20,7 +21,7 @@ fn painter(project: &Project) -> (Host, Vec<u8>) {
     (host, wood)
 }
 
-fn painted(materials: &Json) -> Json {
+fn paint(materials: &Json) -> Json {
     let mut input = tetrahedron();
     let columns = input["columns"].as_array_mut().unwrap();
     columns.push(json!({ "name": "uv", "on": "vertex", "meaning": "number", "width": 2, "type": "f64", "file": "in-3" }));
@@ -29,7 +30,7 @@ fn painted(materials: &Json) -> Json {
     input
 }
 
-/// The mesh that a graph makes of a value.
+/// Runs the graph with a value and returns the resulting mesh.
 fn fine(host: &mut Host, value: &Json) -> Json {
     let want = json!([{ "value": "fine", "as": "mesh" }]);
     let run = json!({ "graph": "doll.ron", "inputs": { "mesh": value }, "want": want });
@@ -51,7 +52,7 @@ fn materials_come_back_with_their_pictures() {
         "name": "wood",
         "maps": { "base color": { "file": "in-5" }, "roughness": picture },
     });
-    let value = host.ask("input", painted(&json!([plain, wooden])))["value"].clone();
+    let value = host.ask("input", paint(&json!([plain, wooden])))["value"].clone();
     let told = fine(&mut host, &value);
     let materials = told["materials"].as_array().unwrap();
     assert_eq!(materials[0], plain);
@@ -66,10 +67,10 @@ fn materials_come_back_with_their_pictures() {
     let size = told["picture"]["size"].as_array().unwrap();
     assert!(size.iter().all(|side| side.as_u64() > Some(100)), "{told}");
     assert!(host.bytes(&told["picture"]).starts_with(b"\x89PNG"));
-    // Asked again, nothing is written anew: what is equal keeps its file.
+    // The second answer refers to the existing file, because the picture is equal.
     assert_eq!(fine(&mut host, &value)["materials"][1], *told);
-    // One that says no more than a picture is a texture.
-    let value = host.ask("input", painted(&json!([{}])))["value"].clone();
+    // A material with no more than a picture is returned as a texture.
+    let value = host.ask("input", paint(&json!([{}])))["value"].clone();
     assert_eq!(fine(&mut host, &value)["materials"], Json::Null);
 }
 
@@ -94,11 +95,11 @@ fn a_material_that_cannot_be_is_refused_with_its_name() {
         (json!({ "transparency": "glass" }), "unknown variant `glass`"),
         (json!({ "picture": "in-5" }), "unknown field `picture`"),
     ] {
-        let told = host.refused("input", painted(&json!([material])));
+        let told = host.refusal("input", paint(&json!([material])));
         assert!(told.contains(why), "{told}");
     }
     let curve = json!({ "type": "Curve", "facts": { "closed": false }, "materials": [{}], "columns": [
         { "name": "point", "on": "point", "meaning": "position", "width": 3, "type": "f64", "file": "in-1" },
     ] });
-    assert_eq!(host.refused("input", curve), "a Curve has no materials");
+    assert_eq!(host.refusal("input", curve), "a Curve has no materials");
 }

@@ -1,4 +1,4 @@
-//! One input file that is missing stops only what depends on it, for a host as for the command line.
+//! If one input file is missing, only the values that depend on it fail, for a host as on the command line.
 
 use std::fs;
 
@@ -8,7 +8,7 @@ use super::Host;
 use crate::missing_files::project;
 use crate::project::TETRAHEDRON;
 
-/// The severities of all problems, each with its message.
+/// Returns the severity and the message of each diagnostic.
 fn problems(answer: &Json) -> Vec<(&str, &str)> {
     let problems = answer["problems"].as_array().unwrap().iter();
     problems.map(|it| (it["severity"].as_str().unwrap(), it["message"].as_str().unwrap())).collect()
@@ -19,13 +19,13 @@ const MESSAGE: &str = "there is no file `tte.obj`";
 #[test]
 fn only_what_depends_on_a_missing_file_fails() {
     let project = project();
-    let mut host = Host::of(&project);
+    let mut host = Host::start(&project);
     for asked in ["load", "outline"] {
         let told = host.ask(asked, json!({ "graph": "doll.ron" }));
         let warning = vec![("warning", MESSAGE)];
         assert_eq!((&told["ok"], problems(&told)), (&json!(true), warning), "{asked}");
     }
-    // What is wanted, whether that is there, and the state of each node that it needs.
+    // Checks a run: the requested values, the values in the answer, and the states of the nodes that they need.
     fn check(
         want: Option<&[&str]>,
         set: Json,

@@ -1,4 +1,4 @@
-//! What `outline` says of graphs, and edits that are made of it: what an editor of nodes does.
+//! The outline of a graph that `outline` returns, and edits that are based on it, as a node editor makes them.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -7,11 +7,11 @@ use std::{fs, iter};
 use serde_json::{Value as Json, json};
 
 use super::Host;
-use crate::beside::beside;
+use crate::beside::shared_folder;
 use crate::project::Project;
 use crate::thorough::is_thorough;
 
-/// The texts of graphs in a folder and those in it, copied so that they can be edited.
+/// Copies the text files of a folder and its subfolders, and lists the graphs among them.
 fn copy(from: &Path, to: &Path, graphs: &mut Vec<PathBuf>) {
     fs::create_dir_all(to).unwrap();
     for entry in fs::read_dir(from).unwrap() {
@@ -31,12 +31,12 @@ fn copy(from: &Path, to: &Path, graphs: &mut Vec<PathBuf>) {
     }
 }
 
-/// All graphs of the project, and those of the folder beside it if it is there, in a project of their own.
+/// Copies all graphs of the project, and those of the folder beside the checkout if it exists, into a temporary project.
 fn graphs(project: &Project) -> Vec<PathBuf> {
     let mut graphs = Vec::new();
     fs::write(project.folder().join("maquette.toml"), "").unwrap();
     let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../graphs");
-    let folders = iter::once(own).chain(beside("graphs"));
+    let folders = iter::once(own).chain(shared_folder("graphs"));
     for (index, folder) in folders.enumerate() {
         copy(&folder, &project.folder().join(format!("graphs-{index}")), &mut graphs);
     }
@@ -49,12 +49,12 @@ fn texts(list: &Json) -> Vec<&str> {
     list.as_array().unwrap().iter().map(|it| it.as_str().unwrap()).collect()
 }
 
-/// The elements of a list; none where there is no list.
+/// Returns the items of a list, or none if the value is not a list.
 fn list(of: &Json) -> &[Json] {
     of.as_array().map_or(&[], Vec::as_slice)
 }
 
-/// The links of a node: port and target.
+/// Returns the links of a node as pairs of port and target.
 fn links(node: &Json) -> Vec<(String, String)> {
     fn text(it: &Json) -> String {
         it.as_str().unwrap().to_owned()
@@ -66,8 +66,8 @@ fn edit(graph: &Path, edit: Json, dry: bool) -> Json {
     json!({ "graph": graph, "edits": [edit], "dry": dry })
 }
 
-/// What ends a request: the answer, or why it is refused.
-fn asked(host: &mut Host, what: &str, fields: Json) -> Result<Json, String> {
+/// Sends a request and returns the answer, or the reason of the refusal.
+fn ask(host: &mut Host, what: &str, fields: Json) -> Result<Json, String> {
     let id = host.send(what, fields);
     let end = host.end(&id);
     match end["event"].as_str() {
@@ -79,7 +79,7 @@ fn asked(host: &mut Host, what: &str, fields: Json) -> Result<Json, String> {
 #[test]
 fn each_link_and_field_of_each_graph_is_where_edits_find_it() {
     let project = Project::new("");
-    let mut host = Host::of(&project);
+    let mut host = Host::start(&project);
     let mut seen = BTreeMap::from([("links", 0), ("fields", 0), ("unlinked", 0)]);
     let step = if is_thorough() { 1 } else { 4 };
     for graph in graphs(&project).iter().step_by(step) {
@@ -90,29 +90,29 @@ fn each_link_and_field_of_each_graph_is_where_edits_find_it() {
         for node in list(&outline["nodes"]) {
             let name = node["name"].as_str().unwrap();
             if list(&outline["nodes"]).iter().filter(|other| other["name"] == name).count() > 1 {
-                // A mistake: edits do not know which.
+                // Two nodes have the same name, which is an error: an edit cannot tell which one is meant.
                 continue;
             }
-            fn many(port: &str, text: &str) -> bool {
+            fn takes_list(port: &str, text: &str) -> bool {
                 text.contains(&format!("{port}: \""))
             }
             for (port, to) in links(node) {
                 let way = format!("{name}.{port}");
                 let linked = json!({ "link": { "port": way, "to": to } });
-                match asked(&mut host, "edit", edit(graph, linked, true)) {
+                match ask(&mut host, "edit", edit(graph, linked, true)) {
                     Ok(done) if done["text"] == text => {}
-                    // A link alone at a port that takes many: there would be one more.
+                    // The port accepts many links but has only one, written without a list. A link to the port itself would be added to it.
                     Ok(_) => {
                         let linked = json!({ "link": { "port": format!("{way}.0"), "to": to } });
-                        let done = asked(&mut host, "edit", edit(graph, linked, true)).unwrap();
+                        let done = ask(&mut host, "edit", edit(graph, linked, true)).unwrap();
                         assert_eq!(done["text"], text, "{way}");
-                        assert!(many(&port, &text), "{way}");
+                        assert!(takes_list(&port, &text), "{way}");
                     }
                     Err(why) => assert!(why.contains("a patch has"), "{graph:?} {way}: {why}"),
                 }
                 *seen.get_mut("links").unwrap() += 1;
                 let unlinked = edit(graph, json!({ "unlink": { "port": way } }), true);
-                let Ok(done) = asked(&mut host, "edit", unlinked) else { continue };
+                let Ok(done) = ask(&mut host, "edit", unlinked) else { continue };
                 let new = host.ask("outline", json!({ "graph": graph, "text": done["text"] }));
                 let new = list(&new["outline"]["nodes"])
                     .iter()
@@ -125,7 +125,7 @@ fn each_link_and_field_of_each_graph_is_where_edits_find_it() {
             for field in list(&node["fields"]) {
                 let [field, value] = texts(field)[..] else { panic!("{field}") };
                 let set = json!({ "set": { "target": format!("{name}.{field}"), "value": value } });
-                match asked(&mut host, "edit", edit(graph, set, true)) {
+                match ask(&mut host, "edit", edit(graph, set, true)) {
                     Ok(done) => assert_eq!(done["text"], text, "{graph:?} {name}.{field}"),
                     Err(why) => {
                         let known = [
@@ -148,7 +148,7 @@ fn each_link_and_field_of_each_graph_is_where_edits_find_it() {
     assert!(seen.values().all(|&count| count * step > 150), "{seen:?}");
 }
 
-/// The same numbers in each run.
+/// A pseudorandom generator that gives the same numbers in each run.
 struct Dice(u64);
 
 impl Dice {
@@ -158,34 +158,30 @@ impl Dice {
         (self.0 >> 33) as usize % sides.max(1)
     }
 
-    fn of<'a, T>(&mut self, all: &'a [T]) -> Option<&'a T> {
+    fn pick<'a, T>(&mut self, all: &'a [T]) -> Option<&'a T> {
         all.get(self.roll(all.len()))
     }
 }
 
-/// An edit of something that the outline has, right or wrong.
+/// Returns a random edit that refers to parts of the outline; it may be invalid.
 fn random_edit(outline: &Json, dice: &mut Dice) -> Option<Json> {
     let nodes = list(&outline["nodes"]);
     fn name(node: &Json) -> String {
         node["name"].as_str().unwrap().to_owned()
     }
-    let node = dice.of(nodes)?.clone();
-    let other = dice.of(nodes)?.clone();
+    let node = dice.pick(nodes)?.clone();
+    let other = dice.pick(nodes)?.clone();
     fn port(dice: &mut Dice, node: &Json) -> Option<String> {
         let known = links(node);
-        let linked = dice.of(&known).map(|(port, _)| port.clone());
-        let port = dice.of(&texts(&node["ports"])).map(|port| (*port).to_owned());
-        Some(format!(
-            "{}.{}",
-            name(&node),
-            if dice.roll(2) == 0 { linked.or(port)? } else { port? }
-        ))
+        let linked = dice.pick(&known).map(|(port, _)| port.clone());
+        let port = dice.pick(&texts(&node["ports"])).map(|port| (*port).to_owned());
+        Some(format!("{}.{}", name(node), if dice.roll(2) == 0 { linked.or(port)? } else { port? }))
     }
     Some(match dice.roll(7) {
         0 => json!({ "remove": { "name": name(&node), "and_links": dice.roll(3) > 0 } }),
         1 => json!({ "rename": { "from": name(&node), "to": format!("n-{}", dice.roll(40)) } }),
         2 | 3 => {
-            let output = dice.of(list(&other["outputs"])).map(|it| it["name"].as_str().unwrap());
+            let output = dice.pick(list(&other["outputs"])).map(|it| it["name"].as_str().unwrap());
             let to = output.filter(|it| !it.is_empty()).map(|it| format!(".{it}"));
             json!({ "link": { "port": port(dice, &node)?, "to": name(&other) + &to.unwrap_or_default() } })
         }
@@ -197,20 +193,20 @@ fn random_edit(outline: &Json, dice: &mut Dice) -> Option<Json> {
             json!({ "add": { "name": to, "node": node["type"], "fields": Vec::from_iter(fields), "after": name(&other) } })
         }
         _ => {
-            let field = dice.of(list(&node["fields"]))?.clone();
-            let value = dice.of(&["1", "0.5", "Loop", "\"x\"", "nothing"]).copied();
+            let field = dice.pick(list(&node["fields"]))?.clone();
+            let value = dice.pick(&["1", "0.5", "Loop", "\"x\"", "nothing"]).copied();
             json!({ "set": { "target": format!("{}.{}", name(&node), texts(&field)[0]), "value": value } })
         }
     })
 }
 
-/// So many are tried on each graph; the law of edits tries more.
+/// Number of edits that are tried on each graph. `tests/engine/edits/law.rs` tries more.
 const EDITS: usize = 20;
 
 #[test]
 fn random_edits_leave_what_the_answer_says_or_nothing_and_all_are_taken_back() {
     let project = Project::new("");
-    let mut host = Host::of(&project);
+    let mut host = Host::start(&project);
     let (mut done, mut refused) = (0, 0);
     for graph in graphs(&project) {
         let first = fs::read_to_string(&graph).unwrap();
@@ -220,7 +216,7 @@ fn random_edits_leave_what_the_answer_says_or_nothing_and_all_are_taken_back() {
         for _ in 0..EDITS {
             let Some(random) = random_edit(&told["outline"], &mut dice) else { break };
             let known = texts.last().unwrap().clone();
-            match asked(&mut host, "edit", edit(&graph, random.clone(), false)) {
+            match ask(&mut host, "edit", edit(&graph, random.clone(), false)) {
                 Ok(answer) => {
                     assert_eq!(answer["before"], known, "{graph:?} {random}");
                     let text = fs::read_to_string(&graph).unwrap();
@@ -268,7 +264,7 @@ fn a_text_with_mistakes_has_an_outline_with_its_mistakes() {
 )
 ";
     let project = Project::new(text);
-    let mut host = Host::of(&project);
+    let mut host = Host::start(&project);
     let told = host.ask("outline", json!({ "graph": "doll.ron" }));
     assert_eq!(told["ok"], false);
     assert!(list(&told["problems"]).len() >= 3, "{told}");
@@ -284,14 +280,14 @@ fn a_text_with_mistakes_has_an_outline_with_its_mistakes() {
     assert_eq!(node(1, "comment"), "");
     let paragraphs: Vec<_> = nodes.iter().map(|node| node["paragraph"].clone()).collect();
     assert_eq!(paragraphs, [0, 0, 1]);
-    // Nothing is known of an unknown type but what is named.
+    // Of a node of unknown type, only what the text contains is known.
     assert_eq!((node(1, "type"), node(1, "ports")), (json!("Oddity"), json!([])));
     assert_eq!(links(&nodes[1]), [("mesh".into(), "fine".into())]);
     assert_eq!(node(1, "outputs"), json!([{ "name": "thing", "type": null }]));
     assert_eq!(node(2, "fields"), json!([["mesh", "\"odd.thing\""], ["levels", "\"many\""]]));
     let outputs = list(&told["outline"]["outputs"]);
     assert_eq!(outputs[1]["link"]["node"], "nobody");
-    // What cannot be read has none.
+    // A text with syntax errors has no outline.
     let told =
         host.ask("outline", json!({ "graph": "doll.ron", "text": "Graph(format: 1, nodes: {" }));
     assert_eq!(told["outline"], Json::Null);
@@ -303,7 +299,7 @@ fn where_nodes_were_put_is_kept_beside_the_graph_and_changes_nothing() {
     let text = "Graph(format: 1, inputs: { \"given\": Mesh(doc: \"what comes in\") }, nodes: { \"fine\": Subdivide(mesh: \"given\", \
                 scheme: Loop) }, outputs: { \"mesh\": \"fine\" })\n";
     let project = Project::new(text);
-    let mut host = Host::of(&project);
+    let mut host = Host::start(&project);
     let graph = json!({ "graph": "doll.ron" });
     let without = host.ask("outline", graph.clone());
     assert_eq!(without["layout"], Json::Null);
@@ -311,19 +307,21 @@ fn where_nodes_were_put_is_kept_beside_the_graph_and_changes_nothing() {
     let layout = json!({ "inputs": [0.0, -1.5], "nodes": { "fine": [1.25, 3.0], "gone": [2.0, 0.125] }, "outputs": null });
     host.ask("layout", json!({ "graph": "doll.ron", "layout": layout }));
     let kept = project.folder().join("doll.layout.ron");
-    let written = "// Where the nodes of doll.ron stand in an editor. Nothing else depends on it.
+    let written =
+        "// Positions of the nodes of doll.ron in an editor. Nothing else depends on this file.
 Layout(
-    inputs: (0.000, -1.500),
+    inputs: (0.0, -1.5),
     nodes: {
-        \"fine\": (1.250, 3.000),
-        \"gone\": (2.000, 0.125),
+        \"fine\": (1.25, 3.0),
+        \"gone\": (2.0, 0.125),
     },
+    outputs: None,
 )
 ";
     assert_eq!(fs::read_to_string(&kept).unwrap(), written);
     let mut with = host.ask("outline", graph.clone());
     assert_eq!(with["layout"], layout);
-    // It moves nothing but boxes, and may go at any time.
+    // The layout affects only the positions of nodes in an editor, and its file may be deleted at any time.
     (with["layout"], with["id"]) = (Json::Null, without["id"].clone());
     assert_eq!(with, without);
     let moved = json!({ "nodes": { "fine": [0.0, 0.0] } });
@@ -333,12 +331,12 @@ Layout(
     assert_eq!(host.ask("outline", graph.clone())["layout"], Json::Null);
     assert_eq!(fs::read_to_string(project.folder().join("doll.ron")).unwrap(), text);
 
-    // What somebody else has there is not replaced.
+    // A foreign file with this name is not replaced.
     for (other, place) in [(text, "1:1"), ("Layout(\n    nodes: 3,\n)\n", "2:12")] {
         fs::write(&kept, other).unwrap();
-        let why = host.refused("layout", json!({ "graph": "doll.ron", "layout": moved }));
+        let why = host.refusal("layout", json!({ "graph": "doll.ron", "layout": moved }));
         assert!(why.contains(&format!("doll.layout.ron:{place}: ")), "{why}");
-        assert!(why.contains("mend or delete the file"), "{why}");
+        assert!(why.contains("fix or delete the file"), "{why}");
         assert_eq!(fs::read_to_string(&kept).unwrap(), other);
         let told = host.ask("outline", graph.clone());
         assert_eq!((&told["layout_why"], &told["layout"]), (&json!(why), &Json::Null));
@@ -354,7 +352,7 @@ fn what_has_another_value_in_drafts_says_so() {
         nodes: { "net": PointNet(points: [[(0, 0, 0), (1, 0, 0)], [(0, 1, Draft(final: 1, draft: 0)), (1, 1, 0)]]),
         "s": Nurbs(net: "net", order: (2, 2)) }, outputs: { "s.ply": "s" })"#,
     );
-    let mut host = Host::of(&project);
+    let mut host = Host::start(&project);
     let outline = &host.ask("outline", json!({ "graph": "doll.ron" }))["outline"];
     fn drafts(section: &str, outline: &Json) -> Vec<bool> {
         list(&outline[section]).iter().map(|it| it["draft"] == true).collect::<Vec<_>>()

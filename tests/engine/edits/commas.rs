@@ -1,4 +1,4 @@
-//! Graphs whose commas begin lines: every tool says of them what it says of the same graph with commas behind.
+//! Graphs whose lines begin with commas: every tool treats them like the graph whose lines end with commas.
 
 use std::path::{Path, PathBuf};
 
@@ -28,17 +28,18 @@ const LEADING: &str = r#"Graph(
 )
 "#;
 
-/// The text in its canonical form.
+/// Returns the text in canonical form.
 fn form(text: &str) -> String {
-    maquette::edit::formatted(Path::new("graph.ron"), text)
+    maquette::edit::format_text(Path::new("graph.ron"), text)
         .unwrap_or_else(|why| panic!("{why:?}\n{text}"))
 }
 
-fn edited(text: &str, edits: &[Edit]) -> Option<String> {
+fn apply_edits(text: &str, edits: &[Edit]) -> Option<String> {
     edit(Path::new("nowhere/graph.ron"), text, edits).ok().map(|edited| edited.text)
 }
 
-/// A text in its canonical form with its commas at the beginnings of lines; with `apart` their comments are behind them.
+/// Returns a text in canonical form with its commas moved to the beginnings of lines. With `apart`, the comma of a commented entry is put
+/// before the comment.
 fn leading(text: &str, apart: bool) -> String {
     let mut lines: Vec<String> = Vec::new();
     let mut is_due = false;
@@ -100,7 +101,7 @@ fn edits_keep_the_commas_of_the_author() {
             assert!(text.contains(old), "{old}");
             text.replacen(old, new, 1)
         });
-        assert_eq!(edited(LEADING, edits).as_deref(), Some(&expected[..]));
+        assert_eq!(apply_edits(LEADING, edits).as_deref(), Some(&expected[..]));
     }
     let green = "        , \"green\": Transform(mesh: \"mesh\", translate: (0, 0, 3))\n";
     check(&[remove("green", false)], &[(green, "")]);
@@ -180,7 +181,7 @@ fn each_graph_of_the_project_is_the_same_with_leading_commas() {
             {
                 for edit in [rename(node, "other-name"), remove(node, true)] {
                     let [one, two] =
-                        [&text, &other].map(|text| edited(text, std::slice::from_ref(&edit)));
+                        [&text, &other].map(|text| apply_edits(text, std::slice::from_ref(&edit)));
                     assert_eq!(one.map(|it| form(&it)), two.map(|it| form(&it)), "{name} {edit:?}");
                 }
             }

@@ -1,12 +1,12 @@
-//! Nodes that become a graph of their own: both texts, what goes along, and what is refused.
+//! Extracts nodes to a new graph file: checks both resulting texts, the moved parts, and the refusals.
 
 use std::path::{Path, PathBuf};
 
 use expect_test::{Expect, expect};
-use maquette::{Evaluator, Extracted, Extraction, Files, Graph, Options, State};
+use maquette::{Evaluator, ExtractedGraph, Extraction, Files, Graph, Options, State};
 
-use super::moves::told;
-use super::{DOLL, catalog, edited, rename};
+use super::moves::diagnostics_text;
+use super::{DOLL, apply_edits, catalog, rename};
 
 const HERE: &str = "nowhere/graph.ron";
 
@@ -15,7 +15,7 @@ fn wish(nodes: &[&str], to: &str) -> Extraction {
     Extraction { nodes, to: Some(PathBuf::from(to)), ..Extraction::default() }
 }
 
-fn extract(text: &str, extraction: &Extraction) -> Result<Extracted, String> {
+fn extract(text: &str, extraction: &Extraction) -> Result<ExtractedGraph, String> {
     extract_with(text, extraction, &Options::default())
 }
 
@@ -23,9 +23,9 @@ fn extract_with(
     text: &str,
     extraction: &Extraction,
     options: &Options,
-) -> Result<Extracted, String> {
+) -> Result<ExtractedGraph, String> {
     let done = maquette::edit::extract(Path::new(HERE), text, extraction, catalog(), options);
-    done.map_err(|problems| told(&problems))
+    done.map_err(|problems| diagnostics_text(&problems))
 }
 
 #[track_caller]
@@ -70,7 +70,7 @@ Graph(
 )
 "##;
 
-/// The graph with types of its own that need no files.
+/// Returns the graph with node types that read no files.
 fn scan() -> String {
     let text = SCAN.replace("lib/skin.ron", "skin.ron").replace(", \"Bump\": \"lib/bump.ron\"", "");
     assert_ne!(text, SCAN);
@@ -93,7 +93,7 @@ fn with_skin() -> Options {
 fn nodes_go_with_their_comments_and_what_they_need() {
     let of =
         |nodes: &[&str]| extract_with(&scan(), &wish(nodes, "nowhere/lib/mark.ron"), &with_skin());
-    expect!["G008 graph.ron:20:9 `spot` stands between the nodes: it needs `red`, and `raised` needs it (extract `spot`, too, or leave one of them where it is)"].assert_eq(&of(&["red", "spots", "raised"]).unwrap_err());
+    expect!["G008 graph.ron:20:9 `spot` is between the nodes: it needs `red`, and `raised` needs it (extract `spot`, too, or leave one of them where it is)"].assert_eq(&of(&["red", "spots", "raised"]).unwrap_err());
     let done = of(&["raised", "red", "spots", "spot", "net", "picture"]).unwrap();
     assert_eq!((&done.kind[..], &done.name[..]), ("Mark", "mark"));
     assert_eq!(done.edited.before, scan());
@@ -172,9 +172,9 @@ fn a_use_goes_along_with_its_type_and_comes_back() {
     let options = with_skin().with_text("nowhere/lib/all.ron", &done.text[..]);
     let back =
         maquette::edit::inline(Path::new(HERE), &done.edited.text, "whole", catalog(), &options);
-    // Its first output was named.
+    // Extraction wrote out the name of the node's first output (`skin.mesh`), and inlining shortens it to `skin`.
     let was = scan().replace("Closed(\"skin.mesh\")", "Closed(\"skin\")");
-    assert_eq!(back.map(|back| back.text).map_err(|it| told(&it)), Ok(was));
+    assert_eq!(back.map(|back| back.text).map_err(|it| diagnostics_text(&it)), Ok(was));
 }
 
 #[test]
@@ -197,14 +197,14 @@ fn a_use_goes_into_a_folder_that_is_not_there_yet() {
     let to = Some(folder.path().join("new/deep/part.ron"));
     let wanted = Extraction { nodes: vec!["b".into()], to, ..Extraction::default() };
     let done = maquette::edit::extract(&path, text, &wanted, catalog(), &Options::default());
-    let done = done.unwrap_or_else(|problems| panic!("{}", told(&problems)));
+    let done = done.unwrap_or_else(|problems| panic!("{}", diagnostics_text(&problems)));
     assert!(done.text.contains(r#"use: { "Moved": "../../moved.ron" }"#), "{}", done.text);
 }
 
 #[test]
 fn lines_end_and_begin_as_they_do_in_the_graph() {
     let wanted = wish(&["red", "spots"], "nowhere/mark.ron");
-    fn of(text: &str, wanted: &Extraction) -> (String, String) {
+    fn extract_texts(text: &str, wanted: &Extraction) -> (String, String) {
         let done = extract_with(text, wanted, &with_skin()).unwrap();
         let options = with_skin().with_text("nowhere/mark.ron", &done.text[..]);
         let new = &done.edited.text;
@@ -213,15 +213,15 @@ fn lines_end_and_begin_as_they_do_in_the_graph() {
         assert_eq!(back.text, text);
         (done.edited.text, done.text)
     }
-    let (graph, new) = of(&scan(), &wanted);
+    let (graph, new) = extract_texts(&scan(), &wanted);
     fn windows(text: &str) -> String {
         text.replace('\n', "\r\n")
     }
-    assert_eq!(of(&windows(&scan()), &wanted), (windows(&graph), windows(&new)));
+    assert_eq!(extract_texts(&windows(&scan()), &wanted), (windows(&graph), windows(&new)));
     fn tabs(text: &str) -> String {
         text.replace("    ", "\t")
     }
-    assert_eq!(of(&tabs(&scan()), &wanted), (tabs(&graph), new));
+    assert_eq!(extract_texts(&tabs(&scan()), &wanted), (tabs(&graph), new));
 }
 
 #[test]
@@ -266,7 +266,7 @@ fn paths_lead_to_the_same_files_whatever_they_go_through() {
     let nodes = ["each", "used", "own", "given", "all"];
     let wanted = wish(&nodes, folder.join("sub/new.ron").to_str().unwrap());
     let done = maquette::edit::extract(&path, text, &wanted, catalog(), &options);
-    let done = done.unwrap_or_else(|problems| panic!("{}", told(&problems)));
+    let done = done.unwrap_or_else(|problems| panic!("{}", diagnostics_text(&problems)));
     expect![[r#"
         Graph(
             format: 1,
@@ -287,12 +287,16 @@ fn paths_lead_to_the_same_files_whatever_they_go_through() {
     .assert_eq(&done.text);
     let options = options.with_text(&done.path, &done.text[..]);
     let back = maquette::edit::inline(&path, &done.edited.text, "new", catalog(), &options);
-    assert_eq!(back.map(|back| back.text).map_err(|problems| told(&problems)), Ok(text.to_owned()));
-    // With other values for its parameter, or none.
+    assert_eq!(
+        back.map(|back| back.text).map_err(|problems| diagnostics_text(&problems)),
+        Ok(text.to_owned())
+    );
+    // The use gives its parameter another value or leaves it out.
     let other = done.edited.text.replace("Param(\"last\")", "\"other/x.obj\"");
-    fn inlined(text: &str, path: &Path, options: &Options) -> String {
+    fn inline_text(text: &str, path: &Path, options: &Options) -> String {
         let done = maquette::edit::inline(path, text, "new", catalog(), options);
-        let text = done.map(|edited| edited.text).unwrap_or_else(|problems| told(&problems));
+        let text =
+            done.map(|edited| edited.text).unwrap_or_else(|problems| diagnostics_text(&problems));
         text.lines().find(|line| line.contains("given\": ")).unwrap_or(&text).trim().to_owned()
     }
     let none = done.edited.text.replace("last: Param(\"last\")", "");
@@ -301,8 +305,8 @@ fn paths_lead_to_the_same_files_whatever_they_go_through() {
         "given": Through(from: Draft(final: "f.obj", draft: "g.obj")),"#]]
     .assert_eq(&format!(
         "{}\n{}",
-        inlined(&other, &path, &options),
-        inlined(&none, &path, &options)
+        inline_text(&other, &path, &options),
+        inline_text(&none, &path, &options)
     ));
 }
 
@@ -372,10 +376,10 @@ fn entries_that_share_a_line_are_taken_out_of_it() {
 #[test]
 fn names_are_made_of_the_file_or_of_each_other() {
     fn names(extraction: Extraction) -> String {
-        let Extracted { path, kind, name, .. } = extract(DOLL, &extraction).unwrap();
+        let ExtractedGraph { path, kind, name, .. } = extract(DOLL, &extraction).unwrap();
         format!("{} {kind} {name}", path.display())
     }
-    fn of(kind: Option<&str>, name: Option<&str>, to: Option<&str>) -> Extraction {
+    fn extraction(kind: Option<&str>, name: Option<&str>, to: Option<&str>) -> Extraction {
         Extraction {
             nodes: vec!["grid".into()],
             kind: kind.map(str::to_owned),
@@ -383,13 +387,22 @@ fn names_are_made_of_the_file_or_of_each_other() {
             to: to.map(PathBuf::from),
         }
     }
-    assert_eq!(names(of(None, None, None)), "nowhere/grid.ron Grid grid");
-    assert_eq!(names(of(Some("BigNose"), None, None)), "nowhere/big-nose.ron BigNose big-nose");
-    assert_eq!(names(of(None, Some("far"), None)), "nowhere/far.ron Far far");
-    assert_eq!(names(of(None, None, Some("nowhere/x/y_2.ron"))), "nowhere/x/y_2.ron Y2 y2");
-    // A node of this type is built in, and one of this name is there.
-    assert_eq!(names(of(None, None, Some("nowhere/label.ron"))), "nowhere/label.ron Label2 label2");
-    assert_eq!(names(of(None, None, Some("nowhere/skin.ron"))), "nowhere/skin.ron Skin skin-2");
+    assert_eq!(names(extraction(None, None, None)), "nowhere/grid.ron Grid grid");
+    assert_eq!(
+        names(extraction(Some("BigNose"), None, None)),
+        "nowhere/big-nose.ron BigNose big-nose"
+    );
+    assert_eq!(names(extraction(None, Some("far"), None)), "nowhere/far.ron Far far");
+    assert_eq!(names(extraction(None, None, Some("nowhere/x/y_2.ron"))), "nowhere/x/y_2.ron Y2 y2");
+    // A new graph's type and name get a number if they are taken: a node type `Label` is built in, and the graph has a node `skin`.
+    assert_eq!(
+        names(extraction(None, None, Some("nowhere/label.ron"))),
+        "nowhere/label.ron Label2 label2"
+    );
+    assert_eq!(
+        names(extraction(None, None, Some("nowhere/skin.ron"))),
+        "nowhere/skin.ron Skin skin-2"
+    );
 }
 
 #[test]
@@ -398,9 +411,7 @@ fn what_cannot_be_extracted_is_refused() {
     check_refused(
         DOLL,
         &wish(&[], to),
-        expect![
-            "G007 graph.ron:1:1 there is nothing to extract (name the nodes that are to become a graph)"
-        ],
+        expect!["G007 graph.ron:1:1 no nodes to extract (name the nodes to extract)"],
     );
     check_refused(
         DOLL,
@@ -411,21 +422,21 @@ fn what_cannot_be_extracted_is_refused() {
         DOLL,
         &wish(&["red", "nose"], to),
         expect![
-            "G008 graph.ron:16:9 `spots` stands between the nodes: it needs `red`, and `nose` needs it (extract `spots`, too, or leave one of them where it is)"
+            "G008 graph.ron:16:9 `spots` is between the nodes: it needs `red`, and `nose` needs it (extract `spots`, too, or leave one of them where it is)"
         ],
     );
     check_refused(
         DOLL,
         &wish(&["red"], HERE),
         expect![
-            "G006 graph.ron:1:1 `nowhere/graph.ron` is there already (name a file that is not there yet)"
+            "G006 graph.ron:1:1 `nowhere/graph.ron` is there already (name a file that does not exist yet)"
         ],
     );
     check_refused(
         DOLL,
         &wish(&["red"], "nowhere/new.txt"),
         expect![
-            "G006 graph.ron:1:1 `nowhere/new.txt` cannot be the file of a graph (its name ends in .ron)"
+            "G006 graph.ron:1:1 `nowhere/new.txt` cannot be the file of a graph (use the extension .ron)"
         ],
     );
     check_refused(
@@ -435,7 +446,7 @@ fn what_cannot_be_extracted_is_refused() {
             "G014 graph.ron:5:19 `../../new.ron` lies outside of the project (move the file into nowhere, put a maquette.toml into a folder above both, or allow its folder with --root)"
         ],
     );
-    fn named(kind: &str, name: &str, to: &str) -> Extraction {
+    fn extraction_named(kind: &str, name: &str, to: &str) -> Extraction {
         Extraction {
             kind: (!kind.is_empty()).then(|| kind.to_owned()),
             name: (!name.is_empty()).then(|| name.to_owned()),
@@ -444,28 +455,28 @@ fn what_cannot_be_extracted_is_refused() {
     }
     check_refused(
         DOLL,
-        &named("Label", "", to),
+        &extraction_named("Label", "", to),
         expect!["G006 graph.ron:1:1 there is already a node type `Label` (give it another name)"],
     );
     check_refused(
         DOLL,
-        &named("red", "", to),
+        &extraction_named("red", "", to),
         expect![
-            "G006 graph.ron:1:1 `red` cannot name a type of nodes (such names begin with a capital letter; letters and digits follow)"
+            "G006 graph.ron:1:1 `red` cannot be the name of a node type (use a capital letter followed by letters and digits)"
         ],
     );
     check_refused(
         DOLL,
-        &named("", "skin", to),
+        &extraction_named("", "skin", to),
         expect![
             "G006 graph.ron:1:1 there is already a node `skin` (give the new node another name)"
         ],
     );
     check_refused(
         DOLL,
-        &named("", "Skin", to),
+        &extraction_named("", "Skin", to),
         expect![
-            "G006 graph.ron:1:1 `Skin` cannot name a node (names begin with a lower-case letter; lower-case letters, digits and hyphens follow)"
+            "G006 graph.ron:1:1 `Skin` cannot name a node (use a lower-case letter followed by lower-case letters, digits and hyphens)"
         ],
     );
     let lib = include_str!("../../../graphs/lib/feature.ron");
@@ -473,7 +484,7 @@ fn what_cannot_be_extracted_is_refused() {
         lib,
         &wish(&["color"], to),
         expect![
-            "G007 graph.ron:1:1 `color` is an input, and no node (what comes in at inputs comes in at the new graph's, too)"
+            "G007 graph.ron:1:1 `color` is an input, not a node (leave it out: inputs of the new graph are created from links)"
         ],
     );
     let patch = "Patch(format: 1, of: \"doll.ron\", params: { \"growth\": 3.0 })";
@@ -492,7 +503,7 @@ fn what_cannot_be_extracted_is_refused() {
     check_refused(
         "Graph(",
         &wish(&["red"], to),
-        expect!["G001 graph.ron:1:6 this `(` is never closed (put a `)` where it ends)"],
+        expect!["G001 graph.ron:1:6 this `(` is never closed (add the missing `)`)"],
     );
     let each = r#"Graph(
     format: 1,
@@ -508,7 +519,7 @@ fn what_cannot_be_extracted_is_refused() {
         each,
         &wish(&["copies"], to),
         expect![
-            "G012 graph.ron:6:30 port `meshes` of `row` takes all of `copies`, but the outputs of a graph are single values (extract what needs them, too)"
+            "G012 graph.ron:6:30 port `meshes` of `row` takes all of `copies`, but the outputs of a graph are single values (extract the nodes that need them, too)"
         ],
     );
     check_refused(
@@ -528,12 +539,12 @@ fn a_file_that_is_there_is_not_replaced() {
     std::fs::write(folder.path().join("new.ron"), "mine").unwrap();
     let wanted = Extraction { to: Some(folder.path().join("new.ron")), ..wish(&["red"], "") };
     let refused = maquette::edit::extract(&path, DOLL, &wanted, catalog(), &Options::default());
-    assert!(told(&refused.unwrap_err()).contains("new.ron` is there already"));
-    // One that an editor has not saved is there, too.
+    assert!(diagnostics_text(&refused.unwrap_err()).contains("new.ron` is there already"));
+    // A file that exists only in an editor's unsaved text counts as existing, too.
     let other = Extraction { to: Some(folder.path().join("other.ron")), ..wish(&["red"], "") };
     let options = Options::default().with_text(folder.path().join("other.ron"), "mine");
     let refused = maquette::edit::extract(&path, DOLL, &other, catalog(), &options);
-    assert!(told(&refused.unwrap_err()).contains("other.ron` is there already"));
+    assert!(diagnostics_text(&refused.unwrap_err()).contains("other.ron` is there already"));
 }
 
 #[test]
@@ -567,8 +578,8 @@ fn nothing_is_computed_anew() {
         maquette::edit::inline(&path, &done.edited.text, "nose", catalog(), &options).unwrap();
     assert_eq!(inlined.text, DOLL);
     assert_eq!(count(&inlined.text, &mut evaluator, &options, &path).0, 0);
-    // Another name alone computes nothing either, but another value does.
-    let other = edited(DOLL, &[rename("red", "blue")]).unwrap();
+    // Renaming a node computes nothing again, but changing a value does.
+    let other = apply_edits(DOLL, &[rename("red", "blue")]).unwrap();
     assert_eq!(count(&other, &mut evaluator, &options, &path).0, 0);
     let other = done.edited.text.replace("default: 12.0", "default: 13.0");
     assert!(count(&other, &mut evaluator, &options, &path).0 > 0);

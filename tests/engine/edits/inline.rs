@@ -1,17 +1,17 @@
-//! Uses that give way to the nodes inside: values in place of parameters, names, expectations, and what is refused.
+//! Replaces uses of graphs by the nodes of these graphs: checks parameter values, names, expectations, and refusals.
 
 use std::path::Path;
 
 use expect_test::{Expect, expect};
 use maquette::{Evaluator, Files, Graph, Options, State};
 
-use super::moves::told;
+use super::moves::diagnostics_text;
 use super::sketch::Sketch;
 use super::{catalog, law};
 
 const HERE: &str = "nowhere/graph.ron";
 
-/// A graph with these parts that uses another one.
+/// Returns a graph with the given parts that uses another graph.
 fn outer(params: &str, nodes: &str, rest: &str) -> String {
     format!(
         "Graph(\n    format: 1,\n    use: {{ \"Lift\": \"lib/lift.ron\" }},\n{params}    nodes: {{\n        \"mesh\": ReadMesh(path: \"a.obj\"),\n{nodes}    }},\n{rest})\n"
@@ -44,14 +44,14 @@ fn options(lift: &str) -> Options {
     Options { files: Files::Ignored, ..Options::default() }.with_text("nowhere/lib/lift.ron", lift)
 }
 
-fn inlined(text: &str, lift: &str, node: &str) -> Result<String, String> {
+fn inline_text(text: &str, lift: &str, node: &str) -> Result<String, String> {
     let done = maquette::edit::inline(Path::new(HERE), text, node, catalog(), &options(lift));
-    done.map(|edited| edited.text).map_err(|problems| told(&problems))
+    done.map(|edited| edited.text).map_err(|problems| diagnostics_text(&problems))
 }
 
 #[track_caller]
 fn check(text: &str, lift: &str, expected: Expect) {
-    expected.assert_eq(&inlined(text, lift, "up").unwrap_or_else(|why| why));
+    expected.assert_eq(&inline_text(text, lift, "up").unwrap_or_else(|why| why));
 }
 
 const OUTPUTS: &str =
@@ -133,7 +133,7 @@ fn a_name_beside_a_hyphen_stands_apart() {
         .map(|value| {
             let use_it = format!("        \"up\": Lift(mesh: \"mesh\", x: {value}),\n");
             let text =
-                inlined(&outer(params, &use_it, outputs), lift, "up").unwrap_or_else(|why| why);
+                inline_text(&outer(params, &use_it, outputs), lift, "up").unwrap_or_else(|why| why);
             let line = text.lines().find(|line| line.contains("\"up\":") || line.starts_with("G0"));
             line.unwrap_or(&text).trim().to_owned()
         })
@@ -142,7 +142,7 @@ fn a_name_beside_a_hyphen_stands_apart() {
         "up": Transform(mesh: "mesh", scale: (Expr("(a)-1"), Expr("2 * a"), Param("a"))),
         "up": Transform(mesh: "mesh", scale: (Expr("(a - 1)-1"), Expr("2 * (a - 1)"), Expr("a - 1"))),
         "up": Transform(mesh: "mesh", scale: (Expr("(-3)-1"), Expr("2 * (-3)"), -3)),
-        G011 lift.ron:5:52 Expr("x-1") cannot say what `x` is given: Draft(final: 4, draft: 3) (give `x` a number, a Param or an Expr)
+        G011 lift.ron:5:52 Expr("x-1") cannot contain the value of `x`: Draft(final: 4, draft: 3) (give `x` a number, a Param or an Expr)
         "up": Transform(mesh: "mesh", scale: (Expr("a-1-1"), Expr("2 * a-1"), Param("a-1"))),"#]].assert_eq(&all);
 }
 
@@ -189,7 +189,7 @@ fn types_of_the_used_graph_come_along() {
     let twice = "        \"up\": Lift(mesh: \"mesh\"),\n        \"down\": Lift(mesh: \"up\"),\n";
     let text = outer("", twice, "    outputs: { \"a.ply\": \"down\" },\n");
     let first = maquette::edit::inline(Path::new(HERE), &text, "down", catalog(), &options);
-    let first = first.map(|it| it.text).unwrap_or_else(|why| told(&why));
+    let first = first.map(|it| it.text).unwrap_or_else(|why| diagnostics_text(&why));
     expect![[r#"
         Graph(
             format: 1,
@@ -240,34 +240,34 @@ fn types_of_the_used_graph_come_along() {
             outputs: { "a.ply": "all" },
             expect: [Closed("smooth"), Near(of: "lifted", to: "all", max: 900.0), Closed("up-smooth"), Near(of: "up-lifted", to: "up-all", max: 900.0)],
         )
-    "#]].assert_eq(&both.map(|it| it.text).unwrap_or_else(|why| told(&why)));
+    "#]].assert_eq(&both.map(|it| it.text).unwrap_or_else(|why| diagnostics_text(&why)));
 }
 
 #[test]
 fn what_nodes_alone_cannot_say_is_refused() {
     let use_it = "        \"up\": Lift(mesh: \"mesh\"),\n";
     let text = outer("", use_it, OUTPUTS);
-    fn refused(text: &str, lift: &str, node: &str) -> String {
-        inlined(text, lift, node).unwrap_err()
+    fn inline_error(text: &str, lift: &str, node: &str) -> String {
+        inline_text(text, lift, node).unwrap_err()
     }
-    let mut all = vec![refused(&text, LIFT, "uup"), refused(&text, LIFT, "mesh")];
+    let mut all = vec![inline_error(&text, LIFT, "uup"), inline_error(&text, LIFT, "mesh")];
     let each = "        \"up\": ForEach(graph: \"Lift\", over: [()], links: (mesh: \"mesh\")),\n";
     let rest = "    outputs: { \"a.ply\": \"up/1\" },\n";
-    all.push(refused(&outer("", each, rest), LIFT, "up"));
+    all.push(inline_error(&outer("", each, rest), LIFT, "up"));
     let wants = LIFT.replace("Mesh(doc: \"m\")", "Mesh(doc: \"m\", wants: [Closed])");
-    all.push(refused(&text, &wants, "up"));
+    all.push(inline_error(&text, &wants, "up"));
     let promises =
         LIFT.replace("    expect:", "    promises: { \"mesh\": [Closed] },\n    expect:");
-    all.push(refused(&text, &promises, "up"));
-    // A plain number would be one of centimeters here, and one of millimeters inside.
+    all.push(inline_error(&text, &promises, "up"));
+    // As a value of `height`, the plain number 7 is in centimeters, but in the node of the used graph it would be in millimeters.
     let params = "    params: { \"far\": Number(default: 7.0) },\n";
     let far = "        \"up\": Lift(mesh: \"mesh\", height: Param(\"far\")),\n";
-    all.push(refused(&outer(params, far, OUTPUTS), LIFT, "up"));
+    all.push(inline_error(&outer(params, far, OUTPUTS), LIFT, "up"));
     let draft = "        \"up\": Lift(mesh: \"mesh\", height: Draft(final: 2, draft: 1)),\n";
-    all.push(refused(&outer("", draft, OUTPUTS), LIFT, "up"));
+    all.push(inline_error(&outer("", draft, OUTPUTS), LIFT, "up"));
     let broken = text.replace("ReadMesh(", "ReadMehs(");
-    all.push(refused(&broken, LIFT, "up"));
-    all.push(refused("Patch(format: 1, of: \"doll.ron\")", LIFT, "up"));
+    all.push(inline_error(&broken, LIFT, "up"));
+    all.push(inline_error("Patch(format: 1, of: \"doll.ron\")", LIFT, "up"));
     let patch = "Patch(format: 1, of: \"other.ron\")";
     let folder = tempfile::tempdir().unwrap();
     std::fs::create_dir(folder.path().join("lib")).unwrap();
@@ -277,21 +277,21 @@ fn what_nodes_alone_cannot_say_is_refused() {
     let done =
         maquette::edit::inline(&folder.path().join("graph.ron"), &text, "up", catalog(), &options);
     let folder = folder.path().display().to_string();
-    all.push(told(&done.unwrap_err()).replace(&folder, ""));
+    all.push(diagnostics_text(&done.unwrap_err()).replace(&folder, ""));
     expect![[r#"
         G007 graph.ron:1:1 the graph has no node `uup` (did you mean `up`?)
-        G012 graph.ron:5:9 `mesh` is a ReadMesh, and no use of a graph (only types of nodes under `use` have nodes inside)
-        G012 graph.ron:6:9 `up` is a ForEach, whose elements are not written one by one (use the graph once for each element, and put the nodes in place of those)
-        G011 graph.ron:6:9 input `mesh` of `up` wants Closed, which nodes alone do not want (take it out of the graph's file, or keep the use)
-        G011 graph.ron:6:9 the graph of `up` promises what does not follow from its nodes (take the promise out of its file, or keep the use)
-        G011 graph.ron:7:9 without `up` something would be computed otherwise, such as a number in another unit (keep the use, or give its parameters values of their own units)
-        G011 lift.ron:13:77 Expr("-height * 2 + mm(1)") cannot say what `height` is given: Draft(final: 2, draft: 1) (give `height` a number, a Param or an Expr)
+        G012 graph.ron:5:9 `mesh` is a ReadMesh, not a use of a graph (only nodes whose types are declared under `use` can be inlined)
+        G012 graph.ron:6:9 `up` is a ForEach, whose elements are not written one by one (use the graph once for each element, and inline these uses)
+        G011 graph.ron:6:9 input `mesh` of `up` wants Closed, which its nodes do not require (remove the requirement from the graph's file, or keep the use)
+        G011 graph.ron:6:9 the graph of `up` promises properties that do not follow from its nodes (remove the promise from its file, or keep the use)
+        G011 graph.ron:7:9 without `up` some results would change, such as a number in another unit (keep the use, or give its parameters values of their own units)
+        G011 lift.ron:13:77 Expr("-height * 2 + mm(1)") cannot contain the value of `height`: Draft(final: 2, draft: 1) (give `height` a number, a Param or an Expr)
         G003 graph.ron:5:17 there is no node type `ReadMehs` (did you mean `ReadMesh`?)
         G001 graph.ron:1:1 a patch has values of nodes, but no nodes of its own (do it in the graph that it is `of`)
         G012 graph.ron:6:9 `/lib/lift.ron` is a patch, which has no nodes of its own (use the graph that it is `of`, with its values)"#]].assert_eq(&all.join("\n"));
 }
 
-/// Each use in all graphs: it can be put in place, or there is a reason.
+/// Each use of a graph in any graph of the project can be inlined, or is refused for a reason.
 #[test]
 fn uses_of_all_graphs_give_way_to_their_nodes() {
     let options = Options { files: Files::Ignored, ..Options::default() };
@@ -304,24 +304,24 @@ fn uses_of_all_graphs_give_way_to_their_nodes() {
         if Graph::load_text(&path, text.clone(), catalog(), &options).graph.is_none() {
             continue;
         }
-        for node in Sketch::of(&text).nodes.iter().filter(|node| uses(&node.kind, &text)) {
+        for node in Sketch::parse(&text).nodes.iter().filter(|node| uses(&node.kind, &text)) {
             match maquette::edit::inline(&path, &text, &node.name, catalog(), &options) {
                 Ok(edited) => {
                     done += 1;
                     fn count(text: &str) -> usize {
-                        Sketch::of(text).nodes.len()
+                        Sketch::parse(text).nodes.len()
                     }
                     assert!(count(&edited.text) >= count(&text), "{}", edited.text);
                 }
                 Err(problems) => {
                     let file = path.file_name().unwrap().to_string_lossy().into_owned();
-                    refused.push(format!("{file} {}: {}", node.name, told(&problems)));
+                    refused.push(format!("{file} {}: {}", node.name, diagnostics_text(&problems)));
                 }
             }
         }
     }
     assert!(done > 12 && done > 5 * refused.len(), "{done} done, refused:\n{}", refused.join("\n"));
-    // What is refused wants or promises something.
+    // A use is refused only if the used graph has `wants` or `promises`.
     let has_reason = |why: &String| why.contains(" wants ") || why.contains(" promises ");
     assert!(refused.iter().all(has_reason), "{}", refused.join("\n"));
 }
@@ -359,18 +359,18 @@ fn nothing_is_computed_anew() {
     let path = path.canonicalize().unwrap();
     let text = std::fs::read_to_string(&path).unwrap();
     let mut evaluator = Evaluator::new(2, 1 << 30).unwrap();
-    fn computed(text: &str, path: &Path, evaluator: &mut Evaluator) -> (usize, usize) {
+    fn count_computed(text: &str, path: &Path, evaluator: &mut Evaluator) -> (usize, usize) {
         let checked = Graph::load_text(path, text.to_owned(), catalog(), &Options::default());
         let done = evaluator.evaluate_all(&checked.graph.unwrap());
         assert_eq!(done.trace().count(State::Failed), 0);
         (done.trace().count(State::Computed), done.trace().0.len())
     }
-    let (first, all) = computed(&text, &path, &mut evaluator);
+    let (first, all) = count_computed(&text, &path, &mut evaluator);
     assert!(first > 10);
     let once =
         maquette::edit::inline(&path, &text, "nose", catalog(), &Options::default()).unwrap();
-    assert_eq!(computed(&once.text, &path, &mut evaluator), (0, all));
+    assert_eq!(count_computed(&once.text, &path, &mut evaluator), (0, all));
     let twice =
         maquette::edit::inline(&path, &once.text, "model", catalog(), &Options::default()).unwrap();
-    assert_eq!(computed(&twice.text, &path, &mut evaluator), (0, all));
+    assert_eq!(count_computed(&twice.text, &path, &mut evaluator), (0, all));
 }

@@ -1,11 +1,11 @@
-//! Random edits of all graphs, and what must be true of each: `LAW_EDITS` says how many are tried on each graph,
-//! `PROPTEST_RNG_SEED` which.
+//! Applies random edits to all graphs and checks the laws that each edit must satisfy. `LAW_EDITS` is the number of edits per graph, and
+//! `PROPTEST_RNG_SEED` selects them.
 
 use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use maquette::{Change, Difference, Edit, Edited, Files, Graph, Options};
+use maquette::{Change, Difference, Edit, EditedText, Files, Graph, Options};
 use proptest::prelude::*;
 use proptest::sample::Index;
 use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestRng, TestRunner};
@@ -13,22 +13,22 @@ use rayon::prelude::*;
 
 use super::sketch::{self, Sketch};
 use super::{catalog, differences, edit, schemas};
-use crate::beside::beside;
+use crate::beside::shared_folder;
 use crate::ron_files::ron_files;
 
-/// How many edits are tried on each graph, unless `LAW_EDITS` says otherwise.
+/// Number of edits per graph if `LAW_EDITS` is not set.
 const EDITS: u32 = 20;
 
-/// So many follow each other before the next ones begin with the graph as it is.
+/// Number of edits in a sequence; each sequence begins with the original graph.
 const WALK: usize = 8;
 
-/// All graphs of the project, and those of the folder beside it if it is there.
+/// Returns all graphs of the project, and the graphs of the folder beside the checkout if it exists.
 pub(super) fn graphs() -> Vec<(PathBuf, String)> {
     let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs");
-    let folders = [own].into_iter().chain(beside("graphs"));
+    let folders = [own].into_iter().chain(shared_folder("graphs"));
     let mut files: Vec<_> = folders.flat_map(|folder| ron_files(&folder)).collect();
     files.sort();
-    // A lock file has the texts of graphs in it.
+    // A lock file contains texts of graphs, but is not a graph itself.
     files.retain(|path| !path.to_string_lossy().ends_with(".lock.ron"));
     let graphs = files
         .into_iter()
@@ -42,11 +42,11 @@ pub(super) fn graphs() -> Vec<(PathBuf, String)> {
 
 fn problems(path: &Path, text: &str) -> Vec<(&'static str, String)> {
     let options = Options { files: Files::Ignored, ..Options::default() };
-    let problems = Graph::load_text(path, text.to_owned(), catalog(), &options).problems;
+    let problems = Graph::load_text(path, text.to_owned(), catalog(), &options).diagnostics;
     problems.into_iter().map(|problem| (problem.code, problem.message)).collect()
 }
 
-/// An edit of a graph, of what it has; many are wrong.
+/// Returns a random edit that refers to names of the graph; many such edits are invalid.
 fn random_edit(sketch: &Sketch, kind: usize, dice: &[Index; 4]) -> Edit {
     const NEW: [&str; 6] = ["new", "zz-top", "b-2", "nose", "grow", "Wrong"];
     let [a, b, c, d] = dice;
@@ -84,8 +84,8 @@ fn random_edit(sketch: &Sketch, kind: usize, dice: &[Index; 4]) -> Edit {
             }
         }
         1 => {
-            // Half of the time one that no other needs.
-            fn needed(name: &str, sketch_links: &[(String, String)]) -> bool {
+            // Half of the time, remove a node that no other node needs.
+            fn is_needed(name: &str, sketch_links: &[(String, String)]) -> bool {
                 fn is_it(link: &str, name: &str) -> bool {
                     link.split('.').next() == Some(name)
                 }
@@ -95,7 +95,7 @@ fn random_edit(sketch: &Sketch, kind: usize, dice: &[Index; 4]) -> Edit {
                 .nodes
                 .iter()
                 .map(|node| &node.name)
-                .filter(|name| !needed(name, &sketch.links));
+                .filter(|name| !is_needed(name, &sketch.links));
             let ends: Vec<_> = ends.map(|name| format!("nodes.{name}")).collect();
             let among = if c.index(2) == 0 { &ends } else { &sketch.names };
             Edit::Remove { name: name(among, a), and_links: b.index(3) > 0 }
@@ -110,7 +110,7 @@ fn random_edit(sketch: &Sketch, kind: usize, dice: &[Index; 4]) -> Edit {
         3 if sketch.links.is_empty() => Edit::Unlink { port: "nothing.at-all".into() },
         3 => {
             let (port, _) = a.get(&sketch.links);
-            // Most ports are of the same type as those of the same name.
+            // Ports with the same field name mostly have the same type, so their links fit.
             fn field(port: &str) -> Option<String> {
                 port.split('.').nth(1).map(str::to_owned)
             }
@@ -126,7 +126,7 @@ fn random_edit(sketch: &Sketch, kind: usize, dice: &[Index; 4]) -> Edit {
                     Edit::Unlink { port: a.get(&sketch.links).0.clone() }
                 }
                 _ if !free.is_empty() => Edit::Unlink { port: a.get(&free).clone() },
-                // A graph all of whose links are needed.
+                // All links of this graph are required: set a value instead.
                 _ => random_edit(sketch, 5, dice),
             }
         }
@@ -149,7 +149,7 @@ fn random_edit(sketch: &Sketch, kind: usize, dice: &[Index; 4]) -> Edit {
 
 const KINDS: [&str; 7] = ["add", "remove", "rename", "link", "unlink", "set", "output"];
 
-/// What of a walk is no edit, but takes the last one back: the text is what it was, and edits go on from there.
+/// A step that is not an edit: it reverts the last edit, and the next edit continues from the restored text.
 const UNDO: usize = KINDS.len();
 
 fn kind_of(edit: &Edit) -> &'static str {
@@ -164,20 +164,20 @@ fn kind_of(edit: &Edit) -> &'static str {
     }]
 }
 
-/// Whether all of `part` stands in `whole`, in order.
+/// Returns true if `part` is a subsequence of `whole`.
 fn is_within(part: &str, whole: &str) -> bool {
     let mut whole = whole.bytes();
     part.bytes().all(|byte| whole.any(|other| other == byte))
 }
 
-/// The bytes at the beginning and the end that two texts have in common, at most as many as the shorter one has.
+/// Returns the summed length in bytes of the common prefix and the common suffix of two texts, at most the length of the shorter text.
 fn in_common(old: &str, new: &str) -> usize {
     let start = old.bytes().zip(new.bytes()).take_while(|(a, b)| a == b).count();
     let end = old.bytes().rev().zip(new.bytes().rev()).take_while(|(a, b)| a == b).count();
     (start + end).min(old.len()).min(new.len())
 }
 
-/// The text with all literals empty.
+/// Returns the text with all string literals emptied.
 fn skeleton(text: &str) -> String {
     let pieces = text.split('"').enumerate();
     let outside = pieces.filter(|(index, _)| index % 2 == 0);
@@ -192,13 +192,13 @@ macro_rules! holds {
     };
 }
 
-/// What must be true of an edit that was done.
-fn judge(path: &Path, old: &str, edit: &Edit, edited: &Edited) -> Result<(), TestCaseError> {
+/// Checks the laws that a successful edit must satisfy.
+fn judge(path: &Path, old: &str, edit: &Edit, edited: &EditedText) -> Result<(), TestCaseError> {
     let new = &edited.text;
     holds!(edited.before == old, "the old text is another one");
     let known = problems(path, old);
     let found = problems(path, new);
-    // The same may be said of another name.
+    // After renaming, a known diagnostic may mention the new name, so only its code is compared.
     let renames = matches!(edit, Edit::Rename { .. }) && found.len() <= known.len();
     let is_known = |(code, message): &(&str, String)| {
         known.iter().any(|known| known.0 == *code && (renames || known.1 == *message))
@@ -225,7 +225,7 @@ fn judge(path: &Path, old: &str, edit: &Edit, edited: &Edited) -> Result<(), Tes
             let is_new = matches!(edit, Edit::Add { .. });
             if is_new {
                 let common = in_common(old, new);
-                // A comma before a comment, and the entry behind it.
+                // Returns true if the added text consists of a comma before a comment and the entry after that comment.
                 fn comma(common: usize, old: &str, new: &str) -> bool {
                     is_within(old, new) && in_common(&old[common..], new) > 0
                 }
@@ -233,9 +233,9 @@ fn judge(path: &Path, old: &str, edit: &Edit, edited: &Edited) -> Result<(), Tes
             }
         }
     }
-    // What stands on lines of its own stays in the canonical form.
+    // Entries on lines of their own stay in canonical form.
     fn form(text: &str, path: &Path) -> Option<String> {
-        maquette::edit::formatted(path, text).ok()
+        maquette::edit::format_text(path, text).ok()
     }
     let of_nodes = match edit {
         Edit::Add { .. } => true,
@@ -247,7 +247,8 @@ fn judge(path: &Path, old: &str, edit: &Edit, edited: &Edited) -> Result<(), Tes
     }
     if of_nodes && form(old, path).as_deref() == Some(old) && !is_joined(old) {
         let formed = form(new, path).unwrap_or_default();
-        // A shorter list of parameters or inputs may fit on one line, but what is left of it stays as it is.
+        // If the list of parameters or inputs becomes shorter, the canonical form may join it into one line, though the edit leaves its
+        // lines alone. Then only the text from `nodes` on is compared.
         let is_joined = is_joined(&formed);
         fn from(text: &str, is_joined: bool) -> usize {
             text.find("\n    nodes:").filter(|_| is_joined).unwrap_or(0)
@@ -258,17 +259,17 @@ fn judge(path: &Path, old: &str, edit: &Edit, edited: &Edited) -> Result<(), Tes
     judge_meaning(edit, old, &differences(path, old, new))
 }
 
-/// What the edit changes of what the graph says.
+/// Checks that the graph's meaning differs exactly as the edit requires.
 fn judge_meaning(edit: &Edit, old: &str, found: &[Difference]) -> Result<(), TestCaseError> {
     let told = found.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
     fn plain(name: &str) -> String {
         name.rsplit('.').next().unwrap_or_default().to_owned()
     }
-    // Expectations are compared as texts, which name what they speak of.
+    // Expectations are compared as texts, which differ when a name in them changes.
     fn is_expected(found: &&Difference, old: &str) -> bool {
         found.field == "expect" && old.contains("expect:")
     }
-    // What an output promises goes with it.
+    // The promises of an output are removed or renamed with it.
     let outputs_go = matches!(edit, Edit::Remove { .. } | Edit::Rename { .. });
     let is_promised =
         |found: &&Difference| outputs_go && found.field == "promises" && old.contains("promises:");
@@ -277,7 +278,7 @@ fn judge_meaning(edit: &Edit, old: &str, found: &[Difference]) -> Result<(), Tes
         .filter(|found| !is_expected(found, old) && !is_promised(found))
         .collect::<Vec<_>>();
     fn is_one(change: Change, name: &str, found: &[&Difference]) -> bool {
-        match &found[..] {
+        match found {
             [one] => one.change == change && one.name == name,
             _ => false,
         }
@@ -299,7 +300,7 @@ fn judge_meaning(edit: &Edit, old: &str, found: &[Difference]) -> Result<(), Tes
             own.len() == 1 && if *and_links { others_go } else { others.is_empty() }
         }
         Edit::Rename { from, to } => {
-            // What named the new name in vain means it now, in the same words.
+            // A link that had no target, because it already used the new name, now refers to the renamed node. Its text is unchanged.
             fn is_in_vain(f: &Difference) -> bool {
                 f.before.is_some() && f.before == f.after
             }
@@ -329,7 +330,7 @@ fn judge_meaning(edit: &Edit, old: &str, found: &[Difference]) -> Result<(), Tes
     Ok(())
 }
 
-/// Follows some edits of a graph, each of what the one before has made.
+/// Applies a sequence of edits to a graph, each edit to the result of the previous one.
 fn follow(
     path: &Path,
     text: &str,
@@ -343,7 +344,7 @@ fn follow(
             text = undo.pop().unwrap_or(text);
             continue;
         }
-        let next = random_edit(&Sketch::of(&text), *kind, dice);
+        let next = random_edit(&Sketch::parse(&text), *kind, dice);
         let told = |error: TestCaseError| {
             TestCaseError::fail(format!("{next:?} of {}: {error}\n--- was\n{text}", path.display()))
         };
@@ -392,11 +393,12 @@ fn a_random_edit_does_what_it_says_and_nothing_else_or_is_refused() {
         let mut runner = TestRunner::new_with_rng(config, rng);
         runner.run(&walk, |steps| follow(path, text, &steps, &counts)).err()
     });
-    // The last edit tells all; those before it have only led to the text.
-    fn told(failure: String) -> Option<String> {
+    // Only the part with the failing edit is shown; proptest's minimal input after it only repeats the steps that led to the text.
+    fn short_failure(failure: String) -> Option<String> {
         failure.split("minimal failing").next().map(str::to_owned)
     }
-    let failures: Vec<String> = failures.filter_map(|failure| told(failure.to_string())).collect();
+    let failures: Vec<String> =
+        failures.filter_map(|failure| short_failure(failure.to_string())).collect();
     assert!(failures.is_empty(), "{} graphs:\n{}", failures.len(), failures.join("\n"));
     let counts = counts.into_inner().unwrap();
     for kind in KINDS {

@@ -1,4 +1,4 @@
-//! Ports are linked and left free.
+//! Edits that link and unlink ports.
 
 use super::*;
 
@@ -17,7 +17,7 @@ fn ports_are_linked_and_left_free() {
         DOLL,
         link("skin.mesh", "model"),
         expect![
-            "G008 30:9 nodes hang on each other in a circle: skin <- model <- skin (a node cannot need its own result: break one of these links)"
+            "G008 30:9 cycle: skin <- model <- skin (a node cannot need its own result: break one of these links)"
         ],
     );
     check_refused(
@@ -50,7 +50,7 @@ fn ports_are_linked_and_left_free() {
     check_refused(
         DOLL,
         link("skin", "grid"),
-        expect!["G004 1:1 `skin` is no port (write NODE.PORT)"],
+        expect!["G004 1:1 `skin` is not a port (write NODE.PORT)"],
     );
     check_refused(
         DOLL,

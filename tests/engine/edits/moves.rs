@@ -1,11 +1,11 @@
-//! Random sets of nodes of all graphs are extracted and put back: what must be true of both. `LAW_SETS` says how many are tried on each
-//! graph, `PROPTEST_RNG_SEED` which.
+//! Extracts random sets of nodes of all graphs and inlines them again, and checks the laws that both edits must satisfy. `LAW_SETS` is the
+//! number of sets per graph, and `PROPTEST_RNG_SEED` selects them.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use maquette::{Extracted, Extraction, Files, Graph, Options, Place, Problem};
+use maquette::{Diagnostic, ExtractedGraph, Extraction, Files, Graph, Options, Position};
 use proptest::prelude::RngExt;
 use proptest::test_runner::{RngAlgorithm, TestRng};
 use rayon::prelude::*;
@@ -13,14 +13,14 @@ use rayon::prelude::*;
 use super::sketch::{self, Sketch};
 use super::{catalog, differences, law};
 
-/// How many sets of nodes are tried on each graph, unless `LAW_SETS` says otherwise.
+/// Number of node sets per graph if `LAW_SETS` is not set.
 const SETS: u64 = 6;
 
 fn options() -> Options {
     Options { files: Files::Ignored, ..Options::default() }
 }
 
-/// Some nodes of a graph: a run of neighbors in the text, some that hang on each other, or any.
+/// Returns some nodes of a graph: consecutive ones in the text, ones that depend on each other, or arbitrary ones.
 fn random_nodes(sketch: &Sketch, rng: &mut impl RngExt) -> Vec<String> {
     let names: Vec<_> = sketch.nodes.iter().map(|node| node.name.clone()).collect();
     let count = rng.random_range(1..=names.len().min(6));
@@ -51,7 +51,7 @@ fn random_nodes(sketch: &Sketch, rng: &mut impl RngExt) -> Vec<String> {
     }
 }
 
-/// Whether nodes stand behind each other in the text.
+/// Returns true if these nodes are consecutive in the text.
 fn is_run(sketch: &Sketch, nodes: &[String]) -> bool {
     let places = BTreeSet::from_iter(
         nodes.iter().filter_map(|name| sketch.nodes.iter().position(|node| node.name == *name)),
@@ -59,9 +59,10 @@ fn is_run(sketch: &Sketch, nodes: &[String]) -> bool {
     places.last().zip(places.first()).is_some_and(|(last, first)| last - first < places.len())
 }
 
-/// A text in its canonical form with one spelling of each link: the first output of a node has two.
+/// Returns a text in canonical form in which each link has one spelling. A link to the first output of a node may be written as
+/// `node.output` or `node`; the latter is used for all `outputs`.
 fn one_spelling(path: &Path, text: &str, outputs: &BTreeSet<String>) -> String {
-    let mut text = maquette::edit::formatted(path, text).unwrap();
+    let mut text = maquette::edit::format_text(path, text).unwrap();
     for output in outputs {
         let node = output.split('.').next().unwrap_or("");
         text = text.replace(&format!("\"{output}\""), &format!("\"{node}\""));
@@ -69,7 +70,7 @@ fn one_spelling(path: &Path, text: &str, outputs: &BTreeSet<String>) -> String {
     text
 }
 
-/// Links that say the same as the name of their node alone, where both are written.
+/// Returns the links of the form `node.output` whose node is also linked by its name alone.
 fn twice_spelled(text: &str, sketch: &Sketch) -> BTreeSet<String> {
     let links = sketch.links.iter().map(|(_, link)| link.clone());
     let links = links.filter(|link| {
@@ -79,13 +80,13 @@ fn twice_spelled(text: &str, sketch: &Sketch) -> BTreeSet<String> {
     links.collect()
 }
 
-/// Problems with their files and places.
-pub(super) fn told(problems: &[Problem]) -> String {
+/// Formats diagnostics with their files and positions.
+pub(super) fn diagnostics_text(problems: &[Diagnostic]) -> String {
     problems
         .iter()
         .map(|problem| {
-            let place = Place::of(&problem.source.text, problem.span.start);
-            let Problem { code, message, help, source, .. } = problem;
+            let place = Position::from_offset(&problem.source.text, problem.span.start);
+            let Diagnostic { code, message, help, source, .. } = problem;
             let file = source.name.file_name().unwrap_or_default().to_string_lossy();
             format!("{code} {file}:{}:{} {message} ({help})", place.line, place.column)
         })
@@ -95,22 +96,23 @@ pub(super) fn told(problems: &[Problem]) -> String {
 
 fn graph(path: &Path, text: &str, options: &Options) -> Graph {
     let checked = Graph::load_text(path, text.to_owned(), catalog(), options);
-    checked.graph.unwrap_or_else(|| panic!("{}\n{text}", told(&checked.problems)))
+    checked.graph.unwrap_or_else(|| panic!("{}\n{text}", diagnostics_text(&checked.diagnostics)))
 }
 
-/// What must be true of nodes that were extracted.
-fn judge(path: &Path, text: &str, nodes: &[String], new: &Extracted) -> Result<(), String> {
+/// Checks the laws that an extraction must satisfy.
+fn judge(path: &Path, text: &str, nodes: &[String], new: &ExtractedGraph) -> Result<(), String> {
     fn holds(what: bool, words: String) -> Result<(), String> {
         if what { Ok(()) } else { Err(words) }
     }
     let after = &new.edited.text;
     let texts = || format!("{after}\n--- {}\n{}", new.path.display(), new.text);
     fn form(text: &str, path: &Path) -> String {
-        maquette::edit::formatted(path, text).unwrap()
+        maquette::edit::format_text(path, text).unwrap()
     }
     holds(form(&new.text, path) == new.text, format!("the new graph has no form:\n{}", texts()))?;
-    // Links are longer than they were, so that what has them may no longer fit on its line; the use itself has its form.
-    fn own(text: &str, name: &str, kind: &str) -> (usize, String) {
+    // Links to the new node are longer than before, so other entries may no longer fit on one line. Therefore only the entry of the new
+    // node must have canonical form.
+    fn own_text(text: &str, name: &str, kind: &str) -> (usize, String) {
         let start = text.find(&format!("        \"{name}\": {kind}(")).unwrap();
         let first = text[start..].lines().next().unwrap();
         let close = if first.ends_with('(') { "\n        ),\n" } else { "),\n" };
@@ -119,20 +121,21 @@ fn judge(path: &Path, text: &str, nodes: &[String], new: &Extracted) -> Result<(
     }
     if form(text, path) == text {
         holds(
-            own(&form(after, path), &new.name, &new.kind).1 == own(after, &new.name, &new.kind).1,
+            own_text(&form(after, path), &new.name, &new.kind).1
+                == own_text(after, &new.name, &new.kind).1,
             format!("has no form:\n{}", texts()),
         )?;
     }
-    // No comment is lost, and none is in both.
+    // No comment is lost or duplicated.
     let mut comments = Vec::from_iter(sketch::comments(after));
     comments.extend(sketch::comments(&new.text));
     comments.sort_unstable();
     let mut known = Vec::from_iter(sketch::comments(text));
     known.sort_unstable();
     holds(comments == known, format!("other comments:\n{}", texts()))?;
-    // All lines that speak of other things are as they were.
+    // All lines outside of the moved nodes are unchanged.
     let lines = BTreeSet::<&str>::from_iter(text.lines());
-    let (start, entry) = own(after, &new.name, &new.kind);
+    let (start, entry) = own_text(after, &new.name, &new.kind);
     let after_others = [&after[..start], &after[start + entry.len() + 3..]].concat();
     let other = after_others.lines().filter(|line| !lines.contains(line));
     let is_link =
@@ -142,14 +145,14 @@ fn judge(path: &Path, text: &str, nodes: &[String], new: &Extracted) -> Result<(
 
     let inside = options().with_text(&new.path, new.text.clone());
     let inlined = maquette::edit::inline(path, after, &new.name, catalog(), &inside);
-    let back = inlined.map_err(|found| format!("{}\n{}", told(&found), texts()))?.text;
-    let sketch = Sketch::of(text);
+    let back = inlined.map_err(|found| format!("{}\n{}", diagnostics_text(&found), texts()))?.text;
+    let sketch = Sketch::parse(text);
     let twice = twice_spelled(text, &sketch);
-    fn spelled(text: &str, twice: &BTreeSet<String>, path: &Path) -> String {
+    fn normalize_names(text: &str, twice: &BTreeSet<String>, path: &Path) -> String {
         one_spelling(path, text, twice)
     }
     if is_run(&sketch, nodes) {
-        let same = spelled(&back, &twice, path) == spelled(text, &twice, path);
+        let same = normalize_names(&back, &twice, path) == normalize_names(text, &twice, path);
         holds(same, format!("is not what it was:\n{back}\n--- was\n{text}\n---{}", texts()))?;
         fn identity(text: &str, path: &Path) -> maquette::Hash {
             graph(path, text, &options()).identity()
@@ -161,13 +164,14 @@ fn judge(path: &Path, text: &str, nodes: &[String], new: &Extracted) -> Result<(
     } else {
         let found = differences(path, text, &back);
         holds(found.is_empty(), format!("{found:?}\n{back}\n--- was\n{text}"))?;
-        fn sorted(text: &str) -> Vec<String> {
+        fn sort_lines(text: &str) -> Vec<String> {
             let mut lines: Vec<_> = text.lines().map(str::to_owned).collect();
             lines.retain(|line| !line.is_empty());
             lines.sort_unstable();
             lines
         }
-        let same = sorted(&spelled(&back, &twice, path)) == sorted(&spelled(text, &twice, path));
+        let same = sort_lines(&normalize_names(&back, &twice, path))
+            == sort_lines(&normalize_names(text, &twice, path));
         holds(same, format!("other lines:\n{back}\n--- was\n{text}\n---{}", texts()))?;
     }
     Ok(())
@@ -196,7 +200,7 @@ fn what_is_extracted_comes_back_by_inlining() {
         let mut bytes = [0; 32];
         bytes[..8].copy_from_slice(&(seed + index as u64).to_le_bytes());
         let mut rng = TestRng::from_seed(RngAlgorithm::ChaCha, &bytes);
-        let sketch = Sketch::of(text);
+        let sketch = Sketch::parse(text);
         for set in 0..if sketch.nodes.is_empty() { 0 } else { sets } {
             let nodes = random_nodes(&sketch, &mut rng);
             let to = match set % 3 {
@@ -215,7 +219,7 @@ fn what_is_extracted_comes_back_by_inlining() {
                     counts.lock().unwrap().1 += 1;
                     let is_told =
                         !found.is_empty() && !found.iter().any(|it| it.help.contains("fault"));
-                    if is_told { Ok(()) } else { Err(told(found)) }
+                    if is_told { Ok(()) } else { Err(diagnostics_text(found)) }
                 }
             };
             judged.map_err(|why| format!("{} {:?}: {why}", path.display(), extraction.nodes))?;

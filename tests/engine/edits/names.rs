@@ -1,4 +1,4 @@
-//! Names are changed wherever they stand.
+//! Renaming changes a name wherever it is used.
 
 use super::*;
 
@@ -82,7 +82,7 @@ fn an_expression_does_not_change_its_meaning_when_a_parameter_gets_another_name(
         &text,
         rename("levels", "a b"),
         expect![
-            "G006 1:1 `a b` cannot name a parameter (names begin with a lower-case letter; lower-case letters, digits and hyphens follow)"
+            "G006 1:1 `a b` cannot name a parameter (use a lower-case letter followed by lower-case letters, digits and hyphens)"
         ],
     );
     let three = text.replace(
@@ -93,7 +93,7 @@ fn an_expression_does_not_change_its_meaning_when_a_parameter_gets_another_name(
         &three,
         rename("far", "growth-levels"),
         expect![
-            "G011 23:83 this expression would say something else with the name `growth-levels` (a hyphen with spaces around it is always a sign)"
+            "G011 23:83 this expression would change its meaning with the name `growth-levels` (put spaces around a minus sign)"
         ],
     );
 }

@@ -1,4 +1,4 @@
-//! Nodes come and go.
+//! Edits that add and remove nodes.
 
 use super::*;
 
@@ -17,7 +17,7 @@ fn a_node_is_added_behind_another_one_as_its_neighbors_stand() {
 #[test]
 fn a_word_is_meant_as_a_link_where_a_port_is() {
     let fields = [("labels", "spots"), ("range", "whole"), ("pick", "Smallest")];
-    let text = edited(DOLL, &[add("other", "ExtractRegion", &fields, None)]).unwrap();
+    let text = apply_edits(DOLL, &[add("other", "ExtractRegion", &fields, None)]).unwrap();
     let node =
         "\"other\": ExtractRegion(labels: \"spots\", range: \"whole\", pick: Smallest),\n    },";
     assert!(text.contains(node), "{text}");
@@ -26,7 +26,7 @@ fn a_word_is_meant_as_a_link_where_a_port_is() {
 #[test]
 fn words_of_a_list_are_meant_as_links_where_a_port_takes_many() {
     for list in ["[skin, model]", "[ skin,\"model\", ]", "[skin.mesh, model.mesh]"] {
-        let text = edited(DOLL, &[add("all", "Merge", &[("meshes", list)], None)]).unwrap();
+        let text = apply_edits(DOLL, &[add("all", "Merge", &[("meshes", list)], None)]).unwrap();
         let links = if list.contains('.') {
             "\"skin.mesh\", \"model.mesh\""
         } else {
@@ -39,10 +39,10 @@ fn words_of_a_list_are_meant_as_links_where_a_port_takes_many() {
 #[test]
 fn a_long_node_is_broken_as_fmt_breaks_it() {
     let points = format!("[{}]", ["[(0, 0, 0), (100, 0, 0), (200, 0, 0)]"; 3].join(", "));
-    let text = edited(DOLL, &[add("points", "PointNet", &[("points", &points)], Some("red"))]);
+    let text = apply_edits(DOLL, &[add("points", "PointNet", &[("points", &points)], Some("red"))]);
     let text = text.unwrap();
-    assert_eq!(maquette::edit::formatted(Path::new("x"), &text).unwrap(), text);
-    let tabs = edited(
+    assert_eq!(maquette::edit::format_text(Path::new("x"), &text).unwrap(), text);
+    let tabs = apply_edits(
         &DOLL.replace("    ", "\t").replace('\n', "\r\n"),
         &[add("points", "PointNet", &[("points", &points)], Some("red"))],
     );
@@ -53,7 +53,7 @@ fn a_long_node_is_broken_as_fmt_breaks_it() {
 fn the_first_node_and_the_first_output_open_their_sections() {
     let empty = "Graph(\n    format: 1,\n    nodes: {},\n    outputs: {},\n)\n";
     let doll = add("doll", "ReadMesh", &[("path", "a.obj")], None);
-    let text = edited(empty, &[doll, output("a.ply", Some("doll"))]).unwrap();
+    let text = apply_edits(empty, &[doll, output("a.ply", Some("doll"))]).unwrap();
     expect![[r#"
         Graph(
             format: 1,
@@ -64,7 +64,7 @@ fn the_first_node_and_the_first_output_open_their_sections() {
         )
     "#]]
     .assert_eq(&text);
-    assert_eq!(edited(&text, &[output("a.ply", None), remove("doll", false)]).unwrap(), empty);
+    assert_eq!(apply_edits(&text, &[output("a.ply", None), remove("doll", false)]).unwrap(), empty);
 }
 
 #[test]
@@ -79,7 +79,7 @@ fn what_cannot_be_added_is_refused() {
         DOLL,
         add("Red", "Threshold", &red, None),
         expect![
-            "G006 1:1 `Red` cannot name a node (names begin with a lower-case letter; lower-case letters, digits and hyphens follow)"
+            "G006 1:1 `Red` cannot name a node (use a lower-case letter followed by lower-case letters, digits and hyphens)"
         ],
     );
     check_refused(
@@ -91,7 +91,7 @@ fn what_cannot_be_added_is_refused() {
         DOLL,
         add("blue", "Solidify", &red, None),
         expect![
-            "G003 32:17 there is no node type `Solidify` (`Shell` is described with this word; others come in packs)"
+            "G003 32:17 there is no node type `Solidify` (`Shell` is described with this word; other types come in packs)"
         ],
     );
     check_refused(
@@ -142,7 +142,7 @@ fn what_something_hangs_on_is_not_removed() {
         DOLL,
         remove("knots-u", false),
         expect![
-            "G007 25:44 `knots-u` cannot be removed: port `u` of `surface` needs it (link it to something else, or let links go along that need not be (--and-links))"
+            "G007 25:44 `knots-u` cannot be removed: port `u` of `surface` needs it (link it to something else, or remove optional links, too (--and-links))"
         ],
     );
     check_refused(
@@ -156,7 +156,7 @@ fn what_something_hangs_on_is_not_removed() {
         DOLL,
         remove("growth", true),
         expect![
-            "G011 22:84 `growth` cannot be removed: `raised` needs it (put a value in place of what names `growth`)"
+            "G011 22:84 `growth` cannot be removed: `raised` needs it (replace the references to `growth` by values)"
         ],
     );
     check_refused(
@@ -169,7 +169,7 @@ fn what_something_hangs_on_is_not_removed() {
         &expects,
         remove("skin", false),
         expect![
-            "G007 31:32 `skin` cannot be removed: port `mesh` of `model` needs it (link it to something else, or let links go along that need not be (--and-links))"
+            "G007 31:32 `skin` cannot be removed: port `mesh` of `model` needs it (link it to something else, or remove optional links, too (--and-links))"
         ],
     );
     check_refused(

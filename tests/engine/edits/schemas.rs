@@ -1,27 +1,27 @@
-//! What may be said of a graph's nodes and parameters, as their descriptions have it.
+//! Generates valid values for the nodes and parameters of a graph from their schemas.
 
 use std::sync::OnceLock;
 
 use serde_json::Value as Json;
 
 use super::catalog;
-use super::sketch::{Sketch, named, parts};
+use super::sketch::{Sketch, named_parts, parts};
 
-/// The description of a type of nodes; nothing for graphs that are used.
+/// Returns the schema of a node type, or `None` if `kind` is a used graph.
 fn node_type(kind: &str) -> Option<&'static Json> {
     static NODES: OnceLock<Json> = OnceLock::new();
     let nodes = NODES.get_or_init(|| catalog().to_json()["nodes"].take());
     nodes.as_array()?.iter().find(|node| node["name"] == kind)
 }
 
-/// The description of a node's type, and the rest of a target: its field, and what follows.
+/// Splits a target `node.field.path`: returns the schema of the node's type, and `field.path`.
 fn of_target<'t>(sketch: &Sketch, target: &'t str) -> Option<(&'static Json, &'t str)> {
     let (name, field) = target.split_once('.')?;
     let node = sketch.nodes.iter().find(|node| node.name == name)?;
     Some((node_type(&node.kind)?, field))
 }
 
-/// The linked ports that may be left without their link: those that need none, and those of lists that have another.
+/// Returns the linked ports that may lose their link: optional ports, and items of lists that have another link.
 pub(crate) fn free_ports(sketch: &Sketch) -> Vec<String> {
     fn is_free(port: &str, sketch: &Sketch) -> Option<bool> {
         let (node, field) = of_target(sketch, port)?;
@@ -41,7 +41,7 @@ pub(crate) fn free_ports(sketch: &Sketch) -> Vec<String> {
     free.map(|(port, _)| port.clone()).collect()
 }
 
-/// Values that fit where `old` stands: that itself where nothing else is known.
+/// Returns valid replacements of the value `old`, or only `old` itself if no other valid value is known.
 pub(crate) fn values(sketch: &Sketch, target: &str, old: &str) -> Vec<String> {
     let found = match target.contains('.') {
         true => of_field(sketch, target),
@@ -58,13 +58,13 @@ fn of_field(sketch: &Sketch, target: &str) -> Option<Vec<String>> {
         Some(path) => root.pointer(path.trim_start_matches('#'))?,
         None => field,
     };
-    fn bound(name: &str, field: &Json) -> Option<f64> {
+    fn number(name: &str, field: &Json) -> Option<f64> {
         field[name].as_f64()
     }
     match schema["type"].as_str() {
         Some("boolean") => Some(vec!["true".into(), "false".into()]),
-        Some("number") => Some(numbers(bound("minimum", field), bound("maximum", field), false)),
-        Some("integer") => Some(numbers(bound("minimum", field), bound("maximum", field), true)),
+        Some("number") => Some(numbers(number("minimum", field), number("maximum", field), false)),
+        Some("integer") => Some(numbers(number("minimum", field), number("maximum", field), true)),
         _ => {
             let words = schema["enum"].as_array().into_iter().flatten();
             let choices = schema["oneOf"].as_array().into_iter().flatten();
@@ -74,20 +74,20 @@ fn of_field(sketch: &Sketch, target: &str) -> Option<Vec<String>> {
     }
 }
 
-/// Defaults that a declaration allows: `Number(default: 1.0, min: 0.0)`.
+/// Returns valid defaults for the declaration of a parameter, such as `Number(default: 1.0, min: 0.0)`.
 fn of_parameter(declaration: &str) -> Option<Vec<String>> {
     let (kind, inside) = declaration.split_once('(')?;
-    let fields = named(inside.strip_suffix(')')?);
+    let fields = named_parts(inside.strip_suffix(')')?);
     fn field(name: &str, fields: &[(String, String)]) -> Option<String> {
         let found = fields.iter().find(|(field, _)| field == name);
         found.map(|(_, value)| value.clone())
     }
-    fn bound(name: &str, fields: &[(String, String)]) -> Option<f64> {
+    fn number(name: &str, fields: &[(String, String)]) -> Option<f64> {
         field(name, fields)?.parse::<f64>().ok()
     }
     match kind {
         "Number" | "Integer" => {
-            Some(numbers(bound("min", &fields), bound("max", &fields), kind == "Integer"))
+            Some(numbers(number("min", &fields), number("max", &fields), kind == "Integer"))
         }
         "Toggle" => Some(vec!["true".into(), "false".into()]),
         "Choice" => {
@@ -97,7 +97,7 @@ fn of_parameter(declaration: &str) -> Option<Vec<String>> {
     }
 }
 
-/// Some numbers between two bounds.
+/// Returns some numbers between two bounds.
 fn numbers(least: Option<f64>, most: Option<f64>, whole: bool) -> Vec<String> {
     let inside =
         |x: &f64| least.is_none_or(|least| least <= *x) && most.is_none_or(|most| *x <= most);

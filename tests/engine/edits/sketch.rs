@@ -1,35 +1,36 @@
-//! What stands in the text of a graph, as far as a reader of lines and quotes sees it: an oracle that shares no code with the engine.
+//! A simple model of a graph's text, found by its lines and quotes only. It shares no code with the engine, so it can serve as a test
+//! oracle.
 
-/// The names in a graph's text, and where they are used.
+/// The names that a graph's text defines, and the places that use them.
 #[derive(Default)]
 pub(crate) struct Sketch {
     pub(crate) nodes: Vec<Node>,
-    /// Nodes, inputs and parameters; `params.nose` where a node has the name, too.
+    /// Names of nodes, inputs and parameters. A parameter is named `params.nose` if a node is named `nose`, too.
     pub(crate) names: Vec<String>,
     pub(crate) outputs: Vec<String>,
-    /// Texts in nodes that may be links: `node.field`, or `node.field.2`, and what stands there.
+    /// Strings in nodes that may be links: the path of the string (`node.field` or `node.field.2`), and its content.
     pub(crate) links: Vec<(String, String)>,
-    /// `node.field` of all others, and the names of parameters, and what stands there.
+    /// All other values: their paths (`node.field`, or the name of a parameter) and their texts.
     pub(crate) fields: Vec<(String, String)>,
 }
 
-/// A node as it stands in the text.
+/// A node in the text.
 pub(crate) struct Node {
     pub(crate) name: String,
     pub(crate) kind: String,
-    /// Names and values.
+    /// The names and the values of the node's fields.
     pub(crate) fields: Vec<(String, String)>,
 }
 
 impl Sketch {
-    pub(crate) fn of(text: &str) -> Self {
+    pub(crate) fn parse(text: &str) -> Self {
         let text = without_comments(text);
         let mut sketch = Self::default();
         let open = text.find("Graph(").map_or(0, |at| at + 6);
         let close = text.rfind(')').unwrap_or(text.len()).max(open);
-        for (section, map) in named(&text[open..close]) {
+        for (section, map) in named_parts(&text[open..close]) {
             let inside = map.trim_start_matches('{').trim_end_matches('}');
-            for (name, value) in named(inside) {
+            for (name, value) in named_parts(inside) {
                 let name = name.trim_matches('"').to_owned();
                 match &section[..] {
                     "nodes" => sketch.node(name, &value),
@@ -48,7 +49,7 @@ impl Sketch {
 
     fn node(&mut self, name: String, call: &str) {
         let Some((kind, inside)) = call.split_once('(') else { return };
-        let fields = named(inside.strip_suffix(')').unwrap_or(inside));
+        let fields = named_parts(inside.strip_suffix(')').unwrap_or(inside));
         for (field, value) in &fields {
             let port = format!("{name}.{field}");
             fn is_text(value: &str) -> bool {
@@ -70,7 +71,7 @@ impl Sketch {
     }
 }
 
-/// What stands between commas that are in no bracket and no quotes.
+/// Splits a text at the commas that are outside of brackets and quotes.
 pub(crate) fn parts(text: &str) -> Vec<String> {
     let (mut parts, mut depth, mut in_text) = (vec![String::new()], 0_usize, false);
     for c in text.chars() {
@@ -90,8 +91,8 @@ pub(crate) fn parts(text: &str) -> Vec<String> {
     trimmed.filter(|part| !part.is_empty()).collect()
 }
 
-/// The same as names and values.
-pub(crate) fn named(text: &str) -> Vec<(String, String)> {
+/// Splits a text at its outermost commas into pairs of a name and a value.
+pub(crate) fn named_parts(text: &str) -> Vec<(String, String)> {
     parts(text)
         .into_iter()
         .filter_map(|part: String| {
@@ -105,7 +106,7 @@ pub(crate) fn named(text: &str) -> Vec<(String, String)> {
         .collect()
 }
 
-/// The comments of a text; none has quotes that are not closed on its line.
+/// Returns the comments of a text. Assumes that no string continues over several lines.
 pub(crate) fn comments(text: &str) -> Vec<&str> {
     text.lines().filter_map(comment).collect()
 }

@@ -1,20 +1,20 @@
-//! All readers of files, small files for each, and ways to spoil these. The fuzz targets use the same table.
+//! Lists all readers of files with small valid files for each, and damages these files. The fuzz targets use the same table.
 
 use maquette::format::camera::CameraFile;
 use maquette::format::{
     abs, camera, depth, e57, glb, jpeg, las, obj, pcd, picture_file, ply, png, ptx, stl, tiff, xyz,
 };
-use maquette::random::Random;
+use maquette::rng::Random;
 use maquette::value::{Mesh, Points};
-use maquette::{Reading, Value};
+use maquette::{InputFile, Value};
 
-/// A reader, called for what it does to itself, not for what it gives.
+/// A reader; its result is ignored.
 pub(crate) struct Reader {
-    /// The format, and what is read of it.
+    /// The file format and the type of the value that is read.
     pub(crate) name: &'static str,
-    /// Reads and forgets.
+    /// Reads a file and discards the value.
     pub(crate) read: fn(&[u8]),
-    /// Files that it reads.
+    /// Valid files, from which damaged ones are made.
     pub(crate) seeds: &'static [&'static [u8]],
 }
 
@@ -32,7 +32,7 @@ const CAMERA: &[u8] = br#"{"units": "mm", "color": {"width": 16, "height": 12, "
 
 const SOLID: &[u8] = b"solid\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid";
 
-/// A mesh and its material in one.
+/// A mesh and its material in one file.
 const MATERIAL: &[u8] =
     b"mtllib a.mtl\nusemtl skin\nnewmtl skin\nmap_Kd -s 1 1 1 -clamp on a.png\n";
 
@@ -41,7 +41,7 @@ const PATCH: &[u8] = b"v 0 0 0\nv 1 0 0 1 0.5 0\nv 1 1 0\nv 0 1 0 \\\nvt 0 0\nvt
 const SPLINE: &[u8] = b"v 0 0 0 1\nv 1 0 0 0.5\nv 1 1 0 2\nv 0 1 0 1\ncstype rat bspline\ndeg 2\n\
     curv 0 2 1 2 3 -1\nparm u 0 0 0 1 \\\n 2 2 2\nend\n";
 
-/// A scene whose buffer and picture are other files.
+/// A scene that refers to a buffer and a texture in other files.
 const SCENE: &[u8] = br#"{"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0, "scale": [1, 2, 1]}],
     "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "material": 0}]}],
     "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "baseColorFactor": [1, 0.5, 1, 1]}}],
@@ -51,9 +51,9 @@ const SCENE: &[u8] = br#"{"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"
     "indices": {"bufferView": 1, "componentType": 5121}, "values": {"bufferView": 0}}},
     {"bufferView": 1, "byteOffset": 0, "componentType": 5126, "count": 3, "type": "VEC2"}]}"#;
 
-/// Reads a file of this name; each file that it names is itself.
+/// Reads bytes as a file of this name. Each file that it refers to has these bytes, too.
 fn by_name<T: Value>(name: &str, bytes: &[u8]) {
-    drop(maquette::format::read::<T>(&Reading::new(name, bytes, &|_| Ok(bytes.into()))));
+    drop(maquette::format::read::<T>(&InputFile::new(name, bytes, &|_| Ok(bytes.into()))));
 }
 
 /// All readers.
@@ -73,7 +73,7 @@ pub(crate) const READERS: &[Reader] = &[
         name: "e57",
         read: |bytes| {
             drop(e57::read(bytes));
-            drop(e57::read(&sealed(bytes)));
+            drop(e57::read(&seal(bytes)));
         },
         seeds: seeds!("two_scans.e57", "spherical.e57"),
     },
@@ -163,8 +163,9 @@ pub(crate) const READERS: &[Reader] = &[
     Reader { name: "xyz", read: |bytes| drop(xyz::read(bytes)), seeds: seeds!("points.xyz") },
 ];
 
-/// The file with the checksums of its pages made good, so that what is spoiled comes past them: CRC-32C of 1020 bytes, big-endian.
-fn sealed(bytes: &[u8]) -> Vec<u8> {
+/// Returns the file with the checksums of its pages corrected, because readers would otherwise refuse most damage at once. Each is a
+/// CRC-32C of 1020 bytes, big-endian.
+fn seal(bytes: &[u8]) -> Vec<u8> {
     const PAGE: usize = 1024;
     let mut file = bytes.to_vec();
     file.resize(bytes.len().next_multiple_of(PAGE), 0);
@@ -178,35 +179,35 @@ fn sealed(bytes: &[u8]) -> Vec<u8> {
     file
 }
 
-/// A camera for the depth maps among the files.
+/// A camera for depth maps of 8 x 6 pixels.
 fn eight_by_six() -> Option<CameraFile> {
     camera::read(br#"{"fx": 10, "fy": 10, "cx": 3.5, "cy": 2.5}"#).ok()
 }
 
-/// One of the reader's files, spoiled: the same for the same case.
-pub(crate) fn spoiled(reader: &Reader, case: u64) -> Vec<u8> {
+/// Damages a valid file of the reader; `case` determines the result.
+pub(crate) fn spoil(reader: &Reader, case: u64) -> Vec<u8> {
     let mut random = Random(case);
-    let mut file = random.of(reader.seeds).to_vec();
-    for _ in 0..1 + random.below(4) {
+    let mut file = random.pick(reader.seeds).to_vec();
+    for _ in 0..1 + random.next_below(4) {
         if file.is_empty() {
             break;
         }
-        let at = random.below(file.len());
-        let length = (1 + random.below(16)).min(file.len() - at);
-        match random.below(9) {
+        let at = random.next_below(file.len());
+        let length = (1 + random.next_below(16)).min(file.len() - at);
+        match random.next_below(9) {
             0 => file[at] = random.bits() as u8,
-            1 => file[at] ^= 1 << random.below(8),
-            2 => file[at] = b'0' + random.below(10) as u8,
+            1 => file[at] ^= 1 << random.next_below(8),
+            2 => file[at] = b'0' + random.next_below(10) as u8,
             3 => file.truncate(at),
             4 => drop(file.drain(at..at + length)),
-            // A piece of the file again, elsewhere.
+            // Insert a copy of a piece of the file at another position.
             5 => {
                 let piece = file[at..at + length].to_vec();
-                let to = random.below(file.len());
+                let to = random.next_below(file.len());
                 file.splice(to..to, piece);
             }
-            // A number that is large, negative, or none.
-            6 => file[at..at + length].fill(*random.of(&[0, 0x7f, 0x80, 0xff])),
+            // Overwrite bytes to make a number large, negative or invalid.
+            6 => file[at..at + length].fill(*random.pick(&[0, 0x7f, 0x80, 0xff])),
             7 => {
                 let words: [&[u8]; 8] = [
                     b"-1",
@@ -218,13 +219,13 @@ pub(crate) fn spoiled(reader: &Reader, case: u64) -> Vec<u8> {
                     b"\n",
                     b"\\\n",
                 ];
-                let word = random.of(&words).to_vec();
+                let word = random.pick(&words).to_vec();
                 file.splice(at..at + length, word);
             }
-            // The start of one file and the end of another.
+            // Join the start of one file and the end of another.
             _ => {
-                let other = random.of(reader.seeds);
-                let from = random.below(other.len());
+                let other = random.pick(reader.seeds);
+                let from = random.next_below(other.len());
                 file.truncate(at);
                 file.extend_from_slice(&other[from..]);
             }
@@ -233,13 +234,13 @@ pub(crate) fn spoiled(reader: &Reader, case: u64) -> Vec<u8> {
     file
 }
 
-/// Chooses among some.
+/// Random choice of an item of a list.
 trait Pick {
-    fn of<'a, T>(&mut self, items: &'a [T]) -> &'a T;
+    fn pick<'a, T>(&mut self, items: &'a [T]) -> &'a T;
 }
 
 impl Pick for Random {
-    fn of<'a, T>(&mut self, items: &'a [T]) -> &'a T {
-        &items[self.below(items.len())]
+    fn pick<'a, T>(&mut self, items: &'a [T]) -> &'a T {
+        &items[self.next_below(items.len())]
     }
 }

@@ -1,15 +1,15 @@
-//! A type error shows both ends: the link, and where the value is made.
+//! A type error shows both ends of the link: the port that is linked, and the source of the value.
 
 use std::path::Path;
 
-use maquette::{Catalog, Graph, Options, Place, Problem};
+use maquette::{Catalog, Diagnostic, Graph, Options, Position};
 use maquette_nodes::PACKS;
 
-fn problems(path: &Path) -> Vec<Problem> {
-    Graph::load(path, &Catalog::new(PACKS), &Options::default()).problems
+fn problems(path: &Path) -> Vec<Diagnostic> {
+    Graph::load(path, &Catalog::new(PACKS), &Options::default()).diagnostics
 }
 
-fn bad() -> Vec<Problem> {
+fn bad() -> Vec<Diagnostic> {
     problems(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/bad/both-ends.ron"))
 }
 
@@ -17,24 +17,24 @@ fn bad() -> Vec<Problem> {
 fn each_misfit_names_the_place_of_what_gives_the_value() {
     let found = bad().into_iter().map(|problem| {
         fn line(at: usize, problem_source: &std::sync::Arc<maquette::Source>) -> usize {
-            Place::of(&problem_source.text, at).line
+            Position::from_offset(&problem_source.text, at).line
         }
         let (span, words) = problem.note.clone().unwrap_or_else(|| panic!("{}", problem.message));
         let there = problem.source.text[span.start..span.end].to_owned();
         (line(problem.span.start, &problem.source), line(span.start, &problem.source), there, words)
     });
-    fn own(a: usize, b: usize, name: &str, words: &str) -> (usize, usize, String, String) {
+    fn entry(a: usize, b: usize, name: &str, words: &str) -> (usize, usize, String, String) {
         (a, b, format!("\"{name}\""), words.to_owned())
     }
     assert_eq!(
         Vec::from_iter(found),
         [
-            own(9, 5, "ball", "this gives a Mesh"),
-            own(10, 6, "points", "this gives a Points"),
-            own(11, 6, "points", "this gives a Points"),
-            own(12, 7, "copies", "this gives a Mesh"),
-            own(13, 7, "copies", "this gives the list"),
-            own(14, 8, "none", "this gives the list"),
+            entry(9, 5, "ball", "this gives a Mesh"),
+            entry(10, 6, "points", "this gives a Points"),
+            entry(11, 6, "points", "this gives a Points"),
+            entry(12, 7, "copies", "this gives a Mesh"),
+            entry(13, 7, "copies", "this gives the list"),
+            entry(14, 8, "none", "this gives the list"),
         ]
     );
 }
@@ -71,7 +71,7 @@ fn what_is_far_away_is_shown_in_a_part_of_its_own() {
 fn an_end_in_another_file_is_told_in_words() {
     let folder = tempfile::tempdir().unwrap();
     fn write(name: &str, text: &str, folder: &tempfile::TempDir) {
-        std::fs::write(folder.path().join(name), text).unwrap()
+        std::fs::write(folder.path().join(name), text).unwrap();
     }
     write("ball.obj", "", &folder);
     write(

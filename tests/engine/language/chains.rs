@@ -1,21 +1,22 @@
-//! Graphs that use one graph with a `ForEach` over data again and again, each on what the one before gives.
+//! Chains of uses of one graph that contains a `ForEach` over data. Each use works on the result of the previous one.
 
 use std::time::{Duration, Instant};
 
 use maquette::value::Mesh;
-use maquette::{Finished, Options, Run, Session, Settings};
+use maquette::{Options, Run, RunResult, Session, Settings};
 use maquette_nodes::PACKS;
 
-/// Each part of a mesh is moved, and all are merged.
+/// Moves each part of a mesh and merges the results. `ALL` is replaced by the list of meshes to merge.
 const LIB: &str = r#"Graph(format: 1, inputs: { "mesh": Mesh(doc: "It.") }, nodes: {
     "each": ForEach(graph: "Transform", over: Parts("mesh"), with: (translate: (100, 0, 0))), "all": Merge(meshes: ALL),
 }, outputs: { "all": "all" })"#;
 
-/// A run of so many graphs, one after the other; `all` is what each of them merges.
-fn run(count: usize, all: &str, first: &str) -> (Finished, Duration) {
+/// Runs a chain of `count` uses of the library graph. `all` is the list of meshes that each use merges, and `first` defines the node `n0`,
+/// where the chain begins.
+fn run(count: usize, all: &str, first: &str) -> (RunResult, Duration) {
     let folder = tempfile::tempdir().unwrap();
     fn write(name: &str, text: &str, folder: &tempfile::TempDir) {
-        std::fs::write(folder.path().join(name), text).unwrap()
+        std::fs::write(folder.path().join(name), text).unwrap();
     }
     write(
         "two.obj",
@@ -32,16 +33,16 @@ fn run(count: usize, all: &str, first: &str) -> (Finished, Duration) {
     let mut session =
         Session::new(PACKS, &Settings { threads: 2, ..Settings::in_memory() }).unwrap();
     let checked = session.load(&folder.path().join("graph.ron"), &Options::default());
-    let graph = checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems));
+    let graph = checked.graph.unwrap_or_else(|| panic!("{:?}", checked.diagnostics));
     let start = Instant::now();
     (session.run(&graph, &Run::default()).unwrap(), start.elapsed())
 }
 
 const TWO: &str = r#""n0": ReadMesh(path: "two.obj")"#;
 
-fn faces(done: &Finished) -> usize {
+fn faces(done: &RunResult) -> usize {
     let mesh =
-        done.get::<Mesh>("all.ply").unwrap_or_else(|why| panic!("{why}: {:?}", done.problems()));
+        done.get::<Mesh>("all.ply").unwrap_or_else(|why| panic!("{why}: {:?}", done.diagnostics()));
     mesh.faces().len()
 }
 
@@ -62,9 +63,9 @@ fn a_chain_four_times_as_long_takes_some_four_times_as_long() {
 
 #[test]
 fn counts_that_are_guessed_wrongly_are_found_out() {
-    // Each graph has twice as many parts as the one before.
+    // Each use doubles the number of parts.
     let (done, _) = run(6, "[\"each\", \"mesh\"]", TWO);
-    assert_eq!((faces(&done), done.problems().len()), (128, 0));
+    assert_eq!((faces(&done), done.diagnostics().len()), (128, 0));
     let (done, _) = run(3, "[\"each\", \"mesh\", \"mesh\"]", TWO);
     assert_eq!(faces(&done), 54);
 }

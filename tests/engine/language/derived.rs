@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use expect_test::{Expect, expect};
-use maquette::{Catalog, Edit, Extraction, Files, Graph, Options, Problem};
+use maquette::{Catalog, Diagnostic, Edit, Extraction, Files, Graph, Options};
 
 use crate::graph_files;
 
@@ -21,12 +21,12 @@ const WIDE: &str = r#"        "half": Number(default: Expr("width / 2 + 1"), max
         "width": Number(default: cm(1), unit: "mm", doc: "w"),
 "#;
 
-/// How far the mesh is moved, or the problems.
-fn moved(text: &str, options: &Options) -> Result<String, Vec<Problem>> {
+/// Returns the mesh's translation along x, or the diagnostics.
+fn relocate(text: &str, options: &Options) -> Result<String, Vec<Diagnostic>> {
     let options = Options { files: Files::Ignored, ..options.clone() };
     let checked =
         Graph::load_text(Path::new("nowhere/graph.ron"), text.to_owned(), &catalog(), &options);
-    let graph = checked.graph.ok_or(checked.problems)?;
+    let graph = checked.graph.ok_or(checked.diagnostics)?;
     let nodes = graph.nodes().iter();
     let found = nodes.map(|node| node.node.parameters().unwrap()["translate"][0].to_string());
     Ok(found.filter(|it| it != "null").collect::<Vec<_>>().join(" "))
@@ -41,14 +41,14 @@ fn set(values: &[(&str, &str)]) -> Options {
 fn a_default_follows_what_it_is_computed_from() {
     let text = graph(WIDE, "Param(\"half\")");
     fn check(values: &[(&str, &str)], expected: &str, text: &str) {
-        assert_eq!(moved(&text, &set(values)).unwrap(), expected, "{values:?}");
+        assert_eq!(relocate(text, &set(values)).unwrap(), expected, "{values:?}");
     }
     check(&[], "6.0", &text);
     check(&[("width", "4")], "3.0", &text);
     check(&[("width", "cm(0.4)")], "3.0", &text);
     check(&[("half", "2")], "2.0", &text);
     check(&[("half", "2"), ("width", "99")], "2.0", &text);
-    let wrong = moved(&text, &set(&[("width", "99")])).unwrap_err();
+    let wrong = relocate(&text, &set(&[("width", "99")])).unwrap_err();
     assert_eq!(wrong[0].message, "parameter `half` is 50.5 mm, but must be at most 9 mm");
 }
 
@@ -57,14 +57,14 @@ fn long_chains_vectors_and_drafts_are_computed() {
     let chain =
         (0..5000).map(|k| format!("\"a-{k}\": Number(default: Expr(\"a-{} + 1\")),\n", k + 1));
     let chain = String::from_iter(chain) + "\"a-5000\": Number(default: 1.0),\n";
-    assert_eq!(moved(&graph(&chain, "Param(\"a-0\")"), &set(&[])).unwrap(), "5001.0");
+    assert_eq!(relocate(&graph(&chain, "Param(\"a-0\")"), &set(&[])).unwrap(), "5001.0");
     let both = "\"b\": Number(default: Draft(final: 4.0, draft: 1.0)), \"a\": Number(default: Expr(\"b * 2\")),\n";
     let text = graph(both, "Param(\"a\")");
-    assert_eq!(moved(&text, &set(&[])).unwrap(), "8.0");
-    assert_eq!(moved(&text, &Options { draft: true, ..Options::default() }).unwrap(), "2.0");
+    assert_eq!(relocate(&text, &set(&[])).unwrap(), "8.0");
+    assert_eq!(relocate(&text, &Options { draft: true, ..Options::default() }).unwrap(), "2.0");
     let vector = "\"b\": Number(default: 4.0), \"v\": Vector(default: (Expr(\"b + 1\"), 0, Param(\"b\"))),\n";
     let text = graph(vector, "0").replace("(0, 0, 0)", "Param(\"v\")");
-    assert_eq!(moved(&text, &set(&[("b", "2")])).unwrap(), "3.0");
+    assert_eq!(relocate(&text, &set(&[("b", "2")])).unwrap(), "3.0");
 }
 
 #[track_caller]
@@ -106,7 +106,7 @@ fn what_cannot_be_computed_is_told_at_its_place() {
     check(
         "\"a\": Integer(default: Expr(\"b / 2\")), \"b\": Number(default: 1),\n",
         expect![[r#"
-            4:23-36 G009 parameter `a` wants a number without fraction, not the number 0.5
+            4:23-36 G009 parameter `a`: expected a number without fraction, found the number 0.5
         "#]],
     );
     check(
@@ -139,15 +139,15 @@ fn outer(fields: &str) -> String {
 fn each_use_has_its_own_values() {
     let options = Options::default().with_text("nowhere/lift.ron", INNER.to_owned());
     fn check(fields: &str, expected: &str, options: &Options) {
-        assert_eq!(moved(&outer(fields), &options).unwrap(), expected, "{fields}");
+        assert_eq!(relocate(&outer(fields), options).unwrap(), expected, "{fields}");
     }
     check("", "5.0", &options);
     check(", width: 6", "3.0", &options);
     check(", width: 6, half: 5.0", "5.0", &options);
-    let wrong = moved(&outer(", width: 60"), &options).unwrap_err();
+    let wrong = relocate(&outer(", width: 60"), &options).unwrap_err();
     assert_eq!(wrong[0].message, "parameter `half` is 30, but must be at most 9");
     assert_eq!(wrong[0].uses[0].name, "up");
-    // What is as it would be if `width` were left out is no default here.
+    // `half: 5.0` is not left out: without `width` it would equal the default, but here the default is 3.
     let text = outer(", width: 6, half: 5.0");
     let options = Options { files: Files::Ignored, ..options };
     let short =
@@ -173,7 +173,7 @@ fn names_in_defaults_are_names() {
         path: &Path,
         text: &str,
         options: &Options,
-    ) -> Result<maquette::Edited, Vec<Problem>> {
+    ) -> Result<maquette::EditedText, Vec<Diagnostic>> {
         maquette::edit::edit(path, text, &[edit], &catalog(), options)
     }
     let renamed =

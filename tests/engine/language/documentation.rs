@@ -1,19 +1,19 @@
-//! Each sample of the documentation is a whole file that does what it says: it is checked and run as it stands there.
+//! Each sample in the documentation is a complete file: the tests check it and run it unchanged.
 
 use std::fs;
 use std::path::Path;
 
-use maquette::{Catalog, Options, Problem, Run, Session, Settings, test_graphs};
+use maquette::{Catalog, Diagnostic, Options, Run, Session, Settings, test_graphs};
 
-/// A sample, and the name of the file that it is, in the folder of graphs.
+/// A sample and the name of its file, relative to the folder of graphs.
 struct Sample {
     name: String,
     text: String,
 }
 
-/// The samples of each topic. What a comment in the first line is the name of a file, is it.
+/// Returns the samples of each topic. If the first line of a sample is a comment with a file name, the sample gets this name.
 fn samples() -> Vec<(String, Vec<Sample>)> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../src/lsp/language");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../src/lsp/manual");
     let mut topics = Vec::new();
     for file in fs::read_dir(folder).unwrap() {
         let path = file.unwrap().path();
@@ -22,7 +22,7 @@ fn samples() -> Vec<(String, Vec<Sample>)> {
         }
         let topic = path.file_stem().unwrap().to_str().unwrap().to_owned();
         let text = fs::read_to_string(&path).unwrap();
-        // What `maquette batch` reads is tried with it.
+        // Samples for `maquette batch` contain `Sweep` and are tested together with the command.
         let samples = text.split("```ron\n").skip(1).filter(|rest| !rest.contains("Sweep(\n"));
         let samples = samples.enumerate().map(|(index, rest)| {
             let text = rest.split("```").next().unwrap().to_owned();
@@ -40,7 +40,7 @@ fn samples() -> Vec<(String, Vec<Sample>)> {
     topics
 }
 
-/// The folder of graphs without what tests made.
+/// Copies a folder of graphs without its tests and without the files that tests have written.
 fn copy(from: &Path, to: &Path) {
     fs::create_dir_all(to).unwrap();
     for file in fs::read_dir(from).unwrap() {
@@ -55,7 +55,7 @@ fn copy(from: &Path, to: &Path) {
     }
 }
 
-fn told(problems: &[Problem]) -> String {
+fn diagnostics_text(problems: &[Diagnostic]) -> String {
     problems.iter().map(|problem| problem.to_text(false)).collect()
 }
 
@@ -73,7 +73,7 @@ fn every_sample_is_a_whole_file_that_runs() {
             fs::write(path, &sample.text).unwrap();
         }
         let tests = samples.iter().filter(|sample| sample.name.ends_with(".test.ron"));
-        case_count += tests.map(|sample| tried(&folder, sample)).sum::<usize>();
+        case_count += tests.map(|sample| run_sample(&folder, sample)).sum::<usize>();
         for sample in samples.iter().filter(|sample| !sample.name.ends_with(".test.ron")) {
             runs(&folder.join(&sample.name), &sample.text);
             graph_count += 1;
@@ -82,21 +82,23 @@ fn every_sample_is_a_whole_file_that_runs() {
     assert!(graph_count > 10 && case_count > 4, "{graph_count} graphs, {case_count} cases");
 }
 
-/// Checks and runs a graph. One with inputs is run by the sample that uses it.
+/// Checks a graph and runs it. A graph with inputs is only checked: the sample that uses it also runs it.
 fn runs(path: &Path, text: &str) {
     let mut session = Session::new(maquette_nodes::PACKS, &Settings::in_memory()).unwrap();
     let checked = session.load(path, &Options::default());
-    let graph = checked.graph.unwrap_or_else(|| panic!("{}\n{text}", told(&checked.problems)));
-    assert_eq!(told(graph.unused()), "", "{text}");
+    let graph = checked
+        .graph
+        .unwrap_or_else(|| panic!("{}\n{text}", diagnostics_text(&checked.diagnostics)));
+    assert_eq!(diagnostics_text(graph.unused_warnings()), "", "{text}");
     if graph.inputs().is_empty() {
         let run = session.run(&graph, &Run::default());
-        let run = run.unwrap_or_else(|problems| panic!("{}\n{text}", told(&problems)));
-        assert_eq!(told(&run.problems()), "", "{text}");
+        let run = run.unwrap_or_else(|problems| panic!("{}\n{text}", diagnostics_text(&problems)));
+        assert_eq!(diagnostics_text(&run.diagnostics()), "", "{text}");
     }
 }
 
-/// How many cases of a test are read and run, all of which lack their goldens and nothing else.
-fn tried(folder: &Path, sample: &Sample) -> usize {
+/// Runs a test sample and returns the number of its cases. The only failure of each case must be its missing golden.
+fn run_sample(folder: &Path, sample: &Sample) -> usize {
     let catalog = Catalog::new(maquette_nodes::PACKS);
     let run = test_graphs(&folder.join(&sample.name), &catalog, 1).unwrap();
     let wrong = run.failures.iter().filter(|why| !why.contains("there is no golden"));

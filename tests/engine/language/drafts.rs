@@ -1,4 +1,4 @@
-//! Row 39: `Draft(final: .., draft: ..)` beside any parameter; a final run never reads a draft's result.
+//! Row 39 of the feature list: any parameter may have the value `Draft(final: .., draft: ..)`, and a final run never uses a draft result.
 
 use std::path::{Path, PathBuf};
 
@@ -29,13 +29,13 @@ fn options(draft: bool) -> Options {
 
 fn load(options: &Options) -> Graph {
     let checked = Graph::load(&path(), &Catalog::new(PACKS), options);
-    checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems))
+    checked.graph.unwrap_or_else(|| panic!("{:?}", checked.diagnostics))
 }
 
-/// The number of faces of the skin, where the first vertex of the moved one lies, and what became of each node.
+/// Runs a graph and returns the number of faces, the position of the first moved vertex, and the state of each node.
 fn run(session: &mut Session, options: &Options) -> (usize, f64, Vec<(String, State)>) {
     let done = session.run(&load(options), &Run::default()).unwrap();
-    assert!(done.problems().is_empty(), "{:?}", done.problems());
+    assert!(done.diagnostics().is_empty(), "{:?}", done.diagnostics());
     let moved = done.get::<Mesh>("moved.ply").unwrap();
     let trace = done.trace();
     let states = trace.0.into_iter().map(|node| (node.name, node.state)).collect();
@@ -52,13 +52,13 @@ fn a_final_run_never_reads_what_a_draft_gave() {
     let last = run(&mut session, &options(false));
     assert_eq!(last.0, 16 * draft.0);
     assert_ne!(draft.1, last.1);
-    fn computed(states: &[(String, State)], name: &str) -> bool {
+    fn is_computed(states: &[(String, State)], name: &str) -> bool {
         states.iter().any(|(known, state)| known == name && *state == State::Computed)
     }
-    // What no Draft shapes is the same; all else was computed anew.
-    assert!(computed(&draft.2, "plain") && !computed(&last.2, "plain"));
-    assert!(computed(&last.2, "skin") && computed(&last.2, "moved"));
-    // Each finds its own again, and a session that knows nothing of drafts gives the same final result.
+    // The node that no draft value affects was computed in the first run and is cached in the second; all other nodes are computed again.
+    assert!(is_computed(&draft.2, "plain") && !is_computed(&last.2, "plain"));
+    assert!(is_computed(&last.2, "skin") && is_computed(&last.2, "moved"));
+    // Each mode finds its own results again. A session that never ran in draft mode gives the same final result.
     assert_eq!(
         (run(&mut session, &options(true)).0, run(&mut session, &options(false)).0),
         (draft.0, last.0)
@@ -119,7 +119,7 @@ fn a_draft_that_is_set_leaves_the_final_value_as_it_is() {
         target: &str,
         value: &str,
         text: &str,
-    ) -> Result<maquette::Edited, Vec<maquette::Problem>> {
+    ) -> Result<maquette::EditedText, Vec<maquette::Diagnostic>> {
         let edit = Edit::Set { target: target.into(), value: value.into() };
         let options = Options { draft: true, ..Options::default() };
         maquette::edit::edit(&path(), text, &[edit], &Catalog::new(PACKS), &options)
@@ -160,7 +160,7 @@ fn a_draft_of_what_is_left_out_keeps_the_default_as_the_final_value() {
         path: &Path,
         target: &str,
         value: &str,
-    ) -> Result<maquette::Edited, Vec<maquette::Problem>> {
+    ) -> Result<maquette::EditedText, Vec<maquette::Diagnostic>> {
         let edit = Edit::Set { target: target.into(), value: value.into() };
         let options = Options { draft: true, ..Options::default() };
         let text = std::fs::read_to_string(path).unwrap();
@@ -170,7 +170,7 @@ fn a_draft_of_what_is_left_out_keeps_the_default_as_the_final_value() {
         ("moved.rotate", "(0, 0, 90)", "rotate: Draft(final: (0.0, 0.0, 0.0), draft: (0, 0, 90))"),
         ("red.invert", "true", "invert: Draft(final: false, draft: true)"),
         ("red.select.distance", "5", "distance: Draft(final: 15.0, draft: 5)"),
-        // Of a used graph it is the final default.
+        // For a used graph, the final value is the default of its parameter.
         ("fine.steps", "0", "steps: Draft(final: 3, draft: 0)"),
         ("all.with.steps", "0", "steps: Draft(final: 3, draft: 0)"),
         ("all/1.steps", "0", "[(steps: Draft(final: 3, draft: 0)), (steps: 2)]"),
@@ -184,11 +184,11 @@ fn a_draft_of_what_is_left_out_keeps_the_default_as_the_final_value() {
     let edited = edit(&patch, "moved.rotate", "(0, 0, 90)").unwrap();
     let put = r#""moved": (rotate: Draft(final: (0.0, 0.0, 0.0), draft: (0, 0, 90)))"#;
     assert!(edited.text.contains(put), "{}", edited.text);
-    // The path of a file has no default, or one that is relative to another file.
+    // A file path has no default, or its default is relative to another file.
     for target in ["fine.file", "all.with.file"] {
         let refused = edit(&graph, target, "b.obj").unwrap_err();
         assert!(
-            refused[0].message.ends_with("`file` is left out, and so has no final value to keep"),
+            refused[0].message.ends_with("`file` is omitted, so it has no final value to keep"),
             "{refused:?}"
         );
         assert_eq!(refused[0].help, "give both: Draft(final: .., draft: \"b.obj\")");
@@ -206,7 +206,7 @@ fn the_draft_of_a_patch_keeps_the_final_value_of_the_graph_that_is_patched() {
     let edit = Edit::Set { target: "levels".into(), value: "0".into() };
     let options = Options { draft: true, ..Options::default() };
     let path = folder.path().join("patch.ron");
-    fn edited(text: &str, path: &Path, edit: &Edit, options: &Options) -> String {
+    fn apply_edit(text: &str, path: &Path, edit: &Edit, options: &Options) -> String {
         let edited = maquette::edit::edit(
             path,
             text,
@@ -216,9 +216,9 @@ fn the_draft_of_a_patch_keeps_the_final_value_of_the_graph_that_is_patched() {
         );
         edited.unwrap_or_else(|problems| panic!("{problems:?}")).text
     }
-    let own = edited(&patch(", params: { \"levels\": 2 }"), &path, &edit, &options);
+    let own = apply_edit(&patch(", params: { \"levels\": 2 }"), &path, &edit, &options);
     assert!(own.contains("\"levels\": Draft(final: 2, draft: 0)"), "{own}");
-    let base = edited(&patch(""), &path, &edit, &options);
+    let base = apply_edit(&patch(""), &path, &edit, &options);
     assert!(base.contains("\"levels\": Draft(final: 3, draft: 0)"), "{base}");
 }
 

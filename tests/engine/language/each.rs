@@ -1,11 +1,11 @@
-//! `ForEach` over data: one node or graph for each component, point, part or hole, however many there will be.
+//! `ForEach` over data: runs a node or graph for each component, point, part or hole, however many exist.
 
 use std::path::PathBuf;
 
 use maquette::value::{Faces, Labels, Mesh, Points};
 use maquette::{
-    AnyValue, CacheFolder, Catalog, Finished, Graph, InputValues, Options, Pack, Run, Session,
-    Settings, State, Wanted, node, value_type,
+    AnyValue, CacheFolder, Catalog, Graph, InputValues, Options, Pack, Run, RunResult, Session,
+    Settings, State, Targets, node, value_type,
 };
 use nalgebra::Point3;
 use regions::{Center, Collect, grid};
@@ -40,7 +40,7 @@ fn session() -> Session {
     .unwrap()
 }
 
-/// A folder of graphs.
+/// A folder for graph files.
 struct Folder(tempfile::TempDir);
 
 impl Folder {
@@ -63,30 +63,30 @@ impl Folder {
             &Catalog::new(&[&maquette::format::PACK, &PACK]),
             &Options::default(),
         );
-        checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems))
+        checked.graph.unwrap_or_else(|| panic!("{:?}", checked.diagnostics))
     }
 }
 
-/// A graph of these fields.
+/// Returns a graph with these fields.
 fn graph(fields: &str) -> Graph {
     let folder = Folder::new();
     folder.put("graph.ron", fields);
     folder.load()
 }
 
-/// A row of spots: each as wide as its number says, with a pixel between them.
+/// Returns labels in one row of pixels: spot `k` is `widths[k]` pixels wide and begins at pixel `10 * k`.
 fn spots(widths: &[u32]) -> AnyValue {
     let mut row = Vec::new();
     for (spot, &width) in (1..).zip(widths) {
         row.extend(std::iter::repeat_n(spot, width as usize));
-        // No change of one moves another.
+        // Each spot begins at a fixed position, so changing the width of one spot does not move the others.
         row.resize(10 * spot as usize, 0);
     }
     AnyValue::new(Labels::new(row.len(), 1, row).unwrap())
 }
 
-fn run(session: &mut Session, graph: &Graph, input: &str, value: AnyValue) -> Finished {
-    run_for(session, graph, input, value, Wanted::Outputs)
+fn run(session: &mut Session, graph: &Graph, input: &str, value: AnyValue) -> RunResult {
+    run_for(session, graph, input, value, Targets::Outputs)
 }
 
 fn run_for(
@@ -94,28 +94,30 @@ fn run_for(
     graph: &Graph,
     input: &str,
     value: AnyValue,
-    wanted: Wanted,
-) -> Finished {
+    wanted: Targets,
+) -> RunResult {
     let inputs = [(input.to_owned(), value)].into();
-    session.run(graph, &Run { wanted, inputs, ..Run::default() }).unwrap_or_else(|problems| {
-        panic!("{problems:?}");
-    })
+    session.run(graph, &Run { targets: wanted, inputs, ..Run::default() }).unwrap_or_else(
+        |problems| {
+            panic!("{problems:?}");
+        },
+    )
 }
 
-fn messages(finished: &Finished) -> Vec<String> {
-    finished.problems().into_iter().map(|problem| problem.message).collect()
+fn messages(finished: &RunResult) -> Vec<String> {
+    finished.diagnostics().into_iter().map(|problem| problem.message).collect()
 }
 
-/// The coordinates along x of the points under a name.
-fn along_x(finished: &Finished, name: &str) -> Vec<f64> {
+/// Returns the x coordinates of the points of an output.
+fn along_x(finished: &RunResult, name: &str) -> Vec<f64> {
     let points = finished.get::<Points>(name).unwrap_or_else(|why| {
         panic!("{why}: {:?}", messages(finished));
     });
     points.positions().iter().map(|point| point.x).collect()
 }
 
-/// The nodes of a type that were computed.
-fn computed(finished: &Finished, kind: &str) -> Vec<String> {
+/// Returns the names of the computed nodes of a type.
+fn computed_nodes(finished: &RunResult, kind: &str) -> Vec<String> {
     let trace = finished.trace().0.into_iter();
     let computed = trace.filter(|node| node.node == kind && node.state == State::Computed);
     computed.map(|node| node.name).collect()
@@ -135,19 +137,22 @@ fn each_component_runs_once_and_all_are_collected_in_order() {
     let found = run(&mut session(), &graph(SPOTS), "labels", spots(&[1, 3, 5]));
     assert_eq!(messages(&found), [] as [&str; 0]);
     assert_eq!(along_x(&found, "all"), [0.0, 11.0, 22.0]);
-    assert_eq!(computed(&found, "Center"), ["spots/1", "spots/2", "spots/3"]);
+    assert_eq!(computed_nodes(&found, "Center"), ["spots/1", "spots/2", "spots/3"]);
 }
 
 #[test]
 fn one_of_20_elements_changed_runs_one_body() {
     let (mut session, graph) = (session(), graph(SPOTS));
     let mut widths = [3; 20];
-    assert_eq!(computed(&run(&mut session, &graph, "labels", spots(&widths)), "Center").len(), 20);
+    assert_eq!(
+        computed_nodes(&run(&mut session, &graph, "labels", spots(&widths)), "Center").len(),
+        20
+    );
     widths[6] = 5;
     let changed = run(&mut session, &graph, "labels", spots(&widths));
-    assert_eq!(computed(&changed, "Center"), ["spots/7"]);
+    assert_eq!(computed_nodes(&changed, "Center"), ["spots/7"]);
     assert_eq!(along_x(&changed, "all")[6], 62.0);
-    // One that is gone renumbers those behind it, and changes none.
+    // Removing an element changes the numbers of those after it, but not their results.
     let [_, rest @ ..] = widths;
     let mut labels = vec![0; 10];
     labels.extend(spots(&rest).get::<Labels>().unwrap().pixels());
@@ -156,10 +161,10 @@ fn one_of_20_elements_changed_runs_one_body() {
     let fewer = run(&mut session, &graph, "labels", fewer);
     assert_eq!(along_x(&fewer, "all")[5], before[6]);
     assert_eq!(along_x(&fewer, "all").len(), 19);
-    assert!(computed(&fewer, "Center").is_empty());
+    assert!(computed_nodes(&fewer, "Center").is_empty());
 }
 
-/// Little work is not kept on disk behind the first thousand results.
+/// A run with more than a thousand small results: only the first thousand of them are stored on disk.
 #[test]
 fn who_looks_at_one_node_forgets_no_element() {
     let graph = graph(
@@ -176,28 +181,29 @@ fn who_looks_at_one_node_forgets_no_element() {
     let inputs = InputValues::from([("points".to_owned(), points)]);
     let cache = tempfile::tempdir().unwrap();
     let folder = CacheFolder::At(cache.path().join("cache"));
-    // Each as a process by itself.
-    let then = |wanted: Option<Wanted>| {
+    // Each call uses a new session, like a separate process.
+    let then = |wanted: Option<Targets>| {
         let settings = Settings { threads: 2, cache: folder.clone(), ..Settings::in_memory() };
         let mut session = Session::new(&[&maquette::format::PACK, &PACK], &settings).unwrap();
-        let fed = session.fed(&graph, &inputs).unwrap();
+        let fed = session.bind_inputs(&graph, &inputs).unwrap();
         if let Some(wanted) = wanted {
-            let run = session.run(&fed, &Run { wanted, ..Run::default() }).unwrap();
+            let run = session.run(&fed, &Run { targets: wanted, ..Run::default() }).unwrap();
             assert_eq!(messages(&run), [] as [&str; 0]);
         }
-        let said = [session.why(&fed, "sums/1150").unwrap(), session.why(&fed, "all").unwrap()];
+        let said =
+            [session.explain(&fed, "sums/1150").unwrap(), session.explain(&fed, "all").unwrap()];
         session.finish();
         said
     };
-    then(Some(Wanted::Outputs));
+    then(Some(Targets::Outputs));
     let known = then(None);
     assert!(known[0].contains("does not run"), "{known:?}");
-    // A busy machine may have taken so long for it that it was kept on disk.
+    // On a busy machine the node may have taken long enough for its result to be stored on disk.
     fn is_known(why: &str) -> bool {
         why.contains("does not run") || why.contains("too little work")
     }
     assert!(is_known(&known[1]), "{known:?}");
-    then(Some(Wanted::Nodes(vec!["one".into()])));
+    then(Some(Targets::Nodes(vec!["one".into()])));
     assert_eq!(then(None), known);
 }
 
@@ -216,14 +222,14 @@ fn names_are_those_of_a_list_and_each_element_can_be_had() {
         outputs: { "all": "all" }"#,
     );
     let names = ["eyes/2/center", "eyes/2", "eyes/2/spot"].map(str::to_owned);
-    let wanted = Wanted::Named(names.into());
+    let wanted = Targets::Named(names.into());
     let found = run_for(&mut session(), &folder.load(), "labels", spots(&[1, 3]), wanted);
     assert_eq!(along_x(&found, "eyes/2/center"), [11.0]);
     assert_eq!(along_x(&found, "eyes/2"), [11.0]);
     assert_eq!(found.get::<Labels>("eyes/2/spot").unwrap().statistics().len(), 1);
-    let wanted = Wanted::Named(vec!["eyes/3/center".into()]);
+    let wanted = Targets::Named(vec!["eyes/3/center".into()]);
     let inputs = [("labels".to_owned(), spots(&[1, 3]))].into();
-    let refused = session().run(&folder.load(), &Run { wanted, inputs, ..Run::default() });
+    let refused = session().run(&folder.load(), &Run { targets: wanted, inputs, ..Run::default() });
     let refused = refused.err().expect("there are two eyes");
     assert_eq!(
         refused[0].message,
@@ -253,7 +259,7 @@ fn a_component_is_the_picture_without_the_others() {
     let alone = Vec::from_iter(alone);
     let names = (1..=count).map(|number| format!("spots/{number}/labels")).collect();
     let value = AnyValue::new(labels);
-    let found = run_for(&mut session(), &graph(SPOTS), "labels", value, Wanted::Named(names));
+    let found = run_for(&mut session(), &graph(SPOTS), "labels", value, Targets::Named(names));
     for (number, alone) in (1..).zip(&alone) {
         let name = format!("spots/{number}/labels");
         assert_eq!(found.value(&name).map(AnyValue::hash), Some(alone.hash()), "{name}");
@@ -263,7 +269,7 @@ fn a_component_is_the_picture_without_the_others() {
 
 #[test]
 fn a_number_says_how_many_there_are_when_the_graph_is_read() {
-    fn counted(default: u32) -> Graph {
+    fn graph_with_count(default: u32) -> Graph {
         graph(&format!(
             r#"params: {{ "count": Integer(default: {default}, min: 0, max: 9) }},
             nodes: {{
@@ -273,12 +279,12 @@ fn a_number_says_how_many_there_are_when_the_graph_is_read() {
             outputs: {{}}"#
         ))
     }
-    let names: Vec<_> = counted(3).node_names().map(str::to_owned).collect();
+    let names: Vec<_> = graph_with_count(3).node_names().map(str::to_owned).collect();
     assert_eq!(names, ["steps/1", "steps/2", "steps/3", "all"]);
     for count in [0, 1, 4] {
-        let wanted = Wanted::Named(vec!["all".into()]);
-        let run = Run { wanted, ..Run::default() };
-        let found = session().run(&counted(count), &run).unwrap();
+        let wanted = Targets::Named(vec!["all".into()]);
+        let run = Run { targets: wanted, ..Run::default() };
+        let found = session().run(&graph_with_count(count), &run).unwrap();
         assert_eq!(along_x(&found, "all"), (1..=count).map(f64::from).collect::<Vec<_>>());
     }
 }
@@ -389,14 +395,14 @@ fn an_element_that_is_not_there_is_an_error_at_its_link_with_the_count() {
     let one = run(&mut session, &graph, "labels", spots(&[1]));
     let why = "`spots/2` cannot be computed: there is no such element: `spots` has 1 element";
     assert_eq!(messages(&one), [why]);
-    let problem = &one.problems()[0];
+    let problem = &one.diagnostics()[0];
     assert_eq!(&problem.source.text[problem.span.start..problem.span.end], "\"spots/2\"");
     assert_eq!(along_x(&one, "all"), [0.0]);
 }
 
 #[test]
 fn more_elements_than_allowed_are_an_error_with_their_number() {
-    fn limited(most: &str) -> Graph {
+    fn graph_with_limit(most: &str) -> Graph {
         graph(&format!(
             r#"inputs: {{ "labels": Labels() }},
             nodes: {{
@@ -406,14 +412,15 @@ fn more_elements_than_allowed_are_an_error_with_their_number() {
             outputs: {{ "all": "all" }}"#
         ))
     }
-    let found = run(&mut session(), &limited(", most: 2"), "labels", spots(&[1, 1, 1]));
-    let why = "`labels` has 3 elements, but ForEach takes 2 at most: `most: 3` lets it have them";
+    let found = run(&mut session(), &graph_with_limit(", most: 2"), "labels", spots(&[1, 1, 1]));
+    let why = "`labels` has 3 elements, but ForEach takes 2 at most: `most: 3` allows them";
     assert_eq!(messages(&found), [format!("`spots/labels` cannot be computed: {why}")]);
     assert!(
-        messages(&run(&mut session(), &limited(", most: 3"), "labels", spots(&[1; 3]))).is_empty()
+        messages(&run(&mut session(), &graph_with_limit(", most: 3"), "labels", spots(&[1; 3])))
+            .is_empty()
     );
     let many = Labels::new(20_002, 1, (0..20_002).map(|k| k % 2 * k).collect()).unwrap();
-    let found = run(&mut session(), &limited(""), "labels", AnyValue::new(many));
+    let found = run(&mut session(), &graph_with_limit(""), "labels", AnyValue::new(many));
     assert!(messages(&found)[0].contains("has 10001 elements"), "{:?}", messages(&found));
 }
 
@@ -467,12 +474,12 @@ fn the_data_of_a_loop_are_linked_to_it_in_a_drawing() {
 fn why_says_that_the_number_is_not_known_yet() {
     let (mut session, graph) = (session(), graph(SPOTS));
     for name in ["spots", "spots/2"] {
-        let why = session.why(&graph, name).expect("it may be there");
+        let why = session.explain(&graph, name).expect("it may be there");
         assert!(why.contains("how many elements `spots` has is known when"), "{why}");
     }
     run(&mut session, &graph, "labels", spots(&[1, 2]));
-    assert!(session.why(&graph, "spots/2").unwrap().starts_with("`spots/2` "));
-    assert_eq!(session.why(&graph, "spots/3"), None);
+    assert!(session.explain(&graph, "spots/2").unwrap().starts_with("`spots/2` "));
+    assert_eq!(session.explain(&graph, "spots/3"), None);
 }
 
 #[test]

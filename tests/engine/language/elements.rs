@@ -1,4 +1,5 @@
-//! `copies/1.scale` in `set` and in patches: the item of a list, or an error that says where the value is.
+//! `set` and patches accept targets such as `copies/1.scale`, an item of a `ForEach` list. If the value is written elsewhere, the error
+//! says where.
 
 use std::path::Path;
 
@@ -22,14 +23,14 @@ fn folder() -> tempfile::TempDir {
     folder
 }
 
-/// The text and the target's name in it, or what is said of it.
+/// Sets a value; returns the new text and the target as it is named in this text, or the error.
 fn set(path: &Path, target: &str, value: &str) -> Result<(String, String), String> {
     let edit = Edit::Set { target: target.to_owned(), value: value.to_owned() };
     let text = std::fs::read_to_string(path).unwrap();
     let edited =
         maquette::edit::edit(path, &text, &[edit], &Catalog::new(PACKS), &Options::default());
     edited.map(|it| (it.text, it.changes[0].target.clone())).map_err(
-        |problems: Vec<maquette::Problem>| {
+        |problems: Vec<maquette::Diagnostic>| {
             assert_eq!(problems.len(), 1, "{problems:?}");
             format!("{} ({})", problems[0].message, problems[0].help)
         },
@@ -56,19 +57,19 @@ fn what_has_no_place_in_the_file_says_where_it_is_set() {
         ("c/3.scale", "the graph has no node `c/3` (the elements of `c` are `c/1` to `c/2`)"),
         (
             "c/2.rotate.1",
-            "`c/2` has no `rotate` of its own, but that of all elements (give it a whole one: c/2.rotate=VALUE; or change that of all: c.with.rotate.1=VALUE)",
+            "`c/2` has no `rotate` of its own, but that of all elements (set the whole field: c/2.rotate=VALUE; or set that of all elements: c.with.rotate.1=VALUE)",
         ),
         (
             "parts/1.scale",
-            "the graph has no node `parts/1` (elements have no names in the file; all of them: parts.with.scale=VALUE)",
+            "the graph has no node `parts/1` (elements have no names in the file; set all of them: parts.with.scale=VALUE)",
         ),
         (
             "lib/moved.scale",
-            "`lib/moved` is inside of the graph that `lib` uses (change it in lib.ron, or set a parameter of it: lib.NAME=VALUE)",
+            "`lib/moved` is inside the graph that `lib` uses (change it in lib.ron, or set a parameter of it: lib.NAME=VALUE)",
         ),
         (
             "libs/1/moved.scale",
-            "`libs/1/moved` is inside of the graph that `libs` repeats (change it in lib.ron, or set a parameter of it: libs/1.NAME=VALUE)",
+            "`libs/1/moved` is inside the graph that `libs` repeats (change it in lib.ron, or set a parameter of it: libs/1.NAME=VALUE)",
         ),
     ];
     for (target, said) in refused {
@@ -84,13 +85,13 @@ fn a_patch_knows_the_elements_of_a_list() {
     fn text(entry: &str) -> String {
         format!(r#"Patch(format: 1, of: "graph.ron", nodes: {{ {entry} }})"#)
     }
-    fn load(entry: &str, path: &Path) -> maquette::Checked {
+    fn load(entry: &str, path: &Path) -> maquette::CheckedGraph {
         std::fs::write(path, text(entry)).unwrap();
         Graph::load(path, &Catalog::new(PACKS), &Options::default())
     }
     let by_name = load(r#""c/1": (scale: (2, 2, 2))"#, &path);
-    assert!(by_name.graph.is_some(), "{:?}", by_name.problems);
-    let wrong = load(r#""parts/1": (scale: (2, 2, 2))"#, &path).problems;
+    assert!(by_name.graph.is_some(), "{:?}", by_name.diagnostics);
+    let wrong = load(r#""parts/1": (scale: (2, 2, 2))"#, &path).diagnostics;
     assert_eq!(wrong.len(), 1, "{wrong:?}");
     assert!(wrong[0].help.contains("parts.with.scale=VALUE"), "{wrong:?}");
     assert_eq!(&wrong[0].source.text[wrong[0].span.start..][..9], "\"parts/1\"");

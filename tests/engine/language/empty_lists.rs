@@ -1,10 +1,10 @@
-//! Ports for many values that get none, as from a `ForEach` over data without elements.
+//! Ports that accept many values and get none, for example from a `ForEach` over data without elements.
 
 use maquette::value::Mesh;
 use maquette::{Catalog, Graph, Options, Run, Session, Settings};
 use maquette_nodes::PACKS;
 
-/// The graph's output `out.ply`, if there is one, and what is told of a run.
+/// Runs a graph; returns its output `out.ply`, if it exists, and the messages.
 fn run(fields: &str) -> (Option<Mesh>, Vec<String>) {
     let folder = tempfile::tempdir().unwrap();
     let promising = r#"Graph(format: 1, inputs: { "mesh": Mesh(doc: "It.") }, nodes: { "all": Merge(meshes: []) },
@@ -14,11 +14,11 @@ fn run(fields: &str) -> (Option<Mesh>, Vec<String>) {
     let path = folder.path().join("graph.ron");
     std::fs::write(&path, format!("Graph(format: 1, {fields})")).unwrap();
     let checked = Graph::load(&path, &Catalog::new(PACKS), &Options::default());
-    let graph = checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems));
+    let graph = checked.graph.unwrap_or_else(|| panic!("{:?}", checked.diagnostics));
     let mut session =
         Session::new(PACKS, &Settings { threads: 2, ..Settings::in_memory() }).unwrap();
     let done = session.run(&graph, &Run::default()).unwrap();
-    let told = done.problems().iter().map(|problem| problem.message.clone()).collect();
+    let told = done.diagnostics().iter().map(|problem| problem.message.clone()).collect();
     (done.get::<Mesh>("out.ply").ok().map(|mesh| (*mesh).clone()), told)
 }
 
@@ -51,6 +51,8 @@ fn what_cannot_be_made_of_nothing_says_what_is_missing() {
         "all": Reconstruct(points: "each") }, outputs: { "out.ply": "all" }"#);
     assert_eq!(
         told,
-        ["`all` cannot be computed: the list `points` is empty, and nothing has no skin"]
+        [
+            "`all` cannot be computed: the list `points` is empty, so there is nothing to reconstruct"
+        ]
     );
 }

@@ -1,7 +1,7 @@
-//! Names with hyphens, and the fields of uses that stand for them, which have underscores instead.
+//! Names with hyphens. In uses of graphs, the corresponding fields have underscores instead.
 
 use maquette::value::Mesh;
-use maquette::{Catalog, Edit, Graph, Options, Problem, Run, Session, Settings};
+use maquette::{Catalog, Diagnostic, Edit, Graph, Options, Run, Session, Settings};
 
 const UP: &str = r#"Graph(
     format: 1,
@@ -29,8 +29,8 @@ const USING: &str = r#"Graph(
     outputs: { "a.ply": "all" },
 )"#;
 
-/// Two words of each name as one.
-fn joined(text: &str) -> String {
+/// Removes the hyphens from names, and the underscores from the corresponding fields.
+fn underscore_names(text: &str) -> String {
     let names = [("the-mesh", "the_mesh"), ("other-one", "other_one"), ("eye-step", "eye_step")];
     names.iter().fold(text.to_owned(), |text, (name, field)| {
         let plain = name.replace('-', "");
@@ -48,8 +48,8 @@ impl Place {
         place
     }
 
-    /// What is said of a graph beside what it uses.
-    fn load(&self, up: &str, using: &str) -> Result<Graph, Vec<Problem>> {
+    /// Loads the graph `using` beside the graph `up` that it uses.
+    fn load(&self, up: &str, using: &str) -> Result<Graph, Vec<Diagnostic>> {
         fn path(name: &str, folder: &tempfile::TempDir) -> std::path::PathBuf {
             folder.path().join(name)
         }
@@ -57,15 +57,15 @@ impl Place {
         let options = Options::default().with_text(path("up.ron", &self.0), up);
         let options = options.with_text(path("a.ron", &self.0), using);
         let checked = Graph::load(&path("a.ron", &self.0), &catalog, &options);
-        checked.graph.filter(|graph| graph.unused().is_empty()).ok_or(checked.problems)
+        checked.graph.filter(|graph| graph.unused_warnings().is_empty()).ok_or(checked.diagnostics)
     }
 }
 
-/// Where the corners of what `all` gives are.
+/// Returns the positions of the vertices of output `all`.
 fn corners(graph: &Graph) -> Vec<[f64; 3]> {
     let mut session = Session::new(maquette_nodes::PACKS, &Settings::in_memory()).unwrap();
     let run = session.run(graph, &Run::default()).unwrap();
-    assert_eq!(run.problems(), []);
+    assert_eq!(run.diagnostics(), []);
     let mesh = run.get::<Mesh>("all").unwrap();
     mesh.positions().iter().map(|at| [at.x, at.y, at.z]).collect()
 }
@@ -74,7 +74,7 @@ fn corners(graph: &Graph) -> Vec<[f64; 3]> {
 fn a_use_gives_names_with_hyphens_what_it_gives_others() {
     let place = Place::new();
     let ours = place.load(UP, USING).unwrap();
-    let plain = place.load(&joined(UP), &joined(USING)).unwrap();
+    let plain = place.load(&underscore_names(UP), &underscore_names(USING)).unwrap();
     assert_eq!(corners(&ours), corners(&plain));
     assert!(ours.node_names().any(|name| name == "parts/the-mesh"));
     let set = place.load(UP, &USING.replace("Param(\"eye-step\")", "7.0")).unwrap();
@@ -98,7 +98,7 @@ fn a_mistake_in_a_field_speaks_of_the_field() {
                 "write `the_mesh: \"node\"` with a node that gives a Mesh"
             ),
             (
-                "field `eye_step` of Up wants a number, not the text \"x\"",
+                "field `eye_step` of Up: expected a number, found the text \"x\"",
                 "parameters take values; for a parameter of the graph write Param(\"x\")"
             ),
         ]
@@ -116,8 +116,8 @@ fn a_field_with_hyphens_is_one_mistake_that_can_be_mended() {
     assert_eq!(
         Vec::from_iter(said),
         [
-            ("the-mesh", "`the-mesh` is no field: in a field `_` stands for a hyphen"),
-            ("eye-step", "`eye-step` is no field: in a field `_` stands for a hyphen"),
+            ("the-mesh", "`the-mesh` is not a field name: a field has `_` instead of hyphens"),
+            ("eye-step", "`eye-step` is not a field name: a field has `_` instead of hyphens"),
         ]
     );
     let mut mended = using.clone();

@@ -1,15 +1,15 @@
-//! What a graph with inputs expects of its values holds wherever it is used, and is told there.
+//! The expectations of a graph with inputs are checked wherever the graph is used, and failures are reported at the use.
 
 use std::path::{Path, PathBuf};
 
 use maquette::value::Mesh;
-use maquette::{Graph, Options, Place, Problem, Run, Session, Settings, Wanted};
+use maquette::{Diagnostic, Graph, Options, Position, Run, Session, Settings, Targets};
 use maquette_nodes::PACKS;
 
-/// A tetrahedron without its last face, and one that has all.
+/// A tetrahedron without its last face.
 const OPEN: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\n";
 
-/// A graph that expects something of its input, of a node and of its output.
+/// A graph that expects properties of its input, of a node and of its output.
 const CAP: &str = r#"Graph(
     format: 1,
     inputs: { "mesh": Mesh() },
@@ -47,23 +47,24 @@ impl Project {
 
     fn load(&self, name: &str) -> Graph {
         let checked = self.session.load(&self.path(name), &Options::default());
-        checked.graph.unwrap_or_else(|| panic!("{:#?}", checked.problems))
+        checked.graph.unwrap_or_else(|| panic!("{:#?}", checked.diagnostics))
     }
 
-    /// What is told of `graph.ron` when all of this is wanted.
-    fn told(&mut self, wanted: Wanted) -> Vec<String> {
+    /// Runs `graph.ron` for these targets and returns the messages.
+    fn run_messages(&mut self, wanted: Targets) -> Vec<String> {
         let graph = self.load("graph.ron");
-        let finished = self.session.run(&graph, &Run { wanted, ..Run::default() }).unwrap();
-        let problems = finished.problems();
+        let finished =
+            self.session.run(&graph, &Run { targets: wanted, ..Run::default() }).unwrap();
+        let problems = finished.diagnostics();
         problems.iter().map(|problem| line(problem, self.folder.path())).collect()
     }
 }
 
-/// `file:line code message (help) <- uses`.
-fn line(problem: &Problem, folder: &Path) -> String {
-    let place = Place::of(&problem.source.text, problem.span.start).line;
+/// Formats a diagnostic as `file:line code message (help) <- uses`.
+fn line(problem: &Diagnostic, folder: &Path) -> String {
+    let place = Position::from_offset(&problem.source.text, problem.span.start).line;
     let file = problem.source.name.file_name().unwrap().to_string_lossy().into_owned();
-    let uses = problem.uses.iter().map(|at| format!(" <- {} at {}", at.name, at.place()));
+    let uses = problem.uses.iter().map(|at| format!(" <- {} at {}", at.name, at.location()));
     let (code, message, help) = (problem.code, &problem.message, &problem.help);
     let text = format!("{file}:{place} {code} {message} ({help}){}", String::from_iter(uses));
     text.replace(&format!("{}/", folder.display()), "")
@@ -77,7 +78,7 @@ fn graph(nodes: &str, outputs: &str) -> String {
 }
 
 const OF_THE_INPUT: &str = "expected Closed, but `a.mesh` has 3 edges with one face (vertices 0-2, 0-3, 2-3; the first is at (0, 0.5, 0))";
-const OF_THE_OUTPUT: &str = "expected Count, but `a.skin` has 3 faces; wanted are at least 4";
+const OF_THE_OUTPUT: &str = "expected Count, but `a.skin` has 3 faces, expected at least 4";
 
 #[test]
 fn what_does_not_hold_is_told_at_the_use_with_the_place_inside() {
@@ -86,7 +87,7 @@ fn what_does_not_hold_is_told_at_the_use_with_the_place_inside() {
         r#""a.ply": "a", "b.ply": "b""#,
     );
     let mut project = Project::new(&text);
-    let told = project.told(Wanted::Outputs);
+    let told = project.run_messages(Targets::Outputs);
     let box_of_b = "expected Bounds, but `b/it` has 1 vertices outside of the box; the first is 1 at (4, 0, 0)";
     let expected = [
         format!("graph.ron:4 G020 {OF_THE_INPUT} (this is expected at cap.ron:8:9)"),
@@ -106,7 +107,7 @@ nodes: { "inner": Cap(mesh: "mesh") }, outputs: { "skin": "inner" })"#;
     );
     let mut project = Project::new(&text.replace("use: {", r#"use: { "Outer": "outer.ron","#));
     std::fs::write(project.path("outer.ron"), outer).unwrap();
-    let told = project.told(Wanted::Outputs);
+    let told = project.run_messages(Targets::Outputs);
     assert_eq!(told.len(), 2, "{told:#?}");
     let input = OF_THE_INPUT.replace("`a.mesh`", "`both/2/inner.mesh`");
     let way = " <- inner at outer.ron:2:10";
@@ -120,7 +121,7 @@ fn each_element_of_data_is_judged_and_its_example_is_not() {
         r#""out.ply": "out""#,
     );
     let mut project = Project::new(&text);
-    let told = project.told(Wanted::Outputs);
+    let told = project.run_messages(Targets::Outputs);
     let expected = [
         format!("{OF_THE_INPUT} (this is expected at cap.ron:8:9)"),
         format!("{OF_THE_OUTPUT} (this is expected at cap.ron:10:9)"),
@@ -128,10 +129,10 @@ fn each_element_of_data_is_judged_and_its_example_is_not() {
     let of_the_second =
         expected.map(|it| format!("graph.ron:4 G020 {}", it.replace("`a.", "`caps/2.")));
     assert_eq!(told, of_the_second);
-    // Without elements there is nothing to judge, however little the example would hold.
+    // If the `ForEach` has no elements, nothing is checked, not even the value that stands in for an element.
     std::fs::write(project.path("closed.obj"), "").unwrap();
     std::fs::write(project.path("open.obj"), "").unwrap();
-    assert!(!project.told(Wanted::Outputs).iter().any(|told| told.contains("G020")));
+    assert!(!project.run_messages(Targets::Outputs).iter().any(|told| told.contains("G020")));
 }
 
 #[test]
@@ -144,7 +145,7 @@ nodes: { "it": Transform(mesh: "mesh", translate: (1, 0, 0)) }, outputs: { "move
     );
     let mut project = Project::new(&text);
     std::fs::write(project.path("cap.ron"), lib).unwrap();
-    let told = project.told(Wanted::Outputs);
+    let told = project.run_messages(Targets::Outputs);
     let [told] = &told[..] else { panic!("{told:#?}") };
     let expected = "graph.ron:4 G016 input `mesh` of `caps/2` wants Mesh[Closed], but `caps/2/mesh` has 3 edges with one face";
     assert!(told.contains(expected), "{told}");
@@ -162,7 +163,7 @@ nodes: { "it": Merge(meshes: ["mesh", "more"]) }, outputs: { "both": "it" })"#;
         std::fs::write(project.path("cap.ron"), lib).unwrap();
         let graph = project.load("graph.ron");
         let finished = project.session.run(&graph, &Run::default()).unwrap();
-        assert_eq!(finished.problems().len(), 0, "{:#?}", finished.problems());
+        assert_eq!(finished.diagnostics().len(), 0, "{:#?}", finished.diagnostics());
         assert_eq!(finished.get::<Mesh>("out").unwrap().faces().len(), faces);
     }
 }
@@ -171,10 +172,10 @@ nodes: { "it": Merge(meshes: ["mesh", "more"]) }, outputs: { "both": "it" })"#;
 fn a_use_that_nothing_needs_expects_nothing() {
     let nodes = r#""a": Cap(mesh: "open"), "b": Cap(mesh: "closed"), "out": Switch(cases: { "a": "a", "b": "b" }, choose: b)"#;
     let mut project = Project::new(&graph(nodes, r#""out.ply": "out""#));
-    assert_eq!(project.told(Wanted::Outputs), [""; 0]);
-    // Of what is asked for by name, uses still expect it, without anything else being computed.
-    assert_eq!(project.told(Wanted::Named(vec!["a.skin".into()])).len(), 2);
-    assert_eq!(project.told(Wanted::Nodes(vec!["a".into()])), [""; 0]);
+    assert_eq!(project.run_messages(Targets::Outputs), [""; 0]);
+    // If outputs are requested by name, expectations of their uses are still checked, without computing anything else.
+    assert_eq!(project.run_messages(Targets::Named(vec!["a.skin".into()])).len(), 2);
+    assert_eq!(project.run_messages(Targets::Nodes(vec!["a".into()])), [""; 0]);
 }
 
 #[test]
@@ -186,7 +187,7 @@ fn alone_as_a_function_it_expects_the_same() {
         let (inputs, _) = project.session.read_inputs(&cap, &files).unwrap();
         let run = project.session.run(&cap, &Run { inputs, ..Run::default() }).unwrap();
         let told: Vec<_> =
-            run.problems().iter().map(|it| line(it, project.folder.path())).collect();
+            run.diagnostics().iter().map(|it| line(it, project.folder.path())).collect();
         assert_eq!(told.len(), expected, "{told:#?}");
         assert!(told.iter().all(|it| it.starts_with("cap.ron:")), "{told:#?}");
         assert!(run.get::<Mesh>("skin").is_ok());
@@ -199,9 +200,9 @@ fn what_is_expected_names_values_that_are_there() {
     let text = CAP.replace("Closed(\"mesh\")", "Closed(\"msh\"), Closd(\"it\")");
     std::fs::write(project.path("cap.ron"), &text).unwrap();
     let checked = project.session.load(&project.path("graph.ron"), &Options::default());
-    let told = checked.problems.iter().map(|problem| line(problem, project.folder.path()));
+    let told = checked.diagnostics.iter().map(|problem| line(problem, project.folder.path()));
     let told = String::from_iter(told);
     assert!(told.contains("cap.ron:8 G009") && told.contains("Closd"), "{told}");
     std::fs::write(project.path("cap.ron"), CAP).unwrap();
-    assert_eq!(project.told(Wanted::Outputs).len(), 2);
+    assert_eq!(project.run_messages(Targets::Outputs).len(), 2);
 }

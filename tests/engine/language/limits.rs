@@ -1,5 +1,5 @@
-//! Rows 21, 27, 55 and 67: a node that needs too much memory is refused before it begins, one that could have it waits, and one that
-//! does not stop is told of.
+//! Rows 21, 27, 55 and 67 of the feature list: a node that needs too much memory is refused before it starts, a node that fits later waits,
+//! and a node that does not stop is reported.
 
 use std::path::Path;
 use std::sync::Mutex;
@@ -14,19 +14,19 @@ use maquette::{
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// A mask of some kilobytes, for which it says to need as many.
+/// Makes a mask of the given number of kilobytes and estimates as much memory.
 #[derive(Serialize, Deserialize, JsonSchema)]
 struct Hold {
-    /// Kilobytes.
+    /// The size in kilobytes.
     kb: u32,
-    /// Another one gives another key.
+    /// A value that changes the key.
     #[serde(default)]
     seed: u8,
-    /// Comes after it.
+    /// A node that must run before.
     after: Option<In<Mask>>,
 }
 
-/// What nodes that are under way say to need, in kilobytes, and the most of it at a time.
+/// The summed memory estimate of the nodes that are running now, in kilobytes. `MOST` is its maximum.
 static UNDER_WAY: AtomicUsize = AtomicUsize::new(0);
 static MOST: AtomicUsize = AtomicUsize::new(0);
 
@@ -44,16 +44,16 @@ impl Node for Hold {
         MOST.fetch_max(now, Ordering::SeqCst);
         std::thread::sleep(Duration::from_millis(30));
         UNDER_WAY.fetch_sub(kb, Ordering::SeqCst);
-        // A little less than it said.
+        // The mask is slightly smaller than the estimate.
         let pixels = vec![self.seed % 2; kb * 1000 - 500];
         Ok((Mask::new(kb * 1000 - 500, 1, pixels)?,))
     }
 }
 
-/// Goes on for so long, whatever happens.
+/// Runs for a number of seconds, even if cancelled.
 #[derive(Serialize, Deserialize, JsonSchema)]
 struct Deaf {
-    /// Seconds.
+    /// The duration in seconds.
     seconds: f64,
 }
 
@@ -69,7 +69,7 @@ impl Node for Deaf {
 
 const PACK: Pack = Pack { name: "greedy", nodes: &[node::<Hold>(), node::<Deaf>()], ..Pack::EMPTY };
 
-/// One test at a time: they share what is counted.
+/// Only one test runs at a time, because the tests share the counters.
 static ALONE: Mutex<()> = Mutex::new(());
 
 fn graph(nodes: &str) -> Graph {
@@ -77,12 +77,12 @@ fn graph(nodes: &str) -> Graph {
     let text = format!("Graph(format: 1, nodes: {{ {nodes} }}, outputs: {{}})");
     let options = Options::default().with_text(path, text);
     let checked = Graph::load(path, &Catalog::new(&[&PACK]), &options);
-    checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems))
+    checked.graph.unwrap_or_else(|| panic!("{:?}", checked.diagnostics))
 }
 
-/// An evaluator of four threads for results of a megabyte, all in all.
+/// Returns an evaluator with four threads and one megabyte of memory for results.
 fn megabyte() -> Evaluator {
-    Evaluator::new(4, 1 << 30).unwrap().holding_at_most(1_000_000)
+    Evaluator::new(4, 1 << 30).unwrap().with_max_memory(1_000_000)
 }
 
 fn states(trace: &RunTrace) -> Vec<(&str, State)> {
@@ -97,7 +97,7 @@ fn a_node_that_needs_too_much_is_refused_with_numbers_and_the_rest_goes_on() {
     );
     let mut evaluator = megabyte();
     let evaluation = evaluator.evaluate_all_nodes(&graph, &(), &CancelToken::default());
-    let problems = evaluation.problems();
+    let problems = evaluation.diagnostics();
     assert_eq!(problems.len(), 1, "{problems:?}");
     assert_eq!(problems[0].severity, Severity::Error);
     let message = &problems[0].message;
@@ -121,24 +121,24 @@ fn a_node_that_needs_too_much_is_refused_with_numbers_and_the_rest_goes_on() {
 fn nodes_that_fit_one_after_the_other_wait_for_each_other() {
     let _alone = ALONE.lock();
     MOST.store(0, Ordering::SeqCst);
-    // Nobody needs what they give: it makes way.
+    // The results of earlier evaluations are not needed anymore and are dropped.
     let nodes = (0..8).map(|seed| format!("\"n{seed}\": Hold(kb: 400, seed: {seed}), "));
     let graph = graph(&nodes.collect::<String>());
     let mut evaluator = megabyte();
     let names: Vec<_> = (0..8).map(|seed| format!("n{seed}")).collect();
     for name in &names {
         let evaluation = evaluator.evaluate_nodes(&graph, &[name]);
-        assert!(evaluation.problems().is_empty(), "{:?}", evaluation.problems());
+        assert!(evaluation.diagnostics().is_empty(), "{:?}", evaluation.diagnostics());
     }
     assert!(evaluator.memory() <= 1_000_000, "{}", evaluator.memory());
 
-    // Those that are needed together do not fit, but two of them do.
+    // The four needed results do not fit into memory together, but two of them do.
     let pairs = r#""a": Hold(kb: 300, seed: 9), "b": Hold(kb: 300, seed: 10), "c": Hold(kb: 300, seed: 11), "d": Hold(kb: 300, seed: 12),
         "x": Hold(kb: 1, after: "a"), "y": Hold(kb: 1, seed: 1, after: "b"), "z": Hold(kb: 1, seed: 2, after: "c"), "w": Hold(kb: 1, seed: 3, after: "d")"#;
     let graph = self::graph(pairs);
     MOST.store(0, Ordering::SeqCst);
     let evaluation = evaluator.evaluate_nodes(&graph, &["x", "y", "z", "w"]);
-    assert!(evaluation.problems().is_empty(), "{:?}", evaluation.problems());
+    assert!(evaluation.diagnostics().is_empty(), "{:?}", evaluation.diagnostics());
     let most = MOST.load(Ordering::SeqCst);
     assert!((300..=1000).contains(&most), "{most} kB were under way at a time");
 }
@@ -150,7 +150,7 @@ fn what_nobody_needs_makes_way_before_anything_is_refused() {
     for seed in 0..4 {
         let graph = graph(&format!("\"a\": Hold(kb: 700, seed: {seed})"));
         let evaluation = evaluator.evaluate_nodes(&graph, &["a"]);
-        assert!(evaluation.problems().is_empty(), "{:?}", evaluation.problems());
+        assert!(evaluation.diagnostics().is_empty(), "{:?}", evaluation.diagnostics());
         assert!(evaluator.memory() <= 1_000_000);
     }
 }
@@ -158,7 +158,7 @@ fn what_nobody_needs_makes_way_before_anything_is_refused() {
 #[test]
 fn values_that_nodes_still_need_count() {
     let _alone = ALONE.lock();
-    // `first` is needed to the end, so that there is never room for `second`.
+    // `first` is needed until its dependents end, so there is never enough memory for `second`.
     let graph = graph(
         r#""first": Hold(kb: 700), "second": Hold(kb: 700, seed: 1, after: "first"), "last": Hold(kb: 1, after: "second")"#,
     );
@@ -167,11 +167,11 @@ fn values_that_nodes_still_need_count() {
     let expected =
         [("first", State::Computed), ("second", State::Failed), ("last", State::Skipped)];
     assert_eq!(states(&trace), expected);
-    let message = &evaluation.problems()[0].message;
+    let message = &evaluation.diagnostics()[0].message;
     assert!(message.contains("would need 700 kB, 700 kB are held already"), "{message}");
 }
 
-/// Notes which nodes do not stop, and when that was told.
+/// Records the nodes that are reported as not stopping, and the times of the reports.
 struct Listening {
     cancel: CancelToken,
     began: Mutex<Option<Instant>>,
@@ -180,7 +180,7 @@ struct Listening {
 }
 
 impl Observer for Listening {
-    fn started(&self, _: &str) {
+    fn on_start(&self, _: &str) {
         *self.began.lock().unwrap() = Some(Instant::now());
         if self.cancels.load(Ordering::SeqCst) {
             let cancel = self.cancel.clone();
@@ -191,7 +191,7 @@ impl Observer for Listening {
         }
     }
 
-    fn does_not_stop(&self, node: &str, kind: &str, pack: &str) {
+    fn on_unresponsive(&self, node: &str, kind: &str, pack: &str) {
         let seconds = self.began.lock().unwrap().unwrap().elapsed().as_secs_f64();
         self.told.lock().unwrap().push((format!("{node} {kind} {pack}"), seconds));
     }

@@ -1,13 +1,13 @@
-//! What is expected of one value in a test is not expected of a list.
+//! A test that expects something of one value reports an error if the name refers to a list of values.
 
 use maquette::{Catalog, test_graphs};
 use maquette_nodes::PACKS;
 
-/// What is wrong with a test that expects something of this value.
-fn told(of: &str) -> Vec<String> {
+/// Returns the errors of a test with an expectation of the value `of`.
+fn check_messages(of: &str) -> Vec<String> {
     let folder = tempfile::tempdir().unwrap();
     fn write(name: &str, text: &str, folder: &tempfile::TempDir) {
-        std::fs::write(folder.path().join(name), text).unwrap()
+        std::fs::write(folder.path().join(name), text).unwrap();
     }
     write(
         "two.obj",
@@ -39,11 +39,11 @@ fn told(of: &str) -> Vec<String> {
 #[test]
 fn a_list_is_told_as_one_and_an_element_is_a_value() {
     for list in ["parts", "parts.mesh", "listed"] {
-        let told = told(list);
-        let words = format!("one value is expected to be so, but `{list}` is a list");
+        let told = check_messages(list);
+        let words = format!("expected a single value, found the list `{list}`");
         assert!(told.len() == 1 && told[0].contains(&words), "{told:?}");
     }
     for one in ["parts/2", "listed/1", "all"] {
-        assert_eq!(told(one), [""; 0], "{one}");
+        assert_eq!(check_messages(one), [""; 0], "{one}");
     }
 }

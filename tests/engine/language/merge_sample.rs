@@ -1,4 +1,4 @@
-//! The sample of a merge: what two people have made of one graph.
+//! Tests the sample of a merge: two people's versions of one graph.
 
 use std::path::Path;
 
@@ -17,7 +17,7 @@ fn the_sample_is_what_comes_of_both_sides() {
     for [ours, theirs] in [[&ours, &theirs], [&theirs, &ours]] {
         let found =
             maquette::edit::merge(&merged.name, [&base, ours, theirs], &Catalog::new(PACKS));
-        assert_eq!((found.conflicts.len(), found.problems.len()), (0, 0), "{found:?}");
+        assert_eq!((found.conflicts.len(), found.diagnostics.len()), (0, 0), "{found:?}");
     }
     let found = maquette::edit::merge(&merged.name, [&base, &ours, &theirs], &Catalog::new(PACKS));
     assert_eq!(found.text, merged.text);

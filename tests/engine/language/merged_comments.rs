@@ -1,5 +1,6 @@
-//! A law of merging: whatever comment one side adds or changes and the other one leaves alone stands in the result exactly once. It is
-//! tried at random places of all graphs, with random edits of the other side; `LAW_EDITS` says how many, `PROPTEST_RNG_SEED` which.
+//! Tests a law of merging: if one side adds or changes a comment and the other side does not, the result contains this comment exactly
+//! once. The positions are random in all graphs, and the other side makes random edits. `LAW_EDITS` is the number of edits, and
+//! `PROPTEST_RNG_SEED` selects them.
 
 use std::path::Path;
 use std::sync::Mutex;
@@ -12,10 +13,10 @@ use rayon::prelude::*;
 
 use crate::ron_files::ron_files;
 
-/// How many pairs of edits are tried on each graph, unless `LAW_EDITS` says otherwise.
+/// Number of pairs of edits per graph if `LAW_EDITS` is not set.
 const EDITS: u32 = 4;
 
-/// What a piece of a text is.
+/// The kind of a token.
 #[derive(Clone, Copy, PartialEq)]
 enum Piece {
     Comment,
@@ -24,7 +25,7 @@ enum Piece {
     Other,
 }
 
-/// The pieces of a text, by where they begin and end. It has no mistakes.
+/// Splits a valid text into tokens; returns the kind, start and end of each.
 fn pieces(text: &str) -> Vec<(Piece, usize, usize)> {
     let mut pieces = Vec::new();
     let mut at = 0;
@@ -63,8 +64,8 @@ fn pieces(text: &str) -> Vec<(Piece, usize, usize)> {
     pieces
 }
 
-/// A text with a comment that has the word in it: a new one, or one that is there in other words.
-fn commented(text: &str, word: &str, [what, place, form]: &[Index; 3]) -> String {
+/// Returns a text with a comment that contains `word`: it adds a comment, or changes an existing one.
+fn add_comment(text: &str, word: &str, [what, place, form]: &[Index; 3]) -> String {
     let pieces = pieces(text);
     let comments: Vec<_> = pieces.iter().filter(|it| it.0 == Piece::Comment).collect();
     if what.index(3) == 0 && !comments.is_empty() {
@@ -82,26 +83,26 @@ fn commented(text: &str, word: &str, [what, place, form]: &[Index; 3]) -> String
     format!("{}{comment}{}", &text[..at], &text[at..])
 }
 
-/// What an edit leaves alone.
+/// States what a random edit leaves unchanged.
 #[derive(Clone, Copy, PartialEq)]
 enum Leaves {
-    /// All comments where they are: there is no conflict.
+    /// All comments stay at their positions, so merging must not cause a conflict.
     Places,
-    /// All comments.
+    /// All comments stay, but may move.
     Comments,
-    /// What it does not take away.
+    /// Everything stays except for a removed node with its comments.
     Rest,
 }
 
-/// A text with another number, another name, in another form or without a node.
-fn edited(
+/// Changes a number, renames a node, reformats the text, or removes a node.
+fn edit_randomly(
     path: &Path,
     text: &str,
     [what, place]: &[Index; 2],
     catalog: &Catalog,
 ) -> (String, Leaves) {
     let pieces = pieces(text);
-    // The format stays.
+    // The number of the field `format` must not change.
     let is_free =
         |it: &&(Piece, usize, usize)| it.0 == Piece::Number && !text[..it.1].ends_with("format: ");
     let numbers: Vec<_> = pieces.iter().filter(is_free).collect();
@@ -123,7 +124,7 @@ fn edited(
     match what.index(12) {
         0 => (text.replace('\n', "\r\n"), Leaves::Places),
         1 => (text.replace("\n    ", "\n  "), Leaves::Places),
-        2 => (maquette::edit::formatted(path, text).unwrap(), Leaves::Comments),
+        2 => (maquette::edit::format_text(path, text).unwrap(), Leaves::Comments),
         3 => {
             let short = maquette::edit::minimal(path, text, catalog, &Options::default());
             (short.unwrap(), Leaves::Comments)
@@ -143,7 +144,7 @@ fn merge(path: &Path, texts: [&str; 3], catalog: &Catalog) -> Merge {
     maquette::edit::merge(path, sources.each_ref(), catalog)
 }
 
-/// How often each of the comments of a text stands in another one.
+/// Checks that two texts have the same comments, in any order.
 fn same_comments(text: &str, other: &str) -> Result<(), TestCaseError> {
     fn comments(text: &str) -> Vec<String> {
         let all = pieces(text).into_iter().filter(|it| it.0 == Piece::Comment);
@@ -163,8 +164,8 @@ fn one_comments_and_the_other_edits(
     (comment, edit, is_ours): &Dice,
     catalog: &Catalog,
 ) -> Result<(), TestCaseError> {
-    let with_comment = commented(base, "NEW", comment);
-    let (edited, leaves) = edited(path, base, edit, catalog);
+    let with_comment = add_comment(base, "NEW", comment);
+    let (edited, leaves) = edit_randomly(path, base, edit, catalog);
     let (ours, theirs) = match is_ours {
         true => (&with_comment, &edited),
         false => (&edited, &with_comment),
@@ -188,9 +189,9 @@ fn both_comment(
     (mine, [other, form], is_same): &Dice,
     catalog: &Catalog,
 ) -> Result<(), TestCaseError> {
-    let ours = commented(base, "MINE", mine);
+    let ours = add_comment(base, "MINE", mine);
     let place = if *is_same { mine } else { &[mine[0], *other, *form] };
-    let theirs = commented(base, "NEW", place);
+    let theirs = add_comment(base, "NEW", place);
     let merged = merge(path, [base, &ours, &theirs], catalog);
     for word in ["MINE", "NEW"] {
         let told = || format!("{word}\nours:\n{ours}\ntheirs:\n{theirs}\nmerged:\n{}", merged.text);
@@ -204,7 +205,7 @@ fn both_comment(
     Ok(())
 }
 
-/// Tries a law on all graphs.
+/// Tests a law on all graphs.
 fn try_on_all(law: fn(&Path, &str, &Dice, &Catalog) -> Result<(), TestCaseError>) {
     let paths = ron_files(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs"));
     let number =

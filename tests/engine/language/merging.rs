@@ -1,8 +1,9 @@
-//! Two people's edits of one graph: what both did is in the result, and only what both changed differently is a conflict.
+//! Merges two people's edits of one graph: the result contains the edits of both, and only a part that both changed differently is a
+//! conflict.
 
 use maquette::{Catalog, Files, Graph, Merge, Options, Source};
 
-/// The doll, shortened.
+/// A shortened version of the doll's graph.
 const BASE: &str = r##"// A doll's nose, grown from one scan.
 Graph(
     format: 1,
@@ -36,8 +37,8 @@ Graph(
 )
 "##;
 
-/// A text with some parts of it replaced, each of which it has once.
-fn with(text: &str, edits: &[(&str, &str)]) -> String {
+/// Replaces parts of a text; each part must occur once.
+fn replace_each(text: &str, edits: &[(&str, &str)]) -> String {
     let mut text = text.to_owned();
     for (old, new) in edits {
         assert_eq!(text.matches(old).count(), 1, "{old:?} in\n{text}");
@@ -55,8 +56,8 @@ fn merge(base: &str, ours: &str, theirs: &str) -> Merge {
 
 type Edits = &'static [(&'static str, &'static str)];
 
-/// What one did, what the other did, and what comes of it: each as edits of the same graph. In cases without the last one, it is
-/// all of both.
+/// The name of a case, the edits of one side, the edits of the other side, and the expected edits in the result. All edits are relative to
+/// the base. `None` means that the result has the edits of both sides.
 struct Case(&'static str, Edits, Edits, Option<Edits>);
 
 const RED: &str = "color: \"#c33923\"";
@@ -70,7 +71,7 @@ const LEVELS: &str = "        \"levels\": Integer(default: 1, min: 0, max: 4, do
 
 #[rustfmt::skip] // One case a line, or nearly.
 const CASES: &[Case] = &[
-    // Values.
+    // Cases of changed values.
     Case("values of two nodes", &[(FAR, "distance: 25.0")], &[(EIGHT, "connectivity: Four")], None),
     Case("two fields of a choice", &[(FAR, "distance: 25.0")], &[(RED, "color: \"#c34030\"")], None),
     Case("two fields of a node", &[("scheme: Loop", "scheme: CatmullClark")], &[("mesh: \"grid\", scheme", "mesh: \"grid\", limit: true, scheme")],
@@ -87,7 +88,7 @@ const CASES: &[Case] = &[
     Case("a link and a value of one node", &[("range: \"scan.range\", pick", "range: \"blended\", pick")], &[("pick: Largest", "pick: Smallest")], None),
     Case("what it is for, and an output", &[("Lets the nose", "Lets a nose")], &[("\"nose-mask.png\": \"red\"", "\"nose-mask.png\": \"spots\"")], None),
     Case("a choice of another kind, and a value elsewhere", &[("pick: Largest", "pick: Rank(2)")], &[(FAR, "distance: 25.0")], None),
-    // Nodes come and go.
+    // Cases of added and removed nodes.
     Case("a node each, at different places", &[(GRID, "        \"grid\": Triangulate(range: \"blended\"),\n        \"fine\": Subdivide(mesh: \"grid\", scheme: Loop),\n")], &[("        \"spots\": L", "        \"edges\": Edges(image: \"scan.color\"),\n        \"spots\": L")], None),
     Case("a node each, at one place", &[(SKIN, "        \"skin\": Subdivide(mesh: \"grid\", scheme: Loop, levels: Param(\"levels\")),\n        \"one\": Label(mask: \"red\"),\n")], &[(SKIN, "        \"skin\": Subdivide(mesh: \"grid\", scheme: Loop, levels: Param(\"levels\")),\n        \"two\": Outline(mask: \"red\"),\n")],
         Some(&[(SKIN, "        \"skin\": Subdivide(mesh: \"grid\", scheme: Loop, levels: Param(\"levels\")),\n        \"two\": Outline(mask: \"red\"),\n        \"one\": Label(mask: \"red\"),\n")])),
@@ -104,7 +105,7 @@ const CASES: &[Case] = &[
     Case("a section that was not there", &[("    params: {", "    inputs: {\"a\": Mesh(doc: \"A.\")},\n    params: {")], &[(FAR, "distance: 25.0")], None),
     Case("both add a section, with the same", &[("    params: {", "    packs: {\"a\": \"1\"},\n    params: {")], &[("    params: {", "    packs: {\"a\": \"1\"},\n    params: {")], Some(&[("    params: {", "    packs: {\"a\": \"1\"},\n    params: {")])),
     Case("both add a section, with different entries", &[("    params: {", "    packs: { \"a\": \"1\" },\n    params: {")], &[("    params: {", "    packs: { \"b\": \"1\" },\n    params: {")], Some(&[("    params: {", "    packs: { \"b\": \"1\", \"a\": \"1\" },\n    params: {")])),
-    // Names.
+    // Cases of changed names.
     Case("one renames a node, the other adds a link to it", &[("\"spots\": L", "\"patches\": L"), ("labels: \"spots\"", "labels: \"patches\"")], &[(MASK, "        \"nose-mask.png\": \"red\",\n        \"spots.png\": \"spots\",\n")],
         Some(&[("\"spots\": L", "\"patches\": L"), ("labels: \"spots\"", "labels: \"patches\""), (MASK, "        \"nose-mask.png\": \"red\",\n        \"spots.png\": \"patches\",\n")])),
     Case("the same the other way round", &[(MASK, "        \"nose-mask.png\": \"red\",\n        \"spots.png\": \"spots\",\n")], &[("\"spots\": L", "\"patches\": L"), ("labels: \"spots\"", "labels: \"patches\"")],
@@ -116,7 +117,7 @@ const CASES: &[Case] = &[
         Some(&[("\"levels\": I", "\"steps\": I"), ("Param(\"levels\")", "Param(\"steps\")"), ("pick: Largest", "pick: Rank(Param(\"steps\"))")])),
     Case("one renames a parameter, the other has it in an expression", &[("pick: Largest", "pick: Rank(Expr(\"levels + 1\"))")], &[("\"levels\": I", "\"steps\": I"), ("Param(\"levels\")", "Param(\"steps\")")],
         Some(&[("\"levels\": I", "\"steps\": I"), ("Param(\"levels\")", "Param(\"steps\")"), ("pick: Largest", "pick: Rank(Expr(\"steps + 1\"))")])),
-    // Comments, form and order.
+    // Cases of changed comments, formatting and order.
     Case("a comment and the node below it", &[("// Where is the nose?", "// Which is the nose?")], &[(FAR, "distance: 25.0")], None),
     Case("a comment behind a node and the node", &[("// bright", "// very bright")], &[(FAR, "distance: 25.0")], None),
     Case("a comment each, above one node", &[("// Where is the nose?\n", "// Where is the nose?\n        // In the middle.\n")], &[("// Where is the nose?\n", "// Where is the nose?\n        // It is red.\n")],
@@ -140,7 +141,7 @@ const CASES: &[Case] = &[
         Some(&[(SKIN, "        \"skin\": Transform(mesh: \"grid\", translate: (0, 0, 10)),\n")])),
     Case("the same vector, a part of it in another unit", &[(SKIN, "        \"skin\": Transform(mesh: \"grid\", translate: cm(0, 0, 1)),\n")], &[(SKIN, "        \"skin\": Transform(mesh: \"grid\", translate: (0, 0, cm(1))),\n")],
         Some(&[(SKIN, "        \"skin\": Transform(mesh: \"grid\", translate: cm(0, 0, 1)),\n")])),
-    // Conflicts.
+    // Cases of conflicts.
     Case("a value, differently", &[(FAR, "distance: 25.0")], &[(FAR, "distance: 20.0")],
         Some(&[("        \"red\": Threshold(image: \"scan.color\", select: Near(color: \"#c33923\", distance: 30.0)), // bright\n", "<<<<<<< ours\n        \"red\": Threshold(image: \"scan.color\", select: Near(color: \"#c33923\", distance: 25.0)), // bright\n=======\n        \"red\": Threshold(image: \"scan.color\", select: Near(color: \"#c33923\", distance: 20.0)), // bright\n>>>>>>> theirs\n")])),
     Case("a value, differently, with another value of the node", &[(FAR, "distance: 25.0")], &[(FAR, "distance: 20.0"), (RED, "color: \"#c34030\"")],
@@ -160,15 +161,15 @@ fn fifty_pairs_of_edits_give_what_both_meant() {
     assert!(CASES.len() >= 50, "{} cases", CASES.len());
     let mut wrong = Vec::new();
     for Case(name, by_us, by_them, result) in CASES {
-        let (ours, theirs) = (with(BASE, by_us), with(BASE, by_them));
+        let (ours, theirs) = (replace_each(BASE, by_us), replace_each(BASE, by_them));
         let all = [*by_us, *by_them].concat();
-        let expected = with(BASE, result.unwrap_or(&all));
+        let expected = replace_each(BASE, result.unwrap_or(&all));
         let merged = merge(BASE, &ours, &theirs);
         let is_conflict = expected.contains("<<<<<<<");
         if merged.text != expected || merged.conflicts.is_empty() == is_conflict {
             wrong.push(format!("{name}: {:?}\n{}\n", merged.conflicts, merged.text));
         }
-        assert!(merged.problems.is_empty(), "{name}: {:?}", merged.problems);
+        assert!(merged.diagnostics.is_empty(), "{name}: {:?}", merged.diagnostics);
     }
     assert!(wrong.is_empty(), "{} of {}:\n{}", wrong.len(), CASES.len(), wrong.join("\n"));
 }
@@ -180,10 +181,10 @@ fn what_both_mean_is_the_same_whoever_merges() {
         Source { name: "graph.ron".into(), text }
     }
     for Case(name, by_us, by_them, _) in CASES {
-        let (ours, theirs) = (with(BASE, by_us), with(BASE, by_them));
+        let (ours, theirs) = (replace_each(BASE, by_us), replace_each(BASE, by_them));
         let (one, other) = (merge(BASE, &ours, &theirs), merge(BASE, &theirs, &ours));
         assert_eq!(one.conflicts, other.conflicts, "{name}");
-        // The order of what is expected is no difference either, but one that is told.
+        // The order of expectations has no effect, but it is kept as written. So the two merged texts may differ in it.
         if one.conflicts.is_empty() && !name.starts_with("expectations") {
             let found = Graph::differences(&source(one.text), &source(other.text), &catalog);
             assert_eq!(found, Ok(vec![]), "{name}");
@@ -193,11 +194,11 @@ fn what_both_mean_is_the_same_whoever_merges() {
 
 #[test]
 fn a_problem_that_neither_side_had_is_told() {
-    let ours = with(
+    let ours = replace_each(
         BASE,
         &[(MASK, "        \"nose-mask.png\": \"red\",\n        \"a.png\": \"spots\",\n")],
     );
-    let theirs = with(
+    let theirs = replace_each(
         BASE,
         &[
             ("        \"spots\": Label(mask: \"red\", connectivity: Eight),\n", ""),
@@ -208,12 +209,12 @@ fn a_problem_that_neither_side_had_is_told() {
             ),
         ],
     );
-    // They wrote another node, not another name, if what it says is another thing.
+    // A node with another name and another content is not a renamed node.
     let theirs =
         theirs.replace("Label(mask: \"red\", connectivity: Four)", "Outline(mask: \"red\")");
     let merged = merge(BASE, &ours, &theirs);
     assert_eq!(merged.conflicts, [""; 0]);
-    let told: Vec<_> = merged.problems.iter().map(|problem| &problem.message[..]).collect();
+    let told: Vec<_> = merged.diagnostics.iter().map(|problem| &problem.message[..]).collect();
     assert_eq!(told, ["there is no node `spots`"]);
 }
 
@@ -222,9 +223,11 @@ fn texts_with_any_ends_of_lines_are_merged() {
     fn windows(text: &str) -> String {
         text.replace('\n', "\r\n")
     }
-    let (ours, theirs) =
-        (with(BASE, &[(FAR, "distance: 25.0")]), with(BASE, &[(EIGHT, "connectivity: Four")]));
-    let both = with(BASE, &[(FAR, "distance: 25.0"), (EIGHT, "connectivity: Four")]);
+    let (ours, theirs) = (
+        replace_each(BASE, &[(FAR, "distance: 25.0")]),
+        replace_each(BASE, &[(EIGHT, "connectivity: Four")]),
+    );
+    let both = replace_each(BASE, &[(FAR, "distance: 25.0"), (EIGHT, "connectivity: Four")]);
     assert_eq!(merge(&windows(BASE), &windows(&ours), &windows(&theirs)).text, windows(&both));
 }
 
@@ -233,15 +236,18 @@ fn marks_end_their_lines_as_the_text_does() {
     fn windows(text: &str) -> String {
         text.replace('\n', "\r\n")
     }
-    let (ours, theirs) =
-        (with(BASE, &[(FAR, "distance: 25.0")]), with(BASE, &[(FAR, "distance: 20.0")]));
+    let (ours, theirs) = (
+        replace_each(BASE, &[(FAR, "distance: 25.0")]),
+        replace_each(BASE, &[(FAR, "distance: 20.0")]),
+    );
     let marked = merge(BASE, &ours, &theirs).text;
     assert!(marked.contains("\n=======\n"), "{marked}");
     let merged = merge(&windows(BASE), &windows(&ours), &windows(&theirs));
     assert_eq!(merged.text, windows(&marked));
-    // The ends of lines are of the side that changed them.
-    let far = windows(&with(BASE, &[(FAR, "distance: 25.0"), (EIGHT, "connectivity: Four")]));
-    let four = with(BASE, &[(EIGHT, "connectivity: Four")]);
+    // The result has the line endings of the side that changed them.
+    let far =
+        windows(&replace_each(BASE, &[(FAR, "distance: 25.0"), (EIGHT, "connectivity: Four")]));
+    let four = replace_each(BASE, &[(EIGHT, "connectivity: Four")]);
     assert_eq!(merge(BASE, &windows(&ours), &four).text, far);
     assert_eq!(merge(BASE, &ours, &windows(&four)).text, far);
 }
@@ -249,37 +255,37 @@ fn marks_end_their_lines_as_the_text_does() {
 #[test]
 fn an_expression_that_both_together_would_turn_into_another_is_a_conflict() {
     let named = "        \"growth-levels\": Number(default: 1.0, doc: \"Another.\"),\n";
-    let ours = with(BASE, &[("    params: {\n", &format!("    params: {{\n{named}"))]);
-    let theirs = with(BASE, &[(FAR, "distance: Expr(\"growth-levels\")")]);
+    let ours = replace_each(BASE, &[("    params: {\n", &format!("    params: {{\n{named}"))]);
+    let theirs = replace_each(BASE, &[(FAR, "distance: Expr(\"growth-levels\")")]);
     for (ours, theirs) in [(&ours, &theirs), (&theirs, &ours)] {
         let merged = merge(BASE, ours, theirs);
         assert_eq!(merged.conflicts, ["nodes.red"], "{}", merged.text);
-        let [problem] = &merged.problems[..] else { panic!("{:?}", merged.problems) };
+        let [problem] = &merged.diagnostics[..] else { panic!("{:?}", merged.diagnostics) };
         assert_eq!(problem.code, "G011");
         let place = &merged.text[problem.span.start..problem.span.end];
         assert_eq!(place, "\"growth-levels\"", "{}", merged.text);
         assert_eq!(merged.text.matches(FAR).count(), 1, "{}", merged.text);
     }
-    // With spaces it says the same in any case, and a parameter that it does not name is no matter of it.
+    // With spaces the expression is a difference and cannot be read as the new name. `growth*levels` does not contain the new name.
     for other in ["growth - levels", "growth*levels"] {
-        let theirs = with(BASE, &[(FAR, &format!("distance: Expr(\"{other}\")"))]);
+        let theirs = replace_each(BASE, &[(FAR, &format!("distance: Expr(\"{other}\")"))]);
         assert_eq!(merge(BASE, &ours, &theirs).conflicts, [""; 0]);
     }
-    // One who does both has meant it.
-    let both = with(&ours, &[(FAR, "distance: Expr(\"growth-levels\")")]);
-    let theirs = with(BASE, &[(EIGHT, "connectivity: Four")]);
+    // One side made both changes, so they are intended.
+    let both = replace_each(&ours, &[(FAR, "distance: Expr(\"growth-levels\")")]);
+    let theirs = replace_each(BASE, &[(EIGHT, "connectivity: Four")]);
     assert_eq!(merge(BASE, &both, &theirs).conflicts, [""; 0]);
 }
 
 #[test]
 fn a_default_that_is_written_out_or_left_out_is_no_change() {
-    let far = with(BASE, &[(FAR, "distance: 20.0"), (EIGHT, "connectivity: Four")]);
-    let written = with(BASE, &[("range: \"blended\")", "range: \"blended\", jump: 6.0)")]);
+    let far = replace_each(BASE, &[(FAR, "distance: 20.0"), (EIGHT, "connectivity: Four")]);
+    let written = replace_each(BASE, &[("range: \"blended\")", "range: \"blended\", jump: 6.0)")]);
     let catalog = Catalog::new(maquette_nodes::PACKS);
     let path = "graph.ron".as_ref();
     let short = maquette::edit::minimal(path, &written, &catalog, &Options::default()).unwrap();
     assert!(!short.contains("jump"), "the default has another value now: {short}");
-    let changed = with(&written, &[("jump: 6.0", "jump: 5.0")]);
+    let changed = replace_each(&written, &[("jump: 6.0", "jump: 5.0")]);
     for (ours, theirs) in [(&short, &changed), (&changed, &short)] {
         let merged = merge(&written, ours, theirs);
         assert_eq!(merged.conflicts, [""; 0], "{}", merged.text);
@@ -288,15 +294,15 @@ fn a_default_that_is_written_out_or_left_out_is_no_change() {
     let merged = merge(
         BASE,
         &written,
-        &with(&far, &[("range: \"blended\")", "range: \"blended\", jump: 5.0)")]),
+        &replace_each(&far, &[("range: \"blended\")", "range: \"blended\", jump: 5.0)")]),
     );
     assert_eq!((&merged.conflicts[..], merged.text.contains("jump: 5.0")), (&[][..], true));
 }
 
 #[test]
 fn a_comment_that_they_reword_in_what_we_take_away_is_a_conflict() {
-    let ours = with(BASE, &[(MASK, "")]);
-    let theirs = with(BASE, &[("\"red\",\n", "\"red\", // where it is red\n")]);
+    let ours = replace_each(BASE, &[(MASK, "")]);
+    let theirs = replace_each(BASE, &[("\"red\",\n", "\"red\", // where it is red\n")]);
     for (ours, theirs) in [(&ours, &theirs), (&theirs, &ours)] {
         let merged = merge(BASE, ours, theirs);
         assert_eq!(merged.conflicts, ["outputs.nose-mask.png"]);
@@ -313,45 +319,48 @@ fn what_cannot_be_read_is_merged_by_lines_and_nothing_is_lost() {
             [0, 1, 2].map(|k| Source { name: names[k].into(), text: texts[k].to_owned() });
         maquette::edit::merge("graph.ron".as_ref(), [&base, &ours, &theirs], catalog)
     }
-    let ours = with(BASE, &[(FAR, "distance: 25.0")]);
-    let broken = with(BASE, &[(FAR, "distance: (20.0")]);
+    let ours = replace_each(BASE, &[(FAR, "distance: 25.0")]);
+    let broken = replace_each(BASE, &[(FAR, "distance: (20.0")]);
     let merged = merge([BASE, &ours, &broken], &catalog);
     assert!(merged.by_lines && merged.conflicts == [""], "{merged:?}");
-    let told: Vec<_> = merged.problems.iter().map(|it| it.source.name.to_str().unwrap()).collect();
+    let told: Vec<_> =
+        merged.diagnostics.iter().map(|it| it.source.name.to_str().unwrap()).collect();
     assert_eq!(told, ["theirs.ron"]);
     for part in ["<<<<<<< ours", "25.0", "||||||| original", "=======", "(20.0", ">>>>>>> theirs"] {
         assert!(merged.text.contains(part), "{part} in\n{}", merged.text);
     }
-    // Both added the file.
-    let theirs = with(BASE, &[(EIGHT, "connectivity: Four")]);
+    // Both sides added the file, so there is no base.
+    let theirs = replace_each(BASE, &[(EIGHT, "connectivity: Four")]);
     let merged = merge(["", &ours, &theirs], &catalog);
-    assert!(merged.by_lines && merged.conflicts == [""] && merged.problems.is_empty());
+    assert!(merged.by_lines && merged.conflicts == [""] && merged.diagnostics.is_empty());
     assert!(merged.text.contains("distance: 25.0") && merged.text.contains("connectivity: Four"));
     assert_eq!(merge(["", &ours, &ours], &catalog).text, ours);
-    // What they began with cannot be read, but both mended it alike.
+    // The base cannot be read, but both sides fixed it in the same way.
     assert_eq!(merge([&broken, &ours, &ours], &catalog).conflicts, [""; 0]);
 }
 
 #[test]
 fn marks_of_a_merge_are_one_mistake_at_the_first_of_them() {
-    let (ours, theirs) =
-        (with(BASE, &[(FAR, "distance: 25.0")]), with(BASE, &[(FAR, "distance: 20.0")]));
+    let (ours, theirs) = (
+        replace_each(BASE, &[(FAR, "distance: 25.0")]),
+        replace_each(BASE, &[(FAR, "distance: 20.0")]),
+    );
     let catalog = Catalog::new(maquette_nodes::PACKS);
     let options = Options { files: Files::Ignored, ..Options::default() };
-    fn problems(text: &str, catalog: &Catalog, options: &Options) -> Vec<maquette::Problem> {
-        Graph::load_text("a.ron".as_ref(), text.to_owned(), catalog, options).problems
+    fn problems(text: &str, catalog: &Catalog, options: &Options) -> Vec<maquette::Diagnostic> {
+        Graph::load_text("a.ron".as_ref(), text.to_owned(), catalog, options).diagnostics
     }
     let marked = merge(BASE, &ours, &theirs).text;
     for text in [marked.replace('\n', "\r\n"), marked] {
         let told = problems(&text, &catalog, &options);
         let [problem] = &told[..] else { panic!("{told:?}") };
-        assert_eq!(problem.message, "this file has the conflict marks of a merge");
+        assert_eq!(problem.message, "this file contains merge conflict markers");
         assert_eq!(&text[problem.span.start..problem.span.end], "<<<<<<< ours");
     }
-    // In a text or a comment they are none.
-    let told = with(BASE, &[("    nodes: {\n", "    /*\n=======\n    */\n    nodes: {\n")]);
+    // Markers in a string or a comment do not count.
+    let told = replace_each(BASE, &[("    nodes: {\n", "    /*\n=======\n    */\n    nodes: {\n")]);
     assert_eq!(problems(&told, &catalog, &options), []);
-    let told = problems(&with(&told, &[(FAR, "distance: (20.0")]), &catalog, &options);
+    let told = problems(&replace_each(&told, &[(FAR, "distance: (20.0")]), &catalog, &options);
     assert!(told[0].message.starts_with("this `(` is not closed"), "{told:?}");
 }
 
@@ -373,13 +382,13 @@ fn a_new_name_that_the_other_side_gave_to_something_new_is_a_conflict() {
     let new = format!(
         "\"blue\": Threshold(image: \"scan.color\", select: Near({RED}, distance: 9.0)),\n        {spots}"
     );
-    let theirs = with(BASE, &[(spots, &new)]);
+    let theirs = replace_each(BASE, &[(spots, &new)]);
     for (ours, theirs) in [(&ours, &theirs), (&theirs, &ours)] {
         let merged = merge(BASE, ours, theirs);
         assert!(!merged.conflicts.is_empty(), "{}", merged.text);
         assert!(merged.text.contains("<<<<<<< ours") && merged.text.contains("distance: 9.0"));
     }
-    // Both gave two things one name.
+    // Each side used the same new name for a different thing.
     let theirs = BASE.replace("\"spots\"", "\"blue\"");
     assert!(!merge(BASE, &ours, &theirs).conflicts.is_empty());
     let theirs = BASE.replace("\"growth\"", "\"blue\"");

@@ -1,4 +1,4 @@
-//! Old graphs and foreign ones: what has another name now means what it meant, and what is not known keeps its data.
+//! Graphs of old and unknown packs: renamed items keep their meaning, and unknown items keep their data.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -21,11 +21,11 @@ fn ignoring_files() -> Options {
     Options { files: Files::Ignored, ..Options::default() }
 }
 
-fn load(text: &str, catalog: &Catalog) -> maquette::Checked {
+fn load(text: &str, catalog: &Catalog) -> maquette::CheckedGraph {
     Graph::load_text("graph.ron".as_ref(), text.into(), catalog, &ignoring_files())
 }
 
-/// As it was written for the first version of the pack.
+/// A graph written for the first version of the pack.
 const OLD: &str = r#"// A poster.
 Graph(
     format: 1,
@@ -53,31 +53,31 @@ fn new_text() -> String {
 #[test]
 fn a_graph_with_old_names_means_the_same_and_is_warned_of() {
     let (old, new) = (load(OLD, &catalog()), load(&new_text(), &catalog()));
-    assert_eq!(new.problems, []);
+    assert_eq!(new.diagnostics, []);
     assert_eq!(old.graph.unwrap().identity(), new.graph.unwrap().identity());
-    let told = old.problems.iter().map(|problem| {
+    let told = old.diagnostics.iter().map(|problem| {
         assert_eq!((problem.severity, problem.code), (Severity::Warning, "G032"));
         let at = &problem.source.text[problem.span.start..problem.span.end];
         format!("{at}: {} ({})\n", problem.message, problem.help)
     });
     expect![[r#"
-        colors: field `colors` of ExtractPalette is called `count` now (`maquette migrate --write` puts the new name into the file)
-        PaintPalette: the node type `PaintPalette` is called `Posterize` now (`maquette migrate --write` puts the new name into the file)
-        "PaintPalette": the node type `PaintPalette` is called `Posterize` now (`maquette migrate --write` puts the new name into the file)
-        colors: field `colors` of ExtractPalette is called `count` now (`maquette migrate --write` puts the new name into the file)
-        colors: field `colors` of ExtractPalette is called `count` now (`maquette migrate --write` puts the new name into the file)
+        colors: field `colors` of ExtractPalette is called `count` now (run `maquette edit GRAPH migrate --write` to write the new name into the file)
+        PaintPalette: the node type `PaintPalette` is called `Posterize` now (run `maquette edit GRAPH migrate --write` to write the new name into the file)
+        "PaintPalette": the node type `PaintPalette` is called `Posterize` now (run `maquette edit GRAPH migrate --write` to write the new name into the file)
+        colors: field `colors` of ExtractPalette is called `count` now (run `maquette edit GRAPH migrate --write` to write the new name into the file)
+        colors: field `colors` of ExtractPalette is called `count` now (run `maquette edit GRAPH migrate --write` to write the new name into the file)
     "#]]
     .assert_eq(&String::from_iter(told));
 }
 
 #[test]
 fn a_migrated_text_has_every_other_byte_as_it_was() {
-    let migrated = Graph::migrated("graph.ron".as_ref(), OLD, &catalog()).unwrap();
+    let migrated = Graph::migrate("graph.ron".as_ref(), OLD, &catalog()).unwrap();
     assert_eq!(migrated, new_text());
-    assert_eq!(Graph::migrated("graph.ron".as_ref(), &migrated, &catalog()).unwrap(), migrated);
+    assert_eq!(Graph::migrate("graph.ron".as_ref(), &migrated, &catalog()).unwrap(), migrated);
 }
 
-/// A pack that calls built-in nodes and their fields by other names, over three versions.
+/// A pack whose migrations rename built-in nodes and their fields, some of them twice.
 pub(super) const OLD_NAMES: Pack = Pack {
     name: "old",
     migrations: &[
@@ -102,7 +102,7 @@ pub(super) const OLD_NAMES: Pack = Pack {
     ..Pack::EMPTY
 };
 
-/// Nodes as they were written once, and as they are now.
+/// Each node in its old and its new form.
 const NODES: [[&str; 2]; 9] = [
     [r#""scan": ReadCapture(color: "a.png", range: "a.pcd")"#; 2],
     [
@@ -136,7 +136,7 @@ const NODES: [[&str; 2]; 9] = [
     [r#""loop": Subdivide(mesh: "one", scheme: Loop, levels: 1)"#; 2],
 ];
 
-/// The graph of these nodes, as it was written once or is now.
+/// Returns the graph that contains all these nodes: in the new form if `now`, otherwise in the old form.
 pub(super) fn graph_of_nodes(now: bool) -> String {
     let nodes = NODES.iter().map(|node| node[usize::from(now)]).collect::<Vec<_>>().join(",\n    ");
     format!(
@@ -148,10 +148,10 @@ pub(super) fn graph_of_nodes(now: bool) -> String {
 fn names_units_words_and_places_change_over_several_versions() {
     let catalog = Catalog::new(&[maquette_nodes::PACKS, &[&OLD_NAMES]].concat());
     let (old, new) = (graph_of_nodes(false), graph_of_nodes(true));
-    assert_eq!(Graph::migrated("graph.ron".as_ref(), &old, &catalog).unwrap(), new);
+    assert_eq!(Graph::migrate("graph.ron".as_ref(), &old, &catalog).unwrap(), new);
     fn identity(text: &str, catalog: &Catalog) -> maquette::Hash {
         let checked = load(text, catalog);
-        checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems)).identity()
+        checked.graph.unwrap_or_else(|| panic!("{:?}", checked.diagnostics)).identity()
     }
     assert_eq!(identity(&old, &catalog), identity(&new, &catalog));
 }
@@ -171,10 +171,10 @@ fn names_that_go_in_a_circle_come_to_an_end() {
     let catalog = Catalog::new(&[maquette_nodes::PACKS, &[&PACK]].concat());
     let text = "Graph(format: 1, nodes: {\"x\": A(), \"y\": Label(a: 1)}, outputs: {})";
     assert!(load(text, &catalog).graph.is_none());
-    let _ = Graph::migrated("graph.ron".as_ref(), text, &catalog);
+    let _ = Graph::migrate("graph.ron".as_ref(), text, &catalog);
 }
 
-/// The graphs as they were at each release, and what they were: a hash of each.
+/// Checks the graphs of each release against their recorded identities.
 #[test]
 fn every_graph_of_every_release_is_read_and_means_what_it_meant() {
     let releases = std::fs::read_dir(Path::new(ROOT).join("tests/released")).unwrap();
@@ -185,7 +185,7 @@ fn every_graph_of_every_release_is_read_and_means_what_it_meant() {
         for path in &paths {
             let checked = Graph::load(path, &catalog(), &ignoring_files());
             let Some(graph) = checked.graph else {
-                panic!("{}: {:?}", path.display(), checked.problems)
+                panic!("{}: {:?}", path.display(), checked.diagnostics)
             };
             let name = path.strip_prefix(&release).unwrap().to_string_lossy().replace('\\', "/");
             let _ = writeln!(told, "{} {name}", graph.identity());
@@ -219,7 +219,7 @@ fn the_rest_of_a_graph_with_an_unknown_node_is_made_and_the_pack_is_named() {
     let mut session = Session::new(maquette_nodes::PACKS, &Settings::in_memory()).unwrap();
     let checked = session.load(&path, &Options::default());
     assert!(checked.graph.is_none());
-    let [problem] = &checked.problems[..] else { panic!("{:?}", checked.problems) };
+    let [problem] = &checked.diagnostics[..] else { panic!("{:?}", checked.diagnostics) };
     assert_eq!((problem.code, problem.severity), ("G003", Severity::Error));
     assert_eq!(problem.message, "there is no node type `HairStrands`");
     let help = "it may be of the pack `hair` 0.3, which this program does not have";
@@ -228,8 +228,8 @@ fn the_rest_of_a_graph_with_an_unknown_node_is_made_and_the_pack_is_named() {
     let out = folder.path().join("out");
     let into = OutputFolder::new(Some(&out), &path);
     let produced = session.produce(&graph, &[], &into, &(), &Default::default()).unwrap();
-    // What the check has said is not said again.
-    assert_eq!(produced.problems, []);
+    // Diagnostics of the check are not reported again by the run.
+    assert_eq!(produced.diagnostics, []);
     let written: Vec<_> = produced.written.iter().map(|file| &file.output[..]).collect();
     assert_eq!(written, ["big.ply"]);
     let states = produced.trace();
@@ -259,6 +259,6 @@ fn an_unknown_node_loses_nothing_to_fmt_and_edits() {
         .replace("9000", "10")
         .replace("\"ball\"", "\"globe\"");
     assert_eq!(edited.text, expected);
-    let form = maquette::edit::formatted("graph.ron".as_ref(), FOREIGN).unwrap();
+    let form = maquette::edit::format_text("graph.ron".as_ref(), FOREIGN).unwrap();
     assert!(form.contains("HairStrands(on: \"ball\", count: 9000), // many"), "{form}");
 }

@@ -1,9 +1,9 @@
-//! `fmt --minimal`: only what differs from the defaults is stored.
+//! `fmt --minimal` removes values that equal their defaults.
 
 use std::path::{Path, PathBuf};
 
 use expect_test::{Expect, expect};
-use maquette::{Catalog, Files, Graph, Options, Run, Session, Settings, Source, State, Wanted};
+use maquette::{Catalog, Files, Graph, Options, Run, Session, Settings, Source, State, Targets};
 use maquette_nodes::PACKS;
 
 use crate::ron_files::ron_files;
@@ -17,7 +17,7 @@ fn minimal(path: &Path, text: &str, catalog: &Catalog) -> String {
         .unwrap_or_else(|problems| panic!("{}: {problems:?}", path.display()))
 }
 
-/// The words of comments, in order.
+/// Returns the words of all comments, in order.
 fn comments(text: &str) -> Vec<&str> {
     let mut words: Vec<_> =
         text.lines().filter_map(|line| Some(line.split_once("// ")?.1)).collect();
@@ -32,7 +32,7 @@ fn every_graph_says_the_same_without_its_defaults_and_again() {
     let mut shorter = 0;
     for path in &paths {
         let text = std::fs::read_to_string(path).unwrap();
-        let form = maquette::edit::formatted(path, &text).unwrap();
+        let form = maquette::edit::format_text(path, &text).unwrap();
         let short = minimal(path, &text, &catalog);
         assert_eq!(minimal(path, &short, &catalog), short, "{}", path.display());
         assert_eq!(comments(&form), comments(&short), "{}", path.display());
@@ -43,7 +43,7 @@ fn every_graph_says_the_same_without_its_defaults_and_again() {
             catalog: &Catalog,
             options: &Options,
             path: &Path,
-        ) -> maquette::Checked {
+        ) -> maquette::CheckedGraph {
             Graph::load_text(path, text.to_owned(), catalog, options)
         }
         let (before, after) =
@@ -65,7 +65,7 @@ fn nothing_is_computed_again_without_the_defaults() {
     assert!(short.len() + 100 < text.len(), "{short}");
     for (index, text) in [text, short].iter().enumerate() {
         let graph = session.load(&path, &Options::default().with_text(&path, text)).graph.unwrap();
-        let run = session.run(&graph, &Run { wanted: Wanted::Everything, ..Run::default() });
+        let run = session.run(&graph, &Run { targets: Targets::Everything, ..Run::default() });
         let trace = run.unwrap().trace();
         let computed = trace.0.iter().filter(|node| node.state == State::Computed).count();
         assert_eq!(computed == 0, index == 1, "{trace:?}");
@@ -188,7 +188,7 @@ fn no_difference_is_told_and_no_gap_is_left_where_defaults_were() {
         Graph::differences(&source(old, path), &source(new, path), catalog).unwrap()
     }
     assert_eq!(differences(TEXT, &short, &path, &catalog), []);
-    // What an element says against all others is a difference.
+    // A default value stays if it overrides, for one element, the value given `with` all elements.
     let with = TEXT.replace("with: (translate: (0, 0, 0))", "with: (rotate: (0, 0, 9))");
     let told = differences(&with, &minimal(&path, &with, &catalog), &path, &catalog);
     assert_eq!(told, []);

@@ -1,8 +1,8 @@
-//! Values that are put into a graph from outside of it, under names that fields once had: by `--set`, a patch, or an edit.
+//! Values set from outside of a graph, by `--set`, a patch, or an edit, may use the former names of fields.
 
 use std::path::Path;
 
-use maquette::{Catalog, Checked, Files, Graph, Hash, Options, Severity};
+use maquette::{Catalog, CheckedGraph, Files, Graph, Hash, Options, Severity};
 
 use super::migrations::{OLD_NAMES, graph_of_nodes};
 
@@ -15,13 +15,13 @@ fn options(set: &[(&str, &str)]) -> Options {
     Options { files: Files::Ignored, set, ..Options::default() }
 }
 
-fn identity(checked: Checked) -> Hash {
-    let warned = |it: &maquette::Problem| (it.severity, it.code) == (Severity::Warning, "G032");
-    assert!(checked.problems.iter().all(warned), "{:?}", checked.problems);
+fn identity(checked: CheckedGraph) -> Hash {
+    let warned = |it: &maquette::Diagnostic| (it.severity, it.code) == (Severity::Warning, "G032");
+    assert!(checked.diagnostics.iter().all(warned), "{:?}", checked.diagnostics);
     checked.graph.unwrap().identity()
 }
 
-/// Values as they were put once, and as they are put now.
+/// Assignments with the former and the current name of a field: the target and the value.
 const PUTS: [[(&str, &str); 2]; 7] = [
     [("one.gap", "0.8"), ("one.jump", "8.0")],
     [("two.step", "0.9"), ("two.jump", "0.9")],
@@ -35,7 +35,7 @@ const PUTS: [[(&str, &str); 2]; 7] = [
 #[test]
 fn a_value_that_is_set_goes_to_the_field_that_it_names_whatever_it_is_called() {
     let catalog = catalog();
-    fn load(now: bool, set: &[(&str, &str)], catalog: &Catalog) -> Checked {
+    fn load(now: bool, set: &[(&str, &str)], catalog: &Catalog) -> CheckedGraph {
         let text = graph_of_nodes(now);
         Graph::load_text("graph.ron".as_ref(), text, catalog, &options(set))
     }
@@ -53,18 +53,18 @@ fn a_value_that_is_set_goes_to_the_field_that_it_names_whatever_it_is_called() {
     for (now, set) in [(true, old), (false, old), (false, new)] {
         assert_eq!(identity(load(now, &set, &catalog)), expected, "{now} {set:?}");
     }
-    let told = load(true, &old, &catalog).problems;
+    let told = load(true, &old, &catalog).diagnostics;
     let told: Vec<_> = told.iter().map(|it| format!("{} ({})", it.message, it.help)).collect();
     expect_test::expect![[r#"
-        --set one.gap=0.8: field `gap` of Triangulate is called `step` now (set `one.jump`, with the value as it is now)
-        --set one.gap=0.8: field `step` of Triangulate is called `jump` now (set `one.jump`, with the value as it is now)
-        --set two.step=0.9: field `step` of Triangulate is called `jump` now (set `two.jump`, with the value as it is now)
-        --set four.gap=Expr("cm"): field `gap` of Triangulate is called `step` now (set `four.jump`, with the value as it is now)
-        --set four.gap=Expr("cm"): field `step` of Triangulate is called `jump` now (set `four.jump`, with the value as it is now)
-        --set five.gap.draft=0.5: field `gap` of Triangulate is called `step` now (set `five.jump.draft`, with the value as it is now)
-        --set five.gap.draft=0.5: field `step` of Triangulate is called `jump` now (set `five.jump.draft`, with the value as it is now)
-        --set red.how.distance=9.0: field `how` of Threshold is called `select` now (set `red.select.distance`, with the value as it is now)
-        --set skin.scheme=Triangles: field `scheme` of Subdivide is said otherwise now (set `skin.scheme`, with the value as it is now)"#]].assert_eq(&told.join("\n"));
+        --set one.gap=0.8: field `gap` of Triangulate is called `step` now (set `one.jump`, with the migrated value)
+        --set one.gap=0.8: field `step` of Triangulate is called `jump` now (set `one.jump`, with the migrated value)
+        --set two.step=0.9: field `step` of Triangulate is called `jump` now (set `two.jump`, with the migrated value)
+        --set four.gap=Expr("cm"): field `gap` of Triangulate is called `step` now (set `four.jump`, with the migrated value)
+        --set four.gap=Expr("cm"): field `step` of Triangulate is called `jump` now (set `four.jump`, with the migrated value)
+        --set five.gap.draft=0.5: field `gap` of Triangulate is called `step` now (set `five.jump.draft`, with the migrated value)
+        --set five.gap.draft=0.5: field `step` of Triangulate is called `jump` now (set `five.jump.draft`, with the migrated value)
+        --set red.how.distance=9.0: field `how` of Threshold is called `select` now (set `red.select.distance`, with the migrated value)
+        --set skin.scheme=Triangles: field `scheme` of Subdivide is written differently now (set `skin.scheme`, with the migrated value)"#]].assert_eq(&told.join("\n"));
 }
 
 #[test]
@@ -104,17 +104,22 @@ Patch(
     let expected = load(true, &new, &folder, &path, &catalog);
     for (now, patch) in [(true, old), (false, old), (false, &new)] {
         assert_eq!(load(now, patch, &folder, &path, &catalog), expected, "{now} {patch}");
-        assert_eq!(Graph::migrated(&path, patch, &catalog).unwrap(), new, "{now}");
+        assert_eq!(Graph::migrate(&path, patch, &catalog).unwrap(), new, "{now}");
     }
 }
 
 #[test]
 fn an_edit_under_an_old_name_changes_the_field_that_it_names() {
     let catalog = catalog();
-    fn edited(now: bool, target: &str, value: &str, catalog: &Catalog) -> (String, maquette::Put) {
+    fn set_value(
+        now: bool,
+        target: &str,
+        value: &str,
+        catalog: &Catalog,
+    ) -> (String, maquette::ValueChange) {
         let (text, set) = (graph_of_nodes(now), [(target.to_owned(), value.to_owned())]);
         let edited =
-            maquette::edit::edited(Path::new("graph.ron"), &text, &set, catalog, &options(&[]))
+            maquette::edit::set_values(Path::new("graph.ron"), &text, &set, catalog, &options(&[]))
                 .unwrap();
         let line = edited.text.lines().find(|line| line.contains("\"one\":")).unwrap();
         (line.trim().to_owned(), edited.changes[0].clone())
@@ -123,10 +128,10 @@ fn an_edit_under_an_old_name_changes_the_field_that_it_names() {
     for (now, target, value) in
         [(true, "one.gap", "0.8"), (false, "one.gap", "0.8"), (false, "one.jump", "8.0")]
     {
-        let (line, put) = edited(now, target, value, &catalog);
+        let (line, put) = set_value(now, target, value, &catalog);
         assert_eq!(line, expected, "{now} {target}");
         assert_eq!((&put.target[..], put.before.as_deref()), ("one.jump", Some("6.0")));
     }
-    // What is not spoken of stays as it is written.
-    assert!(edited(false, "red.how.distance", "9.0", &catalog).0.contains("Grid("));
+    // All other nodes stay unchanged, even those with former names.
+    assert!(set_value(false, "red.how.distance", "9.0", &catalog).0.contains("Grid("));
 }

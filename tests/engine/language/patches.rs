@@ -1,4 +1,4 @@
-//! Patches: paths in them and from outside, names that stand twice, and `set` of what a patch does not have.
+//! Patches: file paths in them and set from outside, duplicate names, and `set` for values that the patch does not have.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -20,7 +20,7 @@ const GRAPH: &str = r#"Graph(
 
 const PATCH: &str = "Patch(format: 1, of: \"../g.ron\"";
 
-/// A project: a graph that reads a mesh of three faces, and below it patches beside meshes of two and one.
+/// A project with a graph that reads a mesh of three faces. The subfolder `sub` has a patch of the graph and meshes of two and one faces.
 struct Project(tempfile::TempDir);
 
 impl Project {
@@ -66,19 +66,19 @@ fn faces(path: &Path, set: &[(&str, &str)]) -> usize {
     let options = Options { set, ..Options::default() };
     let mut session = Session::new(PACKS, &Settings::in_memory()).unwrap();
     let checked = session.load(path, &options);
-    let graph = checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems));
+    let graph = checked.graph.unwrap_or_else(|| panic!("{:?}", checked.diagnostics));
     let done = session.run(&graph, &Run::default()).unwrap();
     done.get::<Mesh>("a.ply").unwrap().faces().len()
 }
 
-/// What is wrong, as `FILE:LINE:COLUMN message`.
+/// Returns each error as `FILE:LINE:COLUMN message`.
 fn problems(path: &Path) -> Vec<String> {
     let checked = Graph::load(path, &Catalog::new(PACKS), &Options::default());
-    checked.problems.iter().map(told).collect()
+    checked.diagnostics.iter().map(position_and_message).collect()
 }
 
-fn told(problem: &maquette::Problem) -> String {
-    let place = maquette::Place::of(&problem.source.text, problem.span.start);
+fn position_and_message(problem: &maquette::Diagnostic) -> String {
+    let place = maquette::Position::from_offset(&problem.source.text, problem.span.start);
     let file = problem.source.name.file_name().unwrap().to_string_lossy().into_owned();
     format!("{file}:{}:{} {}", place.line, place.column, problem.message)
 }
@@ -94,12 +94,12 @@ fn a_path_is_relative_to_the_file_in_which_it_is_written() {
     {
         let patch = project.patch(patch);
         assert_eq!(faces(&patch, &[]), 2, "{}", patch.display());
-        // A patch of it in another folder does not move it.
+        // If another patch in another folder is based on this patch, the path stays relative to this patch.
         project
             .write("outer.ron", "Patch(format: 1, of: \"sub/patch.ron\", params: { \"far\": 2 })");
         assert_eq!(faces(&project.path("outer.ron"), &[]), 2);
     }
-    // What nobody patches is the graph's.
+    // Values that the patch does not change are those of the graph.
     assert_eq!(faces(&project.patch("params: { \"far\": 2 }"), &[]), 3);
 }
 
@@ -110,7 +110,7 @@ fn a_path_that_is_set_is_relative_to_the_file_that_was_named() {
         for patch in
             ["nodes: { \"a\": (path: \"three.obj\") }", "params: { \"file\": \"three.obj\" }", ""]
         {
-            // Where the field is patched, the parameter says nothing.
+            // The patch replaces the field, so setting the parameter has no effect.
             if target == "file" && patch.contains("path") {
                 continue;
             }
@@ -159,13 +159,21 @@ fn a_name_that_stands_twice_in_a_patch_is_told_at_the_second_one_and_nothing_is_
         assert_eq!(problems(&path), [message]);
         let set = [("far".to_owned(), "7".to_owned())];
         let text = fs::read_to_string(&path).unwrap();
-        let edited =
-            maquette::edit::edited(&path, &text, &set, &Catalog::new(PACKS), &Options::default());
-        assert_eq!(edited.unwrap_err().iter().map(told).collect::<Vec<_>>(), [message]);
+        let edited = maquette::edit::set_values(
+            &path,
+            &text,
+            &set,
+            &Catalog::new(PACKS),
+            &Options::default(),
+        );
+        assert_eq!(
+            edited.unwrap_err().iter().map(position_and_message).collect::<Vec<_>>(),
+            [message]
+        );
     }
 }
 
-/// The patch's text behind `of` after `set`, and what is said of the change.
+/// Sets a value in a patch. Returns the reported old value and the fields that the patch has after `of`.
 fn set(
     project: &Project,
     patch: &str,
@@ -177,11 +185,16 @@ fn set(
     let text = fs::read_to_string(&path).unwrap();
     let options = Options { draft, ..Options::default() };
     let set = [(target.to_owned(), value.to_owned())];
-    let edited = maquette::edit::edited(&path, &text, &set, &Catalog::new(PACKS), &options);
+    let edited = maquette::edit::set_values(&path, &text, &set, &Catalog::new(PACKS), &options);
     let edited = edited.map_err(|problems| problems[0].message.clone())?;
-    // On the graph itself, the same is said.
-    let graph =
-        maquette::edit::edited(&project.path("g.ron"), GRAPH, &set, &Catalog::new(PACKS), &options);
+    // Setting the value in the graph itself reports the same new value.
+    let graph = maquette::edit::set_values(
+        &project.path("g.ron"),
+        GRAPH,
+        &set,
+        &Catalog::new(PACKS),
+        &options,
+    );
     if patch.is_empty() {
         assert_eq!(edited.changes[0].after, graph.unwrap().changes[0].after);
     }
@@ -194,7 +207,7 @@ fn set(
 fn a_patch_is_set_as_the_graph_is() {
     let project = Project::new();
     let cases = [
-        // One number of several, and what the patch has of them.
+        // Sets one number of a vector, in a patch with and without this vector.
         (
             "",
             "t.translate.1",
@@ -216,7 +229,7 @@ fn a_patch_is_set_as_the_graph_is() {
             false,
             "2; nodes: { \"t\": (pivot: (4, 5, 6), translate: (1, 9, Param(\"far\"))) }",
         ),
-        // A draft leaves the final value alone, and the other way round.
+        // Setting the draft value does not change the final value, and vice versa.
         ("", "levels", "1", true, "0; params: { \"levels\": Draft(final: 2, draft: 1) }"),
         ("", "levels", "1", false, "; params: { \"levels\": 1 }"),
         (

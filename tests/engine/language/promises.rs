@@ -1,26 +1,26 @@
-//! Ports want properties of values, outputs promise them, and what nobody promises is tested before a node runs.
+//! Ports want properties of values, and outputs promise them. A wanted property that is not promised is tested before the node runs.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use maquette::value::{Offence, Parts, Property};
+use maquette::value::{Parts, Property, Violation};
 use maquette::{
-    Catalog, Context, DecodeError, Decoder, Encoder, Error, Evaluator, Graph, In, Node, Options,
-    Pack, Place, Problem, Promise, Session, Settings, Summary, Value, Want, node, value_type,
+    Catalog, Context, DecodeError, Decoder, Diagnostic, Encoder, Error, Evaluator, Graph, In, Node,
+    Options, Pack, Position, Promise, Session, Settings, Summary, Value, Want, node, value_type,
 };
 use maquette_nodes::PACKS;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// What is told of a graph beside meshes, when it is checked and when it is run.
-struct Told {
+/// A folder with meshes and graphs; checks and runs of its graph return their messages.
+struct PromiseProject {
     folder: tempfile::TempDir,
 }
 
-impl Told {
+impl PromiseProject {
     fn new(files: &[(&str, &str)]) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        // A square, a fan of three triangles at one edge, and a tetrahedron without its last face.
+        // A square, a fan of three triangles around one edge, and a tetrahedron without its last face.
         let square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n";
         let fan = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nv 0 -1 0\nf 1 2 3\nf 2 1 4\nf 1 2 5\n";
         let open = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\n";
@@ -38,36 +38,36 @@ impl Told {
     fn load(&self) -> Graph {
         let catalog = Catalog::new(PACKS);
         let checked = Graph::load(&self.path("graph.ron"), &catalog, &Options::default());
-        checked.graph.unwrap_or_else(|| panic!("{:#?}", checked.problems))
+        checked.graph.unwrap_or_else(|| panic!("{:#?}", checked.diagnostics))
     }
 
-    fn line(&self, problem: &Problem) -> String {
-        let place = Place::of(&problem.source.text, problem.span.start).line;
+    fn line(&self, problem: &Diagnostic) -> String {
+        let place = Position::from_offset(&problem.source.text, problem.span.start).line;
         let file = problem.source.name.file_name().unwrap().to_string_lossy();
         let help = problem.help.replace(&format!("{}/", self.folder.path().display()), "");
         format!("{file}:{place} {} {} ({help})", problem.code, problem.message)
     }
 
-    fn checked(&self) -> Vec<String> {
-        self.load().unused().iter().map(|problem| self.line(problem)).collect()
+    fn check_messages(&self) -> Vec<String> {
+        self.load().unused_warnings().iter().map(|problem| self.line(problem)).collect()
     }
 
     fn run(&self) -> Vec<String> {
         let settings = Settings { threads: 2, ..Settings::in_memory() };
         let mut session = Session::new(PACKS, &settings).unwrap();
         let finished = session.run(&self.load(), &Default::default()).unwrap();
-        finished.problems().iter().map(|problem| self.line(problem)).collect()
+        finished.diagnostics().iter().map(|problem| self.line(problem)).collect()
     }
 }
 
-/// A graph with these nodes that writes `out`.
+/// Returns a graph with these nodes that writes the output of the node `out`.
 fn graph(nodes: &str) -> String {
     format!(
         "Graph(format: 1, use: {{ \"Lib\": \"lib.ron\" }}, nodes: {{\n{nodes}\n}}, outputs: {{ \"out.ply\": \"out\" }})"
     )
 }
 
-/// A graph that wants and promises something.
+/// A graph that wants a property of its input and promises properties of its outputs.
 const LIB: &str = r#"Graph(
     format: 1,
     inputs: { "mesh": Mesh(doc: "It.", wants: [Closed]) },
@@ -80,24 +80,28 @@ const LIB: &str = r#"Graph(
 fn a_node_is_not_run_on_what_it_does_not_want_and_the_elements_are_named() {
     let nodes = r#""fan": ReadMesh(path: "fan.obj"),
 "out": Subdivide(mesh: "fan", scheme: CatmullClark)"#;
-    let told = Told::new(&[("graph.ron", &graph(nodes)), ("lib.ron", LIB)]).run();
+    let told = PromiseProject::new(&[("graph.ron", &graph(nodes)), ("lib.ron", LIB)]).run();
     let expected = "graph.ron:3 G016 `out` cannot be computed: port `mesh` wants Mesh[Manifold], but `fan` has 1 edges with more than two \
                     faces (edge 0-1; the first is at (0.5, 0, 0)) (`maquette inspect graph.ron fan --out look.png` lists and marks \
                     them)";
     assert_eq!(told, [expected]);
     let split = nodes.replace("CatmullClark", "CatmullClark, split: true");
-    assert_eq!(Told::new(&[("graph.ron", &graph(&split)), ("lib.ron", LIB)]).run(), [""; 0]);
+    assert_eq!(
+        PromiseProject::new(&[("graph.ron", &graph(&split)), ("lib.ron", LIB)]).run(),
+        [""; 0]
+    );
 }
 
 #[test]
 fn an_input_says_what_it_wants_and_an_output_what_it_promises() {
     let nodes = r#""mesh": ReadMesh(path: "open.obj"), "out": Lib(mesh: "mesh")"#;
-    let told = Told::new(&[("graph.ron", &graph(nodes)), ("lib.ron", LIB)]);
+    let told = PromiseProject::new(&[("graph.ron", &graph(nodes)), ("lib.ron", LIB)]);
     let expected = "graph.ron:2 G016 input `mesh` of `out` wants Mesh[Closed], but `mesh` has 3 edges with one face (edge 0-2, \
-                    edge 0-3, edge 2-3; the first is at (0, 0.5, 0)) (this is wanted at lib.ron:3:48; \
+                    edge 0-3, edge 2-3; the first is at (0, 0.5, 0)) (this is required at lib.ron:3:48; \
                     `maquette inspect graph.ron mesh --out look.png` lists and marks them)";
     assert_eq!(told.run(), [expected]);
-    // What is promised and does not follow from what is inside is judged where the graph is used.
+    // The used graph does not want a closed input anymore, so its promise does not follow from its nodes. Then the value is tested at the
+    // use.
     let careless = LIB.replace(", wants: [Closed]", "");
     std::fs::write(told.path("lib.ron"), careless).unwrap();
     let expected = "graph.ron:2 G020 expected Closed, but `out.moved` has 3 edges with one face (edge 0-2, edge 0-3, edge 2-3; the first \
@@ -118,25 +122,26 @@ fn an_input_that_several_nodes_take_is_told_once_at_the_use_that_gives_it() {
 )"#;
     let nodes = r#""mesh": ReadMesh(path: "open.obj"), "out": Outer(mesh: "mesh")"#;
     let text = graph(nodes).replace("\"lib.ron\"", "\"lib.ron\", \"Outer\": \"outer.ron\"");
-    let told = Told::new(&[("graph.ron", &text), ("lib.ron", &lib), ("outer.ron", outer)]);
+    let told =
+        PromiseProject::new(&[("graph.ron", &text), ("lib.ron", &lib), ("outer.ron", outer)]);
     let settings = Settings { threads: 2, ..Settings::in_memory() };
     let mut session = Session::new(PACKS, &settings).unwrap();
     let finished = session.run(&told.load(), &Default::default()).unwrap();
-    let [problem] = &finished.problems()[..] else { panic!("{:#?}", finished.problems()) };
+    let [problem] = &finished.diagnostics()[..] else { panic!("{:#?}", finished.diagnostics()) };
     let line = told.line(problem);
     assert!(
         line.starts_with("outer.ron:5 G016 input `mesh` of `out/inner` wants Mesh[Closed]"),
         "{line}"
     );
     assert_eq!(problem.uses.iter().map(|it| &it.name[..]).collect::<Vec<_>>(), ["out"]);
-    // Who offends is told as data, too.
+    // The diagnostic also lists the offending elements as data.
     let expected = [
         ("edge 0-2".to_owned(), [0.0, 0.5, 0.0]),
         ("edge 0-3".to_owned(), [0.0, 0.0, 0.5]),
         ("edge 2-3".to_owned(), [0.0, 0.5, 0.5]),
     ];
     assert_eq!(problem.elements, expected);
-    // Nothing inside has run.
+    // None of the used graph's nodes has run.
     let trace = finished.trace();
     let ran = trace.0.iter().filter(|node| node.seconds > 0.0 && node.name.contains('/'));
     assert_eq!(ran.map(|node| &node.name).collect::<Vec<_>>(), [""; 0]);
@@ -151,10 +156,9 @@ fn what_is_wanted_and_never_given_is_warned_of_once_before_anything_runs() {
         "\"out\" }",
         "\"out\", \"a.ply\": \"moved\", \"b.ply\": \"good\", \"c.ply\": \"unknown\" }",
     );
-    let told = Told::new(&[("graph.ron", &text), ("lib.ron", LIB)]).checked();
-    let help = "(the command `nodes Subdivide` says what it promises with which parameters)";
-    let expected =
-        "graph.ron:4 G012 port `mesh` of `out` wants Mesh[Triangles], but `quads` never is so";
+    let told = PromiseProject::new(&[("graph.ron", &text), ("lib.ron", LIB)]).check_messages();
+    let help = "(the command `nodes Subdivide` shows what it promises for which parameters)";
+    let expected = "graph.ron:4 G012 port `mesh` of `out` wants Mesh[Triangles], but `quads` never guarantees that";
     assert_eq!(told, [format!("{expected} {help}")]);
 }
 
@@ -165,8 +169,9 @@ fn a_promise_that_cannot_be_kept_is_warned_of() {
         "Subdivide(mesh: \"mesh\", scheme: CatmullClark)",
     );
     let nodes = r#""mesh": ReadMesh(path: "open.obj"), "out": Lib(mesh: "mesh")"#;
-    let told = Told::new(&[("graph.ron", &graph(nodes)), ("lib.ron", &lib)]).checked();
-    let expected = "graph.ron:2 G020 `out.moved` is promised to be Triangles, but what gives it never is so (this is expected at lib.ron:6:35)";
+    let told =
+        PromiseProject::new(&[("graph.ron", &graph(nodes)), ("lib.ron", &lib)]).check_messages();
+    let expected = "graph.ron:2 G020 `out.moved` is promised to be Triangles, but the node that computes it never guarantees that (this is expected at lib.ron:6:35)";
     assert_eq!(told, [expected]);
 }
 
@@ -183,7 +188,7 @@ fn no_graph_that_is_shipped_gets_a_warning() {
                 continue;
             }
             let graph = Graph::load(&path, &catalog, &Options::default()).graph;
-            let told = graph.iter().flat_map(|graph| graph.unused());
+            let told = graph.iter().flat_map(|graph| graph.unused_warnings());
             let told =
                 told.filter(|problem| problem.code != maquette::code::UNUSED).collect::<Vec<_>>();
             assert!(told.is_empty(), "{}: {told:#?}", path.display());
@@ -209,14 +214,14 @@ fn nodes_say_what_they_want_and_promise() {
     assert_eq!(labels["properties"][0]["name"], "NonEmpty");
 }
 
-/// A stranger's value: beads, that may be strung.
+/// A third-party value: beads, which may be strung.
 #[derive(Clone)]
 struct Beads {
     count: u8,
     strung: bool,
 }
 
-/// How often it was tested whether beads are strung.
+/// Counts the tests of the property `Strung`.
 static TESTS: AtomicUsize = AtomicUsize::new(0);
 
 impl Value for Beads {
@@ -235,7 +240,7 @@ impl Value for Beads {
     }
 
     fn describe(&self) -> Summary {
-        Summary::default().with("beads", self.count)
+        Summary::default().with_fact("beads", self.count)
     }
 
     fn parts(&self) -> Parts<'_> {
@@ -246,7 +251,7 @@ impl Value for Beads {
         const PROPERTIES: &[Property<Beads>] =
             &[Property::new("Strung", "They are on a string.", |beads| {
                 TESTS.fetch_add(1, Ordering::Relaxed);
-                (!beads.strung).then(|| Offence::nothing("string"))
+                (!beads.strung).then(|| Violation::lack_of("string"))
             })];
         PROPERTIES
     }
@@ -255,11 +260,11 @@ impl Value for Beads {
 /// Makes beads.
 #[derive(Serialize, Deserialize, JsonSchema)]
 struct Bead {
-    /// How many.
+    /// The number of beads.
     count: u8,
-    /// Whether they are strung.
+    /// True if the beads are strung.
     strung: bool,
-    /// Whether that is promised.
+    /// True if the output promises that the beads are strung.
     sure: bool,
 }
 
@@ -267,19 +272,19 @@ impl Node for Bead {
     type Outputs = (Beads,);
     const OUTPUTS: [&'static str; 1] = ["beads"];
     const PROMISES: &'static [Promise<Self>] =
-        &[Promise::always("beads", "Strung").when("if it is `sure`", |it| it.sure)];
+        &[Promise::always("beads", "Strung").only_if("if it is `sure`", |it| it.sure)];
 
     fn eval(&self, _: &Context<'_>) -> Result<Self::Outputs, Error> {
         Ok((Beads { count: self.count, strung: self.strung },))
     }
 }
 
-/// Wears beads.
+/// Uses beads.
 #[derive(Serialize, Deserialize, JsonSchema)]
 struct Wear {
     /// The beads.
     beads: In<Beads>,
-    /// Whose.
+    /// The owner.
     who: u8,
 }
 
@@ -310,10 +315,10 @@ fn what_is_promised_is_not_tested_and_the_rest_once_per_value() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("graph.ron");
         let checked = Graph::load_text(&path, text, catalog, &Options::default());
-        let graph = checked.graph.unwrap_or_else(|| panic!("{:#?}", checked.problems));
+        let graph = checked.graph.unwrap_or_else(|| panic!("{:#?}", checked.diagnostics));
         TESTS.store(0, Ordering::Relaxed);
         let evaluation = evaluator.evaluate_all_nodes(&graph, &(), &Default::default());
-        let told = evaluation.problems().into_iter().map(|problem| problem.message);
+        let told = evaluation.diagnostics().into_iter().map(|problem| problem.message);
         (TESTS.load(Ordering::Relaxed), Vec::from_iter(told))
     }
     fn bead(count: u8, sure: bool) -> String {
@@ -321,7 +326,7 @@ fn what_is_promised_is_not_tested_and_the_rest_once_per_value() {
     }
     let chain = r#""a": Wear(beads: "bead", who: 1), "b": Wear(beads: "a", who: 2)"#;
     assert_eq!(run(&format!("{}{chain}", bead(1, true)), &catalog, &mut evaluator), (0, vec![]));
-    // The second one has what the first one was tested for.
+    // `a` promises the property if its input has it, so the input of `b` is not tested again.
     assert_eq!(run(&format!("{}{chain}", bead(2, false)), &catalog, &mut evaluator), (1, vec![]));
     assert_eq!(
         run(
@@ -345,20 +350,24 @@ fn a_promise_that_cannot_be_kept_is_told_once_for_each_use() {
     let fine = r#"Graph(format: 1, inputs: { "mesh": Mesh() },
         nodes: { "it": Subdivide(mesh: "mesh", scheme: CatmullClark) },
         outputs: { "fine": "it" }, promises: { "fine": [Triangles] })"#;
-    // It hands the promise on.
+    // This graph repeats the promise of the graph that it uses.
     let library = r#"Graph(format: 1, use: { "Fine": "fine.ron" }, inputs: { "mesh": Mesh() },
         nodes: { "in": Fine(mesh: "mesh") }, outputs: { "fine": "in" }, promises: { "fine": [Triangles] })"#;
     let nodes = r#""square": ReadMesh(path: "square.obj"),
         "one": Lib(mesh: "square"),
         "all": ForEach(graph: "Lib", over: [(mesh: "square"), (mesh: "one")]),
         "out": Merge(meshes: "all"),"#;
-    let told = Told::new(&[("fine.ron", fine), ("lib.ron", library), ("graph.ron", &graph(nodes))]);
-    let found = told.checked();
+    let told = PromiseProject::new(&[
+        ("fine.ron", fine),
+        ("lib.ron", library),
+        ("graph.ron", &graph(nodes)),
+    ]);
+    let found = told.check_messages();
     assert_eq!(
         found,
         [
-            "graph.ron:3 G020 `one/in.fine` is promised to be Triangles, but what gives it never is so (this is expected at fine.ron:3:57)",
-            "graph.ron:4 G020 `all/1/in.fine` is promised to be Triangles, but what gives it never is so (this is expected at fine.ron:3:57)",
+            "graph.ron:3 G020 `one/in.fine` is promised to be Triangles, but the node that computes it never guarantees that (this is expected at fine.ron:3:57)",
+            "graph.ron:4 G020 `all/1/in.fine` is promised to be Triangles, but the node that computes it never guarantees that (this is expected at fine.ron:3:57)",
         ]
     );
     let found = told.run();

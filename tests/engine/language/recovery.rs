@@ -1,4 +1,4 @@
-//! Texts with syntax errors: these are told, and what is wrong with the rest.
+//! Texts with syntax errors: the syntax errors are reported, and so are the errors in the rest of the text.
 
 use expect_test::{Expect, expect};
 
@@ -48,7 +48,7 @@ fn a_syntax_error_hides_no_other_error() {
     check(
         &[("(0, Param(\"lift\"), 0)),", "(0, Param(\"lift\"), 0),")],
         expect![[r#"
-        8:25-26 G001 this `(` is not closed before the `}` at 11:5 (put a `)` where it ends)
+        8:25-26 G001 this `(` is not closed before the `}` at 11:5 (add the missing `)`)
         10:32-41 G007 there is no node `nowhere` (the graph's nodes: mesh, red, blue, bad)
         10:43-51 G004 Transform has no field `trnslate` (did you mean `translate`?)
     "#]],
@@ -56,7 +56,7 @@ fn a_syntax_error_hides_no_other_error() {
     check(
         &[("(0, 0, 30)),", "(0, 0, 30),")],
         expect![[r#"
-        9:26-27 G001 this `(` is not closed before the `}` at 11:5 (put a `)` where it ends)
+        9:26-27 G001 this `(` is not closed before the `}` at 11:5 (add the missing `)`)
         10:32-41 G007 there is no node `nowhere` (the graph's nodes: mesh, red, blue, bad)
         10:43-51 G004 Transform has no field `trnslate` (did you mean `translate`?)
     "#]],
@@ -64,7 +64,7 @@ fn a_syntax_error_hides_no_other_error() {
     check(
         &[("(0, 0, 1)),\n    },", "(0, 0, 1)),")],
         expect![[r#"
-        6:12-13 G001 this `{` is not closed before the `)` at 15:1 (put a `}` where it ends)
+        6:12-13 G001 this `{` is not closed before the `)` at 15:1 (add the missing `}`)
         10:32-41 G007 there is no node `nowhere` (the graph's nodes: mesh, red, blue, bad)
         10:43-51 G004 Transform has no field `trnslate` (did you mean `translate`?)
     "#]],
@@ -72,7 +72,7 @@ fn a_syntax_error_hides_no_other_error() {
     check(
         &[("Param(\"lift\"), 0)", "Param(\"lift\", 0)")],
         expect![[r#"
-        8:25-26 G001 this `(` is not closed before the `}` at 11:5 (put a `)` where it ends)
+        8:25-26 G001 this `(` is not closed before the `}` at 11:5 (add the missing `)`)
         10:32-41 G007 there is no node `nowhere` (the graph's nodes: mesh, red, blue, bad)
         10:43-51 G004 Transform has no field `trnslate` (did you mean `translate`?)
     "#]],
@@ -80,7 +80,7 @@ fn a_syntax_error_hides_no_other_error() {
     check(
         &[("\"doll.obj\"),", "\"doll.obj),")],
         expect![[r#"
-        7:32-41 G001 this text has no closing quote (put a `"` where it ends)
+        7:32-41 G001 missing closing quote (add the missing `"`)
         10:32-41 G007 there is no node `nowhere` (the graph's nodes: mesh, red, blue, bad)
         10:43-51 G004 Transform has no field `trnslate` (did you mean `translate`?)
     "#]],
@@ -88,7 +88,7 @@ fn a_syntax_error_hides_no_other_error() {
     check(
         &[("(0, 0, 30)),", "(0, 0, 30))")],
         expect![[r#"
-        10:9-14 G001 there is no comma before `"bad"` (put one between this and what stands before it)
+        10:9-14 G001 missing comma before `"bad"` (add a comma before it)
         10:32-41 G007 there is no node `nowhere` (the graph's nodes: mesh, red, blue, bad)
         10:43-51 G004 Transform has no field `trnslate` (did you mean `translate`?)
     "#]],
@@ -96,7 +96,7 @@ fn a_syntax_error_hides_no_other_error() {
     check(
         &[("\"red\", rotate", "\"red\" rotate")],
         expect![[r#"
-        9:39-45 G001 there is no comma before `rotate` (put one between this and what stands before it)
+        9:39-45 G001 missing comma before `rotate` (add a comma before it)
         10:32-41 G007 there is no node `nowhere` (the graph's nodes: mesh, red, blue, bad)
         10:43-51 G004 Transform has no field `trnslate` (did you mean `translate`?)
     "#]],
@@ -104,7 +104,7 @@ fn a_syntax_error_hides_no_other_error() {
     check(
         &[("\"blue\": Transform", "\"blue\" Transform")],
         expect![[r#"
-        9:16-25 G001 something is missing before this (put a comma or a colon between them)
+        9:16-25 G001 expected a comma or a colon before this (add a comma or a colon)
         10:32-41 G007 there is no node `nowhere` (the graph's nodes: mesh, red, blue, bad)
         10:43-51 G004 Transform has no field `trnslate` (did you mean `translate`?)
     "#]],
@@ -120,7 +120,7 @@ fn a_syntax_error_hides_no_other_error() {
     check(
         &[("default: 5.0", "default: 5.0.0")],
         expect![[r#"
-        4:36-38 G001 `.0` has no meaning here (is it one too many?)
+        4:36-38 G001 unexpected `.0` (remove it)
         10:32-41 G007 there is no node `nowhere` (the graph's nodes: mesh, red, blue, bad)
         10:43-51 G004 Transform has no field `trnslate` (did you mean `translate`?)
     "#]],
@@ -130,14 +130,14 @@ fn a_syntax_error_hides_no_other_error() {
         expect![[r#"
         10:32-41 G007 there is no node `nowhere` (the graph's nodes: mesh, red, blue, bad)
         10:43-51 G004 Transform has no field `trnslate` (did you mean `translate`?)
-        12:14-15 G001 this `{` is never closed (put a `}` where it ends)
+        12:14-15 G001 this `{` is never closed (add the missing `}`)
     "#]],
     );
     check(
         &[("format: 1,", "format: 1"), ("(0, 0, 30)),", "(0, 0, 30),"), ("rotate:", "rotate =")],
         expect![[r#"
-            3:5-11 G001 there is no comma before `params` (put one between this and what stands before it)
-            9:26-27 G001 this `(` is not closed before the `}` at 11:5 (put a `)` where it ends)
+            3:5-11 G001 missing comma before `params` (add a comma before it)
+            9:26-27 G001 this `(` is not closed before the `}` at 11:5 (add the missing `)`)
             10:32-41 G007 there is no node `nowhere` (the graph's nodes: mesh, red, blue, bad)
             10:43-51 G004 Transform has no field `trnslate` (did you mean `translate`?)
         "#]],

@@ -1,4 +1,4 @@
-//! Values that can work with no input, which the check refuses.
+//! The check refuses values that are invalid whatever the inputs are.
 
 use expect_test::{Expect, expect};
 
@@ -96,25 +96,25 @@ fn directions_and_scales_are_not_zero() {
     check(
         "Crop(mesh: \"mesh\", within: Plane(through: (0, 0, 0), normal: (0, 0, 0)))",
         expect![[r#"
-            3:67-76 G010 field `normal` of Crop is (0, 0, 0), which is no direction (write one such as (0, 1, 0))
+            3:67-76 G010 field `normal` of Crop is (0, 0, 0), which is not a direction (write one such as (0, 1, 0))
         "#]],
     );
     check(
         "Solid(mesh: \"mesh\", base: Flat(up: (0, 0, 0)))",
         expect![[r#"
-        3:41-50 G010 field `up` of Solid is (0, 0, 0), which is no direction (write one such as (0, 1, 0))
+        3:41-50 G010 field `up` of Solid is (0, 0, 0), which is not a direction (write one such as (0, 1, 0))
     "#]],
     );
     check(
         "Transform(mesh: \"mesh\", scale: (1, 0, 1))",
         expect![[r#"
-        3:41-42 G010 field `scale` of Transform is 0, but must be another number
+        3:41-42 G010 field `scale` of Transform is 0, but must be nonzero
     "#]],
     );
     check(
         "AlignAll(scans: [\"mesh\"], by: Turntable(angle: 30, axis: (0, 0, 0), through: (0, 0, 0)))",
         expect![[r#"
-            3:63-72 G010 field `axis` of AlignAll is (0, 0, 0), which is no direction (write one such as (0, 1, 0))
+            3:63-72 G010 field `axis` of AlignAll is (0, 0, 0), which is not a direction (write one such as (0, 1, 0))
         "#]],
     );
 }
@@ -124,19 +124,19 @@ fn lists_have_what_they_need() {
     check(
         "AlignAll(scans: [])",
         expect![[r#"
-        3:22-24 G005 port `scans` of AlignAll wants at least one link (write `["node"]`)
+        3:22-24 G005 port `scans` of AlignAll needs at least one link (write `["node"]`)
     "#]],
     );
     check(
         "Reconstruct(points: [])",
         expect![[r#"
-        3:26-28 G005 port `points` of Reconstruct wants at least one link (write `["node"]`)
+        3:26-28 G005 port `points` of Reconstruct needs at least one link (write `["node"]`)
     "#]],
     );
     check(
         "Align(mesh: \"mesh\", to: \"mesh\", by: Pairs(pairs: [((0, 0, 0), (0, 0, 1))]))",
         expect![[r#"
-            3:55-79 G009 field `pairs` of Align wants at least 3 values, not 1
+            3:55-79 G009 field `pairs` of Align: expected at least 3 values, found 1
         "#]],
     );
 }

@@ -1,10 +1,10 @@
-//! Units are real: `cm(1.2)` is 12 where millimeters are wanted, and what does not go together is told when a graph is checked.
+//! Units are converted: `cm(1.2)` is 12 in a field in millimeters. Incompatible units are errors of the check.
 
 use std::path::Path;
 
 use maquette::value::{Curve, Mesh, Points};
 use maquette::{
-    Catalog, Graph, Options, Run, RunTrace, Session, Settings, Severity, State, Wanted,
+    Catalog, Graph, Options, Run, RunTrace, Session, Settings, Severity, State, Targets,
 };
 use maquette_nodes::PACKS;
 use tempfile::TempDir;
@@ -15,11 +15,11 @@ fn session() -> Session {
     Session::new(PACKS, &Settings { threads: 2, ..Settings::in_memory() }).unwrap()
 }
 
-/// A folder with a mesh, points and a curve: in mm, and the same in m.
+/// Makes a folder with a mesh, points and a curve, each once with its numbers in millimeters and once in meters.
 fn folder() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     fn write(name: &str, text: &str, folder: &TempDir) {
-        std::fs::write(folder.path().join(name), text).unwrap()
+        std::fs::write(folder.path().join(name), text).unwrap();
     }
     fn in_meters(text: &str) -> String {
         text.lines()
@@ -53,7 +53,7 @@ fn graph(params: &str, nodes: &str) -> String {
     )
 }
 
-fn loaded(folder: &TempDir, text: &str, set: &[(&str, &str)]) -> Graph {
+fn load(folder: &TempDir, text: &str, set: &[(&str, &str)]) -> Graph {
     let options = Options {
         set: set.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect(),
         ..Options::default()
@@ -64,24 +64,24 @@ fn loaded(folder: &TempDir, text: &str, set: &[(&str, &str)]) -> Graph {
         &Catalog::new(PACKS),
         &options,
     );
-    checked.graph.unwrap_or_else(|| panic!("{text}: {:?}", checked.problems))
+    checked.graph.unwrap_or_else(|| panic!("{text}: {:?}", checked.diagnostics))
 }
 
-fn computed(trace: &RunTrace) -> Vec<String> {
+fn computed_nodes(trace: &RunTrace) -> Vec<String> {
     let computed = trace.0.iter().filter(|node| node.state == State::Computed);
     computed.map(|node| node.name.clone()).collect()
 }
 
-/// Nothing of the second graph is computed once the first one has been: all keys are the same.
+/// Runs two graphs after each other and checks that the second run computes nothing, because all keys are equal.
 fn check_same(folder: &TempDir, graphs: [&Graph; 2]) {
     let mut session = session();
     for (index, graph) in graphs.into_iter().enumerate() {
         let run =
-            session.run(graph, &Run { wanted: Wanted::Everything, ..Run::default() }).unwrap();
-        // A ball has no hole to be filled, which is warned of.
-        let wrong = run.problems().into_iter().find(|it| it.severity == Severity::Error);
+            session.run(graph, &Run { targets: Targets::Everything, ..Run::default() }).unwrap();
+        // Filling the holes of a sphere causes a warning, since it has none; only errors count.
+        let wrong = run.diagnostics().into_iter().find(|it| it.severity == Severity::Error);
         assert_eq!(wrong, None);
-        let computed = computed(&run.trace());
+        let computed = computed_nodes(&run.trace());
         assert_eq!(computed.is_empty(), index == 1, "{}: {computed:?}", folder.path().display());
     }
 }
@@ -90,7 +90,7 @@ fn check_nodes(written: &str, plain: &str) {
     let folder = folder();
     let ball = "\"ball\": ReadMesh(path: \"ball.obj\"), ";
     let graphs =
-        [written, plain].map(|nodes| loaded(&folder, &graph("", &format!("{ball}{nodes}")), &[]));
+        [written, plain].map(|nodes| load(&folder, &graph("", &format!("{ball}{nodes}")), &[]));
     check_same(&folder, [&graphs[0], &graphs[1]]);
 }
 
@@ -100,7 +100,7 @@ fn a_number_with_a_unit_has_the_key_of_the_plain_number_in_the_fields_unit() {
         r#""out": Transform(mesh: "ball", translate: (cm(1.13), m(0.0123), inch(-0.1)), rotate: (0, 0, rad(3.141592653589793)))"#,
         r#""out": Transform(mesh: "ball", translate: (11.3, 12.3, -2.54), rotate: (0, 0, 180))"#,
     );
-    // In choices, in lists of groups, in lists of lists and behind `Some`.
+    // Numbers with units inside of variants, lists of groups, lists of lists, and `Some`.
     check_nodes(
         r#""out": FillHoles(mesh: "ball", holes: Region(Ball(at: (cm(1), 0, 0), radius: cm(0.2))))"#,
         r#""out": FillHoles(mesh: "ball", holes: Region(Ball(at: (10, 0, 0), radius: 2)))"#,
@@ -119,30 +119,30 @@ fn a_number_with_a_unit_has_the_key_of_the_plain_number_in_the_fields_unit() {
 fn a_parameters_values_are_in_its_own_unit_wherever_they_are_given() {
     let folder = folder();
     let nodes = r#""ball": ReadMesh(path: "ball.obj"), "out": Transform(mesh: "ball", translate: (Param("far"), Expr("far + mm(2)"), 0))"#;
-    fn declared(text: &str, nodes: &str) -> String {
+    fn graph_with_far(text: &str, nodes: &str) -> String {
         graph(&format!("\"far\": Number({text})"), nodes)
     }
-    let plain = loaded(&folder, &declared("default: 12.0, unit: \"mm\"", nodes), &[]);
+    let plain = load(&folder, &graph_with_far("default: 12.0, unit: \"mm\"", nodes), &[]);
     for text in [
         "default: cm(1.2), unit: \"mm\"",
         "default: 12.0, min: cm(1), max: inch(1), unit: \"mm\"",
-        // The parameter's unit need not be the field's.
+        // The unit of the parameter may differ from the unit of the field.
         "default: 1.2, unit: \"cm\"",
         "default: mm(12), unit: \"m\"",
     ] {
-        check_same(&folder, [&loaded(&folder, &declared(text, nodes), &[]), &plain]);
+        check_same(&folder, [&load(&folder, &graph_with_far(text, nodes), &[]), &plain]);
     }
     let set =
-        loaded(&folder, &declared("default: 3.0, unit: \"mm\"", nodes), &[("far", "cm(1.2)")]);
+        load(&folder, &graph_with_far("default: 3.0, unit: \"mm\"", nodes), &[("far", "cm(1.2)")]);
     check_same(&folder, [&set, &plain]);
-    let field = loaded(
+    let field = load(
         &folder,
         &graph("", &nodes.replace("Expr(\"far + mm(2)\")", "14").replace("Param(\"far\")", "0")),
         &[("out.translate.0", "cm(1.2)")],
     );
     check_same(&folder, [&field, &plain]);
     let schema =
-        loaded(&folder, &declared("default: cm(1.2), max: m(1), unit: \"mm\"", nodes), &[])
+        load(&folder, &graph_with_far("default: cm(1.2), max: m(1), unit: \"mm\"", nodes), &[])
             .schema()
             .clone();
     let far = &schema["properties"]["far"];
@@ -153,7 +153,7 @@ fn a_parameters_values_are_in_its_own_unit_wherever_they_are_given() {
 fn a_patch_and_a_use_give_numbers_with_units() {
     let folder = folder();
     fn write(name: &str, text: &str, folder: &TempDir) {
-        std::fs::write(folder.path().join(name), text).unwrap()
+        std::fs::write(folder.path().join(name), text).unwrap();
     }
     write(
         "used.ron",
@@ -167,13 +167,13 @@ fn a_patch_and_a_use_give_numbers_with_units() {
         nodes: {{"ball": ReadMesh(path: "ball.obj"), "out": Moved(mesh: "ball", far: {far})}}, outputs: {{"out.ply": "out"}})"#
         )
     }
-    let plain = loaded(&folder, &using("12.0"), &[]);
+    let plain = load(&folder, &using("12.0"), &[]);
     for far in ["cm(1.2)", "Param(\"own\")", "Expr(\"own\")"] {
-        check_same(&folder, [&loaded(&folder, &using(far), &[]), &plain]);
+        check_same(&folder, [&load(&folder, &using(far), &[]), &plain]);
     }
     write("whole.ron", &using("Param(\"own\")"), &folder);
     let patch = r#"Patch(format: 1, of: "whole.ron", params: {"own": mm(3)}, nodes: {"out": (far: inch(1))})"#;
-    check_same(&folder, [&loaded(&folder, patch, &[]), &loaded(&folder, &using("25.4"), &[])]);
+    check_same(&folder, [&load(&folder, patch, &[]), &load(&folder, &using("25.4"), &[])]);
 }
 
 #[test]
@@ -187,7 +187,7 @@ fn custom_units_are_words_and_nothing_is_refused_by_them() {
         .replace("Expr(\"c * 2\")", "6");
     check_same(
         &folder,
-        [&loaded(&folder, &graph(params, nodes), &[]), &loaded(&folder, &graph("", &plain), &[])],
+        [&load(&folder, &graph(params, nodes), &[]), &load(&folder, &graph("", &plain), &[])],
     );
 }
 
@@ -205,10 +205,10 @@ fn one_scan_in_meters_and_in_millimeters_gives_the_same_results() {
     }
     let mut runs = Vec::new();
     for (prefix, unit) in [("", ""), ("m-", ", unit: M")] {
-        let graph = loaded(&folder, &nodes(prefix, unit), &[]);
+        let graph = load(&folder, &nodes(prefix, unit), &[]);
         let run =
-            session().run(&graph, &Run { wanted: Wanted::Everything, ..Run::default() }).unwrap();
-        assert!(run.problems().is_empty(), "{:?}", run.problems());
+            session().run(&graph, &Run { targets: Targets::Everything, ..Run::default() }).unwrap();
+        assert!(run.diagnostics().is_empty(), "{:?}", run.diagnostics());
         let mut places = Vec::new();
         for mesh in ["out", "tube"] {
             places.extend_from_slice(run.get::<Mesh>(mesh).unwrap().positions());
@@ -231,11 +231,11 @@ fn edits_keep_what_is_written_and_refuse_what_does_not_fit() {
     let catalog = Catalog::new(PACKS);
     let set = |value: &str| {
         let set = [("growth".to_owned(), value.to_owned())];
-        maquette::edit::edited(&path, &text, &set, &catalog, &Options::default())
+        maquette::edit::set_values(&path, &text, &set, &catalog, &Options::default())
     };
     let edited = set("cm(1.2)").unwrap();
     assert_eq!(edited.text, text.replace("default: 12.0", "default: cm(1.2)"));
-    assert_eq!(maquette::edit::formatted(&path, &edited.text).unwrap(), edited.text);
+    assert_eq!(maquette::edit::format_text(&path, &edited.text).unwrap(), edited.text);
     let problems = set("px(3)").unwrap_err();
     assert_eq!(problems[0].message, "parameter `growth` is in mm, but `px(3)` is in px");
     assert!(set("cm(5)").unwrap_err()[0].message.contains("is 50 mm, but must be"));
@@ -244,28 +244,29 @@ fn edits_keep_what_is_written_and_refuse_what_does_not_fit() {
 #[test]
 fn what_is_expected_takes_units_too() {
     let folder = folder();
-    fn with(expect: &str) -> String {
+    fn graph_expecting(expect: &str) -> String {
         graph("", r#""out": ReadMesh(path: "ball.obj")"#)
             .replace("outputs:", &format!("expect: [{expect}], outputs:"))
     }
-    fn told(expect: &str, folder: &TempDir) -> Vec<String> {
-        let graph = loaded(folder, &with(expect), &[]);
+    fn run_messages(expect: &str, folder: &TempDir) -> Vec<String> {
+        let graph = load(folder, &graph_expecting(expect), &[]);
         let run = session().run(&graph, &Run::default()).unwrap();
-        run.problems().into_iter().map(|problem| problem.message).collect::<Vec<_>>()
+        run.diagnostics().into_iter().map(|problem| problem.message).collect::<Vec<_>>()
     }
     let holds = r#"Bounds(of: "out", low: (0, 0, 0), high: (cm(0.15), mm(2.25), m(0.003))), Bend(of: "out", max: rad(3.1)),
         Near(of: "out", to: "out.ply", max: cm(0.01), rms: Some(mm(0.1)))"#;
-    assert_eq!(told(holds, &folder), [""; 0]);
-    let told_of_box = told(&holds.replace("cm(0.15)", "cm(0.14)"), &folder);
+    assert_eq!(run_messages(holds, &folder), [""; 0]);
+    let told_of_box = run_messages(&holds.replace("cm(0.15)", "cm(0.14)"), &folder);
     assert!(
         told_of_box[0].starts_with("expected Bounds, but `out` has 1 vertices"),
         "{told_of_box:?}"
     );
     fn wrong(expect: &str, folder: &TempDir) -> Vec<String> {
         let (path, options) = (folder.path().join("graph.ron"), Options::default());
-        let checked = Graph::load_text(&path, with(expect), &Catalog::new(PACKS), &options);
+        let checked =
+            Graph::load_text(&path, graph_expecting(expect), &Catalog::new(PACKS), &options);
         checked
-            .problems
+            .diagnostics
             .into_iter()
             .map(|it| format!("{} ({})", it.message, it.help))
             .collect::<Vec<_>>()
@@ -303,27 +304,27 @@ fn a_difference_is_shown_as_it_is_written_and_another_unit_for_the_same_is_none(
             ),
         )
     }
-    fn told(before: String, after: String) -> Vec<String> {
+    fn difference_texts(before: String, after: String) -> Vec<String> {
         let [before, after] =
             [before, after].map(|text| maquette::Source { name: "graph.ron".into(), text });
         let found = Graph::differences(&before, &after, &Catalog::new(PACKS)).unwrap();
         found.iter().map(ToString::to_string).collect::<Vec<_>>()
     }
-    fn first() -> String {
+    fn first_text() -> String {
         text("cm(3)", "inch(1)", "cm(1)")
     }
-    assert_eq!(told(first(), text("30", "mm(25.4)", "10.0")), [""; 0]);
+    assert_eq!(difference_texts(first_text(), text("30", "mm(25.4)", "10.0")), [""; 0]);
     assert_eq!(
-        told(first(), text("cm(4)", "12", "inch(2.5)")),
+        difference_texts(first_text(), text("cm(4)", "12", "inch(2.5)")),
         [
             r#"graph: changed expect: [Bounds(high: (cm(1), 1, 1), low: (0, 0, 0), of: "out")] -> [Bounds(high: (inch(2.5), 1, 1), low: (0, 0, 0), of: "out")]"#,
             "parameter reach: changed default: inch(1) -> 12",
             "node out: changed translate.1: cm(3) -> cm(4)",
         ]
     );
-    // A whole tuple, too.
-    let bare = first().replace("rotate: (0, 0, deg(5))", "pivot: 1");
-    let gone = told(first(), bare);
+    // The replaced value is reported as a whole tuple, too.
+    let bare = first_text().replace("rotate: (0, 0, deg(5))", "pivot: 1");
+    let gone = difference_texts(first_text(), bare);
     assert!(
         gone.iter().any(|it| it.contains("changed rotate: (0, 0, deg(5)) -> left out")),
         "{gone:?}"

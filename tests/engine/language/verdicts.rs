@@ -1,11 +1,12 @@
-//! Of what is known to be as expected no value is made again only to be judged; what is not is told again at every run.
+//! A cached check result is reused: a value that met its expectations is not recomputed only to check it. A failure is reported again at
+//! every run.
 
 use std::path::Path;
 
 use maquette::{CacheFolder, Catalog, Graph, Options, OutputFolder, Session, Settings, State};
 use maquette_nodes::PACKS;
 
-/// A mesh that is moved faster than it is read back from a file, so that the disk does not keep it.
+/// A graph whose `moved` mesh takes little time to compute, so it is not stored on disk.
 const TEXT: &str = r#"Graph(
     format: 1,
     params: { "far": Number(default: 1.0) },
@@ -25,23 +26,23 @@ const TEXT: &str = r#"Graph(
 struct Project(tempfile::TempDir);
 
 impl Project {
-    /// What became of the moved mesh in a process of its own, what was said before that would become of it, and what is wrong.
+    /// Runs the graph in a new session; returns the state of the moved mesh, its forecast, and the errors.
     fn run(&self, text: &str, far: &str) -> (State, String, Vec<String>) {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs/verdicts.ron");
         let set = vec![("far".to_owned(), far.to_owned())];
         let options = Options { set, ..Options::default() }.with_text(&path, text);
         let checked = Graph::load(&path, &Catalog::new(PACKS), &options);
-        let graph = checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems));
+        let graph = checked.graph.unwrap_or_else(|| panic!("{:?}", checked.diagnostics));
         let cache = CacheFolder::At(self.0.path().join("cache"));
         let settings = Settings { threads: 2, cache, ..Settings::default() };
         let mut session = Session::new(PACKS, &settings).unwrap();
-        let why = session.why(&graph, "moved").unwrap();
+        let why = session.explain(&graph, "moved").unwrap();
         let into = OutputFolder::new(Some(&self.0.path().join("out")), &path);
         session.recall(&into);
         let done = session.produce(&graph, &[], &into, &(), &Default::default()).unwrap();
         session.finish();
         let trace = done.trace().0.into_iter().find(|node| node.name == "moved");
-        let problems = done.problems.iter().map(|problem| problem.message.clone()).collect();
+        let problems = done.diagnostics.iter().map(|problem| problem.message.clone()).collect();
         (trace.unwrap().state, why, problems)
     }
 }
@@ -53,7 +54,7 @@ fn a_value_that_is_as_expected_is_not_made_again_to_be_judged() {
     let (state, why, problems) = project.run(TEXT, "1.0");
     assert_eq!((state, problems), (State::Cached, Vec::new()));
     assert!(why.starts_with("`moved` does not run"), "{why}");
-    // Another value is judged, and so is another expectation of the same.
+    // A different value is checked, and so is a different expectation of an unchanged value.
     assert_eq!(project.run(TEXT, "2.0").0, State::Computed);
     let (_, _, problems) = project.run(&TEXT.replace("high: (70", "high: (7"), "2.0");
     assert_eq!(problems.len(), 1, "{problems:?}");

@@ -1,13 +1,13 @@
-//! Graphs that use others: which version is wanted, what may be left out, and what was locked.
+//! Graphs that use other graphs: required versions, optional inputs, and lock files.
 
 use std::path::PathBuf;
 
 use maquette::value::Mesh;
-use maquette::{Catalog, Checked, Graph, Options, Run, Session, Settings, Severity};
+use maquette::{Catalog, CheckedGraph, Graph, Options, Run, Session, Settings, Severity};
 
 const BALL: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n";
 
-/// A graph that others use, of this version.
+/// Returns a graph with this version, which other graphs use.
 fn skirt(version: &str, step: f64) -> String {
     format!(
         r#"// A skirt.
@@ -25,7 +25,7 @@ Graph(
     )
 }
 
-/// A graph that uses it.
+/// Returns a graph that uses the skirt graph.
 fn dress(of: &str, fields: &str) -> String {
     format!(
         r#"Graph(
@@ -60,25 +60,25 @@ impl Folder {
         std::fs::write(self.path(name), text).unwrap();
     }
 
-    fn load(&self, options: &Options) -> Checked {
+    fn load(&self, options: &Options) -> CheckedGraph {
         Graph::load(&self.path("dress.ron"), &catalog(), options)
     }
 
     fn messages(&self) -> Vec<String> {
-        let problems = self.load(&Options::default()).problems;
+        let problems = self.load(&Options::default()).diagnostics;
         problems.into_iter().map(|problem| problem.message).collect()
     }
 
-    /// How many vertices an output has.
+    /// Runs a graph and returns the number of vertices of its output.
     fn vertices(&self, name: &str, inputs: &[&str]) -> Result<usize, String> {
         let mut session = Session::new(maquette_nodes::PACKS, &Settings::in_memory()).unwrap();
         let checked = session.load(&self.path(name), &Options::default());
-        let graph = checked.graph.ok_or_else(|| format!("{:?}", checked.problems))?;
+        let graph = checked.graph.ok_or_else(|| format!("{:?}", checked.diagnostics))?;
         let files = inputs.iter().map(|name| ((*name).to_owned(), self.path("ball.obj")));
         let values = session.read_inputs(&graph, &Vec::from_iter(files)).unwrap().0;
         let done = session.run(&graph, &Run { inputs: values, ..Run::default() });
         let done = done.map_err(|problems| problems[0].message.clone())?;
-        if let Some(problem) = done.problems().first() {
+        if let Some(problem) = done.diagnostics().first() {
             return Err(problem.message.clone());
         }
         let name = graph.output_names().next().unwrap_or("mesh").to_owned();
@@ -129,7 +129,7 @@ fn an_optional_input_may_be_left_out_by_a_use_and_by_a_call() {
     assert_eq!(folder.vertices("dress.ron", &[]), Ok(4));
     folder.put("dress.ron", &dress("\"skirt.ron\"", ", hem: \"ball\""));
     assert_eq!(folder.vertices("dress.ron", &[]), Ok(8));
-    // Called as a function.
+    // The graph is called as a function, with values for its inputs.
     assert_eq!(folder.vertices("skirt.ron", &["mesh"]), Ok(4));
     assert_eq!(folder.vertices("skirt.ron", &["mesh", "hem"]), Ok(8));
     let why = folder.vertices("skirt.ron", &["hem"]).unwrap_err();
@@ -166,13 +166,14 @@ fn what_is_left_out_is_absent_at_an_optional_port_and_in_graphs_further_in() {
         )
     }
     let folder = Folder::new(&[("inner.ron", inner), ("outer.ron", outer), ("a.png", "")]);
-    fn told(fields: &str, folder: &Folder) -> (maquette::Hash, Vec<String>) {
+    fn hash_and_messages(fields: &str, folder: &Folder) -> (maquette::Hash, Vec<String>) {
         folder.put("dress.ron", &graph(fields));
         let checked = folder.load(&Options::default());
-        let graph = checked.graph.unwrap_or_else(|| panic!("{:?}", checked.problems));
+        let graph = checked.graph.unwrap_or_else(|| panic!("{:?}", checked.diagnostics));
         (graph.identity(), graph.node_names().map(str::to_owned).collect::<Vec<_>>())
     }
-    let (without, with) = (told("", &folder), told(", there: \"mask\"", &folder));
+    let (without, with) =
+        (hash_and_messages("", &folder), hash_and_messages(", there: \"mask\"", &folder));
     assert_ne!(without.0, with.0);
     assert_eq!(without.1, with.1);
 }
@@ -186,10 +187,10 @@ fn an_optional_input_is_told_like_a_port_that_may_be_left_out() {
     assert_eq!(graph.schema()["required"], serde_json::json!(["mesh"]));
 }
 
-/// A lock of one graph, as `maquette lock` writes it.
+/// Writes a lock file for one used graph, as `maquette lock` writes it.
 fn lock(folder: &Folder) {
     let text = std::fs::read_to_string(folder.path("skirt.ron")).unwrap();
-    let hash = maquette::Hash::of(text.as_bytes());
+    let hash = maquette::Hash::compute(text.as_bytes());
     folder.put(
         "dress.lock.ron",
         &format!(
@@ -206,13 +207,17 @@ fn a_lock_that_does_not_fit_is_a_warning_and_refused_where_it_must_fit() {
     let locked = Options { locked: true, ..Options::default() };
     let none = folder.load(&locked);
     assert!(none.graph.is_none());
-    assert!(none.problems[0].message.starts_with("there is no lock file"), "{:?}", none.problems);
+    assert!(
+        none.diagnostics[0].message.starts_with("there is no lock file"),
+        "{:?}",
+        none.diagnostics
+    );
     lock(&folder);
     let fits = folder.load(&locked);
-    assert!(fits.graph.is_some() && fits.problems.is_empty(), "{:?}", fits.problems);
-    // How lines end is nobody's change.
+    assert!(fits.graph.is_some() && fits.diagnostics.is_empty(), "{:?}", fits.diagnostics);
+    // Different line endings do not count as a change.
     folder.put("skirt.ron", &skirt_1.replace('\n', "\r\n"));
-    assert_eq!(folder.load(&locked).problems, []);
+    assert_eq!(folder.load(&locked).diagnostics, []);
     for (text, how) in [
         (
             skirt("version: \"1.1.0\",", 2.0),
@@ -226,10 +231,10 @@ fn a_lock_that_does_not_fit_is_a_warning_and_refused_where_it_must_fit() {
         {
             let checked = folder.load(options);
             assert_eq!(checked.graph.is_some(), severity == Severity::Warning);
-            let [problem] = &checked.problems[..] else { panic!("{:?}", checked.problems) };
-            let expected = format!("`skirt.ron` is not what dress.lock.ron says: {how}");
+            let [problem] = &checked.diagnostics[..] else { panic!("{:?}", checked.diagnostics) };
+            let expected = format!("`skirt.ron` differs from dress.lock.ron: {how}");
             assert_eq!((problem.severity, &problem.message), (severity, &expected));
-            // At the place that names it.
+            // The diagnostic points to the text that names the used graph.
             let text = &problem.source.text;
             assert_eq!(&text[problem.span.start..problem.span.end], "\"skirt.ron\"");
         }
@@ -251,15 +256,15 @@ fn a_lock_has_all_that_is_used_and_nothing_else() {
         folder.messages(),
         [
             "`other.ron` is not in dress.lock.ron",
-            "`skirt.ron` is in dress.lock.ron, but nothing uses it any more"
+            "`skirt.ron` is in dress.lock.ron, but nothing uses it"
         ]
     );
     let damaged = std::fs::read_to_string(folder.path("dress.lock.ron")).unwrap();
     folder.put("dress.lock.ron", &damaged.replace("A skirt.", "No skirt."));
-    assert_eq!(folder.messages(), ["the text of `skirt.ron` is not what its hash says"]);
+    assert_eq!(folder.messages(), ["the text of `skirt.ron` does not match its hash"]);
 }
 
-/// Two checkouts of a project whose libraries differ.
+/// Compares two checkouts of a project whose libraries differ.
 #[test]
 fn a_difference_inside_of_a_used_graph_is_told_with_the_way_there() {
     let dress = dress("Graph(\"lib/skirt.ron\", version: \"1.0\")", "");

@@ -1,12 +1,12 @@
-//! Zero is zero: `-0.0` where a whole number or a choice is wanted, however it comes there.
+//! `-0.0` is accepted as zero for an integer or a variant, from any source.
 
 use std::path::Path;
 
 use maquette::{Catalog, Graph, Options, Run, Session, Settings, State};
 use maquette_nodes::PACKS;
 
-/// What became of a mesh that is subdivided so often, or what is wrong.
-fn subdivided(session: &mut Session, levels: &str, set: &[(String, String)]) -> State {
+/// Returns the state of a mesh after this number of subdivision levels, or the errors.
+fn subdivide_state(session: &mut Session, levels: &str, set: &[(String, String)]) -> State {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../graphs/zeros.ron");
     let text = format!(
         r#"Graph(
@@ -24,20 +24,20 @@ fn subdivided(session: &mut Session, levels: &str, set: &[(String, String)]) -> 
     );
     let options = Options { set: set.to_vec(), ..Options::default() }.with_text(&path, text);
     let checked = Graph::load(&path, &Catalog::new(PACKS), &options);
-    let graph = checked.graph.unwrap_or_else(|| panic!("{levels}: {:?}", checked.problems));
+    let graph = checked.graph.unwrap_or_else(|| panic!("{levels}: {:?}", checked.diagnostics));
     let done = session.run(&graph, &Run::default()).unwrap();
-    assert!(done.problems().is_empty(), "{levels}: {:?}", done.problems());
+    assert!(done.diagnostics().is_empty(), "{levels}: {:?}", done.diagnostics());
     done.trace().0.into_iter().find(|node| node.name == "s").unwrap().state
 }
 
 #[test]
 fn a_whole_number_takes_minus_zero_as_zero_and_has_the_same_key() {
     let mut session = Session::new(PACKS, &Settings::in_memory()).unwrap();
-    assert_eq!(subdivided(&mut session, "0", &[]), State::Computed);
+    assert_eq!(subdivide_state(&mut session, "0", &[]), State::Computed);
     for levels in ["-0", "0.0", "-0.0", "Param(\"n\")", "Expr(\"x * 0\")"] {
-        assert_ne!(subdivided(&mut session, levels, &[]), State::Computed, "{levels}");
+        assert_ne!(subdivide_state(&mut session, levels, &[]), State::Computed, "{levels}");
     }
     let set = [("n".to_owned(), "-0.0".to_owned())];
-    assert_ne!(subdivided(&mut session, "Param(\"n\")", &set), State::Computed);
-    assert_eq!(subdivided(&mut session, "1", &[]), State::Computed);
+    assert_ne!(subdivide_state(&mut session, "Param(\"n\")", &set), State::Computed);
+    assert_eq!(subdivide_state(&mut session, "1", &[]), State::Computed);
 }

@@ -1,20 +1,20 @@
-//! The modules of a crate, read as far as is needed to tell who names whom.
+//! Parses the modules of a crate as far as needed to find the dependencies between its files.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 
-/// A file that names something in another file of its crate.
+/// A dependency of a file on another file of its crate.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Arrow {
     pub(crate) from: String,
     pub(crate) to: String,
-    /// What is named, as it was written there.
+    /// The path in the source text that causes the dependency.
     pub(crate) path: String,
     pub(crate) line: usize,
 }
 
-/// All modules of a crate but those of its unit tests; the first is its root.
+/// All modules of a crate except unit tests; the first module is the root.
 pub(crate) struct Sources {
     modules: Vec<Module>,
 }
@@ -24,11 +24,11 @@ struct Module {
     file: String,
     parent: usize,
     children: BTreeMap<String, usize>,
-    /// What `use` brings in: name and path.
+    /// The imports: maps each imported name to its path.
     uses: BTreeMap<String, Vec<String>>,
-    /// The names of the items that stand here.
+    /// The names of the items that the module defines.
     items: BTreeSet<String>,
-    /// All paths of at least two names.
+    /// All paths of at least two segments.
     paths: Vec<Mention>,
     words: Vec<String>,
 }
@@ -51,27 +51,27 @@ struct Token {
     line: usize,
 }
 
-/// What a path leads to.
-enum Resolved {
+/// What a path refers to, by the index of a module: the module itself, or an item in it.
+enum Resolution {
     Module(usize),
     Item(usize),
 }
 
 impl Sources {
-    /// Reads the crate whose `lib.rs` stands in `folder`.
+    /// Reads the crate whose `lib.rs` is in `folder`.
     pub(crate) fn read(folder: &Path) -> Self {
         Self::read_from(folder, "lib.rs")
     }
 
-    /// The same of one whose root has another name.
+    /// Reads the crate whose root file in `folder` is named `root`.
     pub(crate) fn read_from(folder: &Path, root: &str) -> Self {
         let mut sources = Self { modules: Vec::new() };
         sources.add_file(root, "", 0, &|name| fs::read_to_string(folder.join(name)).ok());
         sources
     }
 
-    /// Reads the crate whose `lib.rs` and other files `text` gives by their names in the crate.
-    pub(crate) fn of(text: &dyn Fn(&str) -> Option<String>) -> Self {
+    /// Parses a crate; `text` returns the content of a file of the crate by its name.
+    pub(crate) fn parse(text: &dyn Fn(&str) -> Option<String>) -> Self {
         let mut sources = Self { modules: Vec::new() };
         sources.add_file("lib.rs", "", 0, text);
         sources
@@ -152,7 +152,7 @@ impl Sources {
                     while after(2 * path.len() - 1) == "::" && is_name(after(2 * path.len())) {
                         path.push(after(2 * path.len()).to_owned());
                     }
-                    // `pub(in crate::pack)` says who may look, not what is needed.
+                    // `pub(in crate::pack)` is a visibility, not a dependency.
                     let says_who =
                         at > 1 && tokens[at - 1].text == "in" && tokens[at - 2].text == "(";
                     if path.len() > 1 && !says_who {
@@ -171,12 +171,13 @@ impl Sources {
         module
     }
 
-    /// Who names whom. What only hands on (`pub use`) needs nothing itself; who uses it needs what it stands for.
+    /// Returns the dependencies. A file that only re-exports (`pub use`) an item does not depend on it; a file that uses the re-export
+    /// depends on the item's file.
     pub(crate) fn arrows(&self) -> impl Iterator<Item = Arrow> {
         self.find(|module, mention| mention.kind != Kind::PublicUse || !module.only_hands_on())
     }
 
-    /// Who names whom, with those who only hand it on.
+    /// Returns the dependencies, including those of re-exports.
     pub(crate) fn arrows_with_reexports(&self) -> impl Iterator<Item = Arrow> {
         self.find(|_, _| true)
     }
@@ -185,17 +186,18 @@ impl Sources {
         let mut found = BTreeSet::new();
         for (index, module) in self.modules.iter().enumerate() {
             for mention in module.paths.iter().filter(|mention| wanted(module, mention)) {
-                // A type whose `use` is told need not be told for each of its variants and functions.
+                // The path begins with an imported type, whose import already counts as the dependency.
                 let first = module.uses.get(&mention.path[0]);
                 let is_told = mention.kind == Kind::Inline
                     && first.is_some_and(|path| {
-                        matches!(self.resolve(index, path, true, 0), Some(Resolved::Item(_)))
+                        matches!(self.resolve(index, path, true, 0), Some(Resolution::Item(_)))
                     });
                 if is_told {
                     continue;
                 }
-                // A module is told by what is named in it.
-                let Some(Resolved::Item(to)) = self.resolve(index, &mention.path, false, 0) else {
+                // A path to a module does not count by itself; the paths to items in that module count.
+                let Some(Resolution::Item(to)) = self.resolve(index, &mention.path, false, 0)
+                else {
                     continue;
                 };
                 let to = &self.modules[to].file;
@@ -212,7 +214,7 @@ impl Sources {
         found.into_iter()
     }
 
-    /// The files in which `words` stand one after the other.
+    /// Returns the files that contain these consecutive tokens.
     pub(crate) fn files_with(
         &self,
         words: &'static [&'static str],
@@ -223,15 +225,15 @@ impl Sources {
             .map(|module| module.file.clone())
     }
 
-    /// What `path`, written in the module `from`, leads to; none if that is no part of the crate. Where a module and something
-    /// else have one name, `to_module` says which is meant.
+    /// Resolves a `path` that is written in the module `from`. Returns `None` if its target is outside of the crate. If a module and
+    /// another item have the same name, `to_module` selects the module.
     fn resolve(
         &self,
         from: usize,
         path: &[String],
         to_module: bool,
         depth: usize,
-    ) -> Option<Resolved> {
+    ) -> Option<Resolution> {
         assert!(depth < 100, "{}: {} leads round", self.modules[from].file, path.join("::"));
         let mut at = from;
         for (k, name) in path.iter().enumerate() {
@@ -244,37 +246,37 @@ impl Sources {
                 _ => {
                     let child = module.children.get(name).copied();
                     let is_item = module.items.contains(name);
-                    // A first name that is brought in by itself (`use serde::Serialize`) is no name of this crate.
+                    // `use serde::Serialize` imports the crate name `serde` as well, which is not a name of this crate.
                     let brought = module.uses.get(name).filter(|used| k > 0 || used[0] != *name);
                     match (child, brought) {
-                        _ if is_item && is_last && !to_module => return Some(Resolved::Item(at)),
+                        _ if is_item && is_last && !to_module => return Some(Resolution::Item(at)),
                         (Some(child), _) if !is_last || to_module => child,
                         (_, Some(used)) => {
                             match self.resolve(at, used, !is_last || to_module, depth + 1)? {
-                                Resolved::Module(found) => found,
+                                Resolution::Module(found) => found,
                                 item => return Some(item),
                             }
                         }
                         (Some(child), None) => child,
-                        (None, None) if k > 0 => return Some(Resolved::Item(at)),
+                        (None, None) if k > 0 => return Some(Resolution::Item(at)),
                         (None, None) => return None,
                     }
                 }
             };
         }
-        Some(Resolved::Module(at))
+        Some(Resolution::Module(at))
     }
 }
 
 impl Module {
-    /// Whether nothing stands here but `mod` and `use`.
+    /// Returns true if the file contains only `mod` and `use`.
     fn only_hands_on(&self) -> bool {
         self.items.is_empty()
     }
 }
 
-/// Reads what stands after `use` from `at` on; adds each path with the name that it gets and its line, and gives the place of what
-/// ends it.
+/// Parses the tree of a `use` from token `at` on. Adds the path, name and line of each imported item to `all`, and returns the position
+/// after the tree.
 fn tree(
     tokens: &[Token],
     mut at: usize,
@@ -311,7 +313,7 @@ fn tree(
     }
 }
 
-/// `tokens` without what only tests see.
+/// Returns the tokens without test-only code.
 fn without_tests(tokens: Vec<Token>) -> Vec<Token> {
     let mut kept = Vec::new();
     let mut at = 0;
@@ -343,7 +345,7 @@ fn without_tests(tokens: Vec<Token>) -> Vec<Token> {
     numbered.filter(|(k, _)| kept.next_if_eq(k).is_some()).map(|(_, token)| token).collect()
 }
 
-/// The place of the bracket that closes the one at `open`.
+/// Returns the position of the bracket that closes the bracket at `open`.
 fn closing(tokens: &[Token], open: usize) -> usize {
     let mut depth = 0;
     for (k, token) in tokens.iter().enumerate().skip(open) {
@@ -363,7 +365,7 @@ fn is_name(text: &str) -> bool {
     text.starts_with(|c: char| c.is_alphabetic() || c == '_')
 }
 
-/// The names and signs of Rust code: no comments, texts, characters, lifetimes or numbers.
+/// Splits Rust code into identifiers and punctuation. Comments, strings, characters, lifetimes and numbers are left out.
 fn tokens(source: &str) -> Vec<Token> {
     let mut tokens = Vec::new();
     let chars: Vec<_> = source.chars().collect();

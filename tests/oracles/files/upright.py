@@ -1,7 +1,7 @@
-"""Opens what `maquette run graphs/doll.ron` wrote with other programs: upright, facing, textured, and in one place.
+"""Opens the outputs of `maquette run graphs/doll.ron` with other programs and checks axes, orientation, texture and position.
 
-Usage: upright.py FOLDER [trimesh|bpy ..]. The doll looks at the viewer, so that most of its faces look along z, its hood is above
-its feet, and its red nose is nearest to the viewer.
+Usage: upright.py FOLDER [trimesh|bpy ..]. The doll faces the viewer: most of its faces point along z, its ears are on top, and its red nose
+is nearest to the viewer.
 """
 
 import sys
@@ -36,7 +36,7 @@ def with_bpy(path):
     points = np.array([v.co for v in mesh.vertices]) @ world[:3, :3].T + world[:3, 3]
     normals = np.array([p.normal for p in mesh.polygons]) @ world[:3, :3].T
     areas = np.array([p.area for p in mesh.polygons])
-    # Blender has z up and looks along y.
+    # Blender has z up, and its front view is along y.
     turn = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]], float)
     scale = 1000.0 if path.suffix == ".glb" else 1.0
     nodes = [n for m in mesh.materials if m and m.use_nodes for n in m.node_tree.nodes]
@@ -59,14 +59,14 @@ def main(folder, programs):
             wrong = []
             if facing < 0.4:
                 wrong.append(f"faces look along z by {facing:.2f}")
-            # The ears are farther apart than the feet, and nothing but them is on top.
+            # Only the ears are on top, and they are far apart.
             if np.ptp(top[:, 0]) < 0.6 * (high[0] - low[0]):
                 wrong.append("the ears are not on top")
             if path.suffix in (".obj", ".glb") and not has_picture:
                 wrong.append("no picture")
             reference = reference if reference is not None else (low, high)
             if np.abs(np.array([low, high]) - np.array(reference)).max() > 0.05:
-                wrong.append(f"it lies in {low} to {high}, the first one in {reference}")
+                wrong.append(f"its bounds are {low} to {high}, those of the first file {reference}")
             print(f"{program:8} {path.name:10} {len(points):7} vertices, facing {facing:.2f}: {'; '.join(wrong) or 'ok'}")
             failures += bool(wrong)
     return failures

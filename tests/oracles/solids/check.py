@@ -1,7 +1,7 @@
-"""Are these files solids in the eyes of trimesh and of PrusaSlicer, and is each sliced?  check.py NAME-SKINS.stl|3mf ..
+"""Checks that files are solids for trimesh and PrusaSlicer, and slices each:  check.py NAME-SURFACES.stl|3mf ..
 
-Both must see a closed surface that looks outward, and so many skins. Both volumes must agree, and the G-code must have layers up to the
-solid's height.
+Both programs must find a closed, outward oriented surface, with the number of connected surfaces in the file's name. Both volumes must
+agree, and the G-code must have layers up to the height of the solid.
 """
 
 import re
@@ -17,35 +17,35 @@ def slicer(*words):
     return done.returncode, done.stdout + done.stderr
 
 
-def told(path):
-    """What PrusaSlicer says of a file, by name."""
+def slicer_info(path):
+    """The facts that PrusaSlicer reports about a file, by name."""
     _, text = slicer("--info", path)
     return dict(re.findall(r"^(\w+) *= *(.+?)\s*$", text, re.MULTILINE))
 
 
 def faults(path):
-    skins = int(path.stem.rsplit("-", 1)[1])
+    surfaces = int(path.stem.rsplit("-", 1)[1])
     mesh = trimesh.load(path, force="mesh")
-    # Formats without vertices, or with one for each color, tell the same place several times.
+    # Formats without shared vertices, or with one for each color, repeat positions.
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
-    # Where two corners become one in the file's numbers, nothing is left of a face.
+    # Drop faces that are degenerate because two corners coincide in the file's precision.
     a, b, c = mesh.faces.T
     mesh.update_faces((a != b) & (b != c) & (c != a))
     if not mesh.is_watertight:
-        yield "trimesh: it is not closed"
+        yield "trimesh: not closed"
     if not mesh.is_winding_consistent or mesh.volume <= 0:
-        yield f"trimesh: it does not look outward, its volume is {mesh.volume:.1f} mm3"
-    if mesh.body_count != skins:
-        yield f"trimesh: {mesh.body_count} skins"
-    info = told(path)
+        yield f"trimesh: not oriented outward, the volume is {mesh.volume:.1f} mm3"
+    if mesh.body_count != surfaces:
+        yield f"trimesh: {mesh.body_count} surfaces, not {surfaces}"
+    info = slicer_info(path)
     if info.get("manifold") != "yes":
-        yield f"PrusaSlicer: it is no manifold: {info}"
+        yield f"PrusaSlicer: not a manifold: {info}"
     elif abs(float(info["volume"]) / mesh.volume - 1) > 1e-3:
-        yield f"PrusaSlicer: its volume is {info['volume']}, but {mesh.volume:.1f} mm3 in trimesh"
+        yield f"PrusaSlicer: the volume is {info['volume']}, but {mesh.volume:.1f} mm3 in trimesh"
     code = path.with_suffix(path.suffix + ".gcode")
     status, text = slicer("--export-gcode", "--skirts", "0", "--output", code, path)
     if status or not code.is_file():
-        yield f"PrusaSlicer does not slice it: {text[-300:]}"
+        yield f"PrusaSlicer: cannot slice it: {text[-300:]}"
         return
     heights = [float(z) for z in re.findall(r"^;Z:([\d.]+)", code.read_text(), re.MULTILINE)]
     tall = float(info.get("size_z", "nan"))

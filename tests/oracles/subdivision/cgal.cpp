@@ -1,6 +1,6 @@
-// Refines a closed mesh with CGAL by Doo's and Sabin's scheme:  cgal IN OUT
+// Refines a closed mesh with the Doo-Sabin scheme of CGAL:  cgal IN OUT
 //
-// IN and OUT are those of opensubdiv.cpp; but for the levels, the options are skipped, and OUT has no limits.
+// IN and OUT have the formats of opensubdiv.cpp, but all options except the levels are ignored, and OUT has no limit positions.
 #include <CGAL/Simple_cartesian.h>
 #include <CGAL/Surface_mesh.h>
 #include <CGAL/subdivision_method_3.h>

@@ -1,8 +1,9 @@
-//! Compares subdivision with OpenSubdiv and CGAL, by hand: `just oracles`. The programs are those beside this file; the first and
-//! second arguments are where they have been built, the third one the folder of the test data, which is shared/data.
+//! Compares subdivision with OpenSubdiv and CGAL; run by hand with `just oracles`. The sources of the two programs are beside this file.
+//! The first and second arguments are the built programs, and the third argument is the folder of the test data, shared/data.
 //!
-//! Prints the largest distance between our points and theirs for each mesh, over the mesh's largest coordinate. The vertices have
-//! other numbers there, so that each is compared with the nearest one, and each of theirs must be met.
+//! Prints for each mesh the largest distance between our points and theirs, divided by the mesh's largest coordinate. The other programs
+//! number the vertices differently, so each of our vertices is compared with the nearest of theirs, and each of theirs must be the nearest
+//! of one of ours.
 
 #![allow(clippy::print_stdout, reason = "the table goes to whoever asks for it")]
 
@@ -18,7 +19,7 @@ use maquette_nodes::subdivision::{
 };
 use nalgebra::{Point3, Vector3};
 
-/// What both must agree to, over the largest coordinate.
+/// Maximum difference, divided by the mesh's largest coordinate.
 const TOLERANCE: f64 = 1e-12;
 
 fn main() -> ExitCode {
@@ -75,20 +76,20 @@ fn files(data: &Path) -> Vec<(String, Mesh)> {
     let creases = fs::read(data.join("doll/mug_creases.json")).expect("the mug has creases");
     let creased = read_creases(&mug, &creases).expect("creases of the mug");
     let coarse = read("doll/doll_coarse.obj", data);
-    fn named(name: &str, mesh: Mesh) -> (String, Mesh) {
+    fn named_mesh(name: &str, mesh: Mesh) -> (String, Mesh) {
         (name.to_owned(), mesh)
     }
     vec![
-        named("doll, coarse", coarse.clone()),
-        named("doll, coarse, sharp where it bends", crease(&coarse, 20.0, 10.0)),
-        named("doll, coarse, half sharp where it bends", crease(&coarse, 20.0, 1.5)),
-        named("doll", read("doll/doll.ply", data)),
-        named("mug", mug.clone()),
-        named("mug, its creases", creased),
-        named("mug, sharp where it bends", crease(&mug, 30.0, 10.0)),
-        named("Spot", read("meshes/spot/spot_control_mesh.obj", data)),
-        named("Spot, triangles", read("meshes/spot/spot_low_resolution.obj", data)),
-        named("penguin", read("meshes/penguin/penguin_control_mesh.obj", data)),
+        named_mesh("doll, coarse", coarse.clone()),
+        named_mesh("doll, coarse, sharp where it bends", crease(&coarse, 20.0, 10.0)),
+        named_mesh("doll, coarse, half sharp where it bends", crease(&coarse, 20.0, 1.5)),
+        named_mesh("doll", read("doll/doll.ply", data)),
+        named_mesh("mug", mug.clone()),
+        named_mesh("mug, its creases", creased),
+        named_mesh("mug, sharp where it bends", crease(&mug, 30.0, 10.0)),
+        named_mesh("Spot", read("meshes/spot/spot_control_mesh.obj", data)),
+        named_mesh("Spot, triangles", read("meshes/spot/spot_low_resolution.obj", data)),
+        named_mesh("penguin", read("meshes/penguin/penguin_control_mesh.obj", data)),
     ]
 }
 
@@ -135,7 +136,7 @@ impl Table {
     }
 }
 
-/// The number of vertices, and the largest distances of points and of limits.
+/// Returns the number of vertices, and the largest distance of the subdivided points and of the limit points.
 fn compare(oracle: &Path, mesh: &Mesh, how: Subdivision) -> (usize, [f64; 2]) {
     let folder = std::env::temp_dir();
     let [input, output] = ["in", "out"]
@@ -152,7 +153,8 @@ fn compare(oracle: &Path, mesh: &Mesh, how: Subdivision) -> (usize, [f64; 2]) {
     let ours = subdivide(mesh, how).expect("a surface");
     assert_eq!(ours.positions().len(), count);
     let mut errors = [distance(ours.positions(), &points[..count]) / scale, 0.0];
-    // OpenSubdiv freezes the limit at inner vertices of two faces, and what is semi-sharp has none.
+    // Limit points are compared only if all creases last: OpenSubdiv does not move vertices inside of two faces to the limit, and has no
+    // limit for semi-sharp vertices.
     let lasting =
         |(_, sharpness): ([u32; 2], f64)| sharpness >= 10.0 || sharpness <= f64::from(how.levels);
     if points.len() > count && mesh.creases().all(lasting) && how.creases == Creases::OpenSubdiv {
@@ -174,7 +176,7 @@ fn text(mesh: &Mesh, how: Subdivision) -> String {
     let [vertices, faces, creases] = counts;
     let levels = how.levels;
     fn line(line: String, text: &mut String) {
-        writeln!(text, "{line}").expect("a string can grow")
+        writeln!(text, "{line}").expect("a string can grow");
     }
     line(
         format!("{scheme} {levels} {boundary} {creasing} {vertices} {faces} {creases}"),
@@ -189,17 +191,19 @@ fn text(mesh: &Mesh, how: Subdivision) -> String {
     text
 }
 
-/// The largest distance of a point of one list to the nearest in the other; infinite if one of these is nearest to none.
+/// Returns the largest distance of a point of `ours` to the nearest point of `theirs`, or infinity if a point of `theirs` is not the
+/// nearest of any.
 fn distance(ours: &[Point3<f64>], theirs: &[[f64; 3]]) -> f64 {
-    // Along a direction in which hardly two points of a symmetric mesh are at the same place.
+    // Points are sorted along a direction in which the points of a symmetric mesh rarely coincide.
     let along = Vector3::new(0.726_31, 0.523_17, 0.445_93);
     let sorted =
         |points: &mut Vec<(f64, [f64; 3], u32)>| points.sort_by(|a, b| a.0.total_cmp(&b.0));
-    fn listed(point: [f64; 3], index: u32, along: Vector3<f64>) -> (f64, [f64; 3], u32) {
+    fn sort_key(point: [f64; 3], index: u32, along: Vector3<f64>) -> (f64, [f64; 3], u32) {
         (along.dot(&Vector3::from(point)), point, index)
     }
-    let mut ours: Vec<_> = ours.iter().zip(0..).map(|(&p, k)| listed(p.into(), k, along)).collect();
-    let mut theirs: Vec<_> = theirs.iter().zip(0..).map(|(&p, k)| listed(p, k, along)).collect();
+    let mut ours: Vec<_> =
+        ours.iter().zip(0..).map(|(&p, k)| sort_key(p.into(), k, along)).collect();
+    let mut theirs: Vec<_> = theirs.iter().zip(0..).map(|(&p, k)| sort_key(p, k, along)).collect();
     sorted(&mut ours);
     sorted(&mut theirs);
     let window = 1e-7 * theirs.iter().map(|point| point.0.abs()).fold(0.0, f64::max);
@@ -224,11 +228,11 @@ fn distance(ours: &[Point3<f64>], theirs: &[[f64; 3]]) -> f64 {
     if met.iter().all(|met| *met) { worst } else { f64::INFINITY }
 }
 
-/// A generator of numbers without any order: xorshift.
+/// A pseudorandom number generator: xorshift.
 struct Random(u64);
 
 impl Random {
-    fn below(&mut self, count: usize) -> usize {
+    fn next_below(&mut self, count: usize) -> usize {
         self.0 ^= self.0 << 13;
         self.0 ^= self.0 >> 7;
         self.0 ^= self.0 << 17;
@@ -236,11 +240,11 @@ impl Random {
     }
 
     fn unit(&mut self) -> f64 {
-        self.below(1 << 20) as f64 / f64::from(1 << 20)
+        self.next_below(1 << 20) as f64 / f64::from(1 << 20)
     }
 }
 
-/// Meshes with borders and faces of several sizes, or of triangles alone.
+/// Returns random meshes with borders, of triangles only or of faces of several sizes.
 fn random_meshes(count: usize, triangles: bool, creased: bool) -> Vec<Mesh> {
     let mut random = Random(0x9e37_79b9_7f4a_7c15 + u64::from(triangles) + 2 * u64::from(creased));
     let meshes = std::iter::repeat_with(|| {
@@ -255,25 +259,26 @@ fn random_closed(count: usize) -> Vec<Mesh> {
     std::iter::repeat_with(|| random_mesh(&mut random, false, true)).flatten().take(count).collect()
 }
 
-/// A sheet or torus of quads, some of them cut in two, joined to larger faces, or missing; none if that is no surface.
+/// Returns a sheet or torus of quads, some of which are split, merged to larger faces, or removed. Returns `None` if the result is not a
+/// surface.
 fn random_mesh(random: &mut Random, triangles: bool, closed: bool) -> Option<Mesh> {
-    let [m, n] = [0; 2].map(|_| 3 + random.below(4));
-    let around = closed || random.below(3) == 0;
+    let [m, n] = [0; 2].map(|_| 3 + random.next_below(4));
+    let around = closed || random.next_below(3) == 0;
     let (rows, columns) = if around { (m, n) } else { (m + 1, n + 1) };
-    fn at(i: usize, j: usize, rows: usize, columns: usize) -> u32 {
+    fn vertex_index(i: usize, j: usize, rows: usize, columns: usize) -> u32 {
         (i % rows * columns + j % columns) as u32
     }
     let mut faces: Vec<Vec<u32>> = Vec::new();
     for (i, j) in (0..m * n).map(|k| (k / n, k % n)) {
         let mut quad = vec![
-            at(i, j, rows, columns),
-            at(i, j + 1, rows, columns),
-            at(i + 1, j + 1, rows, columns),
-            at(i + 1, j, rows, columns),
+            vertex_index(i, j, rows, columns),
+            vertex_index(i, j + 1, rows, columns),
+            vertex_index(i + 1, j + 1, rows, columns),
+            vertex_index(i + 1, j, rows, columns),
         ];
-        quad.rotate_left(random.below(4));
-        let cut = random.below(3) == 0;
-        match random.below(8) {
+        quad.rotate_left(random.next_below(4));
+        let cut = random.next_below(3) == 0;
+        match random.next_below(8) {
             0 if !closed => {}
             _ if triangles || cut => {
                 faces.extend([vec![quad[0], quad[1], quad[2]], vec![quad[0], quad[2], quad[3]]]);
@@ -281,10 +286,10 @@ fn random_mesh(random: &mut Random, triangles: bool, closed: bool) -> Option<Mes
             _ => faces.push(quad),
         }
     }
-    for _ in 0..if triangles { 0 } else { random.below(6) } {
-        let [a, b] = [0; 2].map(|_| random.below(faces.len()));
+    for _ in 0..if triangles { 0 } else { random.next_below(6) } {
+        let [a, b] = [0; 2].map(|_| random.next_below(faces.len()));
         if a != b
-            && let Some(joined) = joined(&faces[a], &faces[b])
+            && let Some(joined) = join_triangles(&faces[a], &faces[b])
         {
             faces[a] = joined;
             faces.remove(b);
@@ -297,7 +302,7 @@ fn random_mesh(random: &mut Random, triangles: bool, closed: bool) -> Option<Mes
             Point3::new(x + 0.6 * random.unit(), y + 0.6 * random.unit(), random.unit())
         })
         .collect();
-    // Vertices of no face are dropped: the other programs do not keep them.
+    // Vertices without faces are removed, because the other programs do not keep them.
     let used: Vec<u32> =
         (0..positions.len() as u32).filter(|v| faces.iter().flatten().any(|c| c == v)).collect();
     let corners = faces
@@ -321,14 +326,14 @@ fn random_mesh(random: &mut Random, triangles: bool, closed: bool) -> Option<Mes
     }
 }
 
-/// Two faces as one, if they share exactly one edge and no other vertex.
-fn joined(a: &[u32], b: &[u32]) -> Option<Vec<u32>> {
+/// Joins two faces if they share exactly one edge and no other vertex.
+fn join_triangles(a: &[u32], b: &[u32]) -> Option<Vec<u32>> {
     if a.iter().filter(|v| b.contains(v)).count() != 2 {
         return None;
     }
     let k = (0..a.len()).find(|&k| b.contains(&a[k]) && b.contains(&a[(k + 1) % a.len()]))?;
     let l = b.iter().position(|&v| v == a[k])?;
-    // Face a from behind the edge around to its start, then face b from there to behind the edge.
+    // The vertices of face `a` from the end of the shared edge around to its start, then those of face `b` between the two.
     let first = (1..=a.len()).map(|j| a[(k + j) % a.len()]);
     let second = (1..b.len() - 1).map(|j| b[(l + j) % b.len()]);
     (b[(l + b.len() - 1) % b.len()] == a[(k + 1) % a.len()]).then(|| first.chain(second).collect())
@@ -343,22 +348,23 @@ fn has_inner_valence_2(mesh: &Mesh) -> bool {
     inner.contains(&2)
 }
 
-/// A few edges become sharp for good, others for some steps.
+/// Makes a few edges infinitely sharp, and others semi-sharp.
 ///
-/// OpenSubdiv has its sharpness in single precision, in which the mean of three numbers is not exact; and a class may hang on
-/// whether a sharpness is a little above 0. So all creases of a mesh have the same fraction, and no more than two that soften meet.
+/// OpenSubdiv stores sharpness in single precision, where the mean of three numbers is not exact, and a rule may depend on whether the
+/// sharpness is slightly above 0. Therefore all creases of a mesh have the same fractional part, and at most two semi-sharp creases meet at
+/// a vertex.
 fn with_creases(mesh: Mesh, random: &mut Random) -> Mesh {
     let mut soft = vec![0; mesh.positions().len()];
-    let fraction = random.below(8) as f64 / 8.0;
+    let fraction = random.next_below(8) as f64 / 8.0;
     let edges = mesh.edges();
     let inner = edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 2);
     let mut creases: Vec<([u32; 2], f64)> = Vec::new();
     for (ends, _) in inner {
-        match random.below(8) {
+        match random.next_below(8) {
             0 | 1 => creases.push((*ends, 10.0)),
             2 | 3 if ends.iter().all(|&end| soft[end as usize] < 2) => {
                 ends.iter().for_each(|&end| soft[end as usize] += 1);
-                creases.push((*ends, 1.0 - fraction + random.below(3) as f64));
+                creases.push((*ends, 1.0 - fraction + random.next_below(3) as f64));
             }
             _ => {}
         }

@@ -1,8 +1,8 @@
 // Refines a mesh with OpenSubdiv:  opensubdiv IN OUT
 //
 // IN: scheme (0 Catmull-Clark, 1 Loop), levels, boundary (0 edge only, 1 edge and corner), creasing (0 uniform, 1 Chaikin); numbers
-// of vertices, faces and creases; the positions; each face as its number of corners and those; each crease as two vertices and a
-// sharpness. OUT: the number of refined vertices as a double, their places, and their limits. All lengths in double precision.
+// of vertices, faces and creases; the positions; for each face its number of corners and its corners; for each crease two vertices and
+// a sharpness. OUT: the number of refined vertices as a double, their positions, and their limit positions in double precision.
 #include <opensubdiv/far/primvarRefiner.h>
 #include <opensubdiv/far/topologyDescriptor.h>
 #include <opensubdiv/far/topologyRefinerFactory.h>

@@ -1,11 +1,11 @@
-//! What is under the pointer is told, and colors, pixels and places are picked from what is seen.
+//! The page shows the value under the pointer. Colors, pixels and positions can be picked from the view.
 
 use maquette::value::Mesh;
 use nalgebra::Point3;
 
 use super::*;
 
-/// Whether what the page says of a pixel is what `inspect` says of it.
+/// Checks that the page's text about a pixel has the facts that `inspect` prints.
 fn assert_same(said: &str, facts: &Json) {
     let facts = facts.as_object().unwrap();
     let mut parts = said.split("   ").skip(1);
@@ -38,7 +38,7 @@ fn assert_same(said: &str, facts: &Json) {
 #[test]
 fn the_pointer_is_told_of_a_pixel_what_inspect_says() {
     let Some((project, mut served, mut browser)) = doll() else { return };
-    // Several pixels of the window for each pixel of a picture.
+    // The window is large enough to show each pixel of a picture as several pixels of the screen.
     let large = json!({ "width": 2000, "height": 2200, "deviceScaleFactor": 1, "mobile": false });
     browser.call("Emulation.setDeviceMetricsOverride", large);
     for (node, output) in
@@ -46,7 +46,7 @@ fn the_pointer_is_told_of_a_pixel_what_inspect_says() {
     {
         look(&mut browser, node, output);
         let [left, top, width, height] = area(&mut browser, "canvas[tabindex]");
-        // A picture of 400 x 400 in the middle of what is higher or wider.
+        // The picture of 400 x 400 pixels is in the middle of a larger canvas.
         let side = width.min(height);
         for [column, row] in [[200.0, 210.0], [120.0, 133.0], [3.0, 399.0]] {
             fn place(at: f64, start: f64, size: f64, side: f64) -> f64 {
@@ -72,13 +72,13 @@ fn the_pointer_is_told_of_a_pixel_what_inspect_says() {
                 project.maquette(&["inspect", "doll.ron", &name, "--at", &at, "--json"])
             }
             if !said.starts_with("pixel ") {
-                // Nothing was measured there.
+                // Nothing was measured at this cell of the range image; the page and `inspect` give the same reason.
                 let why = inspect(column, row, node, output, &project).stderr;
                 assert!(String::from_utf8(why).unwrap().contains(said), "{said}");
                 continue;
             }
             let pixel = numbers(said, "pixel ");
-            // The cells of a range image are larger than pixels.
+            // A cell of a range image covers several pixels, so the page may name a neighbor.
             let near = if output == "range" { 1.0 } else { 0.0 };
             let off = (pixel[0] - column).abs().max((pixel[1] - row).abs());
             assert!(off <= near, "{said} at {column}, {row}");
@@ -92,7 +92,7 @@ fn the_pointer_is_told_of_a_pixel_what_inspect_says() {
     served.watch.end();
 }
 
-/// The numbers behind a word that the page says of a place, and before the next one.
+/// Returns the numbers that follow a word in the page's text about a position.
 fn numbers(said: &str, word: &str) -> Vec<f64> {
     let part = said.split("   ").find_map(|part| part.strip_prefix(word)).unwrap_or_default();
     part.trim_end_matches(" mm")
@@ -134,7 +134,8 @@ fn the_pointer_is_told_the_face_the_vertex_and_the_place_of_what_is_drawn_under_
         let [a, b, c] = corners;
         let (u, v, w) = (b - a, c - a, place - a);
         let size = u.cross(&v).norm();
-        // In its plane and inside of it, as exact as it is said: six digits of some hundred millimeters.
+        // The position is inside of the triangle: the areas of the three parts add up to that of the triangle. The tolerance allows for the
+        // six digits in the text.
         let shares =
             [u.cross(&w).norm(), w.cross(&v).norm(), (b - place).cross(&(c - place)).norm()];
         let sum: f64 = shares.iter().sum();
@@ -150,9 +151,9 @@ fn the_pointer_is_told_the_face_the_vertex_and_the_place_of_what_is_drawn_under_
     served.watch.end();
 }
 
-/// Whether a pixel of a picture of the canvas shows anything but the ground; nothing where both are near.
+/// Returns true if the pixels around a position of the canvas differ from the background. Returns `None` if only some of them do.
 fn is_drawn(browser: &mut Browser, picture: &Json, x: f64, y: f64) -> Option<bool> {
-    // The ground is the same in each row.
+    // The background is constant along each row, so each pixel is compared with the first pixel of its row.
     let asked = format!(
         "(async () => {{ const bytes = Uint8Array.from(atob({picture}), (letter) => letter.charCodeAt(0)); \
          const bitmap = await createImageBitmap(new Blob([bytes], {{ type: 'image/png' }})); \
@@ -164,8 +165,8 @@ fn is_drawn(browser: &mut Browser, picture: &Json, x: f64, y: f64) -> Option<boo
     browser.ask(&asked).as_bool()
 }
 
-/// A doll with a color, a pixel and a place among its parameters.
-fn picky() -> Option<(Project, Served, Browser)> {
+/// Opens a page of a doll that has a color, a pixel and a position among its parameters.
+fn picky() -> Option<(Project, Server, Browser)> {
     let project = Project::doll();
     let text = project.doll_text(12.0).replace(
         "    params: {\n",
@@ -177,9 +178,9 @@ fn picky() -> Option<(Project, Served, Browser)> {
     page(project, &text)
 }
 
-/// Wants to pick a parameter, as somebody would with the mouse.
+/// Clicks the button that starts picking a parameter.
 fn want(browser: &mut Browser, name: &str) {
-    let button = format!("button[aria-label=\"take {name} from what is seen\"]");
+    let button = format!("button[aria-label=\"pick {name} in the view\"]");
     let [x, y, width, height] = area(browser, &button);
     click(browser, [x + width / 2.0, y + height / 2.0]);
     browser.wait("document.querySelector('.frame').dataset.wanting");
@@ -192,7 +193,7 @@ fn colors_pixels_and_places_are_picked_from_what_is_seen() {
     let Some((project, mut served, mut browser)) = picky() else { return };
     assert_eq!(browser.ask("document.querySelectorAll('button.dropper').length"), 3);
     let before = file(&project);
-    // A place on the mesh.
+    // Picks a position on the mesh.
     let [left, top, width, height] = area(&mut browser, "canvas[tabindex]");
     let middle = [left + width / 2.0, top + height / 2.0];
     want(&mut browser, "place");
@@ -206,9 +207,9 @@ fn colors_pixels_and_places_are_picked_from_what_is_seen() {
     mouse(&mut browser, "Moved", middle);
     browser.wait(&format!("{PROBE}.startsWith('at {said} mm')"));
     assert_eq!(browser.ask(WANTS), Json::Null);
-    // Another click takes nothing more.
+    // Picking has ended, so another click has no effect.
     click(&mut browser, [middle[0] + 20.0, middle[1]]);
-    // A color of the picture, and a pixel of it.
+    // Picks a color in the picture, and a pixel of it.
     look(&mut browser, "scan", "color");
     let [left, top, width, height] = area(&mut browser, "canvas[tabindex]");
     let middle = [left + width / 2.0, top + height / 2.0];
@@ -228,7 +229,7 @@ fn colors_pixels_and_places_are_picked_from_what_is_seen() {
     served.watch.run_until_ok();
     let pixel = said.strip_prefix("pixel ").unwrap().split("   ").next().unwrap();
     assert_eq!(file(&project), colored.replace("(1, 2)", &format!("({pixel})")));
-    // All of it can be taken back.
+    // Each of the three changes can be undone.
     for _ in 0..3 {
         browser.press("z", 2);
         served.watch.run_until_ok();
@@ -245,20 +246,20 @@ fn a_pick_is_given_up_with_escape_and_where_there_is_nothing_that_is_said() {
     let refused = "document.querySelector('#refused').textContent";
     want(&mut browser, "place");
     click(&mut browser, [left + 3.0, top + 3.0]);
-    browser.wait(&format!("{refused}.includes('there is no place')"));
+    browser.wait(&format!("{refused}.includes('there is no position')"));
     browser.press("Escape", 0);
     browser.wait(&format!("{WANTS} === undefined && {refused} === ''"));
-    // What has neither a texture nor colors has none to pick.
+    // A value without texture and colors has no color to pick.
     look(&mut browser, "raised", "net");
     want(&mut browser, "hue");
     click(&mut browser, [left + width / 2.0, top + height / 2.0]);
     browser.wait(&format!("{refused}.includes('there is no color')"));
-    // It is still wanted: somebody may have to look for it first. Beside a picture there is nothing, either.
+    // Picking continues after a miss, because the user may have to search. The area beside a picture has no color, either.
     look(&mut browser, "scan", "color");
     browser.ask("document.querySelector('#refused').textContent = ''");
     click(&mut browser, [left + 3.0, top + height / 2.0]);
     browser.wait(&format!("{refused}.includes('there is no color')"));
-    // Escape helps wherever the focus is.
+    // Escape cancels picking, whichever element has the focus.
     browser.ask("document.querySelector('svg .node').focus()");
     browser.press("Escape", 0);
     browser.wait(&format!("{WANTS} === undefined"));
@@ -269,7 +270,7 @@ fn a_pick_is_given_up_with_escape_and_where_there_is_nothing_that_is_said() {
     served.watch.end();
 }
 
-/// A textured square of four quarters, whose texture coordinates are those of corners.
+/// Makes a project with a square whose texture has four pixels, one in each quarter.
 fn textured_square() -> Project {
     let project = Project::new(
         r##"Graph(
@@ -305,7 +306,7 @@ fn a_click_on_a_textured_mesh_picks_its_place_its_pixel_and_its_color() {
     let Some((project, mut served, mut browser)) = page(project, &text) else { return };
     look(&mut browser, "square", "mesh");
     let [left, top, width, height] = area(&mut browser, "canvas[tabindex]");
-    // The quarter at the lower right, which shows the second pixel of the second row.
+    // The lower right quarter shows the second pixel in the second row of the texture.
     let side = width.min(height);
     let at = [left + width / 2.0 + 0.2 * side, top + height / 2.0 + 0.2 * side];
     for (name, kept) in [("place", "place"), ("spot", "(1, 1)"), ("hue", "\"#ffff00\"")] {

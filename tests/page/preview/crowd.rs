@@ -1,11 +1,11 @@
-//! Connections by the thousand, which somebody opens by mistake: the watch and its page go on.
+//! If thousands of connections are opened by mistake, the watch and its page continue.
 
 use super::*;
 
-/// More than a process may have open files by default.
+/// Number of connections, above the default limit of open files.
 const MANY: usize = 1100;
 
-/// Lets this process, and the watch that it starts, have as many files open as the system has by default; this one more.
+/// Raises the limit of open files of this process. The watch keeps the default limit.
 fn limit_files(n_files: u64) {
     use rustix::process::{Resource, getrlimit, setrlimit};
     let limit = getrlimit(Resource::Nofile);
@@ -18,7 +18,7 @@ fn limit_files(n_files: u64) {
 fn a_thousand_idle_connections_do_not_starve_the_watch_and_its_page() {
     let project = Project::doll();
     limit_files(1024);
-    let mut served = Served::new(&project);
+    let mut served = Server::new(&project);
     limit_files(8192);
     served.watch.run_until_ok();
     let mut page = served.page();
@@ -28,15 +28,15 @@ fn a_thousand_idle_connections_do_not_starve_the_watch_and_its_page() {
         TcpStream::connect(served_host).unwrap()
     }
     let mut idle: Vec<_> = (0..MANY).map(|_| connect(&served.host)).collect();
-    // Some have begun to ask, and do not go on.
+    // Some clients begin a request and do not finish it.
     for stream in &mut idle[MANY - 100..] {
-        // One that had to go already cannot be written to.
+        // Writing fails if the server has already closed the connection.
         let _ = write!(stream, "GET / HTTP/1.1\r\nHost: ");
     }
     let own = [("Host", &served.host[..])];
     assert_eq!(served.status("/", &own), 200);
     assert_eq!(served.status("/page.js", &own), 200);
-    // The page that was open is told of a save, and gets its columns.
+    // The open page is notified of a save and gets its columns.
     project.save(&project.doll_text(14.0));
     let run = served.watch.run_until_ok().number();
     let value = loop {
@@ -48,12 +48,12 @@ fn a_thousand_idle_connections_do_not_starve_the_watch_and_its_page() {
     let column = value["space"]["shapes"][0]["position"].as_str().unwrap();
     assert_eq!(served.status(&format!("/column/{column}"), &own), 200);
     drop(served.page());
-    // Who had to go is told why.
+    // Disconnected clients get the reason.
     idle[0].set_read_timeout(Some(PATIENCE)).unwrap();
     let mut told = String::new();
     idle[0].read_to_string(&mut told).unwrap();
     assert!(told.starts_with("HTTP/1.1 503 ") && told.contains("128 connections"), "{told}");
-    // And who says nothing for long goes, too.
+    // Clients that send nothing are disconnected, too.
     let mut silent = connect(&served.host);
     silent.set_read_timeout(Some(PATIENCE)).unwrap();
     let mut told = String::new();
@@ -65,7 +65,7 @@ fn a_thousand_idle_connections_do_not_starve_the_watch_and_its_page() {
     let mut told = Vec::new();
     half.read_to_end(&mut told).unwrap();
     assert!(told.is_empty() || told.starts_with(b"HTTP/1.1 408 "), "{told:?}");
-    // The page's own socket is still there.
+    // The socket of the page is still open.
     project.save(&project.doll_text(13.0));
     served.watch.run_until_ok();
     page.wait("value");

@@ -1,12 +1,12 @@
-//! Drags on the live page, as the server is told of them.
+//! Drags on the live page, as messages to the server.
 
 use super::*;
 
-/// A doll of which everything is known already, a page that looks at a value, and that value's hash.
-fn looking_at(node: &str, output: &str) -> (Project, Served, Page, String) {
+/// Starts a watch with cached results and a page that views a value. Returns them with the hash of that value.
+fn looking_at(node: &str, output: &str) -> (Project, Server, Page, String) {
     let project = Project::doll();
     assert!(project.maquette(&["run", "doll.ron", "--out", "out"]).status.success());
-    let mut served = Served::new(&project);
+    let mut served = Server::new(&project);
     served.watch.run_until_ok();
     let mut page = served.page();
     page.wait("done");
@@ -22,7 +22,7 @@ fn a_drag_evaluates_what_is_looked_at_and_writes_nothing() {
     let (project, mut served, mut page, first) = looking_at("raised", "net");
     let last = project.hash("raised.net", &["growth=31.5"]);
     let text = std::fs::read_to_string(project.graph()).unwrap();
-    let (outputs, remembered) = (project.output_times(), project.remembered());
+    let (outputs, remembered) = (project.output_times(), project.settled_cache());
     for k in 0..20 {
         page.drag("growth", 12.5 + f64::from(k));
         std::thread::sleep(Duration::from_millis(16));
@@ -30,21 +30,21 @@ fn a_drag_evaluates_what_is_looked_at_and_writes_nothing() {
     assert!(page.wait_live(&last));
     assert_eq!(std::fs::read_to_string(project.graph()).unwrap(), text);
     assert_eq!(project.output_times(), outputs);
-    assert!(project.remembered() == remembered, "something was kept on disk");
-    // It is given up: what is in the file comes back.
+    assert!(project.settled_cache() == remembered, "something was kept on disk");
+    // The drag is cancelled, so the saved value is shown again.
     page.say(&json!({ "ask": "drop" }));
     assert!(!page.wait_live(&first));
     page.drag("growth", 31.5);
     assert!(page.wait_live(&last));
     page.set("growth", 31.5);
     assert!(!page.wait_live(&last));
-    let events = served.watch.until("run");
-    // What it hangs on is there, if only on disk: nothing else is computed.
+    let events = served.watch.events_until("run");
+    // The results that the saved value depends on are available, at least on disk, so nothing else is computed.
     let started = events.iter().filter(|event| event["event"] == "started");
     let started: Vec<_> = started.map(|event| event["node"].as_str().unwrap()).collect();
     assert!(started.iter().all(|&node| node == "raised"), "{events:?}");
     assert!((1..=20).contains(&started.len()), "{events:?}");
-    // Only what the view did not need has to be computed for the outputs.
+    // The run for the outputs computes only nodes that the view did not need.
     let run = served.watch.run_until_ok();
     assert_eq!((run.state("raised"), run.state("blended")), ("cached", "computed"));
     page.wait("done");
@@ -57,7 +57,7 @@ fn a_drag_evaluates_what_is_looked_at_and_writes_nothing() {
 #[test]
 fn a_run_after_a_drag_computes_nothing_again_in_this_process_and_in_the_next() {
     let (project, mut served, mut page, first) = looking_at("model", "mesh");
-    // The hand goes on until it has seen something on its way, though each value takes longer than the next one needs to come.
+    // The drag continues until an intermediate value arrives, though a value takes longer to compute than the time between two moves.
     let (mut growth, mut seen) = (12.0, Vec::new());
     page.0.get_mut().0.set_read_timeout(Some(Duration::from_millis(10))).unwrap();
     while seen.len() < 3 {
@@ -83,7 +83,7 @@ fn a_run_after_a_drag_computes_nothing_again_in_this_process_and_in_the_next() {
     assert_eq!((&run.done["computed"], run.state("model")), (&json!(0), "cached"), "{run:?}");
     assert!(!page.wait_live(&last));
     assert_ne!(first, last);
-    project.remembered();
+    project.settled_cache();
     served.watch.end();
     let next = project.maquette(&["run", "doll.ron", "--out", "out", "--json"]);
     let next: Json = serde_json::from_slice(&next.stdout).unwrap();
@@ -104,7 +104,7 @@ fn a_hand_that_rests_gives_up_the_value_before() {
     page.say(&levels("0"));
     served.watch.wait(|event| event["event"] == "started" && event["node"] == "skin");
     let took = moved.elapsed();
-    // Alone it takes seconds. While values come it is let go on.
+    // The first value would take seconds. It is not cancelled at once, since drags show intermediate values, but long before it is done.
     let sensible = Duration::from_millis(120)..Duration::from_millis(2000);
     assert!(sensible.contains(&took), "{took:?}");
     let value = page.wait("value");
@@ -146,13 +146,13 @@ fn a_drag_ends_when_somebody_saves_the_file_and_when_its_page_is_gone() {
     assert!(page.wait("refused")["why"].as_str().unwrap().contains("changed"));
     let value = page.wait("value");
     assert_eq!((&value["hash"], &value["live"]), (&json!(of_30), &json!(false)));
-    // Until the hand lets go it is still the old drag.
+    // Until the page sends `drop`, moves still belong to the ended drag.
     page.drag("growth", 26.0);
     page.say(&json!({ "ask": "drop" }));
     page.drag("growth", 27.0);
     let value = page.wait("value");
     assert_eq!((&value["hash"], &value["live"]), (&json!(of_27), &json!(true)));
-    // Its own change of the file is no other's: a hand that moves on at once drags on.
+    // The file changes because of the page itself, so a drag that begins at once continues.
     page.set("growth", 27.0);
     page.drag("growth", 25.0);
     assert!(page.wait_live(&of_25));

@@ -1,23 +1,23 @@
-//! The link of the live page, and the programs that are started for it: a browser and an editor.
+//! The address of the live page, and the programs that the watch starts: a browser and an editor.
 
 use super::*;
 
 #[test]
 fn the_link_of_a_graph_stays_the_same() {
     let project = Project::doll();
-    let mut first = Served::new(&project);
+    let mut first = Server::new(&project);
     let link = first.link();
-    // Another watch of the same graph has a link of its own, and leaves the first one as it is.
-    let mut second = Served::new(&project);
+    // A second watch of the graph gets its own address and does not change the first one.
+    let mut second = Server::new(&project);
     assert_ne!(second.host, first.host);
     second.page().wait("hello");
     first.watch.end();
-    let mut again = Served::new(&project);
+    let mut again = Server::new(&project);
     assert_eq!(again.link(), link);
     again.page().wait("hello");
     second.watch.end();
     again.watch.end();
-    let mut last = Served::new(&project);
+    let mut last = Server::new(&project);
     assert_eq!(last.link(), link);
     last.watch.end();
 }
@@ -26,22 +26,22 @@ fn the_link_of_a_graph_stays_the_same() {
 fn what_is_kept_of_a_link_is_a_secret_and_can_be_lost() {
     let project = Project::doll();
     fn link(project: &Project) -> String {
-        let mut served = Served::new(project);
+        let mut served = Server::new(project);
         served.page().wait("hello");
         served.watch.end();
         served.link()
     }
     let first = link(&project);
-    fn kept(project: &Project) -> PathBuf {
+    fn address_file(project: &Project) -> PathBuf {
         let mut entries = std::fs::read_dir(project.pages()).unwrap();
         let path = entries.next().unwrap().unwrap().path();
         assert!(entries.next().is_none());
         path
     }
-    let text = std::fs::read_to_string(kept(&project)).unwrap();
+    let text = std::fs::read_to_string(address_file(&project)).unwrap();
     let token = first.split('#').nth(1).unwrap();
     assert!(
-        text.contains(token) && !kept(&project).display().to_string().contains("doll"),
+        text.contains(token) && !address_file(&project).display().to_string().contains("doll"),
         "{text}"
     );
     #[cfg(unix)]
@@ -50,23 +50,24 @@ fn what_is_kept_of_a_link_is_a_secret_and_can_be_lost() {
         fn mode(path: &Path) -> u32 {
             std::fs::metadata(path).unwrap().permissions().mode() & 0o777
         }
-        assert_eq!((mode(&kept(&project)), mode(&project.pages())), (0o600, 0o700));
-        // Others could have read it.
-        std::fs::set_permissions(kept(&project), std::fs::Permissions::from_mode(0o644)).unwrap();
+        assert_eq!((mode(&address_file(&project)), mode(&project.pages())), (0o600, 0o700));
+        // If other users could have read the saved token, it is replaced.
+        std::fs::set_permissions(address_file(&project), std::fs::Permissions::from_mode(0o644))
+            .unwrap();
         assert!(!link(&project).ends_with(token));
-        assert_eq!(mode(&kept(&project)), 0o600);
+        assert_eq!(mode(&address_file(&project)), 0o600);
     }
-    std::fs::write(kept(&project), "nothing of the kind").unwrap();
+    std::fs::write(address_file(&project), "nothing of the kind").unwrap();
     let other = link(&project);
     assert!(!other.ends_with(token));
     assert_eq!(link(&project), other);
-    // Where nothing can be kept each link is a new one.
+    // If the address cannot be saved, each watch gets a new one.
     std::fs::remove_dir_all(project.pages()).unwrap();
     std::fs::write(project.pages(), "").unwrap();
     assert_ne!(link(&project), link(&project));
 }
 
-/// A program of this text, which `sh` runs.
+/// Writes a shell script with this text and returns its path.
 #[cfg(target_os = "linux")]
 pub(crate) fn script(project: &Project, name: &str, text: &str) -> PathBuf {
     use std::os::unix::fs::PermissionsExt;
@@ -76,9 +77,9 @@ pub(crate) fn script(project: &Project, name: &str, text: &str) -> PathBuf {
     path
 }
 
-/// The text of a file, once it is there.
+/// Waits until a file exists and returns its text.
 #[cfg(target_os = "linux")]
-pub(crate) fn written(path: &Path) -> String {
+pub(crate) fn read_when_written(path: &Path) -> String {
     let start = Instant::now();
     loop {
         if let Ok(text) = std::fs::read_to_string(path) {
@@ -98,8 +99,9 @@ fn a_browser_is_given_a_file_that_leads_to_the_page() {
     let seen = "tr '\\0' ' ' < /proc/$$/cmdline > told.new; tr '\\0' ' ' < /proc/$PPID/cmdline >> told.new; mv told.new told\n";
     let browser = script(&project, "browser", seen);
     let browser = format!("no-such-browser:{} --new %s", browser.display());
-    let mut served = Served::with(&project, &["--open"], &[("BROWSER", OsStr::new(&browser))]);
-    let told = written(&told);
+    let mut served =
+        Server::start_with(&project, &["--open"], &[("BROWSER", OsStr::new(&browser))]);
+    let told = read_when_written(&told);
     assert!(told.contains("--open") && !told.contains(&served.token), "{told}");
     let given = told.split_whitespace().find(|word| word.ends_with(".html")).unwrap();
     let given = Path::new(given);
@@ -141,19 +143,14 @@ fn the_editor_is_opened_where_pages_were_told_and_nowhere_else() {
     let editor = script(&project, "code", editor);
     let text = std::fs::read_to_string(project.graph()).unwrap();
     let mut served =
-        Served::with(&project, &["--preview"], &[("MAQUETTE_EDITOR", editor.as_os_str())]);
+        Server::start_with(&project, &["--preview"], &[("MAQUETTE_EDITOR", editor.as_os_str())]);
     served.watch.run_until_ok();
     let mut page = served.page();
     page.wait("done");
-    fn opened(
-        page: &mut Page,
-        what: Json,
-        told: &Path,
-        project: &Project,
-    ) -> (usize, usize) {
+    fn open_request(page: &mut Page, what: Json, told: &Path, project: &Project) -> (usize, usize) {
         let _ = std::fs::remove_file(told);
         page.say(&what);
-        let told = written(told);
+        let told = read_when_written(told);
         let (option, place) = told.trim_end().split_once('\n').unwrap();
         assert_eq!(option, "-g");
         let place = place.strip_prefix(&format!("{}:", project.graph().display()));
@@ -164,10 +161,10 @@ fn the_editor_is_opened_where_pages_were_told_and_nowhere_else() {
         let (line, row) = text.lines().enumerate().find(|(_, row)| row.contains(words)).unwrap();
         (line + 1, row.find(words).unwrap() + 1)
     }
-    let at = opened(&mut page, json!({ "ask": "open", "node": "nose" }), &told, &project);
+    let at = open_request(&mut page, json!({ "ask": "open", "node": "nose" }), &told, &project);
     assert_eq!(at, place_of(&text, "ExtractRegion("));
     let (line, _) =
-        opened(&mut page, json!({ "ask": "open", "node": "nose-mask.png" }), &told, &project);
+        open_request(&mut page, json!({ "ask": "open", "node": "nose-mask.png" }), &told, &project);
     assert_eq!(line, place_of(&text, "\"nose-mask.png\"").0);
     let broken = text.replace("Nurbs(", "Nurb(");
     project.save(&broken);
@@ -179,7 +176,7 @@ fn the_editor_is_opened_where_pages_were_told_and_nowhere_else() {
     };
     let place =
         json!({ "file": problem["file"], "line": problem["line"], "column": problem["column"] });
-    let at = opened(&mut page, json!({ "ask": "open", "problem": place }), &told, &project);
+    let at = open_request(&mut page, json!({ "ask": "open", "problem": place }), &told, &project);
     assert_eq!(at, place_of(&broken, "Nurb("));
     let _ = std::fs::remove_file(&told);
     for what in [
@@ -205,10 +202,11 @@ fn an_editor_that_cannot_be_opened_is_told_of() {
     let failing = script(&project, "failing", "exit 3\n");
     for (variable, editor, expected) in [
         ("VISUAL", "vim", "MAQUETTE_EDITOR"),
-        ("MAQUETTE_EDITOR", "no-such-editor", "there is no program no-such-editor"),
+        ("MAQUETTE_EDITOR", "no-such-editor", "program not found: no-such-editor"),
         ("MAQUETTE_EDITOR", failing.to_str().unwrap(), "exit status: 3"),
     ] {
-        let mut served = Served::with(&project, &["--preview"], &[(variable, OsStr::new(editor))]);
+        let mut served =
+            Server::start_with(&project, &["--preview"], &[(variable, OsStr::new(editor))]);
         served.watch.run_until_ok();
         let mut page = served.page();
         page.say(&json!({ "ask": "open", "node": "nose" }));

@@ -1,11 +1,11 @@
-//! What the server says of places under a pointer.
+//! The server's answers to questions about the position under the pointer.
 
 use super::*;
 
 #[test]
 fn a_probe_says_what_inspect_says() {
     let project = Project::doll();
-    let mut served = Served::new(&project);
+    let mut served = Server::new(&project);
     served.watch.run_until_ok();
     let (mut page, mut other) = (served.page(), served.page());
     let values = [("scan", "color"), ("scan", "range"), ("red", "mask"), ("spots", "labels")];
@@ -35,7 +35,7 @@ fn a_probe_says_what_inspect_says() {
     assert!((9..16).contains(&told), "{told}");
     let nobody = page.ask("probe", 7, "whole", "range", &json!({ "at": [1, 1] }));
     assert!(nobody["why"].as_str().unwrap().contains("nobody"), "{nobody}");
-    // Bad numbers and names harm nothing, nor does a page that asks without end: the latest question is answered.
+    // Invalid numbers and names are harmless. A page that asks too fast gets answers to some requests, and always to the latest one.
     for at in [json!([-1, 0]), json!([0.5, 1]), json!([1]), json!("1,1"), json!(null)] {
         page.say(&json!({ "ask": "probe", "id": 8, "node": "red", "output": "mask", "at": at }));
     }
@@ -50,7 +50,7 @@ fn a_probe_says_what_inspect_says() {
         (answered, last) = (answered + 1, id);
     }
     assert!(answered < 1990, "every question was answered");
-    // Nobody else was told.
+    // Other pages get none of these answers.
     other.say(&json!({ "ask": "views", "views": [{ "node": "normal", "output": "normal" }] }));
     loop {
         let message = other.next();
@@ -62,17 +62,19 @@ fn a_probe_says_what_inspect_says() {
     served.watch.end();
 }
 
-/// The doll's mesh of this node, computed here.
+/// Computes the doll's graph in this process and returns the mesh of a node.
 pub(crate) fn mesh_of(project: &Project, node: &str) -> Mesh {
     let mut session = Session::new(maquette_nodes::PACKS, &Settings::in_memory()).unwrap();
     let graph = session.load(&project.graph(), &Options::default()).graph.unwrap();
-    let wanted = Wanted::Named(vec![node.to_owned()]);
-    let Ok(done) = session.run(&graph, &Run { wanted, ..Run::default() }) else { panic!() };
+    let wanted = Targets::Named(vec![node.to_owned()]);
+    let Ok(done) = session.run(&graph, &Run { targets: wanted, ..Run::default() }) else {
+        panic!()
+    };
     done.get::<Mesh>(node).unwrap().clone()
 }
 
-/// The first triangle that a ray meets, and where: Cramer's rule for each of them.
-fn met(mesh: &Mesh, origin: Point3<f64>, to: Vector3<f64>) -> Option<(usize, Point3<f64>)> {
+/// Returns the first triangle that a ray hits, and the hit point, by solving the linear system of each triangle.
+fn first_hit(mesh: &Mesh, origin: Point3<f64>, to: Vector3<f64>) -> Option<(usize, Point3<f64>)> {
     let faces = mesh.faces().as_triangles().unwrap().iter().enumerate();
     let hits = faces.filter_map(|(face, corners)| {
         let [a, b, c] = corners.map(|corner| mesh.positions()[corner as usize]);
@@ -87,7 +89,7 @@ fn met(mesh: &Mesh, origin: Point3<f64>, to: Vector3<f64>) -> Option<(usize, Poi
 #[test]
 fn a_pick_meets_the_face_and_vertex_that_a_look_at_all_of_them_meets() {
     let project = Project::doll();
-    let mut served = Served::new(&project);
+    let mut served = Server::new(&project);
     served.watch.run_until_ok();
     let mut page = served.page();
     page.look_at("model", "mesh");
@@ -100,20 +102,20 @@ fn a_pick_meets_the_face_and_vertex_that_a_look_at_all_of_them_meets() {
         let aim = Point3::from(a * 0.5 + b * 0.3 + c * 0.2);
         let turn = k as f64;
         let origin = aim + Vector3::new(libm::sin(turn) * 40.0, libm::cos(turn) * 30.0, -300.0);
-        // Some go far past it.
+        // Some rays miss the mesh.
         let to = if k % 8 == 7 { Vector3::new(1.0, 0.2, 0.0) } else { (aim - origin) * 0.01 };
         let ray = json!({ "origin": origin.coords.as_slice(), "direction": to.as_slice() });
         let answer = page.ask("pick", k as u64, "model", "mesh", &ray);
-        let Some((face, place)) = met(&mesh, origin, to) else {
+        let Some((face, place)) = first_hit(&mesh, origin, to) else {
             assert_eq!(answer["nothing"], true, "{answer}");
             continue;
         };
         hits += 1;
         assert_eq!((&answer["kind"], &answer["face"]), (&json!("triangles"), &json!(face)));
-        fn at(name: &str, answer: &Json) -> Point3<f64> {
+        fn point(name: &str, answer: &Json) -> Point3<f64> {
             Point3::from(serde_json::from_value::<[f64; 3]>(answer[name].clone()).unwrap())
         }
-        assert!((at("at", &answer) - place).norm() < 1e-6, "{answer} {place}");
+        assert!((point("at", &answer) - place).norm() < 1e-6, "{answer} {place}");
         fn far(v: &u32, mesh: &Mesh, place: Point3<f64>) -> f64 {
             (mesh.positions()[*v as usize] - place).norm()
         }
@@ -122,7 +124,7 @@ fn a_pick_meets_the_face_and_vertex_that_a_look_at_all_of_them_meets() {
             .min_by(|a, b| far(a, &mesh, place).total_cmp(&far(b, &mesh, place)))
             .unwrap();
         assert_eq!(answer["vertex"], nearest, "{answer}");
-        assert_eq!(at("vertex_at", &answer), mesh.positions()[nearest as usize]);
+        assert_eq!(point("vertex_at", &answer), mesh.positions()[nearest as usize]);
         let told = mesh.vertex().iter().chain(mesh.corner().iter()).map(|(name, _)| name);
         let (of_vertex, of_corner) = (&answer["attributes"], &answer["corner_attributes"]);
         assert!(
@@ -131,7 +133,7 @@ fn a_pick_meets_the_face_and_vertex_that_a_look_at_all_of_them_meets() {
         );
     }
     assert!((20..40).contains(&hits), "{hits}");
-    // What is no ray, or of nothing that is looked at, harms nothing.
+    // Rays that are invalid, or that ask for a value that is not viewed, are harmless.
     let ray = json!({ "origin": [0.0, 0.0, 0.0], "direction": [0.0, 0.0, 1.0] });
     for (node, output) in [("scan", "color"), ("", ""), ("model", "color")] {
         assert_eq!(page.ask("pick", 50, node, output, &ray)["nothing"], true);
@@ -149,7 +151,7 @@ fn a_pick_meets_the_face_and_vertex_that_a_look_at_all_of_them_meets() {
     let mut ray = ray;
     ray["radius"] = json!(-5.0);
     assert_eq!(page.ask("pick", 53, "model", "mesh", &ray)["id"], 53);
-    // A net has no faces: its nearest corner is found.
+    // A net has no faces, so its nearest point is found.
     page.look_at("raised", "net");
     page.wait("value");
     let ray = json!({ "origin": [0.0, 0.0, -10.0], "direction": [0.0, 0.0, 1.0], "radius": 0.9 });

@@ -1,4 +1,4 @@
-//! Undo on the live page gives the text again that was there, byte by byte.
+//! Undo on the live page restores the text byte by byte.
 
 use super::*;
 
@@ -17,7 +17,7 @@ fn what_became_a_draft_or_was_left_out_is_taken_back_as_it_was() {
 "#,
     );
     project.copy_asset("coarse.obj", "coarse.obj");
-    let mut served = Served::with(&project, &["--preview", "--draft"], &[]);
+    let mut served = Server::start_with(&project, &["--preview", "--draft"], &[]);
     served.watch.run_until_ok();
     let mut page = served.page();
     page.wait("done");
@@ -44,14 +44,14 @@ fn what_became_a_draft_or_was_left_out_is_taken_back_as_it_was() {
         page.wait("done");
         assert_eq!(text(&project), expected);
     }
-    // Where the rest of the file is another one, nothing half is put back.
+    // If the rest of the file has changed, undo is refused instead of restoring only a part.
     set(&mut page, "far", "2.5");
     let later = format!("// Mine.\n{first}");
     project.save(&later);
     page.wait("done");
     page.say(&json!({ "ask": "undo" }));
     let refused = page.wait("refused");
-    let why = "it was no `Draft` before, and the file has been changed since: take it out there";
+    let why = "the value was not a `Draft` before, and the file has been changed since; edit the file instead";
     assert_eq!(refused["why"], why);
     assert_eq!(text(&project), later);
     served.watch.end();

@@ -1,7 +1,7 @@
-"""Opens files with the programs that people have, and compares what they find with what is in the files.
+"""Opens files with other programs, and compares what they read with what was written.
 
-python check FOLDER GRAPH MAQUETTE [all | PROGRAM ..]: prints a table of formats and programs. FOLDER has what `maquette run GRAPH` wrote.
-Without further words the programs are those that are installed in a minute.
+python check FOLDER GRAPH MAQUETTE [all | PROGRAM ..]: prints a table of formats and programs. FOLDER has the outputs of `maquette run
+GRAPH`. By default, runs the programs that are installed within a minute.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from program import PROGRAMS, Program
 def main(folder: str, graph: str, maquette: str, *which: str) -> int:
     programs = [it for it in PROGRAMS if it.name in which or "all" in which or not which and it.is_quick]
     if not programs:
-        raise ValueError(f"there is no {which[0]}: {', '.join(it.name for it in PROGRAMS)}")
+        raise ValueError(f"unknown program {which[0]}; expected one of {', '.join(it.name for it in PROGRAMS)}")
     values = truth.truths(pathlib.Path(graph).resolve(), maquette)
     files = {name: pathlib.Path(folder).resolve() / name for name in sorted(values)}
 
-    def found(program: Program) -> table.Words:
+    def differences(program: Program) -> table.Words:
         known = [path for path in files.values() if path.suffix[1:] in program.endings]
         records = program.read(known)
         return {(program.name, path.name): compare.difference(values[path.name], records[path.name]) for path in known}
 
     words: table.Words = {}
     with concurrent.futures.ThreadPoolExecutor(2) as pool:
-        for part in pool.map(found, programs):
+        for part in pool.map(differences, programs):
             words.update(part)
     verdicts = table.Verdicts(words, LIMITS)
     print(table.text(verdicts, {name: values[name]["type"] for name in files}, [it.name for it in programs]))

@@ -1,7 +1,7 @@
-"""Compares what a program finds in a file with what is in it, and says in a word what differs.
+"""Compares the data that a program reads from a file with the data that was written, and describes the difference in a short text.
 
-Programs cut polygons, split vertices and merge them, and change their order. So points are found again by their places, and what lies on
-corners is compared as the set of values at each place.
+Programs triangulate polygons, split, merge and reorder vertices. So points are matched by position, and data of corners is compared as the
+set of values at each position.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ Record = Dict[str, Any]
 Point = Sequence[float]
 Values = Dict[Any, List[Point]]
 
-# How far values may be off, where programs keep bytes and single precision: colors from 0 to 255, texture coordinates, unit normals, an
-# attribute of our own.
+# Tolerances for programs that store bytes and single precision: colors from 0 to 255, texture coordinates, unit normals, and the attribute
+# `wear` of the test files.
 TOLERANCES = {"colors": 1.5, "face_colors": 1.5, "uv": 2e-4, "normals": 0.02, "wear": 1e-4}
-# Of the largest coordinate: programs print six digits.
+# The tolerance of positions, relative to the largest coordinate: programs print six digits.
 PLACE = 1e-5
-# Of the area: bent polygons may be cut in two ways.
+# The relative tolerance of areas: non-planar polygons may be triangulated in two ways.
 AREA = 0.01
 
 
 def difference(truth: Record, found: Record) -> str:
-    """What differs, in a word; empty if nothing does."""
+    """Describes the difference in a text, which is empty if there is none."""
     if "error" in found:
         return found["error"]
     if truth["type"] == "Surface" and "knots" in found:
@@ -38,11 +38,11 @@ def difference(truth: Record, found: Record) -> str:
         return "no points"
     if any(x is None or not math.isfinite(x) for point in found["points"] for x in point):
         return "points that are not finite"
-    # Where the file has larger coordinates than the value, as before a transform, they are less exact.
+    # The coordinates in the file may be larger than in the value, before a transform, and are less exact then.
     places = Places(truth["points"], truth.get("size", 0.0))
     ids = [places.find(point) for point in found["points"]]
     if any(it is None for it in ids):
-        return moved(truth["points"], found["points"])
+        return describe_motion(truth["points"], found["points"])
     known = [places.find(point) for point in truth["points"]]
     if truth["type"] == "Surface":
         return "control points alone"
@@ -54,7 +54,7 @@ def difference(truth: Record, found: Record) -> str:
 
 
 class Places:
-    """Finds points again."""
+    """Finds points by position."""
 
     def __init__(self, points: Iterable[Point], size: float = 0.0) -> None:
         self.points = list(points)
@@ -68,7 +68,7 @@ class Places:
         return tuple(math.floor(x / (4 * self.tolerance)) for x in point)
 
     def find(self, point: Point) -> Optional[int]:
-        """The first point that is here."""
+        """The index of the first point at this position, or None."""
         near = [sorted({math.floor((x + step) / (4 * self.tolerance)) for step in (-self.tolerance, self.tolerance)}) for x in point]
         for cell in itertools.product(*near):
             for index in self.cells.get(cell, ()):
@@ -77,8 +77,8 @@ class Places:
         return None
 
 
-def moved(truth: Sequence[Point], found: Sequence[Point]) -> str:
-    """How points that are not in their places lie instead."""
+def describe_motion(truth: Sequence[Point], found: Sequence[Point]) -> str:
+    """Describes the transformation of points that are not at their positions."""
     bounds, others = ([(min(axis), max(axis)) for axis in zip(*points)] for points in (truth, found))
     sizes, other_sizes = ([high - low for low, high in it] for it in (bounds, others))
 
@@ -116,7 +116,7 @@ def difference_of_points(truth: Record, found: Record, known: List[int], ids: Li
 
 
 def canonical(face: Sequence[int]) -> Tuple[int, ...]:
-    """The corners of a face in their direction, from wherever they are least; several may be in one place."""
+    """The smallest rotation of the corners of a face, with its orientation; several corners may have the same number."""
     return min(tuple(face[k:]) + tuple(face[:k]) for k in range(len(face)))
 
 
@@ -152,7 +152,7 @@ def difference_of_faces(truth: Record, found: Record, known: List[int], ids: Lis
 
 
 def normal(face: Sequence[int], place: Sequence[Point]) -> List[float]:
-    """The normal of a polygon, as long as its area."""
+    """The normal of a polygon, whose length is the area."""
     sums = [0.0, 0.0, 0.0]
     for a, b in zip(face, [*face[1:], face[0]]):
         (ax, ay, az), (bx, by, bz) = place[a], place[b]
@@ -165,12 +165,12 @@ def dot(a: Point, b: Point) -> float:
 
 
 def difference_of_looks(truth: Record, found: Record, known: List[int], ids: List[int]) -> str:
-    """Colors, texture coordinates, normals, an attribute and the picture. What a program cannot tell is not asked for."""
+    """Compares colors, texture coordinates, normals, an attribute, materials and the texture, as far as the program reports them."""
     for key in ("colors", "uv", "normals", "wear"):
         if truth.get(key) and key in found:
             if not len(found[key]):
                 return f"no {key}"
-            # If a mesh has as many corners as points, both are meant well.
+            # If a mesh has as many corners as points, both interpretations are accepted.
             expected = at_places(truth, key, known, [truth.get(f"{key}_on", "points")])[0]
             there = at_places(found, key, ids, ["points", "corners"])
             if not any(agree(expected, it, TOLERANCES[key]) for it in there):
@@ -196,7 +196,7 @@ def difference_of_looks(truth: Record, found: Record, known: List[int], ids: Lis
 
 
 def difference_of_materials(truth: Record, found: Optional[Record]) -> str:
-    """Compares materials by their names; of what a program does not tell of a material nothing is asked."""
+    """Compares materials by name, as far as the program reports them."""
     if not truth or found is None:
         return ""
     if sorted(truth) != sorted(found):
@@ -214,7 +214,7 @@ def difference_of_materials(truth: Record, found: Optional[Record]) -> str:
 
 
 def words_of_colors(expected: Values, found: Values) -> str:
-    """How colors that are not the same differ."""
+    """Describes the difference of colors."""
     linear = {key: list(map(linear_color, colors)) for key, colors in expected.items()}
     if agree(linear, found, TOLERANCES["colors"]):
         return "linear colors"
@@ -223,7 +223,7 @@ def words_of_colors(expected: Values, found: Values) -> str:
 
 
 def linear_color(color: Point) -> List[float]:
-    """A color as light adds up, from 0 to 255."""
+    """Converts an sRGB color to linear light, from 0 to 255."""
     def channel(x: float) -> float:
         return x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4
 
@@ -231,7 +231,7 @@ def linear_color(color: Point) -> List[float]:
 
 
 def at_places(record: Record, key: str, ids: List[int], on: List[str]) -> List[Values]:
-    """The values at each place that faces use, or at all where there are none, if they are of points or of corners."""
+    """The values at each position that faces use, or at all positions if there are no faces, read as values of points and of corners."""
     values, corners = record[key], [k for face in record.get("faces") or [] for k in face]
     found = []
     for indices in (corners if it == "corners" else range(len(ids)) for it in on):
@@ -246,7 +246,7 @@ def at_places(record: Record, key: str, ids: List[int], on: List[str]) -> List[V
 
 
 def agree(expected: Values, found: Values, tolerance: float) -> bool:
-    """Whether each value at a place is near one of the other's there."""
+    """Returns true if each value at a position is close to one of the other values there."""
     def covered(some: List[Point], by: List[Point]) -> bool:
         return all(any(all(abs(a - b) <= tolerance for a, b in zip(it, other)) for other in by) for it in some)
 
@@ -254,7 +254,7 @@ def agree(expected: Values, found: Values, tolerance: float) -> bool:
 
 
 def difference_of_pictures(truth: List[List[Any]], found: Optional[Record]) -> str:
-    """Compares with a record's picture, of which large ones are thinned."""
+    """Compares a picture with that of a record, where large ones are subsampled."""
     if not found or not found["rows"]:
         return "no picture"
     size = [len(truth[0]), len(truth)]
@@ -280,7 +280,7 @@ def pixels_of(rows: List[List[Any]]) -> List[Sequence[float]]:
 
 
 def difference_of_surfaces(truth: Record, found: Record) -> str:
-    """Control points in their order, weights up to a factor, and knots."""
+    """Compares control points in their order, weights up to a factor, and knots."""
     tolerance = PLACE * max(abs(x) for point in truth["points"] for x in point)
     if len(truth["points"]) != len(found["points"]):
         return f"{len(found['points'])} of {len(truth['points'])} control points"
@@ -289,7 +289,7 @@ def difference_of_surfaces(truth: Record, found: Record) -> str:
     if any(abs(a / truth["weights"][0] - b / found["weights"][0]) > 1e-9 for a, b in zip(truth["weights"], found["weights"])):
         return "weights"
     for expected, knots in zip(truth["knots"], found["knots"]):
-        # The first and the last knot mean nothing: they may be anywhere.
+        # The first and the last knot have no effect and may have any value.
         knots = [knots[1], *knots[1:-1], knots[-2]]
         there = [len(knots), min(knots), max(knots), sum(knots) / len(knots)]
         if any(abs(a - b) > 1e-9 for a, b in zip(flat(expected), there)):
@@ -298,5 +298,5 @@ def difference_of_surfaces(truth: Record, found: Record) -> str:
 
 
 def flat(numbers: Iterable[Any]) -> List[float]:
-    """Numbers, each of which may be a list of one."""
+    """Unpacks numbers in lists of one element."""
     return [it[0] if isinstance(it, list) else it for it in numbers]

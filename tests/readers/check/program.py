@@ -1,4 +1,4 @@
-"""Programs that open files, each by a script in `programs` that runs in an interpreter of its own."""
+"""Programs that open files, each by a script in `programs` with its own interpreter."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from typing import Any, Dict, List, Tuple
 HERE = pathlib.Path(__file__).resolve().parent / "programs"
 MADE = HERE.parents[3] / "target" / "readers"
 
-# Longer than any program takes for all files.
+# The timeout for all files of a program, in seconds.
 TIMEOUT = 600
 
 
 @dataclass(frozen=True)
 class Program:
-    """A program, and the endings of files that it knows."""
+    """A program, and the file extensions that it supports."""
 
     name: str
     script: str
     endings: Tuple[str, ...]
-    # What runs the script, below `target/readers`, or found by its name.
+    # The interpreter of the script: a path below `target/readers`, or a command in the PATH.
     interpreter: str = "bin/python"
-    # Whether every change is checked with it.
+    # True if CI runs the program for every change.
     is_quick: bool = True
 
     def read(self, files: List[pathlib.Path]) -> Dict[str, Dict[str, Any]]:
-        """A record for each file by its name. A file at which the program ends is an error, and the rest follows."""
+        """Returns a record for each file, by name. If the program crashes at a file, this file has an error; the others are read again."""
         found: Dict[str, Dict[str, Any]] = {}
         rest = list(files)
         while rest:
@@ -38,7 +38,7 @@ class Program:
             rest = rest[len(records) :]
             if rest:
                 lines = done.stderr.strip().splitlines()
-                found[rest.pop(0).name] = {"error": f"the program ends with {done.returncode}: {lines[-1] if lines else 'no word'}"}
+                found[rest.pop(0).name] = {"error": f"the program ends with {done.returncode}: {lines[-1] if lines else 'no message'}"}
         return found
 
     def command(self) -> List[str]:

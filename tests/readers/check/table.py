@@ -1,4 +1,4 @@
-"""The table of formats and programs, and what is said below it."""
+"""The table of formats and programs, with notes."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from typing import Dict, Iterable, List, Tuple
 
 from limits import Limit
 
-# Kinds of values as they are called in the table, and the columns' width.
+# The names of kinds of values in the table.
 KINDS = {"Mesh": "mesh", "ControlNet": "mesh", "Curve": "curve", "Surface": "surface", "Picture": "picture"}
 KINDS |= dict.fromkeys(("Points", "RangeImage", "Region", "Handles"), "points")
 KINDS |= dict.fromkeys(("Image", "Mask", "Labels", "Field"), "picture")
 
-# The words of each program about each file: empty where it finds what is in it.
+# The description of the difference for each program and file, which is empty if there is none.
 Words = Dict[Tuple[str, str], str]
 
 
 class Verdicts:
-    """Which words are expected: limits of programs, and which of those are not met any more."""
+    """Matches differences with the known limits of programs."""
 
     def __init__(self, words: Words, limits: Iterable[Limit]) -> None:
         self.words = words
@@ -29,19 +29,19 @@ class Verdicts:
                 self.met[program, file] = limit
 
     def failures(self) -> List[str]:
-        """What is not as expected, in sentences."""
+        """Describes unexpected differences, and limits that no longer occur."""
         wrong = [f"{program}, {file}: {word}" for (program, file), word in self.words.items() if self.is_wrong((program, file))]
         met = {(program, limit) for (program, _), limit in self.met.items()}
         here = {program for program, _ in self.words}
         stale = [(program, it) for it in self.limits for program in it.programs.split() if program in here and (program, it) not in met]
-        return wrong + [f"{program}, {it.files}: `{it.word}` is not seen any more: take it out of limits.py" for program, it in stale]
+        return wrong + [f"{program}, {it.files}: `{it.word}` no longer occurs: remove it from limits.py" for program, it in stale]
 
     def is_wrong(self, key: Tuple[str, str]) -> bool:
         return bool(self.words[key]) and key not in self.met
 
     def cell(self, program: str, files: List[str]) -> str:
-        """All of a kind of files: `ok` and the numbers of limits; `no` if these are of all files; `-` if the program knows no such files;
-        or the words of what is not expected."""
+        """The cell for some files: `ok` with the numbers of limits; `no` if all files have limits; `-` if the program does not support such
+        files; or an unexpected difference."""
         keys = [(program, file) for file in files if (program, file) in self.words]
         if not keys:
             return "-"
@@ -54,7 +54,7 @@ class Verdicts:
 
 
 def text(verdicts: Verdicts, kinds: Dict[str, str], programs: List[str]) -> str:
-    """The table, with the limits that its marks name and the failures."""
+    """The text of the table, with notes on limits and with failures."""
     rows: Dict[str, List[str]] = {}
     for file, kind in kinds.items():
         rows.setdefault(f"{KINDS[kind]} .{file.rsplit('.', 1)[1]}", []).append(file)

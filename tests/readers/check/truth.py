@@ -1,4 +1,4 @@
-"""What is in the files: maquette's own values, as `maquette inspect` prints them, in the words of `programs/record.py`."""
+"""The expected data of files: values as printed by `maquette inspect`, converted to the records of `programs/record.py`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MATERIALS = {
     "bare": {"triangles": 2, "maps": [], "color": [1.0, 0.25, 0.0]},
 }
 
-# A surface in a file of meshes is this mesh.
+# The meshes that are expected for surfaces in mesh files.
 MESHES_OF_SURFACES = {"surface": "surface-mesh", "vase": "vase-mesh"}
 
 
@@ -31,7 +31,7 @@ def outputs(graph: pathlib.Path) -> Dict[str, str]:
 
 
 def truths(graph: pathlib.Path, maquette: str) -> Dict[str, Record]:
-    """What each output must hold."""
+    """The expected record of each output."""
     inspector = Inspector(graph, maquette)
     links = {name: link_of(name, link) for name, link in outputs(graph).items()}
     with concurrent.futures.ThreadPoolExecutor(2) as pool:
@@ -44,7 +44,7 @@ def link_of(name: str, link: str) -> str:
 
 
 class Inspector:
-    """Asks for the values of a graph's nodes."""
+    """Reads the values of a graph's nodes by `maquette inspect`."""
 
     def __init__(self, graph: pathlib.Path, maquette: str) -> None:
         self.graph, self.maquette = graph, maquette
@@ -57,13 +57,13 @@ class Inspector:
         return json.loads(done.stdout)
 
     def table(self, link: str, kind: str) -> Table:
-        """The columns of some elements by name."""
+        """The columns of a kind of elements, by name."""
         table = self.json(link, "--table", kind)
         columns = zip(*table["rows"]) if table["rows"] else [[] for _ in table["columns"]]
         return {column["name"]: list(values) for column, values in zip(table["columns"], columns)}
 
     def value(self, link: str) -> Record:
-        """A value, whatever it is, with its `type`."""
+        """The record of a value, with its `type`."""
         found = self.json(link, "--table")["outputs"]
         output = next((it for it in found if link.endswith("." + it["name"])), found[0])
         columns = output["parts"]["columns"]
@@ -108,7 +108,7 @@ class Inspector:
             "colors": levels(table, "color"),
             "normals": together(table, "normal_x", "normal_y", "normal_z"),
             "weights": table.get("weight", []),
-            # A region is a part of a capture.
+            # A region is part of a capture.
             "captured": "cell" in table or is_there(columns, "whole", "frame"),
         }
 
@@ -131,7 +131,7 @@ class Inspector:
         }
 
     def surface(self, link: str, columns: Columns) -> Record:
-        # The knots in a few numbers, since lists of different lengths are no table.
+        # A summary of the knots, since lists of different lengths cannot be a table.
         knots = [next(it for it in columns if it["name"] == name) for name in ("knots u", "knots v")]
         return {**self.points(link, columns), "knots": [[it["count"], it["least"], it["greatest"], it["mean"]] for it in knots]}
 
@@ -147,7 +147,7 @@ def is_there(columns: Columns, on: str, name: str) -> bool:
 
 
 def together(table: Table, *names: str) -> List[List[float]]:
-    """Columns side by side; nothing if the table has none of them."""
+    """Combines columns to rows; empty if the table does not have them."""
     return [list(row) for row in zip(*(table[name] for name in names))] if names[0] in table else []
 
 
@@ -160,11 +160,11 @@ def levels(table: Table, name: str) -> List[List[float]]:
 
 
 def in_file(name: str, value: Record) -> Record:
-    """What a file of this name holds of a value, as the documentation says, in the axes of the file."""
+    """The data of a value that a file of this format holds according to the documentation, in the axes of the file."""
     ending, kind = name.rsplit(".", 1)[1], value["type"]
     held = dict(value)
     if value.get("captured") and not (kind == "RangeImage" and ending != "ply"):
-        # What has a camera's axes is turned upright in files.
+        # Captures have the axes of the camera, and y up in files.
         turn(held, lambda p: [p[0], -p[1], -p[2]])
     if kind == "Mesh":
         return mesh_in_file(ending, held)
@@ -178,7 +178,7 @@ def in_file(name: str, value: Record) -> Record:
 
 
 def turn(held: Record, change: Any) -> None:
-    """Changes the axes of points and vectors."""
+    """Applies a change of axes to points and normals."""
     for key in ("points", "normals"):
         if held.get(key):
             held[key] = [change(it) for it in held[key]]
@@ -191,7 +191,7 @@ def mesh_in_file(ending: str, held: Record) -> Record:
     if ending in ("ply", "stl"):
         held["picture"] = []
     if ending == "ply" and held["uv_on"] == "corners" and any(len(face) > 3 for face in held["faces"]):
-        # They have a name that no other program knows.
+        # They are stored under a name that other programs do not know.
         held["uv"] = []
     if ending == "ply" and held["normals_on"] == "corners":
         held["normals"] = []
@@ -205,7 +205,7 @@ def mesh_in_file(ending: str, held: Record) -> Record:
         held.pop("face_colors", None)
         held.pop("wear", None)
     if ending == "3mf":
-        # It stands on the plate: z up, all coordinates positive.
+        # On the build plate: z up, all coordinates positive.
         turn(held, lambda p: [p[0], -p[2], p[1]])
         held["size"] = max(abs(x) for point in held["points"] for x in point)
         lowest = [min(point[k] for point in held["points"]) for k in range(3)]
@@ -216,7 +216,7 @@ def mesh_in_file(ending: str, held: Record) -> Record:
 
 def range_in_file(ending: str, held: Record) -> Record:
     if ending == "png":
-        # A whole number of steps for each mm, beside the file.
+        # The depth scale, an integer number of steps for each mm, which is stored next to the file.
         farthest = max(map(max, held["depths"]))
         steps = next(step for step in (1000, 500, 200, 100, 50, 20, 10, 5, 2, 1) if farthest * step <= 65535)
         return {"type": "Picture", "picture": [[round(steps * z) for z in row] for row in held["depths"]]}

@@ -14,9 +14,9 @@ use crate::Palette;
 pub struct ExtractPalette {
     /// The picture.
     pub image: In<Image>,
-    /// Where to look; everywhere if left out.
+    /// The pixels to use; all if omitted.
     pub within: Option<In<Mask>>,
-    /// How many colors at the most.
+    /// Maximum number of colors.
     #[schemars(range(min = 1, max = 256))]
     #[serde(default = "eight")]
     pub count: u32,
@@ -26,7 +26,7 @@ fn eight() -> u32 {
     8
 }
 
-/// The mask is for another picture.
+/// The error if the mask has another size than the picture.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the mask `within` has another size than the picture")]
 pub struct SizeError;
@@ -41,8 +41,8 @@ impl Node for ExtractPalette {
     }
 }
 
-/// The `count` most frequent colors of a picture, where the four upper bits of each channel tell colors apart; of equally
-/// frequent ones the darker first.
+/// Returns the `count` most frequent colors of a picture, the most frequent first. Two colors count as different if the four upper bits of
+/// a channel differ. Of equally frequent colors the darker comes first.
 ///
 /// # Errors
 /// If the mask has another size than the picture.
@@ -51,7 +51,7 @@ pub fn extract_palette(
     within: Option<&Mask>,
     count: usize,
 ) -> Result<Palette, SizeError> {
-    if !within.is_none_or(|mask| [mask.width(), mask.height()] == [image.width(), image.height()]) {
+    if within.is_some_and(|mask| [mask.width(), mask.height()] != [image.width(), image.height()]) {
         return Err(SizeError);
     }
     let mut counts: BTreeMap<Rgb, usize> = BTreeMap::new();

@@ -1,4 +1,4 @@
-//! An outsider's pack: palettes. A value, three nodes and a file format of its own, by maquette's public API alone.
+//! A third-party pack for palettes: a value type, three nodes and a file format. It uses only maquette's public API.
 
 use maquette::{Migration, NewValue, Pack, format, node, reader, value_type};
 
@@ -20,9 +20,9 @@ pub const PACK: Pack = Pack {
     formats: &[format::<GimpPalette>()],
     readers: &[reader::<GimpPalette>()],
     migrations: &[
-        // 0.2: it uses a palette.
+        // Version 0.2: the node uses a palette instead of making one.
         Migration::Node { old: "PaintPalette", new: "ApplyPalette" },
-        // 0.3: what comes of it has a name, and how many colors there are is a count.
+        // Version 0.3: the node is named by what it makes, and the number of colors is a count.
         Migration::Node { old: "ApplyPalette", new: "Posterize" },
         Migration::Field {
             node: "ExtractPalette",

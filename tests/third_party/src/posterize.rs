@@ -16,7 +16,7 @@ pub struct Posterize {
     pub palette: In<Palette>,
 }
 
-/// There is nothing to paint with.
+/// The error if the palette is empty.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the palette is empty")]
 pub struct EmptyPalette;
@@ -30,7 +30,7 @@ impl Node for Posterize {
     }
 }
 
-/// Gives each pixel the color of the palette that is nearest in CIE L*a*b*; of equally near ones the first.
+/// Replaces each pixel by the nearest color of the palette in CIE L*a*b*. Of equally near colors the first is used.
 ///
 /// # Errors
 /// If the palette is empty.

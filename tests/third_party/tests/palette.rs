@@ -1,18 +1,18 @@
-//! A value that only an outsider's pack knows is compared, shown as a table and seen like one of the engine's.
+//! Values of a third-party pack are compared, shown as tables and rendered like the values of built-in packs.
 
 use std::path::Path;
 use std::process::{Command, Output};
 
 use maquette::value::{Layer, Meaning, Parts};
 use maquette::{
-    AnyValue, Catalog, Options, Pack, Run, Session, Settings, State, Wanted, test_graphs,
+    AnyValue, Catalog, Options, Pack, Run, Session, Settings, State, Targets, test_graphs,
     value_type,
 };
 use maquette_third_party::{PACK, Palette};
 
 const GRAPHS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/graphs");
 
-/// The program with this pack, which cargo builds beside its tests.
+/// Returns a command that runs the program with this pack, which cargo builds beside the tests.
 fn program() -> Command {
     let test = std::env::current_exe().unwrap();
     let built = test.ancestors().nth(2).unwrap().join("examples/third-party");
@@ -72,7 +72,7 @@ fn it_is_seen_as_a_picture() {
 #[test]
 fn it_is_made_of_an_array() {
     let mut parts = Parts::default();
-    parts.push("color", maquette::value::On::Entry, Meaning::Level, 3, vec![1u8, 2, 3]);
+    parts.push("color", maquette::value::ElementKind::Entry, Meaning::Level, 3, vec![1u8, 2, 3]);
     let made = value_type::<Palette>().from_parts(&parts).unwrap();
     let palette = Palette(vec![[1, 2, 3]].into());
     assert_eq!(made.hash(), AnyValue::new(palette).hash());
@@ -92,12 +92,12 @@ fn a_palette_is_read_again_when_one_that_it_includes_changes() {
         folder: &tempfile::TempDir,
     ) -> (State, Vec<[u8; 3]>, Vec<String>) {
         let checked = session.load(&folder.path().join("ReadPalette.ron"), &Options::default());
-        let everything = Run { wanted: Wanted::Everything, ..Run::default() };
+        let everything = Run { targets: Targets::Everything, ..Run::default() };
         let Ok(done) = session.run(&checked.graph.unwrap(), &everything) else { panic!() };
         let trace = done.trace();
         let node = trace.0.iter().find(|node| node.name == "colors").unwrap();
         let colors = done.get::<Palette>("colors").unwrap().0.to_vec();
-        let warnings: Vec<_> = done.problems().iter().map(|it| it.message.clone()).collect();
+        let warnings: Vec<_> = done.diagnostics().iter().map(|it| it.message.clone()).collect();
         (node.state, colors, warnings)
     }
     let first = run(&mut session, &folder);
@@ -117,7 +117,7 @@ fn a_palette_is_read_again_when_one_that_it_includes_changes() {
 fn old_names_in_patches_and_tests_are_migrated_too() {
     let folder = tempfile::tempdir().unwrap();
     fn write(name: &str, text: &str, folder: &tempfile::TempDir) {
-        std::fs::write(folder.path().join(name), text).unwrap()
+        std::fs::write(folder.path().join(name), text).unwrap();
     }
     let graphs = concat!(env!("CARGO_MANIFEST_DIR"), "/graphs/");
     std::fs::copy(format!("{graphs}color.png"), folder.path().join("color.png")).unwrap();
@@ -139,15 +139,15 @@ fn old_names_in_patches_and_tests_are_migrated_too() {
     let (told, done) =
         run(&["run", "poster.ron", "--no-cache", "--set", "palette.colors=2"], &folder);
     assert!(done && told.contains("--set palette.colors=2: field `colors`"), "{told}");
-    assert!(!run(&["migrate", ".", "--check"], &folder).1);
-    let (told, done) = run(&["migrate", ".", "--write"], &folder);
+    assert!(!run(&["edit", ".", "migrate", "--check"], &folder).1);
+    let (told, done) = run(&["edit", ".", "migrate", "--write"], &folder);
     assert!(done && told.ends_with("2 files migrated\n"), "{told}");
     fn read(name: &str, folder: &tempfile::TempDir) -> String {
         std::fs::read_to_string(folder.path().join(name)).unwrap()
     }
     assert_eq!(read("poster.test.ron", &folder), test.replace("colors\"", "count\""));
     assert_eq!(read("patch.ron", &folder), patch.replace("colors", "count"));
-    assert!(run(&["migrate", ".", "--check"], &folder).1);
+    assert!(run(&["edit", ".", "migrate", "--check"], &folder).1);
 }
 
 #[test]
@@ -156,8 +156,9 @@ fn an_old_graph_runs_with_the_pack_and_what_does_not_need_it_without() {
     let packs = [maquette_nodes::PACKS, &[&PACK]].concat();
     let told = |packs: &[&Pack]| {
         let mut session = Session::new(packs, &Settings::in_memory()).unwrap();
-        let checked = session.load(&path, &Options::default()).as_far_as_known();
-        let told: Vec<_> = checked.problems.iter().map(|it| (it.code, it.help.clone())).collect();
+        let checked = session.load(&path, &Options::default()).without_unknown_nodes();
+        let told: Vec<_> =
+            checked.diagnostics.iter().map(|it| (it.code, it.help.clone())).collect();
         let done = session.run(&checked.graph.unwrap(), &Run::default()).unwrap();
         (told, ["poster.png", "red.png"].map(|name| done.value(name).is_some()))
     };

@@ -1,4 +1,4 @@
-"""The add-on's client without Blender: `MAQUETTE=target/debug/maquette python3 -m unittest discover hosts/blender/tests/plain`."""
+"""Tests of the client, without Blender: `MAQUETTE=target/debug/maquette python3 -m unittest discover hosts/blender/tests/plain`."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PROGRAM = os.environ.get("MAQUETTE", str(ROOT / "target/debug/maquette"))
 
 
 class ClientTest(unittest.TestCase):
-    """A client, and graphs that may be changed."""
+    """A client, and a copy of graphs."""
 
     def setUp(self) -> None:
         self.folder = pathlib.Path(tempfile.mkdtemp())
@@ -32,13 +32,13 @@ class ClientTest(unittest.TestCase):
         self.client = self.start()
 
     def start(self, *command: str) -> client.Client:
-        """A client of its own."""
+        """Starts a client."""
         made = client.Client(list(command) or [PROGRAM, "serve", "--stdio", "--no-cache"])
         self.addCleanup(made.stop)
         return made
 
     def until(self, is_so: Callable[[], Any], seconds: float = 60) -> None:
-        """Polls until something is so."""
+        """Polls until a condition is true."""
         end = time.monotonic() + seconds
         while not is_so():
             self.assertLess(time.monotonic(), end, "it took too long")
@@ -46,7 +46,7 @@ class ClientTest(unittest.TestCase):
             time.sleep(0.001)
 
     def ask(self, do: str, **fields: Any) -> client.Answer:
-        """Asks, and waits."""
+        """Sends a request, and waits for its answer."""
         answers: list[client.Answer] = []
         self.client.ask(do, answers.append, **fields)
         self.until(lambda: answers)
@@ -83,7 +83,7 @@ class ClientTest(unittest.TestCase):
                 self.client.poll()
                 polls.append(time.thread_time() - before)
             longest.append(max(polls))
-        # Time of this thread alone, for the machine may be busy; and the best of three, for some systems count it in steps of 10 ms.
+        # The time of this thread, since the machine may be busy; the best of three, since some systems count in steps of 10 ms.
         self.assertLessEqual(min(longest), 0.005)
         self.assertEqual([it.event.get("replaced") for it in answers if it.event.get("ok")], [None] * sum("ok" in it.event for it in answers))
         self.assertTrue(answers[-1]["ok"])
@@ -99,18 +99,18 @@ class ClientTest(unittest.TestCase):
         self.until(lambda: len(answers) == 3)
         self.assertFalse(any(it.ok for it in answers[-1:]))
         self.assertIn("the engine has ended by signal 9", self.client.ended or "")
-        # What is asked of the dead is answered as well, and a new one is as good as the first.
+        # Requests to the killed server are answered, too, and a new server works.
         self.assertIn("has ended", self.ask("catalog").why)
         self.client = self.start()
         self.assertTrue(self.ask("catalog")["nodes"])
 
     def test_what_is_no_server_is_said_with_its_last_words(self) -> None:
         self.client = self.start(str(self.folder / "nothing"))
-        self.assertIn("cannot be started", self.ask("catalog").why)
+        self.assertIn("cannot start the engine", self.ask("catalog").why)
         self.client = self.start(sys.executable, "-c", "raise SystemExit('no engine here')")
         self.assertIn("with 1: no engine here", self.ask("catalog").why)
         self.client = self.start(sys.executable, "-c", "print('hello', flush=True); input()")
-        self.assertIn("what is no message", self.ask("catalog").why)
+        self.assertIn("invalid message", self.ask("catalog").why)
 
     def test_a_server_that_does_not_read_stops_nobody(self) -> None:
         self.client = self.start(sys.executable, "-c", "import time; time.sleep(60)")

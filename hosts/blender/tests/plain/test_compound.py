@@ -1,4 +1,4 @@
-"""Values with parts, of every type that the catalog has."""
+"""Tests of values with parts, with every type of the catalog."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 
 ROOT = pathlib.Path(__file__).resolve().parents[4]
 
-# The add-on's package without what it registers in Blender.
+# The package of the add-on, without its `__init__`, which needs Blender.
 package = types.ModuleType("addon")
 package.__path__ = [str(ROOT / "hosts/blender/addon")]
 sys.modules["addon"] = package
@@ -30,7 +30,7 @@ def catalog() -> list[dict[str, Any]]:
 
 
 class Compound(unittest.TestCase):
-    """What is read is what is written."""
+    """Tests that parsing and composing are inverse."""
 
     known: dict[tuple[str, str], compound.Variants]
 
@@ -40,13 +40,13 @@ class Compound(unittest.TestCase):
 
     def test_fields_with_parts_are_found(self) -> None:
         self.assertLessEqual({("Threshold", "select"), ("Primitive", "shape"), ("ExtractRegion", "pick")}, self.known.keys())
-        # Those of plain words alone are none.
+        # Fields with only plain words are not included.
         self.assertNotIn(("Subdivide", "scheme"), self.known)
 
     def test_what_begins_a_word_is_read_as_it_was_written(self) -> None:
         for its in self.known.values():
             for word, controls in its.items():
-                text = compound.begin(word, {}, its)
+                text = compound.change_word(word, {}, its)
                 found, parts = compound.parse(text, its)
                 self.assertEqual(found, word)
                 self.assertEqual(parts.keys(), {it.name for it in controls if it.is_required and it.kind != "ron"})
@@ -81,7 +81,7 @@ class Compound(unittest.TestCase):
     def test_another_word_keeps_the_parts_that_it_takes(self) -> None:
         its = self.known["Threshold", "select"]
         _, parts = compound.parse('Near(color: "#c33923", distance: 30.0)', its)
-        self.assertEqual(compound.begin("Sample", parts, its), "Sample(at: (1, 1), distance: 30.0)")
+        self.assertEqual(compound.change_word("Sample", parts, its), "Sample(at: (1, 1), distance: 30.0)")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Graphs as nodes, without Blender: what is shown is what stands in the text, and what is changed comes into the text, or is refused."""
+"""Tests of graphs as nodes, without Blender: views agree with the text, and changes are written into the text or refused."""
 
 from __future__ import annotations
 
@@ -44,22 +44,22 @@ class EditsTest(unittest.TestCase):
         self.said()
 
     def said(self) -> dict[str, Any]:
-        """The next line."""
+        """The next message of the server."""
         assert self.server.stdout
         return json.loads(self.server.stdout.readline())
 
     def ask(self, do: str, **fields: Any) -> dict[str, Any]:
-        """What a request comes to."""
+        """Sends a request, and returns its answer."""
         assert self.server.stdin
         print(json.dumps({"id": 1, "do": do, **fields}), file=self.server.stdin, flush=True)
         return self.said()
 
     def outline(self, graph: pathlib.Path) -> dict[str, Any]:
-        """What stands in a graph."""
+        """The outline of a graph."""
         return self.ask("outline", graph=str(graph))["outline"]
 
-    def change(self, graph: pathlib.Path, now: edits.Shown) -> dict[str, Any]:
-        """Makes the text what is shown."""
+    def change(self, graph: pathlib.Path, now: edits.GraphView) -> dict[str, Any]:
+        """Writes the differences of a view into the text."""
         changes, _ = edits.difference(self.outline(graph), now)
         self.assertTrue(changes)
         return self.ask("edit", graph=str(graph), edits=changes)
@@ -67,7 +67,7 @@ class EditsTest(unittest.TestCase):
     def test_what_is_shown_of_each_graph_is_what_stands_in_it(self) -> None:
         for graph in self.graphs:
             outline = self.outline(graph)
-            self.assertEqual(edits.difference(outline, edits.shown(outline)), ([], []), graph)
+            self.assertEqual(edits.difference(outline, edits.view_of(outline)), ([], []), graph)
 
     def test_each_change_comes_into_the_text_as_it_was_shown(self) -> None:
         dice = random.Random(7)
@@ -77,9 +77,9 @@ class EditsTest(unittest.TestCase):
             for _ in range(12):
                 text = graph.read_text()
                 outline = self.outline(graph)
-                now = edits.shown(outline)
+                now = edits.view_of(outline)
                 kind = self.changed(now, outline, dice)
-                if kind is None or now == edits.shown(outline):
+                if kind is None or now == edits.view_of(outline):
                     continue
                 answer = self.change(graph, now)
                 if answer["event"] == "refused":
@@ -87,21 +87,21 @@ class EditsTest(unittest.TestCase):
                     self.assertEqual(graph.read_text(), text)
                     refused += 1
                     continue
-                after = edits.shown(self.outline(graph))
+                after = edits.view_of(self.outline(graph))
                 self.assertEqual(self.normal(after), self.normal(self.renamed(now)), (graph, kind, answer["text"]))
                 self.assertEqual(edits.difference(self.outline(graph), after), ([], []))
                 done[kind] += 1
                 graph.write_text(text)
         self.assertTrue(all(count >= 5 for count in done.values()) and refused >= 5, (done, refused))
 
-    def changed(self, now: edits.Shown, outline: dict[str, Any], dice: random.Random) -> str | None:
-        """Changes something as a user does."""
+    def changed(self, now: edits.GraphView, outline: dict[str, Any], dice: random.Random) -> str | None:
+        """Makes a random change, as a user does."""
         node = dice.choice(now.nodes)
         ports = [it for it, links in node.links.items() if links]
         kind = dice.choice(["link", "unlink", "remove", "rename", "field"])
         if kind == "remove":
             now.nodes.remove(node)
-            # Blender takes a removed node's links along.
+            # Blender removes the links of a removed node.
             for other in now.nodes:
                 for links in other.links.values():
                     links[:] = [it for it in links if it[0] != node.name]
@@ -126,8 +126,8 @@ class EditsTest(unittest.TestCase):
             return None
         return kind
 
-    def renamed(self, now: edits.Shown) -> edits.Shown:
-        """The same with all wishes for names fulfilled."""
+    def renamed(self, now: edits.GraphView) -> edits.GraphView:
+        """The view after all renames."""
         titles = {it.name: it.title for it in now.nodes}
         for node in now.nodes:
             for links in node.links.values():
@@ -136,28 +136,28 @@ class EditsTest(unittest.TestCase):
         now.outputs = {name: it and (titles.get(it[0], it[0]), it[1]) for name, it in now.outputs.items()}
         return now
 
-    def normal(self, now: edits.Shown) -> Any:
-        """What can be compared: ports without links do not count, and the texts of fields that hold links and more change with these."""
+    def normal(self, now: edits.GraphView) -> Any:
+        """A comparable form: without ports that have no links, and without fields that contain links and other text."""
         nodes = [(it.name, it.kind, {port: links for port, links in it.links.items() if links}) for it in now.nodes]
         fields = [{name: text for name, text in it.fields.items() if '"' not in text} for it in now.nodes]
         return nodes, fields, now.outputs
 
     def test_a_new_node_waits_for_the_links_that_it_must_have(self) -> None:
         graph = next(it for it in self.graphs if it.name == "doll.ron")
-        now = edits.shown(self.outline(graph))
+        now = edits.view_of(self.outline(graph))
         new = edits.Node("", "Subdivide", "", {"mesh": []}, {"scheme": "Loop"})
         now.nodes.append(new)
         self.assertEqual(edits.difference(self.outline(graph), now), ([], [new]))
         new.links["mesh"].append(("grid", "mesh"))
         self.assertEqual(self.change(graph, now)["event"], "answer")
         self.assertIn('"subdivide": Subdivide(mesh: "grid", scheme: Loop)', graph.read_text())
-        now = edits.shown(self.outline(graph))
+        now = edits.view_of(self.outline(graph))
         now.outputs["fine.ply"] = ("subdivide", "mesh")
         self.assertEqual(self.change(graph, now)["event"], "answer")
         self.assertIn('"fine.ply": "subdivide"', graph.read_text())
-        # What it cannot take is refused in the checker's words.
-        now = edits.shown(self.outline(graph))
-        now.named("subdivide").links["mesh"] = [("scan", "color")]
+        # An unsuitable link is refused with the message of the checker.
+        now = edits.view_of(self.outline(graph))
+        now.node("subdivide").links["mesh"] = [("scan", "color")]
         self.assertIn("wants a Mesh", self.change(graph, now)["problems"][0]["message"])
 
 

@@ -1,4 +1,4 @@
-"""What others write to a graph's file while its own user edits, undoes and redoes: nothing of it is ever lost."""
+"""Tests that edits, undo and redo of the user never lose external changes of a graph's file."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ GRAPH = """Graph(
 
 
 class HistoryTest(unittest.TestCase):
-    """A file that two people change, one of them with a server and undo steps."""
+    """A file with two editors, one of which uses a server and undo steps."""
 
     def setUp(self) -> None:
         self.folder = pathlib.Path(tempfile.mkdtemp())
@@ -49,7 +49,7 @@ class HistoryTest(unittest.TestCase):
         self.answer()
 
     def answer(self) -> dict[str, Any]:
-        """The next line of the server."""
+        """The next message of the server."""
         assert self.server.stdout
         return json.loads(self.server.stdout.readline())
 
@@ -62,24 +62,24 @@ class HistoryTest(unittest.TestCase):
     def test_a_text_is_known_by_the_number_of_changes_that_it_has(self) -> None:
         known = history.History()
         known.begin("a", 7)
-        known.learn("a", "b")
-        self.assertEqual((known.text, known.count, known.since(7)), ("b", 7, []))
-        known.learn("c", "d")
-        known.moved({"red": (1.0, 2.0)})
+        known.update("a", "b")
+        self.assertEqual((known.text, known.count, known.changes_since(7)), ("b", 7, []))
+        known.update("c", "d")
+        known.add_moves({"red": (1.0, 2.0)})
         changes = [history.Change("b", "c", {}), history.Change("d", "d", {"red": (1.0, 2.0)})]
-        self.assertEqual((known.count, known.since(7), known.since(8), known.since(9)), (9, changes, changes[1:], []))
+        self.assertEqual((known.count, known.changes_since(7), known.changes_since(8), known.changes_since(9)), (9, changes, changes[1:], []))
         for unknown in (6, 10, -1):
-            self.assertIsNone(known.since(unknown))
+            self.assertIsNone(known.changes_since(unknown))
         for number in range(history.MAX_CHANGES):
-            known.learn(str(number), str(number))
-        self.assertIsNone(known.since(7))
-        self.assertEqual(len(known.since(9) or ()), history.MAX_CHANGES)
+            known.update(str(number), str(number))
+        self.assertIsNone(known.changes_since(7))
+        self.assertEqual(len(known.changes_since(9) or ()), history.MAX_CHANGES)
 
     def test_undo_and_redo_lose_nothing_that_others_wrote(self) -> None:
         dice = random.Random(11)
         known = history.History()
         known.begin(GRAPH, 0)
-        # The undo steps, each with its text and the number of changes that this has; and where the user is among them.
+        # The undo steps, each with its text and the number of external changes in it, and the index of the current step.
         steps, place = [(GRAPH, 0)], 0
         written: list[str] = []
         own = undone = 0
@@ -89,27 +89,27 @@ class HistoryTest(unittest.TestCase):
                 node = f"n{dice.randrange(NODES // 2)}"
                 done = self.ask("edit", edits=[{"set": {"target": f"{node}.levels", "value": str(number % 7)}}])
                 self.assertEqual(done["event"], "answer", done)
-                known.learn(done["before"], done["text"])
+                known.update(done["before"], done["text"])
                 place += 1
                 steps[place:] = [(done["text"], known.count)]
                 own += 1
             elif what == "theirs":
-                # Nodes of the other half, and a comment; sometimes the host sees it only when it writes next.
+                # Change nodes of the other half, or a comment; sometimes the host notices that only when it writes next.
                 node, note = f'"n{NODES // 2 + dice.randrange(NODES // 2)}"', f"    // Theirs, {number}.\n"
                 text = self.graph.read_text()
                 at = text.index(f"        {node}")
                 self.graph.write_text(text[:at] + "    " + note + text[at:])
                 written.append(note.strip())
                 if dice.random() < 0.7:
-                    known.learn(self.graph.read_text(), self.graph.read_text())
+                    known.update(self.graph.read_text(), self.graph.read_text())
             elif 0 <= place + (step := 1 if what == "redo" else -1) < len(steps):
                 place += step
                 text, count = steps[place]
-                later = known.since(count)
+                later = known.changes_since(count)
                 assert later is not None
                 done = self.ask("put", was=known.text, text=text, theirs=[(it.before, it.after) for it in later])
                 self.assertEqual(done["event"], "answer", done)
-                known.learn(done["before"], done["text"])
+                known.update(done["before"], done["text"])
                 undone += 1
                 steps[place] = (done["text"], known.count)
                 levels = [it.split("levels: ")[1] for it in done["text"].splitlines() if "levels: " in it]

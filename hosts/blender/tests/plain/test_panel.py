@@ -1,4 +1,4 @@
-"""The panel of each graph of the project, without Blender: what the engine says of parameters, and what widgets make of it."""
+"""Tests of the controls of each graph of the project, without Blender."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class PanelTest(unittest.TestCase):
     def test_a_default_shown_and_given_back_is_the_default(self) -> None:
         for graph, told in self.loaded.items():
             controls = panel.controls(told["schema"])
-            given = {it.name: panel.ron(it, panel.shown(it, None)) for it in controls if it.kind != "ron"}
+            given = {it.name: panel.ron(it, panel.widget_value(it, None)) for it in controls if it.kind != "ron"}
             again = subprocess.run(
                 [PROGRAM, "check", graph, *(word for name, text in given.items() for word in ("--set", f"{name}={text}"))],
                 capture_output=True,
@@ -59,23 +59,23 @@ class PanelTest(unittest.TestCase):
             self.assertEqual(again.returncode, 0, (graph, given, again.stderr + again.stdout))
             for it in controls:
                 if it.kind != "ron":
-                    self.assertTrue(panel.is_same(it, panel.shown(it, given[it.name]), panel.shown(it, None)), (graph, it))
+                    self.assertTrue(panel.is_same(it, panel.widget_value(it, given[it.name]), panel.widget_value(it, None)), (graph, it))
 
     def test_a_number_that_a_widget_made_single_has_the_text_that_was_seen(self) -> None:
         for text in ("0.1", "12.1", "31.8", "20.0", "0.0", "-7.25", "1e-07", "40.0", "1234567.0"):
-            self.assertEqual(panel.number_text(panel.single(float(text))), text)
-        # What is no single number keeps every digit.
+            self.assertEqual(panel.number_text(panel.to_single(float(text))), text)
+        # Numbers that are not in single precision keep all digits.
         for number in (0.1, 1 / 3, 123456789.125):
             self.assertEqual(float(panel.number_text(number)), number)
 
     def test_only_what_was_touched_differs(self) -> None:
         control = panel.Control("x", "number", 0.1)
-        self.assertTrue(panel.is_same(control, panel.single(0.1), 0.1))
+        self.assertTrue(panel.is_same(control, panel.to_single(0.1), 0.1))
         for value in (float("nan"), float("inf"), "x", [1.0], None):
-            self.assertIsNone(panel.said(control, value))
+            self.assertIsNone(panel.try_ron(control, value))
         self.assertFalse(panel.is_same(control, 0.1001, 0.1))
         text = panel.Control("t", "text", "a")
-        self.assertEqual(panel.shown(text, panel.ron(text, 'a "b" \\ \u00e4')), 'a "b" \\ \u00e4')
+        self.assertEqual(panel.widget_value(text, panel.ron(text, 'a "b" \\ \u00e4')), 'a "b" \\ \u00e4')
 
 
 if __name__ == "__main__":

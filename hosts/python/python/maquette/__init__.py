@@ -1,6 +1,6 @@
 """maquette: a node-based geometry graph for redesigning scanned objects.
 
-A graph is a text file; `load` checks it, `Graph.run` evaluates what is wanted of it, each step once, and what comes out are values whose
+A graph is a text file. `load` checks it, and `Graph.run` evaluates the requested outputs, each node once. The results are values whose
 columns are copied to NumPy arrays:
 
     import maquette
@@ -10,13 +10,13 @@ columns are copied to NumPy arrays:
     model = run.value("model.glb", maquette.Mesh)
     model.vertices, model.faces
 
-Results are kept in memory and on disk, in the same folder as the command line's, so that nothing is computed twice. `python -m maquette`
-is the whole command line.
+Results are cached in memory and on disk, in the same folder as those of the command line, so that nothing is computed twice. `python -m
+maquette` is the whole command line.
 """
 
 from __future__ import annotations
 
-# Known to checkers of types by its name; `typing` itself takes longer to load than all else here.
+# Type checkers know this name. Importing `typing` would take longer than the rest of this module.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from ._build import GraphBuilder, ron
@@ -108,11 +108,11 @@ _MODULES = {
     "ron": "._build",
 }
 
-# Checkers of types would take any name for one that is here.
+# Hidden from type checkers, which would accept any name otherwise.
 if not TYPE_CHECKING:
 
     def __getattr__(name: str) -> object:
-        """Loads the engine when something of it is asked for."""
+        """Imports the module of a name on first access."""
         if name not in __all__:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         from importlib import import_module

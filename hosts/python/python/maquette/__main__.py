@@ -8,7 +8,7 @@ from . import _maquette
 
 
 def main() -> int:
-    """Does what the words on the command line say, and gives the exit code: 0 done, 1 the graph failed, 2 the words are wrong."""
+    """Runs the command line and returns its exit code: 0 success, 1 the graph failed, 2 wrong arguments."""
     return _maquette.command_line(["maquette", *sys.argv[1:]])
 
 

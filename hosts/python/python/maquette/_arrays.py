@@ -1,7 +1,7 @@
-"""What arguments take: arrays are taken as they are meant, or refused with the place and the number that is wrong.
+"""Conversion of array arguments: invalid arrays are refused with the position and the number that is wrong.
 
-Numbers are bools, integers and floats of any size, byte order and layout. Texts, complex numbers, dates and objects are refused. Where an array
-is masked, numbers are missing: they become NaN where the value knows numbers that are not there, and are refused everywhere else.
+Numbers are bools, integers and floats of any size, byte order and layout. Texts, complex numbers, dates and objects are refused. Masked
+numbers are missing: they become NaN where values allow missing numbers, and are refused everywhere else.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from ._value import _Floats, _Indices
 
 MAX_INDEX = 2**32 - 1
-"""The largest whole number that columns hold."""
+"""The largest integer that columns can hold."""
 
 _MAX_EXACT = 2**53
-"""Up to here each whole number is a float."""
+"""All integers up to this one are exact in double precision."""
 
 
 def numbers(name: str, given: Any, *, missing: Optional[float] = None) -> NDArray[Any]:
-    """An array of bools, integers or floats; masked ones become `missing`, or are refused without it."""
+    """Converts to an array of bools, integers or floats; masked numbers become `missing`, or are refused if it is None."""
     import numpy as np
 
     array = given if isinstance(given, np.ma.MaskedArray) else np.asarray(given)
@@ -46,7 +46,7 @@ def numbers(name: str, given: Any, *, missing: Optional[float] = None) -> NDArra
 
 
 def place(wrong: NDArray[np.bool_]) -> str:
-    """The first of the wrong numbers of an array, as `number 3` or `number (2, 1)`."""
+    """The position of the first wrong number of an array, as `number 3` or `number (2, 1)`."""
     import numpy as np
 
     at = np.unravel_index(int(np.argmax(wrong)), wrong.shape)
@@ -54,7 +54,7 @@ def place(wrong: NDArray[np.bool_]) -> str:
 
 
 def reals(name: str, given: Any, shape: Tuple[Optional[int], ...], words: str, *, missing: bool = False) -> _Floats:
-    """An array of double precision and of this shape, where None is any length; `missing`: masked numbers are NaN."""
+    """Converts to an array of double precision of this shape, where None is any length; with `missing`, masked numbers become NaN."""
     import numpy as np
 
     array = numbers(name, given, missing=float("nan") if missing else None)
@@ -69,13 +69,13 @@ def reals(name: str, given: Any, shape: Tuple[Optional[int], ...], words: str, *
 
 
 def positions(name: str, given: Any) -> _Floats:
-    """Places, (n, 3)."""
+    """Converts positions, (n, 3)."""
     return reals(name, given, (None, 3), "(n, 3)")
 
 
 def attribute(name: str, given: Any) -> Tuple[NDArray[Any], str]:
-    """An attribute and what its numbers mean: bools are flags, integers ids from 0, `color` and bytes in threes colors, floats numbers, of which
-    those that are masked are NaN."""
+    """Converts an attribute; returns its numbers and their meaning: bools are flags, integers are ids from 0, `color` and (n, 3) of uint8
+    are colors, and floats are numbers, where masked ones become NaN."""
     import numpy as np
 
     is_float = getattr(getattr(given, "dtype", None), "kind", "") == "f"
@@ -102,7 +102,7 @@ def attribute(name: str, given: Any) -> Tuple[NDArray[Any], str]:
 
 
 def ids(name: str, array: NDArray[Any]) -> _Indices:
-    """Whole numbers that stay what they are. Raises ValueError with the first one that cannot."""
+    """Converts integers to ids without a change of their values. Raises ValueError with the first one that does not fit."""
     import numpy as np
 
     wrong = (array < 0) | (array > MAX_INDEX) if array.dtype != np.uint32 else np.zeros(0, bool)
@@ -116,7 +116,7 @@ def ids(name: str, array: NDArray[Any]) -> _Indices:
 
 
 def exact(name: str, array: NDArray[Any]) -> _Floats:
-    """Whole numbers as floats. Raises ValueError with the first one that is none."""
+    """Converts integers to floats. Raises ValueError with the first one that is not exact."""
     import numpy as np
 
     wrong = (array > _MAX_EXACT) | (array < -_MAX_EXACT) if array.dtype.itemsize == 8 else np.zeros(0, bool)
@@ -127,8 +127,7 @@ def exact(name: str, array: NDArray[Any]) -> _Floats:
 
 
 def singles(name: str, given: Any) -> NDArray[np.float32]:
-    """Numbers of single precision; masked ones are NaN. Rounded floats are a warning with the first of them, and what cannot stay at all is
-    refused."""
+    """Converts to single precision; masked numbers become NaN. Warns of the first rounded float; refuses numbers that do not fit."""
     import numpy as np
 
     array = numbers(name, given, missing=float("nan"))
@@ -156,7 +155,7 @@ def singles(name: str, given: Any) -> NDArray[np.float32]:
 
 
 def colors(name: str, array: NDArray[Any]) -> NDArray[np.uint8]:
-    """Colors, (n, 3) of uint8, sRGB from 0 to 255; floats are sRGB from 0 to 1. A fourth number is alpha, which must be opaque."""
+    """Converts colors to (n, 3) of uint8, sRGB from 0 to 255; floats are sRGB from 0 to 1. A fourth number must be opaque alpha."""
     import numpy as np
 
     if array.ndim != 2 or array.shape[1] not in (3, 4) or array.dtype != np.uint8 and array.dtype.kind != "f":
@@ -177,7 +176,7 @@ def colors(name: str, array: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def faces(given: Any) -> Any:
-    """(m, corners), or the numbers of corners and all corners where faces have several sizes."""
+    """Converts faces to an array (m, corners), or to a tuple of face sizes and all corners if faces have several sizes."""
     import numpy as np
 
     if not isinstance(given, np.ndarray) and hasattr(given, "__iter__") and not hasattr(given, "__array__"):
@@ -193,7 +192,7 @@ def faces(given: Any) -> Any:
 
 
 def corners(given: Any) -> _Indices:
-    """Numbers of vertices."""
+    """Converts numbers of vertices."""
     import numpy as np
 
     array = numbers("faces", given)
@@ -208,7 +207,7 @@ def corners(given: Any) -> _Indices:
 
 
 def column(name: str, on: str, given: Any) -> Tuple[NDArray[Any], str]:
-    """An array of one of the kinds of numbers that columns have, and what such numbers mean."""
+    """Converts to a type of numbers that columns have; returns the array and the meaning of its numbers."""
     import numpy as np
 
     array, meaning = numbers(name, given), "number"
@@ -230,7 +229,7 @@ def column(name: str, on: str, given: Any) -> Tuple[NDArray[Any], str]:
 
 
 def contiguous(array: NDArray[Any]) -> NDArray[Any]:
-    """The same without gaps, where numbers of its kind may lie, in the machine's order of bytes; bools as bytes."""
+    """A contiguous, aligned array in native byte order; bools become bytes."""
     import numpy as np
 
     array = np.require(array, array.dtype.newbyteorder("="), ["C", "A"])

@@ -1,4 +1,4 @@
-"""Curves and surfaces, and what moves them: handles and directions."""
+"""Curves, surfaces, handles and directions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Curve(Value):
-    """A line through points, or a B-spline. `points`: (n, 3), in mm; with `knots` they are control points of a curve of `degree`."""
+    """A polyline, or a B-spline. `points`: (n, 3), in mm; with `knots` they are the control points of a curve of `degree`."""
 
     __slots__ = ()
     KIND = "Curve"
@@ -37,31 +37,31 @@ class Curve(Value):
 
     @property
     def points(self) -> _Floats:
-        """Its points, or its control points, (n, 3), in mm."""
+        """The points, or the control points, (n, 3), in mm."""
         array: _Floats = self._array("point")
         return array
 
     @property
     def knots(self) -> Optional[_Floats]:
-        """The knots of a B-spline; None for a line through its points."""
+        """The knots of a B-spline; None for a polyline."""
         array: Optional[_Floats] = self._array_if_any("knots")
         return array
 
 
 class _Net(Value):
-    """What has control points in rows and columns."""
+    """A value with control points in rows and columns."""
 
     __slots__ = ()
 
     @property
     def points(self) -> _Floats:
-        """Its control points, (rows, columns, 3), in mm."""
+        """The control points, (rows, columns, 3), in mm."""
         array: _Floats = self._array("point").reshape(*self.facts["control points"], 3)
         return array
 
     @property
     def weights(self) -> _Floats:
-        """Their weights, (rows, columns)."""
+        """The weights of the control points, (rows, columns)."""
         array: _Floats = self._array("weight").reshape(self.facts["control points"])
         return array
 
@@ -79,7 +79,7 @@ class ControlNet(_Net):
 class Surface(_Net):
     """A NURBS surface. `points`: (rows, columns, 3), in mm; `weights`: (rows, columns); knots along columns (u) and rows (v).
 
-    Without knots they are equally spaced and clamped, so that the surface begins and ends in its control points.
+    By default, the knots are equally spaced and clamped, so that the surface begins and ends in its control points.
     """
 
     __slots__ = ()
@@ -96,8 +96,8 @@ class Surface(_Net):
     ) -> None:
         parts, facts = _net(points, weights)
         rows, columns = facts["control points"]
-        knots_u = _clamped(rows, degree[0]) if knots_u is None else knots_u
-        knots_v = _clamped(columns, degree[1]) if knots_v is None else knots_v
+        knots_u = _clamped_knots(rows, degree[0]) if knots_u is None else knots_u
+        knots_v = _clamped_knots(columns, degree[1]) if knots_v is None else knots_v
         parts.update({"knots u": ("entry", _row("knots_u", knots_u)), "knots v": ("entry", _row("knots_v", knots_v))})
         self._make(parts, {**facts, "degree of knots u": degree[0], "degree of knots v": degree[1]})
 
@@ -108,7 +108,7 @@ class Surface(_Net):
 
 
 class KnotVector(Value):
-    """Knots of a B-spline of some degree: numbers that never decrease."""
+    """The knots of a B-spline with a degree: numbers that never decrease."""
 
     __slots__ = ()
     KIND = "KnotVector"
@@ -124,10 +124,10 @@ class KnotVector(Value):
 
 
 class Handles(Value):
-    """Handles of a free-form deformation. `at`: where they are, (n, 3); `to`: where they are moved, (n, 3), `at` without it.
+    """Handles of a free-form deformation. `at`: positions, (n, 3); `to`: target positions, (n, 3), by default `at`.
 
-    `sigma`: (n, 3), how far each reaches along the axes; 0 for the default. `weight`: (n,). `space`: `Box` (0 to 1 in the bounding box of
-    what is deformed), `Cube` (0 to 1 in the smallest cube around it) or `World` (mm).
+    `sigma`: (n, 3), the reach of each handle along the axes; 0 for the default. `weight`: (n,). `space`: `Box` (0 to 1 in the bounding box
+    of the deformed value), `Cube` (0 to 1 in the smallest cube around it) or `World` (mm).
     """
 
     __slots__ = ()
@@ -152,19 +152,19 @@ class Handles(Value):
 
     @property
     def at(self) -> _Floats:
-        """Where they are, (n, 3)."""
+        """The positions of the handles, (n, 3)."""
         array: _Floats = self._array("at")
         return array
 
     @property
     def to(self) -> _Floats:
-        """Where they are moved, (n, 3)."""
+        """The target positions, (n, 3)."""
         array: _Floats = self._array("to")
         return array
 
 
 class Direction(Value):
-    """A direction. `vector`: three numbers, of any length but 0."""
+    """A direction. `vector`: three numbers, of any length except 0."""
 
     __slots__ = ()
     KIND = "Direction"
@@ -175,7 +175,7 @@ class Direction(Value):
         vector = _arrays.reals("vector", vector, (3,), "three numbers")
         if not np.isfinite(vector).all():
             raise ValueError(f"`vector`: {_arrays.place(~np.isfinite(vector))} is not finite")
-        # Squares of very large and very small numbers are no numbers.
+        # Scaled first, since the squares of very large and very small numbers overflow and underflow.
         largest = np.abs(vector).max()
         scaled = vector / largest if largest > 0 else vector
         length = np.linalg.norm(scaled)
@@ -198,8 +198,8 @@ def _net(points: ArrayLike, weights: Optional[ArrayLike]) -> Tuple[Dict[str, Any
     return parts, {"control points": (points.shape[0], points.shape[1])}
 
 
-def _clamped(points: int, degree: int) -> _Floats:
-    """Knots from 0 to 1, equally spaced inside, each end repeated."""
+def _clamped_knots(points: int, degree: int) -> _Floats:
+    """Clamped knots from 0 to 1, equally spaced inside."""
     import numpy as np
 
     inside = np.linspace(0.0, 1.0, max(points - degree + 1, 2))

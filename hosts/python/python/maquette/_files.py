@@ -1,4 +1,4 @@
-"""Values in files, and what there is to read, write and compute."""
+"""Reading of values from files, and the catalog of nodes and value types."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ def read(path: Path, kind: Optional[str] = None) -> Value: ...
 @overload
 def read(path: Path, kind: Type[V]) -> V: ...
 def read(path: Path, kind: Union[str, Type[Value], None] = None) -> Value:
-    """The value in a file, by its ending: a `Mesh` from .glb, .obj, .ply, .stl .., a `RangeImage` from .pcd, a picture from .png ..
+    """Reads a value from a file, by the file's extension: a `Mesh` from .glb, .obj, .ply, .stl .., a `RangeImage` from .pcd, a picture from
+    .png ..
 
-    `kind` says which type it is to be, by name or class, `read("a.ply", maquette.Points)`. What is doubtful of the file is a warning. Raises
-    FileNotFoundError and its like if the file cannot be read, ValueError that says what is wrong with it and where.
+    `kind` is the requested type, as name or class: `read("a.ply", maquette.Points)`. Warns of doubtful content. Raises FileNotFoundError or
+    another OSError if the file cannot be read, and ValueError with the position of an error in the file.
     """
     path = os.fspath(path)
     _check_readable(path)
@@ -33,7 +34,7 @@ def read(path: Path, kind: Union[str, Type[Value], None] = None) -> Value:
 
 
 def _check_readable(path: str) -> None:
-    """Raises what `open` raises of a file that cannot be read."""
+    """Raises the error of `open` if a file cannot be read."""
     wrong = 0
     if stat.S_ISDIR(os.stat(path).st_mode):
         wrong = errno.EISDIR
@@ -44,10 +45,10 @@ def _check_readable(path: str) -> None:
 
 
 def nodes() -> Dict[str, Any]:
-    """All node types by name: what `maquette nodes --json` prints of each: words, inputs, outputs and the JSON schema of its parameters."""
+    """All node types by name, as in `maquette nodes --json`: documentation, inputs, outputs and the JSON schema of the parameters."""
     return {node["name"]: node for node in _maquette.catalog()["nodes"]}
 
 
 def value_types() -> Dict[str, Any]:
-    """All types of values by name, with the endings of files that they are read from and written to."""
+    """All value types by name, with the file extensions for reading and writing."""
     return {kind["name"]: kind for kind in _maquette.catalog()["values"]}

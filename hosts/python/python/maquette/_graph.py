@@ -1,4 +1,4 @@
-"""Graphs, and how they are run."""
+"""Loading and running of graphs."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Set, Tuple, Union
 
 from . import _maquette
-from ._params import Named, Output, Param, Port, param_of, plain
+from ._params import Named, Output, Param, Port, param_of, to_plain
 from ._problems import Cancelled, GraphError, GraphWarning, Problem, problems, warning_of
-from ._run import Asked, Path, Progress, Run, telling
+from ._run import Path, Progress, Request, Run, progress_callbacks
 from ._values import Value, value_of, wrap
 
 if TYPE_CHECKING:
     from ._running import Running
 
-# Far more than any machine has.
+# The maximum that `threads` accepts.
 _MAX_THREADS = 65535
 
-# What went wrong with keeping and sharing results, as far as somebody was warned of it.
-_TOLD: Set[str] = set()
+# The errors of caches and result servers that were reported as warnings already.
+_REPORTED: Set[str] = set()
 
 
 @atexit.register
 def _finish() -> None:
-    """Waits for what is on its way to the disk, which the next process would compute again, and warns of what never got there."""
+    """Waits until pending results are on disk, so that the next process need not compute them again; warns of those that failed."""
     for trouble in _maquette.finish_all():
-        if trouble not in _TOLD:
-            _TOLD.add(trouble)
+        if trouble not in _REPORTED:
+            _REPORTED.add(trouble)
             warnings.warn(trouble, GraphWarning, stacklevel=2)
 
 
@@ -48,21 +48,21 @@ def load(
     pins: bool = True,
     locked: bool = False,
 ) -> Graph:
-    """Reads and checks a graph file and those that it uses; runs nothing.
+    """Reads and checks a graph file and the graphs that it uses; runs nothing.
 
-    `text` stands in place of the file's content; paths in it are relative to `path` all the same. `roots`: folders outside of the project
-    that the graph may read. `cache`: where results are kept from one process to the next: True for the command line's folder, False or None
-    for nowhere, or a folder. `memory`: how much results may hold. `threads`: how many there are, 0 for as many as the machine has.
-    `max_memory`: how much results and nodes under way may hold together, as "4GB": a node that would need more fails before it begins; None
-    for nine tenths of what the machine has left. `cache_remote`: the URL of a server through which machines share results; None for that
-    of `MAQUETTE_CACHE_REMOTE`. `verify_cache`: the percentage of known results that are computed all the same, where a difference is an
-    error. `pins`: whether pinned results stand in for their nodes. `locked`: whether used graphs must be what the lock file says. All are as
-    the options of the command line.
+    `text`: the content to use instead of that of the file; paths in it are relative to `path`. `roots`: folders outside of the project that
+    the graph may read. `cache`: the folder in which results are kept between processes: True for that of the command line, False or None
+    for no cache, or a path. `memory`: the maximum memory of results. `threads`: the number of threads, 0 for that of the machine's
+    processors. `max_memory`: the maximum memory of results and running nodes together, such as "4GB"; a node that would need more fails
+    before it starts; None for nine tenths of the memory that is available. `cache_remote`: the URL of a server through which machines share
+    results; None for that of `MAQUETTE_CACHE_REMOTE`. `verify_cache`: the percentage of cached results that are computed again; a
+    difference is an error. `pins`: use pinned results instead of their nodes. `locked`: require used graphs to agree with the lock file.
+    All are the same as the options of the command line.
 
-    The graph stays as it is now when files of graphs change; files that its nodes read are looked at in every run.
+    Later changes of graph files do not affect the graph; files that its nodes read are checked in every run.
 
-    What is to be doubted of the graph is a GraphWarning, as a stale pin. A node of a type that no pack has is an UnknownNodeWarning, which
-    says what pack may be missing: all that does not depend on the node can be run.
+    Doubts about the graph, such as a stale pin, are a GraphWarning. A node whose type is in no pack is an UnknownNodeWarning, which names
+    the pack that may be missing; everything that does not depend on the node can be run.
 
     Raises GraphError with every problem of the file, OSError if it cannot be read.
     """
@@ -82,7 +82,7 @@ def load(
 
 
 class Graph:
-    """A graph that has been checked. Made by `load`."""
+    """A checked graph, returned by `load`."""
 
     def __init__(
         self,
@@ -93,30 +93,30 @@ class Graph:
         pins: bool,
         locked: bool,
     ) -> None:
-        # It is read again, with other values, wherever the program has gone meanwhile.
+        # Absolute, since the graph is read again with other values, when the current folder may have changed.
         self._path = os.path.abspath(path)
         self._roots = [os.path.abspath(root) for root in roots]
         self._session, self._pins, self._locked = session, pins, locked
-        # The texts of warnings that were given, and what stops the runs under way.
+        # The texts of warnings that were given, and the tokens that stop running runs.
         self._warned: Set[str] = set()
         self._running: Set[_maquette.Cancel] = set()
-        # What stops a run that `start` begins, by the thread that it is about to begin on.
+        # The tokens of runs that `start` has created and that have not begun yet, by thread.
         self._started: Dict[int, _maquette.Cancel] = {}
         self._known: Optional[Dict[str, str]] = None
         if text is None:
             with open(self._path, "rb"):
                 pass
         texts = {} if text is None else {self._path: text}
-        self._graph, self._problems, used = self._checked({}, texts)
-        # Other values are put into the texts that were checked, whatever has become of the files meanwhile.
+        self._graph, self._problems, used = self._check({}, texts)
+        # Parameter values are put into these checked texts, even if the files change.
         self._texts = {file: _text(file) for file in used}
         self._texts[self._path] = self._graph.text
 
-    def _checked(
+    def _check(
         self, params: Mapping[str, Any], texts: Dict[str, str], draft: bool = False
     ) -> Tuple[_maquette.Graph, List[Problem], List[str]]:
-        """The graph with these values; raises GraphError if it has mistakes then."""
-        values = self._put(params)
+        """Loads the graph with these values. Raises GraphError if it has errors then."""
+        values = self._values_as_ron(params)
         graph, told, used = _maquette.Graph.load(
             self._path, self._roots, values, texts, draft, self._pins, self._locked
         )
@@ -124,8 +124,8 @@ class Graph:
             raise GraphError(problems(told))
         return graph, problems(told), [os.fspath(path) for path in used]
 
-    def _put(self, values: Mapping[str, Any]) -> List[Tuple[str, str]]:
-        """Values by the names that the graph has for them: as in a field of a graph, `up_step` is the parameter `up-step`."""
+    def _values_as_ron(self, values: Mapping[str, Any]) -> List[Tuple[str, str]]:
+        """Converts values to RON, by the names in the graph: `up_step` is the parameter `up-step`."""
         named: Dict[str, Any] = {}
         for name, value in values.items():
             if not isinstance(name, str):
@@ -138,17 +138,17 @@ class Graph:
 
     @property
     def _params_by_word(self) -> Dict[str, str]:
-        """The names of parameters by what stands for them in Python: they themselves, else with underscores for hyphens."""
+        """The names of parameters by their names in Python: unchanged, or with underscores instead of hyphens."""
         if self._known is None:
             names = list(self.params)
             self._known = {**{name.replace("-", "_"): name for name in names}, **{name: name for name in names}}
         return self._known
 
-    def _given(
+    def _merge_params(
         self, params: Optional[Mapping[str, Any]], named: Mapping[str, Any], arguments: Mapping[str, Any]
     ) -> Dict[str, Any]:
-        """All parameters: from a dict, and those that were given as keywords. Raises TypeError where a keyword that is also a parameter may
-        mean both: with a dict, even an empty one, it means the argument of `run`."""
+        """Merges the parameters of a dict and of keywords. Raises TypeError if a keyword may mean both a parameter and an argument of
+        `run`; with a dict, even an empty one, it means the argument."""
         if params is None:
             for name, value in arguments.items():
                 if value is not None and name in self._params_by_word:
@@ -167,11 +167,11 @@ class Graph:
         return {**params, **named}
 
     def _warn(self, found: Sequence[Problem], level: int) -> None:
-        """Warns of what is to be doubted and of troubles of the cache, of each once."""
+        """Warns of problems and of errors of the cache, once of each."""
         for problem in found:
             self._warn_once(warning_of(problem), level + 1)
         for trouble in self._session.troubles():
-            _TOLD.add(trouble)
+            _REPORTED.add(trouble)
             self._warn_once(GraphWarning(trouble), level + 1)
 
     def _warn_once(self, warning: GraphWarning, level: int) -> None:
@@ -180,8 +180,8 @@ class Graph:
             warnings.warn(warning, stacklevel=level)
 
     def _as_ron(self, name: str, value: Any) -> str:
-        """A value as graph files have it: of a parameter by its type, else as it is."""
-        value = plain(name, value)
+        """Formats a value as RON: for a parameter by its type, for a field by the type of the value."""
+        value = to_plain(name, value)
         try:
             return self._graph.as_ron(name, value)
         except KeyError:
@@ -194,27 +194,27 @@ class Graph:
 
     @property
     def path(self) -> str:
-        """The path of its file."""
+        """The absolute path of the graph file."""
         return self._path
 
     @property
     def doc(self) -> str:
-        """What it is for, in its author's words."""
+        """The description of the graph by its author."""
         return self._graph.doc
 
     @property
     def text(self) -> str:
-        """Its text, as it was when it was loaded."""
+        """The text of the graph when it was loaded."""
         return self._graph.text
 
     @property
     def nodes(self) -> List[str]:
-        """The names of its nodes, each after those that it hangs on."""
+        """The names of the nodes, each after those that it depends on."""
         return self._graph.nodes
 
     @property
     def params(self) -> Mapping[str, Param]:
-        """Its parameters, by name, with types, defaults, ranges and units."""
+        """The parameters by name, with types, defaults, ranges and units."""
         inputs = set(self.inputs)
         fields = self._graph.schema().get("properties", {})
         return Named(
@@ -224,16 +224,16 @@ class Graph:
 
     @property
     def inputs(self) -> Mapping[str, Port]:
-        """The values that it wants, by name, if it is a function of values."""
+        """The inputs by name, if the graph is a function of values."""
         return Named("input", {port[0]: Port(*port) for port in self._graph.inputs()})
 
     @property
     def outputs(self) -> Mapping[str, Output]:
-        """What it gives, by name, with the types of the values."""
+        """The outputs by name, with the types of their values."""
         return Named("output", {output[0]: Output(*output) for output in self._graph.results()})
 
     def check(self) -> List[Problem]:
-        """What is to be doubted of the graph, though it runs: warnings, and nodes that nothing needs."""
+        """Returns the problems with which the graph can still run: warnings, and nodes that nothing needs."""
         return self._problems + problems(self._graph.unused())
 
     def run(
@@ -250,28 +250,29 @@ class Graph:
         params: Optional[Mapping[str, Any]] = None,
         **named: Any,
     ) -> Run:
-        """Evaluates outputs of the graph, all if none is named, and these nodes (`node` or `node.output`) beside them.
+        """Evaluates outputs of the graph, by default all of them, and the given nodes (`node` or `node.output`).
 
-        Further keywords are parameters, `run(growth=12)`, `run(eye_step=3)` of a parameter `eye-step`. `params`: the same as a dict, for
-        any name: `run(params={"draft": True, "cage.levels": 2})`, where the second is the field of a node. `inputs`: values by the names of
-        the graph's inputs: a `Value`, the path of a file, or whatever the class of the input's type takes, as a mesh of trimesh or an array of
-        points. `draft`: whether each `Draft(final: .., draft: ..)` stands for its draft; False if left out. `progress`: is called with
-        `Progress`; True draws a bar. `timeout`: how many seconds it may take. Ctrl-C stops the run, and so does `cancel`.
+        Further keywords are parameters: `run(growth=12)`, or `run(eye_step=3)` for a parameter `eye-step`. `params`: parameters as a dict,
+        for any name: `run(params={"draft": True, "cage.levels": 2})`, where the second is a field of a node. `inputs`: values for the
+        graph's inputs by name: a `Value`, the path of a file, or an argument of the class of the input's type, such as a mesh of trimesh or
+        an array of points. `draft`: use the draft value of each `Draft(final: .., draft: ..)`; False by default. `progress`: a function
+        that is called with `Progress`; True draws a bar. `timeout`: the maximum time in seconds. Ctrl-C stops the run, and so does
+        `cancel`.
 
-        Only what depends on something changed is computed. Raises GraphError if something failed, depends on a node of an unknown type or does
-        not hold, with what was found in its `run`; with `strict=False` the run is given all the same, and its `problems` tell. Raises
-        TimeoutError or Cancelled if it was stopped.
+        Only nodes that depend on a change are computed. Raises GraphError if a node failed, an output depends on a node of an unknown type,
+        or an expectation is not met; the error's `run` has the values that were found. With `strict=False`, returns the run, whose
+        `problems` has the errors. Raises TimeoutError or Cancelled if the run was stopped.
         """
         call = _Call(outputs, nodes, inputs, progress, strict, draft, timeout)
         token = self._started.pop(get_ident(), None) or _maquette.Cancel()
         self._running.add(token)
         try:
-            return self._evaluate(token, call, self._given(params, named, call._asdict()))
+            return self._evaluate(token, call, self._merge_params(params, named, call._asdict()))
         finally:
             self._running.discard(token)
 
     def start(self, /, *outputs: Any, **arguments: Any) -> Running:
-        """Begins what `run` does with these arguments, on another thread, and gives a future: `run = graph.start(growth=12).result()`,
+        """Starts `run` with these arguments on another thread and returns a future: `run = graph.start(growth=12).result()`, or
         `run = await graph.start(growth=12)`. Its `cancel` stops the run."""
         from ._running import Running
 
@@ -285,12 +286,12 @@ class Graph:
         return Running(run, token)
 
     def cancel(self) -> None:
-        """Stops the runs of the graph that are under way on other threads; each raises Cancelled."""
+        """Stops all runs of the graph on other threads; each raises Cancelled."""
         for token in list(self._running):
             token.cancel()
 
     def _evaluate(self, token: _maquette.Cancel, call: _Call, given: Mapping[str, Any]) -> Run:
-        """Runs the graph with these parameters, until the token stops it."""
+        """Runs the graph with these parameters, unless the token stops it."""
         seconds = _seconds(call.timeout)
         asked = None if call.outputs is None else _names("outputs", call.outputs)
         wanted = [] if call.nodes is None else _names("nodes", call.nodes)
@@ -299,9 +300,9 @@ class Graph:
         is_draft = bool(call.draft)
         graph, checked = self._graph, self._problems
         if given or is_draft:
-            graph, checked, _ = self._checked(given, self._texts, is_draft)
+            graph, checked, _ = self._check(given, self._texts, is_draft)
         values, doubts, files = self._values({} if call.inputs is None else call.inputs)
-        told, end = telling(call.progress, len(self.nodes))
+        told, end = progress_callbacks(call.progress, len(self.nodes))
         try:
             found, wrong = self._session.run(
                 graph,
@@ -318,8 +319,8 @@ class Graph:
             raise Cancelled("the run was cancelled")
         if found is None:
             raise GraphError(problems(wrong))
-        run = Run(self, found, Asked(asked, wanted, is_draft, [*checked, *doubts], files))
-        # What was a doubt of the graph may be an error of the run.
+        run = Run(self, found, Request(asked, wanted, is_draft, [*checked, *doubts], files))
+        # A warning of the graph may be an error of the run.
         self._warn([problem for problem in run.problems if problem.severity != "error"], 4)
         failed = [problem for problem in run.problems if problem.severity == "error"]
         if failed and (call.strict is None or call.strict):
@@ -327,7 +328,7 @@ class Graph:
         return run
 
     def _values(self, inputs: Mapping[str, Any]) -> Tuple[Dict[str, Value], List[Problem], List[str]]:
-        """The values for inputs, whatever they were given as; what is to be doubted of those that were read, and their files."""
+        """Converts the arguments for inputs to values; also returns warnings about files that were read, and the paths of all files."""
         if not isinstance(inputs, Mapping):
             raise TypeError(f"`inputs` is a {type(inputs).__name__}; expected a dict of values by name")
         ports = self.inputs
@@ -340,7 +341,7 @@ class Graph:
             elif name in ports:
                 values[name] = value_of(ports[name].kind, given)
             else:
-                # The engine says what an unknown input may have meant, whatever is given for it.
+                # The engine reports an unknown input and suggests a similar name.
                 files.append((name, ""))
         if files:
             read, told = self._session.read_inputs(self._graph, files)
@@ -351,34 +352,34 @@ class Graph:
         return values, doubts, [os.path.abspath(os.fspath(path)) for _, path in files]
 
     def why(self, node: str) -> str:
-        """Why a node would run now, or why not, since the graph was run last."""
+        """Explains why a node would run now or would not, compared with the last run of the graph."""
         told = self._session.why(self._graph, node)
         if told is None:
             raise KeyError(f"no node `{node}`; there are: {', '.join(self.nodes)}")
         return told.rstrip("\n")
 
     def edited(self, params: Optional[Mapping[str, Any]] = None, /, **named: Any) -> str:
-        """The text of the graph with values put into it: of parameters, `edited(growth=20)`, or of fields, `edited({"cage.levels": 2})`.
+        """Returns the text of the graph with new values of parameters, `edited(growth=20)`, or of fields, `edited({"cage.levels": 2})`.
 
-        Every other byte stays. Nothing is written. Raises GraphError if the text would have a mistake then.
+        All other bytes are unchanged. Writes no file. Raises GraphError if the text would have an error.
         """
-        put = self._put(self._given({} if params is None else params, named, {}))
+        put = self._values_as_ron(self._merge_params({} if params is None else params, named, {}))
         text, told = self._graph.edited(put, self._roots, self._texts)
         if text is None:
             raise GraphError(problems(told))
         return text
 
     def forget(self) -> None:
-        """Drops every result that is held in memory; what is on disk stays."""
+        """Drops all results in memory; results on disk are kept."""
         self._session.forget()
 
     @property
     def trouble(self) -> Optional[str]:
-        """What went wrong with keeping results on disk or sharing them, the first of it; None if nothing did."""
+        """The first error in storing results on disk or sharing them; None if there was none."""
         return next(iter(self._session.troubles()), None)
 
     def to_svg(self) -> str:
-        """The picture of the graph: boxes for nodes and outputs, and links."""
+        """Draws the graph as SVG: boxes for nodes and outputs, and links."""
         return self._graph.svg()
 
     def _repr_svg_(self) -> str:
@@ -389,7 +390,7 @@ class Graph:
 
 
 class _Call(NamedTuple):
-    """The arguments of `Graph.run` but for the parameters of the graph."""
+    """The arguments of `Graph.run` without the parameters of the graph."""
 
     outputs: Union[str, Sequence[str], None]
     nodes: Union[str, Sequence[str], None]
@@ -401,7 +402,7 @@ class _Call(NamedTuple):
 
 
 def _seconds(timeout: Optional[float]) -> Optional[float]:
-    """How long a run may take. Raises ValueError if it is no time."""
+    """Checks the timeout of a run. Raises ValueError if it is negative or NaN."""
     if timeout is None:
         return None
     seconds = float(timeout)
@@ -416,7 +417,7 @@ def _text(file: str) -> str:
 
 
 def _names(argument: str, names: Union[str, Sequence[str]]) -> List[str]:
-    """A name or some names as a list. An iterator is refused, since it may have no end."""
+    """Converts a name or a collection of names to a list. An iterator is refused, since it may be infinite."""
     if isinstance(names, str):
         return [names]
     if not isinstance(names, Collection):

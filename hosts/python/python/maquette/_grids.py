@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 
 class Image(Value):
-    """A picture. `pixels`: (rows, columns, 3) of uint8 or uint16, sRGB from 0 to 255 or 65535, or a picture of Pillow. As in files, 16 bits are
-    cut to the upper 8 and alpha is dropped."""
+    """A picture. `pixels`: (rows, columns, 3) of uint8 or uint16, sRGB from 0 to 255 or 65535, or a picture of Pillow. As in files, 16 bits
+    are reduced to the upper 8, and alpha is dropped."""
 
     __slots__ = ()
     KIND = "Image"
@@ -27,17 +27,17 @@ class Image(Value):
 
     @property
     def pixels(self) -> _Bytes:
-        """Colors, (rows, columns, 3), sRGB from 0 to 255, from the upper left. `PIL.Image.fromarray` takes them as they are."""
+        """Colors, (rows, columns, 3), sRGB from 0 to 255, from the upper left; suitable for `PIL.Image.fromarray`."""
         array: _Bytes = self._array("color")
         return array
 
     def __array__(self, dtype: Any = None, copy: Optional[bool] = None) -> NDArray[Any]:
-        """Its pixels, for NumPy and what takes arrays, such as `plt.imshow`."""
+        """The pixels, for NumPy and functions that take arrays, such as `plt.imshow`."""
         return _array_for(self.pixels, dtype, copy)
 
 
 class Mask(Value):
-    """Which pixels belong to something. `inside`: (rows, columns), true or false."""
+    """A selection of pixels. `inside`: (rows, columns), true or false."""
 
     __slots__ = ()
     KIND = "Mask"
@@ -47,21 +47,21 @@ class Mask(Value):
 
     @property
     def inside(self) -> _Flags:
-        """Whether each pixel belongs to it, (rows, columns)."""
+        """True for each selected pixel, (rows, columns)."""
         import numpy as np
 
         array: _Flags = self._array("inside").view(np.bool_)
         return array
 
     def __array__(self, dtype: Any = None, copy: Optional[bool] = None) -> NDArray[Any]:
-        """Whether each pixel belongs to it, for NumPy and what takes arrays."""
+        """True for each selected pixel, for NumPy and functions that take arrays."""
         return _array_for(self.inside, dtype, copy)
 
 
 class Field(Value):
-    """A number for each pixel. `numbers`: (rows, columns), kept in single precision; NaN or masked where there is none.
+    """A number for each pixel. `numbers`: (rows, columns), stored in single precision; NaN or masked if missing.
 
-    Floats that are rounded are a warning, integers that would be are refused.
+    Warns if floats are rounded; integers that would be rounded are refused.
     """
 
     __slots__ = ()
@@ -77,14 +77,14 @@ class Field(Value):
         return array
 
     def __array__(self, dtype: Any = None, copy: Optional[bool] = None) -> NDArray[Any]:
-        """Its numbers, for NumPy and what takes arrays."""
+        """The numbers, for NumPy and functions that take arrays."""
         return _array_for(self.numbers, dtype, copy)
 
 
 class Labels(Value):
-    """Components of a mask. `label`: (rows, columns), integers from 0; 0 or masked where there is none.
+    """Components of a mask. `label`: (rows, columns), integers from 0; 0 or masked for pixels without a component.
 
-    They are numbered from 1 in the order in which the rows meet them: other numbers are a warning.
+    Components are numbered from 1 in the order of their first pixel, row by row; warns if that changes numbers.
     """
 
     __slots__ = ()
@@ -103,20 +103,21 @@ class Labels(Value):
 
     @property
     def label(self) -> _Indices:
-        """The component of each pixel, (rows, columns); 0 where there is none."""
+        """The component of each pixel, (rows, columns); 0 for none."""
         array: _Indices = self._array("label")
         return array
 
     def __array__(self, dtype: Any = None, copy: Optional[bool] = None) -> NDArray[Any]:
-        """The component of each pixel, for NumPy and what takes arrays."""
+        """The component of each pixel, for NumPy and functions that take arrays."""
         return _array_for(self.label, dtype, copy)
 
 
 class RangeImage(Value):
-    """A grid of points as a sensor saw them. `points`: (rows, columns, 3), in mm, NaN or masked where there is none; z away from the sensor, y down.
+    """A grid of points, as a sensor captures them. `points`: (rows, columns, 3), in mm, NaN or masked if missing; z away from the sensor, y
+    down.
 
-    `points` may be depths, too, (rows, columns), in mm, 0 where there is none: then `camera` says how they lie. `color`: (rows, columns, 3), sRGB
-    from 0 to 255. `camera`: its focal lengths and principal point in pixels, (fx, fy, cx, cy), pixel centers at integers.
+    `points` may also be depths, (rows, columns), in mm, 0 if missing; then `camera` is required. `color`: (rows, columns, 3), sRGB from 0
+    to 255. `camera`: focal lengths and principal point in pixels, (fx, fy, cx, cy), with pixel centers at integers.
     """
 
     __slots__ = ()
@@ -132,7 +133,7 @@ class RangeImage(Value):
             raise ValueError(f"the focal lengths of `camera` are {pinhole[0]} and {pinhole[1]}; expected numbers greater than 0")
         grid = _arrays.numbers("points", points, missing=float("nan"))
         if grid.ndim == 2:
-            grid = _unprojected(grid, pinhole)
+            grid = _unproject(grid, pinhole)
         grid = _arrays.reals("points", grid, (None, None, 3), "(rows, columns, 3), or (rows, columns) of depths")
         parts: Dict[str, _AnyPart] = {"point": ("pixel", grid)}
         if color is not None:
@@ -145,7 +146,7 @@ class RangeImage(Value):
         self._make(parts)
 
     def replace(self, points: Optional[ArrayLike] = None, *, color: Any = ...) -> RangeImage:
-        """The same range image with other points or colors of as many rows and columns: camera, pose and all else stay."""
+        """Returns a copy with other points or colors, with the same number of rows and columns. Camera, pose and all else are kept."""
         parts: Dict[str, _AnyPart] = dict(self.parts)
         if points is not None:
             grid = _arrays.reals("points", points, (None, None, 3), "(rows, columns, 3)", missing=True)
@@ -158,7 +159,7 @@ class RangeImage(Value):
 
     @property
     def camera(self) -> Optional[Tuple[float, float, float, float]]:
-        """Its focal lengths and principal point in pixels, (fx, fy, cx, cy); None if they are not known."""
+        """Focal lengths and principal point in pixels, (fx, fy, cx, cy); None if unknown."""
         array = self._array_if_any("camera")
         if array is None:
             return None
@@ -167,7 +168,7 @@ class RangeImage(Value):
 
     @property
     def points(self) -> _Floats:
-        """Places, (rows, columns, 3), in mm; NaN where there is none."""
+        """Positions, (rows, columns, 3), in mm; NaN if missing."""
         array: _Floats = self._array("point")
         return array
 
@@ -179,7 +180,7 @@ class RangeImage(Value):
 
     @property
     def filled(self) -> _Flags:
-        """Which cells were filled and not seen, (rows, columns)."""
+        """True for cells that were filled and not captured, (rows, columns)."""
         import numpy as np
 
         array: _Flags = self._array("filled").view(np.bool_)
@@ -187,15 +188,15 @@ class RangeImage(Value):
 
 
 def _grid(name: str, given: Any, missing: Optional[float]) -> NDArray[Any]:
-    """Numbers of pixels, (rows, columns)."""
+    """Converts numbers of pixels, (rows, columns)."""
     array = _arrays.numbers(name, given, missing=missing)
     if array.ndim != 2:
         raise ValueError(f"`{name}` is (rows, columns), not {array.shape}")
     return array
 
 
-def _unprojected(depth: NDArray[Any], camera: Optional[_Floats]) -> _Floats:
-    """The points at these depths, which a camera saw."""
+def _unproject(depth: NDArray[Any], camera: Optional[_Floats]) -> _Floats:
+    """Computes points from the depths of a camera."""
     import numpy as np
 
     if camera is None:

@@ -1,4 +1,4 @@
-"""The engine, as the package wraps it."""
+"""The native module of the engine, which the package wraps."""
 
 from os import PathLike
 from pathlib import PurePath

@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 class Mesh(Value):
     """Vertices, and faces of three or more corners, with attributes and a texture.
 
-    `vertices`: (n, 3), in mm; or a mesh as a whole: of trimesh, Open3D or PyVista with all that it has, or anything with `.vertices` and `.faces`.
-    `faces`: (m, corners) numbers of vertices from 0, or a list of lists where faces have several sizes; counterclockwise from outside.
-    `uv`: (n, 2) for vertices, or as many as faces have corners. `texture`: a picture, (rows, columns, 3).
-    Further attributes: `Mesh(v, f, heat=..)` of vertices, (n,) to (n, 3); those of corners and faces in dicts of their own. Integers are
-    ids from 0 to 4294967295, bools are flags, (n, 3) of uint8 are colors, and all else is numbers. `color` may be of floats from 0 to 1, too.
-    `like`: a mesh whose frame, creases and camera this one has.
+    `vertices`: (n, 3), in mm; or a whole mesh: of trimesh, Open3D or PyVista with all of its data, or any object with `.vertices` and
+    `.faces`. `faces`: (m, corners) numbers of vertices from 0, or a list of lists if faces have several sizes; counterclockwise from
+    outside. `uv`: (n, 2) for vertices, or one row for each corner. `texture`: a picture, (rows, columns, 3). Further keywords are
+    attributes of vertices, (n,) to (n, 3): `Mesh(v, f, heat=..)`; those of corners and faces are passed as dicts. Integers are ids from 0
+    to 4294967295, bools are flags, (n, 3) of uint8 are colors, and all others are numbers. `color` may also be floats from 0 to 1. `like`:
+    a mesh from which frame, creases and camera are copied.
 
-    Raises ValueError that says which number or corner is wrong.
+    Raises ValueError with the number or corner that is wrong.
     """
 
     __slots__ = ()
@@ -73,10 +73,10 @@ class Mesh(Value):
         face_attributes: Optional[Mapping[str, Optional[ArrayLike]]] = None,
         **attributes: Optional[ArrayLike],
     ) -> Mesh:
-        """The same mesh with other vertices, faces, texture or attributes, as `Mesh` takes them: all else stays, the frame of a capture, too.
-        What is None is taken away: `mesh.replace(mesh.vertices * 2, heat=None)`.
+        """Returns a copy with other vertices, faces, texture or attributes, in the forms that `Mesh` takes. All else is kept, including the
+        frame of a capture. None removes something: `mesh.replace(mesh.vertices * 2, heat=None)`.
 
-        Raises ValueError where what stays does not fit, as attributes of faces that were replaced.
+        Raises ValueError if kept data does not fit, such as attributes of faces that were replaced.
         """
         parts: Dict[str, _AnyPart] = dict(self.parts)
         if vertices is not None:
@@ -96,38 +96,38 @@ class Mesh(Value):
         return mesh
 
     def to_trimesh(self) -> Any:
-        """The mesh as a `trimesh.Trimesh` in mm, with all that it has: `Mesh` of it is this mesh again, but for faces of more corners, which are
-        triangles then. trimesh must be installed."""
+        """Converts to a `trimesh.Trimesh` in mm, with all data. `Mesh` of the result is this mesh again, except that faces are triangles.
+        trimesh must be installed."""
         from . import _peers
 
         return _peers.to_trimesh(self)
 
     def to_open3d(self, *, legacy: bool = False) -> Any:
-        """The mesh as an `open3d.t.geometry.TriangleMesh` with its attributes and texture, or as an `open3d.geometry.TriangleMesh`, which has fewer
-        of them. What Open3D has no place for is a warning; `Mesh(theirs, like=mesh)` takes the frame of a capture and creases from here.
-        Open3D must be installed."""
+        """Converts to an `open3d.t.geometry.TriangleMesh` with attributes and texture, or, with `legacy`, to an
+        `open3d.geometry.TriangleMesh`, which has fewer of them. Warns of data that Open3D cannot hold; `Mesh(theirs, like=mesh)` restores
+        the frame of a capture and creases. Open3D must be installed."""
         from . import _peers
 
         return _peers.to_open3d(self, legacy)
 
     def to_pyvista(self) -> Any:
-        """The mesh as a `pyvista.PolyData` with all that it has: `Mesh` of it is this mesh again. `mesh.texture.pixels` is what
-        `pyvista.Texture` takes. PyVista must be installed."""
+        """Converts to a `pyvista.PolyData` with all data. `Mesh` of the result is this mesh again. `pyvista.Texture` takes
+        `mesh.texture.pixels`. PyVista must be installed."""
         from . import _peers
 
         return _peers.to_pyvista(self)
 
     @property
     def vertices(self) -> _Floats:
-        """The places of its vertices, (n, 3), in mm."""
+        """The positions of the vertices, (n, 3), in mm."""
         array: _Floats = self._array("position")
         return array
 
     @property
     def faces(self) -> _Indices:
-        """The vertices of its faces, (m, corners of a face), counterclockwise from outside.
+        """The vertices of the faces, (m, corners of a face), counterclockwise from outside.
 
-        Raises ValueError where faces have several sizes: then `corners` and `offsets` have them, and `triangles` cuts them.
+        Raises ValueError if faces have several sizes; use `corners` and `offsets`, or `triangles`, then.
         """
         array: _Indices = self._array("corners")
         if array.ndim != 2:
@@ -142,7 +142,7 @@ class Mesh(Value):
 
     @property
     def offsets(self) -> NDArray[np.int64]:
-        """Where each face begins in `corners`, and the end: (m + 1,)."""
+        """The index in `corners` at which each face begins, and the end: (m + 1,)."""
         import numpy as np
 
         sides = self._array_if_any("sides")
@@ -153,7 +153,7 @@ class Mesh(Value):
 
     @property
     def triangles(self) -> _Indices:
-        """Its faces as triangles, (t, 3), those of more corners cut along diagonals within them."""
+        """The faces as triangles, (t, 3); larger faces are divided along diagonals inside of them."""
         import numpy as np
 
         return np.asarray(self._native.triangles())
@@ -165,7 +165,7 @@ class Mesh(Value):
 
     @property
     def corner_edge(self) -> _Indices:
-        """For each corner the edge that leads from it to the next corner of its face, (corners,)."""
+        """For each corner the edge from it to the next corner of its face, (corners,)."""
         return self._edges()[1]
 
     def _edges(self) -> Tuple[_Indices, _Indices]:
@@ -192,7 +192,7 @@ class Mesh(Value):
 
     @property
     def bounds(self) -> Optional[_Floats]:
-        """The lowest and the highest coordinates, (2, 3), in mm; None without vertices."""
+        """The minimum and maximum coordinates, (2, 3), in mm; None without vertices."""
         import numpy as np
 
         vertices = self.vertices
@@ -200,7 +200,7 @@ class Mesh(Value):
 
     @property
     def area(self) -> float:
-        """The area of its faces, in mm²."""
+        """The total area of the faces, in mm²."""
         import numpy as np
 
         a, b, c = self._triangle_corners()
@@ -208,7 +208,7 @@ class Mesh(Value):
 
     @property
     def volume(self) -> float:
-        """What its faces enclose, in mm³; negative if they are clockwise from outside, and without a meaning if the mesh is open."""
+        """The volume that the faces enclose, in mm³; negative if they are clockwise from outside, and meaningless if the mesh is open."""
         import numpy as np
 
         a, b, c = self._triangle_corners()
@@ -216,20 +216,20 @@ class Mesh(Value):
         return float(np.einsum("ij,ij->", a - origin, np.cross(b - origin, c - origin)) / 6)
 
     def _triangle_corners(self) -> Tuple[_Floats, _Floats, _Floats]:
-        """The first, second and third corners of its triangles."""
+        """The positions of the first, second and third corners of the triangles."""
         vertices, triangles = self.vertices, self.triangles
         return vertices[triangles[:, 0]], vertices[triangles[:, 1]], vertices[triangles[:, 2]]
 
     @property
     def vertex_normals(self) -> _Floats:
-        """A unit vector for each vertex, (n, 3): the mean direction of its faces by area, whatever its attribute `normal` says."""
+        """A unit vector for each vertex, (n, 3): the area-weighted mean normal of its faces, independent of the attribute `normal`."""
         import numpy as np
 
         return np.asarray(self._native.normals())
 
     @property
     def face_normals(self) -> _Floats:
-        """A unit vector for each face, (m, 3), out of its counterclockwise side; 0 where a face has no area."""
+        """A unit normal for each face, (m, 3), on its counterclockwise side; 0 for faces without area."""
         import numpy as np
 
         a, b, c = self._triangle_corners()
@@ -242,20 +242,20 @@ class Mesh(Value):
 
     @property
     def uv(self) -> Optional[_Floats]:
-        """Places in the texture, (n, 2) for vertices or (corners, 2), from the lower left; None if there are none."""
+        """Texture coordinates, (n, 2) for vertices or (corners, 2), from the lower left; None if there are none."""
         array: Optional[_Floats] = self._array_if_any("uv")
         return self._array_if_any("corner uv") if array is None else array
 
     @property
     def texture(self) -> Optional[Image]:
-        """The picture on it; None if there is none."""
+        """The texture; None if there is none."""
         return _pictures.texture_of(self.parts)
 
 
 class Points(Value):
-    """Points in space. `positions`: (n, 3), in mm; attributes as keywords, `Points(p, normal=..)`, as those of `Mesh`.
+    """Points in space. `positions`: (n, 3), in mm; attributes are keywords, as in `Mesh`: `Points(p, normal=..)`.
 
-    Takes clouds of trimesh, Open3D and PyVista with all that they have, too, and anything with `.points` or `.vertices`.
+    Also takes point clouds of trimesh, Open3D and PyVista with all of their data, and any object with `.points` or `.vertices`.
     """
 
     __slots__ = ()
@@ -275,7 +275,7 @@ class Points(Value):
 
     @property
     def positions(self) -> _Floats:
-        """Places, (n, 3), in mm."""
+        """The positions, (n, 3), in mm."""
         array: _Floats = self._array("position")
         return array
 
@@ -310,7 +310,7 @@ class _Attributes(Mapping[str, "NDArray[Any]"]):
 
 
 OWN_PARTS = ("position", "corners", "sides", "creases", "frame", "pose", "point", "texture size", *_pictures.TEXTURE_PARTS)
-"""Names of columns that are no attributes."""
+"""The names of columns that are not attributes."""
 
 
 def is_own(name: str) -> bool:
@@ -319,7 +319,7 @@ def is_own(name: str) -> bool:
 
 
 def _attributes(on: str, given: Optional[Mapping[str, Any]]) -> Dict[str, _AnyPart]:
-    """The columns for attributes of these elements, by the names of columns; those that are None are to be taken away."""
+    """The columns for attributes of these elements, by the names of columns; None for those to remove."""
     prefix = "" if on in ("vertex", "point") else on + " "
     parts: Dict[str, _AnyPart] = {}
     if given is not None and not isinstance(given, Mapping):
@@ -351,7 +351,7 @@ def _faces(faces: Any) -> Dict[str, _AnyPart]:
 
 
 def _uv(uv: Any, parts: Mapping[str, _AnyPart]) -> Dict[str, _AnyPart]:
-    """The column for places in the texture: of vertices, if there are as many, else of corners."""
+    """The column of texture coordinates: of vertices if the number of rows agrees, else of corners."""
     array = _arrays.reals("uv", uv, (None, 2), "(n, 2)")
     n_vertices, n_corners = len(_array_of(parts["position"])), _array_of(parts["corners"]).size
     if len(array) not in (n_vertices, n_corners):

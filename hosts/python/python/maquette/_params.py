@@ -1,4 +1,4 @@
-"""What graphs take and give: parameters with their values, inputs and outputs."""
+"""Descriptions of parameters, inputs and outputs of graphs, and checks of parameter values."""
 
 from __future__ import annotations
 
@@ -7,54 +7,54 @@ from typing import Any, Dict, Iterator, NamedTuple, Optional, Tuple, TypeVar
 
 T = TypeVar("T")
 
-# A parameter or field of so many numbers is a text of some 10 MB.
+# The maximum count of numbers of a parameter or field, whose text is about 10 MB then.
 _MAX_NUMBERS = 2**20
 _MAX_INTEGER = 2**63 - 1
 
 
 class Param(NamedTuple):
-    """A parameter that a graph declares."""
+    """A parameter of a graph."""
 
     name: str
-    """Its name, as `Graph.run` takes it."""
+    """Its name, as in `Graph.run`."""
     kind: str
     """`Number`, `Integer`, `Toggle`, `Color`, `Text`, `Choice` or `Vector`."""
     default: Any
-    """Its value if none is given: float, int, bool, str or a list of numbers."""
+    """The default value: float, int, bool, str or a list of numbers."""
     min: Optional[float]
-    """The least number that it takes."""
+    """The minimum, if any."""
     max: Optional[float]
-    """The greatest number that it takes."""
+    """The maximum, if any."""
     unit: Optional[str]
-    """The unit of its number, such as `mm`."""
+    """The unit, such as `mm`."""
     choices: Tuple[str, ...]
-    """What a `Choice` chooses from."""
+    """The alternatives of a `Choice`."""
     doc: str
-    """What it does, in the words of the graph's author."""
+    """The description by the graph's author."""
 
 
 class Port(NamedTuple):
     """An input of a graph that is a function of values."""
 
     name: str
-    """Its name, as `inputs` of `Graph.run` takes it."""
+    """Its name, as in `inputs` of `Graph.run`."""
     kind: str
-    """The type of values that it takes, such as `Mesh`."""
+    """The type of its values, such as `Mesh`."""
     doc: str
-    """What it is, in the words of the graph's author."""
+    """The description by the graph's author."""
 
 
 class Output(NamedTuple):
-    """Something that a graph gives."""
+    """An output of a graph."""
 
     name: str
     """Its name: a file, or a value of a graph with inputs."""
     kind: Optional[str]
-    """The type of its value; None if it is that of what comes in."""
+    """The type of its value; None if it depends on the inputs."""
 
 
 class Named(Mapping[str, T]):
-    """Things by their names, in order."""
+    """An ordered mapping of descriptions by name."""
 
     def __init__(self, what: str, things: Dict[str, T]) -> None:
         self._what, self._things = what, things
@@ -82,7 +82,7 @@ class Named(Mapping[str, T]):
 
 
 def param_of(name: str, field: Dict[str, Any]) -> Param:
-    """A parameter as its JSON schema has it."""
+    """Creates the description of a parameter from its JSON schema."""
     kinds = {"number": "Number", "integer": "Integer", "boolean": "Toggle", "array": "Vector"}
     kind = kinds.get(field.get("type", ""), "Text")
     if "enum" in field:
@@ -102,8 +102,8 @@ def param_of(name: str, field: Dict[str, Any]) -> Param:
     )
 
 
-def plain(name: str, value: Any) -> Any:
-    """A value of NumPy or Python as a bool, number, text or list. Raises TypeError or ValueError with the parameter's name."""
+def to_plain(name: str, value: Any) -> Any:
+    """Converts a value of NumPy or Python to a bool, number, text or list. Raises TypeError or ValueError with the parameter's name."""
     if hasattr(value, "tolist") and not isinstance(value, memoryview):
         size = getattr(value, "size", 0)
         if isinstance(size, int) and size > _MAX_NUMBERS:
@@ -113,7 +113,7 @@ def plain(name: str, value: Any) -> Any:
         raise TypeError(f"`{name}` is a {type(value).__name__}; expected a bool, number, text or list")
     if isinstance(value, (tuple, list)):
         try:
-            return [plain(name, item) for item in value]
+            return [to_plain(name, item) for item in value]
         except RecursionError:
             raise ValueError(f"`{name}` is a list that is nested too deeply") from None
     if isinstance(value, str):
@@ -133,7 +133,7 @@ def plain(name: str, value: Any) -> Any:
 
 
 def check_text(name: str, text: str) -> None:
-    """Raises ValueError if a text cannot be written to a file, as names of files that are not valid UTF-8."""
+    """Raises ValueError if a text cannot be written to a file, such as a file name that is not valid UTF-8."""
     try:
         text.encode()
     except UnicodeEncodeError as error:

@@ -1,7 +1,7 @@
-"""Meshes and points of trimesh, Open3D and PyVista: what they have becomes columns of values, and the other way round.
+"""Conversion of meshes and points from and to trimesh, Open3D and PyVista.
 
-No library is imported unless something is to be made for it. Attributes keep their names and kinds; `color`, `normal` and `uv` are what each
-library calls so. What a library has no place for is kept beside its mesh where it has some room for it, else it is a warning.
+A library is imported only to create its objects. Attributes keep their names and kinds; `color`, `normal` and `uv` are mapped to the
+library's own names. Data that a library does not support is stored as extra data of its mesh if possible; otherwise there is a warning.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ if TYPE_CHECKING:
 
     _Parts = Dict[str, _AnyPart]
 
-_KEPT = "maquette"
-"""What is kept beside a mesh of another library begins with this word."""
+_PREFIX = "maquette"
+"""The prefix of extra data that is stored in a mesh of another library."""
 
 _NORMALS = ("normal", "Normals")
 _COLORS = ("color", "RGB", "RGBA", "rgb", "rgba")
 
 
 def parts_of_mesh(given: Any) -> _Parts:
-    """The columns of a mesh of another library, or of whatever has vertices and faces."""
+    """The columns of a mesh of another library, or of any object with vertices and faces."""
     if isinstance(given, Mesh):
         return dict(given.parts)
     library = _library(given)
     if library == "trimesh":
-        return _of_trimesh(given)
+        return _from_trimesh(given)
     if library == "open3d":
-        return _of_open3d(given) if hasattr(given, "material") and hasattr(given, "vertex") else _of_legacy_open3d(given)
+        return _from_open3d(given) if hasattr(given, "material") and hasattr(given, "vertex") else _from_legacy_open3d(given)
     if library == "pyvista":
-        return _of_pyvista(given)
+        return _from_pyvista(given)
 
     faces = getattr(given, "faces", None)
     faces = getattr(given, "triangles", None) if faces is None else faces
@@ -50,7 +50,7 @@ def parts_of_mesh(given: Any) -> _Parts:
 
 
 def parts_of_points(given: Any) -> _Parts:
-    """The columns of points of another library, of whatever has points or vertices, or of an array."""
+    """The columns of points of another library, of any object with points or vertices, or of an array."""
 
     if isinstance(given, Points):
         return dict(given.parts)
@@ -80,7 +80,7 @@ def parts_of_points(given: Any) -> _Parts:
 
 
 def _library(given: Any) -> str:
-    """The name of the library that something is of; empty if it is none of those that are known."""
+    """The name of the library that an object belongs to; empty if it is not a supported one."""
     for kind in type(given).__mro__:
         name = str(kind.__module__).split(".")[0]
         if name in ("trimesh", "open3d", "pyvista"):
@@ -89,7 +89,7 @@ def _library(given: Any) -> str:
 
 
 def _add(parts: _Parts, on: str, name: str, array: Any, *, opaque: bool = False) -> None:
-    """Adds an attribute; one that cannot be kept is a warning. `opaque`: alpha is dropped."""
+    """Adds an attribute, or warns if it cannot be converted. `opaque`: drop alpha."""
     import numpy as np
 
     from ._mesh import is_own
@@ -116,7 +116,7 @@ def _add(parts: _Parts, on: str, name: str, array: Any, *, opaque: bool = False)
 
 
 def _add_all(parts: _Parts, on: str, arrays: Mapping[str, Any], skip: Any = ()) -> None:
-    """Adds attributes by name; normals and colors by whatever they are called."""
+    """Adds attributes by name; recognizes the names of normals and colors in other libraries."""
     for name in list(arrays):
         if name in skip:
             continue
@@ -124,8 +124,8 @@ def _add_all(parts: _Parts, on: str, arrays: Mapping[str, Any], skip: Any = ()) 
         _add(parts, on, known, arrays[name], opaque=known == "color")
 
 
-def _rest(mesh: Mesh) -> List[Part]:
-    """What of a mesh is neither vertices, faces, their attributes nor its picture."""
+def _other_parts(mesh: Mesh) -> List[Part]:
+    """The columns of a mesh other than vertices, faces, their attributes and the texture."""
     of_elements = {name for on in ("vertex", "corner", "face", "texel") for name in mesh._columns.names_on(on)}
     return [mesh.parts[name] for name in mesh.parts if name not in of_elements and name != "texture size"]
 
@@ -134,7 +134,7 @@ def _rest(mesh: Mesh) -> List[Part]:
 
 
 def to_trimesh(mesh: Mesh) -> Any:
-    """The mesh as one of trimesh."""
+    """Converts a mesh to trimesh."""
     import numpy as np
 
     trimesh = importlib.import_module("trimesh")
@@ -145,7 +145,7 @@ def to_trimesh(mesh: Mesh) -> Any:
     uv = vertex.pop("uv", None)
     origin: Optional[NDArray[np.int64]] = None
     if uv is None and "uv" in at_corners:
-        # A vertex has one place in the picture there.
+        # trimesh has one texture coordinate for each vertex: split vertices with several.
         uv_at = at_corners["uv"][corners]
         keys = np.concatenate([triangles.reshape(-1, 1).astype(np.float64), uv_at], axis=1)
         alone = np.setdiff1d(np.arange(len(vertices)), triangles)
@@ -160,7 +160,7 @@ def to_trimesh(mesh: Mesh) -> Any:
     texture = mesh.texture
     if uv is not None:
         picture = None if texture is None else importlib.import_module("PIL.Image").fromarray(texture.pixels)
-        # Other materials have a picture of their own where there is none.
+        # Other materials get a default picture if there is none.
         material = trimesh.visual.material.PBRMaterial(baseColorTexture=picture)
         theirs.visual = trimesh.visual.TextureVisuals(uv=np.array(uv), material=material)
     elif "color" in vertex:
@@ -173,8 +173,8 @@ def to_trimesh(mesh: Mesh) -> Any:
     kept = [part._replace(array=part.array[corners]) for part in kept]
     if texture is not None and uv is None:
         kept += [mesh.parts["texture"], mesh.parts["texture size"]]
-    theirs.metadata[_KEPT] = {
-        "parts": [tuple(part) for part in [*kept, *_rest(mesh)]],
+    theirs.metadata[_PREFIX] = {
+        "parts": [tuple(part) for part in [*kept, *_other_parts(mesh)]],
         "faces": np.array(triangles),
         "origin": origin,
     }
@@ -182,7 +182,7 @@ def to_trimesh(mesh: Mesh) -> Any:
 
 
 def _triangle_corners(mesh: Mesh) -> Any:
-    """For each corner of each triangle the corner of the mesh, and for each triangle the face."""
+    """The corner of the mesh for each corner of each triangle, and the face for each triangle."""
     import numpy as np
 
     corners: _Indices = np.asarray(mesh._native.triangle_corners()).reshape(-1)
@@ -190,7 +190,7 @@ def _triangle_corners(mesh: Mesh) -> Any:
     return corners, of_face
 
 
-def _of_trimesh(theirs: Any) -> _Parts:
+def _from_trimesh(theirs: Any) -> _Parts:
     """The columns of a mesh of trimesh."""
     import numpy as np
 
@@ -207,14 +207,14 @@ def _of_trimesh(theirs: Any) -> _Parts:
             scale = 1.0
             warnings.warn(f"the unit `{units}` is not known; lengths are taken as mm", stacklevel=5)
         vertices = vertices if scale == 1 else vertices * scale
-    kept = theirs.metadata.get(_KEPT, {}) if isinstance(getattr(theirs, "metadata", None), dict) else {}
+    kept = theirs.metadata.get(_PREFIX, {}) if isinstance(getattr(theirs, "metadata", None), dict) else {}
     origin, is_same = kept.get("origin"), np.array_equal(kept.get("faces", ()), faces)
     parts: _Parts = {}
     _add_visual(parts, getattr(theirs, "visual", None))
     _add_all(parts, "vertex", getattr(theirs, "vertex_attributes", {}))
     _add_all(parts, "face", getattr(theirs, "face_attributes", {}))
     if origin is not None and is_same and len(origin) == len(vertices):
-        merged = _merged(parts, vertices, faces, origin)
+        merged = _merge_vertices(parts, vertices, faces, origin)
         if merged is not None:
             vertices, faces = merged
     lost = []
@@ -229,7 +229,7 @@ def _of_trimesh(theirs: Any) -> _Parts:
 
 
 def _add_visual(parts: _Parts, visual: Any) -> None:
-    """Adds what trimesh keeps as the looks of a mesh."""
+    """Adds texture coordinates, texture and colors of a mesh of trimesh."""
     kind = getattr(visual, "kind", None)
     if kind == "texture":
         if visual.uv is not None and len(visual.uv):
@@ -245,9 +245,9 @@ def _add_visual(parts: _Parts, visual: Any) -> None:
         _add(parts, "face", "color", visual.face_colors, opaque=True)
 
 
-def _merged(parts: _Parts, vertices: Any, faces: Any, origin: NDArray[np.int64]) -> Any:
-    """Vertices and faces where those are one again that were one before each got its own place in the picture, and the attributes with them; None
-    if they are not equal any more."""
+def _merge_vertices(parts: _Parts, vertices: Any, faces: Any, origin: NDArray[np.int64]) -> Any:
+    """Merges vertices again that `to_trimesh` has split by texture coordinates, with their attributes; returns vertices and faces, or None
+    if split vertices differ now."""
     import numpy as np
 
     _, first = np.unique(origin, return_index=True)
@@ -282,7 +282,7 @@ def _arrays_of(vertices: Any, faces: Any) -> _Parts:
 
 
 def to_open3d(mesh: Mesh, legacy: bool) -> Any:
-    """The mesh as one of Open3D."""
+    """Converts a mesh to Open3D."""
     import numpy as np
 
     open3d = importlib.import_module("open3d")
@@ -309,7 +309,7 @@ def to_open3d(mesh: Mesh, legacy: bool) -> Any:
         theirs.material.set_default_properties()
         theirs.material.material_name = "defaultLit"
         theirs.material.texture_maps["albedo"] = open3d.t.geometry.Image(tensor(np.array(texture.pixels)))
-    lost = [part.name for part in _rest(mesh)]
+    lost = [part.name for part in _other_parts(mesh)]
     if legacy:
         lost += [name for name in mesh.attributes if name not in ("color", "normal", "uv")]
         lost += [f"face {name}" for name in mesh.face_attributes]
@@ -321,7 +321,7 @@ def to_open3d(mesh: Mesh, legacy: bool) -> Any:
 
 
 def _legacy(open3d: Any, theirs: Any, texture: Any) -> Any:
-    """The same mesh as one of the older kind."""
+    """Converts a tensor mesh of Open3D to a legacy one."""
     import numpy as np
 
     mesh = open3d.geometry.TriangleMesh(
@@ -335,21 +335,21 @@ def _legacy(open3d: Any, theirs: Any, texture: Any) -> Any:
     if "texture_uvs" in theirs.triangle:
         mesh.triangle_uvs = open3d.utility.Vector2dVector(theirs.triangle.texture_uvs.numpy().reshape(-1, 2))
     if texture is not None:
-        # Pictures of this kind of mesh begin with the lowest row.
+        # Textures of legacy meshes begin with the lowest row.
         mesh.textures = [open3d.geometry.Image(np.array(texture.pixels[::-1]))]
         mesh.triangle_material_ids = open3d.utility.IntVector([0] * len(mesh.triangles))
     return mesh
 
 
 def _tall(array: NDArray[Any]) -> NDArray[Any]:
-    """An array of its own, (n, numbers an element), as Open3D keeps attributes."""
+    """A copy of an array as (n, numbers of an element), as Open3D stores attributes."""
     import numpy as np
 
     return np.array(array).reshape(len(array), -1)
 
 
 def _add_tensors(parts: _Parts, on: str, tensors: Any, skip: Any = ()) -> None:
-    """Adds attributes that Open3D keeps by name."""
+    """Adds the named attributes of Open3D."""
     for name in sorted(name for name, _ in tensors.items()):
         if name in skip or str(name).startswith("__"):
             continue
@@ -361,7 +361,7 @@ def _add_tensors(parts: _Parts, on: str, tensors: Any, skip: Any = ()) -> None:
             _add(parts, on, known, array, opaque=known == "color")
 
 
-def _of_open3d(theirs: Any) -> _Parts:
+def _from_open3d(theirs: Any) -> _Parts:
     """The columns of a mesh of Open3D."""
     import numpy as np
 
@@ -381,8 +381,8 @@ def _of_open3d(theirs: Any) -> _Parts:
     return parts
 
 
-def _of_legacy_open3d(theirs: Any) -> _Parts:
-    """The columns of a mesh of Open3D of the older kind."""
+def _from_legacy_open3d(theirs: Any) -> _Parts:
+    """The columns of a legacy mesh of Open3D."""
     import numpy as np
 
     parts: _Parts = _arrays_of(np.asarray(theirs.vertices), np.asarray(theirs.triangles))
@@ -392,10 +392,10 @@ def _of_legacy_open3d(theirs: Any) -> _Parts:
         _add(parts, "vertex", "normal", theirs.vertex_normals)
     if theirs.has_triangle_uvs():
         _add(parts, "corner", "uv", theirs.triangle_uvs)
-    # One without pixels is no array.
+    # A texture without pixels cannot be converted to an array.
     textures = [np.asarray(texture) for texture in theirs.textures if not texture.is_empty()]
     if textures:
-        # Pictures of this kind of mesh begin with the lowest row.
+        # Textures of legacy meshes begin with the lowest row.
         _add_texture(parts, textures[0][::-1])
     if len(textures) > 1:
         warnings.warn(f"the mesh has {len(textures)} textures, of which the first one is kept", stacklevel=5)
@@ -403,7 +403,7 @@ def _of_legacy_open3d(theirs: Any) -> _Parts:
 
 
 def _add_texture(parts: _Parts, picture: Any) -> None:
-    """Adds the picture on a mesh, without its alpha; one that cannot be kept is a warning."""
+    """Adds a texture without its alpha, or warns if it cannot be converted."""
     import numpy as np
 
     if isinstance(picture, np.ndarray):
@@ -421,12 +421,12 @@ def _add_texture(parts: _Parts, picture: Any) -> None:
 
 
 def to_pyvista(mesh: Mesh) -> Any:
-    """The mesh as one of PyVista."""
+    """Converts a mesh to PyVista."""
     import numpy as np
 
     pyvista = importlib.import_module("pyvista")
     offsets, corners = mesh.offsets, mesh.corners.astype(np.int64)
-    # VTK has the number of corners before those of each face.
+    # In VTK, each face begins with the number of its corners.
     flat = np.insert(corners, offsets[:-1], np.diff(offsets))
     theirs = pyvista.PolyData(np.array(mesh.vertices), faces=flat) if len(flat) else pyvista.PolyData(np.array(mesh.vertices))
     for name, array in mesh.attributes.items():
@@ -435,16 +435,16 @@ def to_pyvista(mesh: Mesh) -> Any:
         theirs.point_data.active_texture_coordinates_name = "uv"
     for name, array in mesh.face_attributes.items():
         theirs.cell_data[name] = np.array(array)
-    rest = [mesh.parts[f"corner {name}"] for name in mesh.corner_attributes] + _rest(mesh)
+    rest = [mesh.parts[f"corner {name}"] for name in mesh.corner_attributes] + _other_parts(mesh)
     rest += [mesh.parts[name] for name in ("texture", "texture size") if name in mesh.parts]
     for part in rest:
         array = np.array(part.array)
         array = array.astype(np.uint8) if array.dtype == np.bool_ else array
-        theirs.field_data[f"{_KEPT}|{part.on}|{part.meaning}|{part.name}"] = array
+        theirs.field_data[f"{_PREFIX}|{part.on}|{part.meaning}|{part.name}"] = array
     return theirs
 
 
-def _of_pyvista(theirs: Any) -> _Parts:
+def _from_pyvista(theirs: Any) -> _Parts:
     """The columns of a mesh of PyVista."""
     import numpy as np
 
@@ -472,7 +472,7 @@ def _of_pyvista(theirs: Any) -> _Parts:
     lost = []
     for name in list(theirs.field_data):
         word, *rest = str(name).split("|", 3)
-        if word != _KEPT or len(rest) != 3:
+        if word != _PREFIX or len(rest) != 3:
             continue
         on, meaning, part = rest
         array = np.asarray(theirs.field_data[name])
@@ -488,7 +488,7 @@ def _of_pyvista(theirs: Any) -> _Parts:
 
 
 def _sides(flat: NDArray[Any]) -> NDArray[Any]:
-    """The number of corners of each face of VTK."""
+    """The number of corners of each face in a list of VTK."""
     import numpy as np
 
     if len(flat) and len(flat) % (flat[0] + 1) == 0 and (flat[:: flat[0] + 1] == flat[0]).all():

@@ -1,4 +1,4 @@
-"""Pictures as arguments, and pictures on meshes."""
+"""Conversion of pictures, and textures of meshes."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ if TYPE_CHECKING:
     from ._value import Part, _Bytes
 
 TEXTURE_PARTS = ("texture", "texture size", "texture camera")
-"""The columns of a mesh that are of the picture on it."""
+"""The columns of a mesh that belong to its texture."""
 
 
 def pixels_of(picture: Any) -> _Bytes:
-    """A picture as (rows, columns, 3) bytes, sRGB: an array of 8 or 16 bits, a picture of Pillow or an `Image`.
+    """Converts a picture to (rows, columns, 3) bytes, sRGB: an array of 8 or 16 bits, a picture of Pillow or an `Image`.
 
-    As in files, 16 bits are cut to the upper 8, floats of Pillow are light from 0 to 1, and alpha is dropped.
+    As in files, 16 bits are reduced to the upper 8, floats of Pillow are linear light from 0 to 1, and alpha is dropped.
     """
     import numpy as np
 
@@ -25,7 +25,7 @@ def pixels_of(picture: Any) -> _Bytes:
     if isinstance(pixels, np.ndarray):
         picture = pixels
     elif hasattr(picture, "convert") and hasattr(picture, "mode"):
-        picture = _of_pillow(picture)
+        picture = _from_pillow(picture)
     array = _arrays.numbers("picture", picture)
     if array.ndim != 3 or array.shape[2] != 3 or array.dtype.kind != "u" or array.dtype.itemsize > 2:
         raise ValueError(
@@ -35,8 +35,8 @@ def pixels_of(picture: Any) -> _Bytes:
     return array if array.dtype == np.uint8 else (array >> 8).astype(np.uint8)
 
 
-def _of_pillow(picture: Any) -> Any:
-    """A picture of Pillow as an array, whose 16 bits and floats `convert` would clip."""
+def _from_pillow(picture: Any) -> Any:
+    """Converts a picture of Pillow to an array; Pillow's own `convert` would clip 16 bits and floats."""
     import numpy as np
 
     mode = str(picture.mode)
@@ -55,7 +55,7 @@ def _of_pillow(picture: Any) -> Any:
 
 
 def texture_parts(texture: Any) -> Dict[str, Tuple[str, Any]]:
-    """The columns of a mesh for a picture on it; those of the picture before are None."""
+    """The columns of a mesh for a texture; None for columns of a previous texture to remove."""
     import numpy as np
 
     parts: Dict[str, Tuple[str, Any]] = {name: ("texel", None) for name in TEXTURE_PARTS}
@@ -70,7 +70,7 @@ def texture_parts(texture: Any) -> Dict[str, Tuple[str, Any]]:
 
 
 def texture_of(parts: Mapping[str, Part]) -> Optional[Image]:
-    """The picture on a mesh of these columns."""
+    """The texture of a mesh with these columns."""
     from ._grids import Image
     from ._value import Value
 

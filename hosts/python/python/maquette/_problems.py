@@ -1,4 +1,4 @@
-"""What is wrong with a graph, and where."""
+"""Problems of graphs, and the errors and warnings that report them."""
 
 from __future__ import annotations
 
@@ -9,115 +9,115 @@ if TYPE_CHECKING:
 
 
 class Use(NamedTuple):
-    """One use of a graph in another one, on the way to a problem."""
+    """A use of a graph in another one, on the path to a problem."""
 
     name: str
-    """The name of the node that uses it."""
+    """The name of the node that uses the graph."""
     file: str
-    """The file that uses it."""
+    """The file with this node."""
     line: int
-    """The line there, from 1."""
+    """The line of the node, from 1."""
     column: int
-    """The column there, from 1, in characters."""
+    """The column of the node, from 1, in characters."""
 
 
 class Note(NamedTuple):
-    """Another place that explains a problem, such as the other end of a link."""
+    """Another position that explains a problem, such as the other end of a link."""
 
     file: str
     """The graph file."""
     line: int
-    """The line where it begins, from 1."""
+    """The first line, from 1."""
     column: int
-    """The column where it begins, from 1, in characters."""
+    """The first column, from 1, in characters."""
     end_line: int
-    """The line where it ends."""
+    """The last line."""
     end_column: int
-    """The column behind its end."""
+    """The column after the last character."""
     message: str
-    """What is there."""
+    """The explanation."""
 
 
 class TextEdit(NamedTuple):
-    """A text in the place of what stands in a graph file."""
+    """A replacement of a range of text in a graph file."""
 
     line: int
-    """The line where it begins, from 1."""
+    """The first line, from 1."""
     column: int
-    """The column where it begins, from 1, in characters."""
+    """The first column, from 1, in characters."""
     end_line: int
-    """The line where it ends."""
+    """The last line."""
     end_column: int
-    """The column behind its end."""
+    """The column after the last character."""
     text: str
-    """What stands there then."""
+    """The new text."""
 
 
 class Element(NamedTuple):
-    """An element of a value that is to blame."""
+    """An element of a value that violates a requirement."""
 
     name: str
-    """What it is, as `edge 0-2`."""
+    """Its name, such as `edge 0-2`."""
     at: Tuple[float, float, float]
-    """A place of it, in mm."""
+    """Its position, in mm."""
 
 
 class Problem(NamedTuple):
-    """Something wrong at a place of a graph file: where, what, and what to do."""
+    """A problem in a graph file: its position, a message, and help."""
 
     severity: str
-    """`error`, or `warning` if the graph runs all the same."""
+    """`error`, or `warning` if the graph can still run."""
     code: str
-    """What kind of problem it is, as `G007`; codes keep their meaning."""
+    """The kind of problem, such as `G007`; the meaning of codes never changes."""
     file: str
     """The graph file."""
     line: int
-    """The line where it begins, from 1."""
+    """The first line, from 1."""
     column: int
-    """The column where it begins, from 1, in characters."""
+    """The first column, from 1, in characters."""
     end_line: int
-    """The line where it ends."""
+    """The last line."""
     end_column: int
-    """The column behind its end."""
+    """The column after the last character."""
     message: str
-    """What is wrong."""
+    """The message."""
     help: str
-    """What to do; may be empty."""
+    """A hint how to solve the problem; may be empty."""
     uses: Tuple[Use, ...]
-    """For a problem in a graph that is used: the uses that lead there, from the outermost on."""
+    """For a problem in a used graph: the uses that lead to it, the outermost first."""
     text: str
-    """The whole as a terminal shows it, with the lines of the graph."""
+    """The whole problem as in a terminal, with the lines of the graph."""
     note: Optional[Note] = None
-    """Another place that explains it, if there is one."""
+    """Another position that explains the problem, if there is one."""
     fix: Tuple[TextEdit, ...] = ()
-    """The edits of the file that make it go away, if there is one answer."""
+    """The edits of the file that solve the problem, if there is a unique solution."""
     elements: Tuple[Element, ...] = ()
-    """The first elements of a value that are not as they are wanted."""
+    """The first elements of a value that violate a requirement."""
 
     def __str__(self) -> str:
-        """The whole as a terminal shows it, with the lines of the graph."""
+        """The whole problem as in a terminal, with the lines of the graph."""
         return self.text
 
 
-def problem(told: Dict[str, Any]) -> Problem:
-    """A problem as the engine tells it."""
-    uses = tuple(Use(**use) for use in told.pop("uses", ()))
-    note = told.pop("note", None)
-    fix = tuple(TextEdit(**edit) for edit in told.pop("fix", ()))
-    elements = tuple(Element(it["name"], (x, y, z)) for it in told.pop("elements", ()) for x, y, z in [it["at"]])
-    return Problem(uses=uses, note=Note(**note) if note else None, fix=fix, elements=elements, **told)
+def problem(entry: Dict[str, Any]) -> Problem:
+    """Converts a problem of the engine."""
+    uses = tuple(Use(**use) for use in entry.pop("uses", ()))
+    note = entry.pop("note", None)
+    fix = tuple(TextEdit(**edit) for edit in entry.pop("fix", ()))
+    elements = tuple(Element(it["name"], (x, y, z)) for it in entry.pop("elements", ()) for x, y, z in [it["at"]])
+    return Problem(uses=uses, note=Note(**note) if note else None, fix=fix, elements=elements, **entry)
 
 
-def problems(told: Sequence[Dict[str, Any]]) -> List[Problem]:
-    """Problems as the engine tells them."""
-    return [problem(one) for one in told]
+def problems(entries: Sequence[Dict[str, Any]]) -> List[Problem]:
+    """Converts problems of the engine."""
+    return [problem(entry) for entry in entries]
 
 
 class GraphWarning(UserWarning):
-    """Something about a graph, its inputs, its files or its cache is to be doubted, though it can be run."""
+    """A warning about a graph, its inputs, its files or its cache; the graph can be run."""
 
     problem: Optional[Problem]
-    """What it is and where, if it lies in a graph; None for troubles of the cache."""
+    """The problem, if it is in a graph; None for errors of the cache."""
 
     def __init__(self, text: str, problem: Optional[Problem] = None) -> None:
         super().__init__(text)
@@ -125,15 +125,15 @@ class GraphWarning(UserWarning):
 
 
 class UnknownNodeWarning(GraphWarning):
-    """A graph has a node of a type that no pack has: what does not hang on it can be run."""
+    """A graph has a node whose type is in no pack; everything that does not depend on the node can be run."""
 
 
-# The code of the problem that a node's type is one that no pack has.
+# The code of the problem that the type of a node is in no pack.
 _UNKNOWN_NODE = "G003"
 
 
 def warning_of(problem: Problem) -> GraphWarning:
-    """The warning that says a problem in one line."""
+    """Creates the warning of a problem, with one line of text."""
     kind = UnknownNodeWarning if problem.code == _UNKNOWN_NODE else GraphWarning
     text = f"{problem.file}:{problem.line}:{problem.column}: {problem.message}"
     return kind(f"{text} ({problem.help})" if problem.help else text, problem)
@@ -144,9 +144,9 @@ class Cancelled(Exception):
 
 
 class GraphError(Exception):
-    """A graph cannot be read, or something of it failed.
+    """A graph cannot be read, or a part of it failed.
 
-    `problems` says where and why, one by one; `run`, where something was run, what was found all the same.
+    `problems` has the positions and reasons; `run` has the values that were found nevertheless, if the graph was run.
     """
 
     problems: List[Problem]
@@ -161,5 +161,5 @@ class GraphError(Exception):
         return "\n".join(["", *(problem.text for problem in self.problems)])
 
     def __reduce__(self) -> Tuple[Any, ...]:
-        # A run stays in its process.
+        # A run cannot be sent to another process.
         return GraphError, (self.problems,)

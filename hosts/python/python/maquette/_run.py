@@ -1,4 +1,4 @@
-"""What comes of a run, and how far it is."""
+"""Results and progress of runs."""
 
 from __future__ import annotations
 
@@ -20,56 +20,56 @@ V = TypeVar("V", bound=Value)
 
 
 class Node(NamedTuple):
-    """What happened to a node in a run, and why."""
+    """The state of a node in a run, and the reason."""
 
     name: str
     """Its name in the graph."""
     node: str
     """Its type, such as `Threshold`."""
     state: str
-    """`cached`, `equal` (not run, since its inputs came out the same), `computed`, `failed` or `skipped`."""
+    """`cached`, `equal` (not run, since its inputs are unchanged), `computed`, `failed` or `skipped`."""
     reason: str
-    """Why, in words."""
+    """The reason of the state, as text."""
     seconds: float
-    """How long it ran; 0 if it did not."""
+    """The time that it ran; 0 if it did not run."""
     bytes: int
-    """How much memory its results hold."""
+    """The memory of its results."""
     warnings: List[str]
-    """Its doubts about the results."""
+    """The warnings about its results."""
     unchanged: bool = False
-    """Whether it ran and gave the same as last time."""
+    """True if it ran and its results equal those of the last run."""
 
 
 class WrittenFile(NamedTuple):
-    """A file that `Run.write` wrote, or left alone because it was right."""
+    """A file that `Run.write` has written, or left unchanged because it was up to date."""
 
     name: str
-    """The output."""
+    """The name of the output."""
     path: str
-    """Where it is."""
+    """The path."""
     bytes: int
-    """Its size."""
+    """The size."""
     hash: str
-    """The hash of its content."""
+    """The hash of the content."""
 
 
 class Progress(NamedTuple):
-    """How far a run is."""
+    """The progress of a run."""
 
     node: str
-    """The node that something is told of; empty for nodes that need not be looked at."""
+    """The node; empty for nodes that need no evaluation."""
     state: str
-    """`started`, `progress`, or what became of it: `computed`, `cached`, `equal`, `failed`, `skipped`."""
+    """`started`, `progress`, or a final state: `computed`, `cached`, `equal`, `failed`, `skipped`."""
     share: float
-    """How much of the node is done, 0 to 1."""
+    """The fraction of the node that is done, 0 to 1."""
     done: int
-    """How many nodes are done."""
+    """The number of nodes that are done."""
     total: int
-    """How many nodes the graph has; a run may need fewer."""
+    """The number of nodes of the graph; a run may need fewer."""
 
 
-class Asked(NamedTuple):
-    """What was asked of a run, and what was known before it."""
+class Request(NamedTuple):
+    """The requested results of a run, and the problems that were known before it."""
 
     outputs: Optional[List[str]]
     nodes: List[str]
@@ -79,13 +79,13 @@ class Asked(NamedTuple):
 
 
 class Run(Mapping[str, Value]):
-    """What a run of a graph gave: `run["model.glb"]` is the value of an output, a node or an output of a node.
+    """The results of a run of a graph: `run["model.glb"]` is the value of an output, a node or an output of a node.
 
-    It is a mapping of what was asked for and did not fail, outputs and then nodes: `for name, value in run.items()`. By name it has all else
-    that was found on the way, too.
+    A run is a mapping of the requested outputs and nodes that did not fail, in this order: `for name, value in run.items()`. Values of
+    other nodes that were evaluated are also accessible by name.
     """
 
-    def __init__(self, graph: Graph, found: _maquette.Finished, asked: Asked) -> None:
+    def __init__(self, graph: Graph, found: _maquette.Finished, asked: Request) -> None:
         self._graph, self._found, self._asked = graph, found, asked
 
     __eq__ = object.__eq__
@@ -97,7 +97,7 @@ class Run(Mapping[str, Value]):
         return self._graph
 
     def __getitem__(self, name: str) -> Value:
-        """The value of an output, a node (its first output) or an output of a node. Raises KeyError if it was not asked for or failed."""
+        """The value of an output, a node (its first output) or an output of a node. Raises KeyError if it was not evaluated or failed."""
         found = self._found.value(name)
         if found is None:
             known = self._graph.nodes
@@ -107,49 +107,50 @@ class Run(Mapping[str, Value]):
         return wrap(found)
 
     def value(self, name: str, kind: Type[V]) -> V:
-        """The same as a value of this class, `run.value("model.glb", maquette.Mesh)`, as checkers of types want it. Raises TypeError if it is
-        of another one."""
+        """Returns the value of a name, checked to be of this class, for type checkers: `run.value("model.glb", maquette.Mesh)`. Raises
+        TypeError if it is of another class."""
         value = self[name]
         if not isinstance(value, kind):
             raise TypeError(f"`{name}` is a {value.kind}; expected a {kind.__name__}")
         return value
 
     def __contains__(self, name: object) -> bool:
-        """Whether there is a value of this name."""
+        """True if there is a value with this name."""
         return isinstance(name, str) and self._found.value(name) is not None
 
     def __iter__(self) -> Iterator[str]:
-        """The names of what was asked for and did not fail."""
+        """The names of the requested values that did not fail."""
         outputs = self._graph.outputs if self._asked.outputs is None else self._asked.outputs
         return (name for name in dict.fromkeys([*outputs, *self._asked.nodes]) if name in self)
 
     def __len__(self) -> int:
-        """The number of values that were asked for and did not fail."""
+        """The number of requested values that did not fail."""
         return sum(1 for _ in self)
 
     def __bool__(self) -> bool:
-        """True, even if nothing came of it."""
+        """True, even if the run has no values."""
         return True
 
     @property
     def trace(self) -> List[Node]:
-        """What happened to each node, and why, each after those that it hangs on."""
+        """The state of each node with the reason; each node comes after those that it depends on."""
         return [Node(**node) for node in self._found.trace()]
 
     @property
     def problems(self) -> List[Problem]:
-        """What is to be doubted of the graph, what failed, what nodes warn of, and what the graph expects that does not hold."""
+        """Warnings of the graph, failures and warnings of nodes, and expectations of the graph that are not met."""
         found = problems(self._found.problems())
         known = {problem._replace(severity="", text="") for problem in found}
         checked = [it for it in self._asked.checked if it._replace(severity="", text="") not in known]
         return checked + found
 
     def write(self, folder: Optional[Path] = None, *, provenance: bool = True) -> List[WrittenFile]:
-        """Writes the outputs that were asked for to a folder, as `maquette run` does; a file that is right is left alone. If no folder is named,
-        it is `out/GRAPH`, or `out/GRAPH-draft` after `run(draft=True)`. `provenance`: whether files tell of the graph, the parameters and the
-        files that they were made of.
+        """Writes the requested outputs into a folder, as `maquette run` does; a file that is up to date is not written again. The default
+        folder is `out/GRAPH`, or `out/GRAPH-draft` after `run(draft=True)`. `provenance`: store in each file the graph, the parameters and
+        the files that it was made of.
 
-        What a file cannot tell of its value is a GraphWarning. Raises GraphError if a file cannot be written; what was there stays.
+        Warns with GraphWarning of data that a file cannot hold. Raises GraphError if a file cannot be written; an existing file is kept
+        then.
         """
         asked = self._asked
         if asked.outputs is not None and not asked.outputs:
@@ -177,10 +178,10 @@ class Run(Mapping[str, Value]):
         return run_html(self)
 
 
-def telling(
+def progress_callbacks(
     progress: Union[Callable[[Progress], object], bool, None], total: int
 ) -> Tuple[Optional[Callable[[str, str, float], object]], Callable[[], object]]:
-    """What is called as things happen, and at the end."""
+    """Returns the callback of the engine for events of nodes, and a function to call at the end."""
     if not progress:
         return None, lambda: None
     end: Callable[[], object] = lambda: None

@@ -1,4 +1,4 @@
-"""Runs under way on threads of their own."""
+"""Runs on other threads."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ else:
 
 
 class Running(_Future):
-    """A run under way, made by `Graph.start`: a future of `concurrent.futures`, and `await` waits for it.
+    """A run on another thread, started by `Graph.start`: a future of `concurrent.futures`, which can also be awaited.
 
-    `result(timeout)` waits and gives the run or raises what `Graph.run` raises; `cancel` stops it. Where a task of asyncio that awaits it is
-    cancelled, the run is stopped.
+    `result(timeout)` waits and returns the run, or raises the error of `Graph.run`; `cancel` stops it. If a task of asyncio that awaits it
+    is cancelled, the run is stopped.
     """
 
     def __init__(self, work: Callable[[], Run], token: _maquette.Cancel) -> None:
@@ -39,13 +39,13 @@ class Running(_Future):
                 self.set_result(run)
 
     def cancel(self) -> bool:
-        """Stops the run, and says whether it was still under way."""
+        """Stops the run; returns True if it was still running."""
         is_under_way = super().cancel()
         self._token.cancel()
         return is_under_way
 
     def __await__(self) -> Generator[Any, None, Run]:
-        """Waits for the run without blocking others; who is cancelled meanwhile stops it."""
+        """Waits for the run without blocking other tasks; a cancellation of the waiting task stops the run."""
         import asyncio
 
         return asyncio.wrap_future(self).__await__()

@@ -1,4 +1,4 @@
-"""What notebooks and terminals show: pictures and tables of values, and progress."""
+"""Display in notebooks and terminals: pictures and tables of values, and progress bars."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ if TYPE_CHECKING:
 
 _Bar = Tuple[Callable[["Progress"], object], Callable[[], object]]
 
-_MOST_ROWS = 24
-"""A table of more rows is cut: nobody reads them in a notebook."""
+_MAX_ROWS = 24
+"""The maximum number of rows of a table; more are omitted."""
 
 
 def value_html(value: Value) -> str:
-    """A value's picture, and a table of what is known of it."""
+    """The HTML of a value: its picture, and a table of facts and columns."""
     png = value._picture()
     picture = ""
     if png is not None:
@@ -33,7 +33,7 @@ def value_html(value: Value) -> str:
 
 
 def run_html(run: Run) -> str:
-    """What happened to each node, and what is wrong."""
+    """The HTML of a run: the states of nodes, and problems."""
     rows = [
         (node.name, node.state, f"{node.seconds * 1000:.0f} ms" if node.seconds else "", node.reason)
         for node in run.trace
@@ -43,7 +43,7 @@ def run_html(run: Run) -> str:
 
 
 def named_html(what: str, things: Sequence[Any]) -> str:
-    """Parameters, inputs or outputs, one a row; what is not said of any of them has no column."""
+    """The HTML of parameters, inputs or outputs, one in each row; columns that are empty for all are omitted."""
     if not things:
         return f"no {what}"
     fields = [it for it in things[0]._fields if any(getattr(thing, it) not in (None, "", ()) for thing in things)]
@@ -56,24 +56,24 @@ def named_html(what: str, things: Sequence[Any]) -> str:
 
 
 def _table(rows: Sequence[Tuple[str, ...]]) -> str:
-    cells = ["".join(f'<td style="text-align: left">{html.escape(cell)}</td>' for cell in row) for row in rows[:_MOST_ROWS]]
-    more = f"<tr><td>and {len(rows) - _MOST_ROWS} more</td></tr>" if len(rows) > _MOST_ROWS else ""
+    cells = ["".join(f'<td style="text-align: left">{html.escape(cell)}</td>' for cell in row) for row in rows[:_MAX_ROWS]]
+    more = f"<tr><td>and {len(rows) - _MAX_ROWS} more</td></tr>" if len(rows) > _MAX_ROWS else ""
     return "<table>" + "".join(f"<tr>{row}</tr>" for row in cells) + more + "</table>"
 
 
 def bar() -> _Bar:
-    """A progress bar in a notebook or a terminal: what is called as things happen, and at the end."""
+    """Creates a progress bar in a notebook or a terminal: a callback for `Progress`, and a function to call at the end."""
     return _notebook_bar() if _is_notebook() else _terminal_bar()
 
 
 def _is_notebook() -> bool:
-    # Who has no IPython loaded is in no notebook.
+    # In a notebook, IPython is imported already.
     ipython: Any = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython else None
     return shell is not None and hasattr(shell, "kernel")
 
 
-def _share(progress: Progress) -> float:
+def _fraction(progress: Progress) -> float:
     part = progress.share if progress.state == "progress" else 0.0
     return min((progress.done + part) / max(progress.total, 1), 1.0)
 
@@ -82,18 +82,18 @@ def _notebook_bar() -> _Bar:
     ipython: Any = importlib.import_module("IPython.display")
     last: List[Tuple[float, str]] = [(0.0, "")]
 
-    def drawn(share: float, words: str) -> Any:
+    def draw(share: float, words: str) -> Any:
         return ipython.HTML(f'<progress value="{share:.3f}" max="1"></progress> {html.escape(words)}')
 
-    shown = ipython.display(drawn(0.0, ""), display_id=True)
+    shown = ipython.display(draw(0.0, ""), display_id=True)
 
     def tell(progress: Progress) -> None:
-        now = (round(_share(progress), 2), progress.node)
+        now = (round(_fraction(progress), 2), progress.node)
         if now != last[0]:
             last[0] = now
-            shown.update(drawn(now[0], progress.node))
+            shown.update(draw(now[0], progress.node))
 
-    return tell, lambda: shown.update(drawn(1.0, "done"))
+    return tell, lambda: shown.update(draw(1.0, "done"))
 
 
 def _terminal_bar() -> _Bar:
@@ -102,7 +102,7 @@ def _terminal_bar() -> _Bar:
 
     def tell(progress: Progress) -> None:
         if is_terminal:
-            full = round(_share(progress) * width)
+            full = round(_fraction(progress) * width)
             sys.stderr.write(f"\r\x1b[K[{'=' * full}{' ' * (width - full)}] {progress.node}")
             sys.stderr.flush()
 

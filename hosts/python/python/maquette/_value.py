@@ -1,8 +1,8 @@
-"""What all values have in common: a type, a hash, columns, pictures and files.
+"""The base class of all values: type, hash, columns, pictures and files.
 
-A value never changes. Each access to an array makes a copy: some libraries, such as VTK, Open3D and PyTorch, write into arrays that are
-read-only. Keep an array in a variable rather than access it in a loop. The copy is read-only, so that a write that was meant for the value is
-an error; `.copy()` of it can be changed and made a new value. NumPy is loaded when the first array is accessed.
+A value never changes. Each access to an array makes a copy, since some libraries, such as VTK, Open3D and PyTorch, write even into
+read-only arrays. Keep an array in a variable instead of accessing it in a loop. The copy is read-only, so that an attempt to change the
+value is an error; a `.copy()` of it can be changed and made a new value. NumPy is imported on the first access to an array.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ V = TypeVar("V", bound="Value")
 
 
 class Part(NamedTuple):
-    """A named column of numbers of which a value is made."""
+    """A named column of numbers of a value."""
 
     name: str
     """Its name, such as `position`."""
     on: str
-    """What its elements are: `vertex`, `corner`, `face`, `edge`, `pixel`, `texel`, `point`, `step`, `entry` or `whole`."""
+    """The kind of its elements: `vertex`, `corner`, `face`, `edge`, `pixel`, `texel`, `point`, `step`, `entry` or `whole`."""
     meaning: str
-    """What its numbers mean: `position` (mm), `direction`, `number`, `level` (sRGB, 0 to 255), `index` (from 0) or `exact`."""
+    """The meaning of its numbers: `position` (mm), `direction`, `number`, `level` (sRGB, 0 to 255), `index` (from 0) or `exact`."""
     array: NDArray[Any]
-    """The numbers, (n,) or (n, numbers an element); (rows, columns, ..) on pixels. A read-only copy."""
+    """The numbers, (n,) or (n, numbers of an element); (rows, columns, ..) on pixels. A read-only copy."""
 
 
 _AnyPart = Union[Part, Tuple[str, Any]]
-"""A column as parts of values have it, or what its elements are and an array; None if there is none."""
+"""A column as a `Part`, or the kind of its elements and an array, which is None if there is no such column."""
 
 
 def _array_of(part: _AnyPart) -> Any:
@@ -51,7 +51,7 @@ def _array_of(part: _AnyPart) -> Any:
 
 
 class _Parts(Mapping[str, Part]):
-    """The columns of a value by name; each access copies one."""
+    """The columns of a value by name; each access makes a copy."""
 
     def __init__(self, columns: Sequence[_maquette.Column]) -> None:
         self._columns = {column.name: column for column in columns}
@@ -75,32 +75,32 @@ class _Parts(Mapping[str, Part]):
 
 
 class Comparison(NamedTuple):
-    """How two values differ."""
+    """The result of a comparison of two values."""
 
     verdict: str
     """`identical`, `same but reordered`, `within tolerance` or `different`."""
     reasons: List[str]
-    """What is different, in words."""
+    """The differences, as text."""
     measures: Dict[str, Dict[str, Any]]
-    """What was measured, by name, such as `surface`: `max`, `rms`, `p99`, `differing`, `unit`, `worst`."""
+    """The measures by name, such as `surface`: `max`, `rms`, `p99`, `differing`, `unit`, `worst`."""
 
     def __bool__(self) -> bool:
-        """Whether the values are equal or their differences are allowed."""
+        """True if the values are equal or their differences are allowed."""
         return self.verdict != "different"
 
 
 def _array_for(array: NDArray[Any], dtype: Any, copy: Optional[bool]) -> NDArray[Any]:
-    """An array as `__array__` gives it. Each access is a copy."""
+    """The result of `__array__` for an array, which is a copy already."""
     if copy is False:
         raise ValueError("arrays of values are copies")
     if dtype is None or dtype == array.dtype:
-        # Who asks for a copy means to change it.
+        # A requested copy must be writable.
         return array.copy() if copy else array
     return array.astype(dtype)
 
 
 def _copy(column: _maquette.Column) -> NDArray[Any]:
-    """The numbers of a column as an array that nobody can make writable by its flags."""
+    """The numbers of a column as an array that cannot be made writable by its flags."""
     import numpy as np
 
     array: NDArray[Any] = np.array(column)
@@ -109,9 +109,9 @@ def _copy(column: _maquette.Column) -> NDArray[Any]:
 
 
 class Value:
-    """A value of a graph: what an output, a node or a file gives.
+    """A value of an output, a node or a file.
 
-    Two values are equal if their contents are, and `hash` is that of the content. Values can be pickled.
+    Two values are equal if their types and contents are equal; `hash` is the hash of the content. Values can be pickled.
     """
 
     __slots__ = ("_native", "_parts", "__weakref__")
@@ -130,11 +130,11 @@ class Value:
         parts: Mapping[str, Union[Part, Tuple[str, ArrayLike]]],
         facts: Optional[Mapping[str, object]] = None,
     ) -> Value:
-        """A value of the type `kind` that is made of columns: by name, either as `parts` of a value has them, or what its elements are and
-        an array of numbers.
+        """Creates a value of the type `kind` from columns by name. A column is a `Part`, as in `parts` of a value, or a tuple of the kind
+        of its elements and an array of numbers.
 
-        `Value.from_parts("Points", {"position": ("point", [[0, 0, 0]])})`. Arrays are (n,), (n, numbers an element) or, on pixels,
-        (rows, columns, ..). `facts` are what `facts` of such a value says; those that follow from arrays may be left out.
+        `Value.from_parts("Points", {"position": ("point", [[0, 0, 0]])})`. Arrays are (n,), (n, numbers of an element) or, on pixels,
+        (rows, columns, ..). `facts` are those of `Value.facts`; facts that follow from arrays may be omitted.
 
         Raises ValueError with the part and the number that are wrong.
         """
@@ -166,7 +166,7 @@ class Value:
         parts: Mapping[str, _AnyPart],
         facts: Optional[Mapping[str, object]] = None,
     ) -> None:
-        """Becomes the value that is made of the parts that are not None."""
+        """Initializes this value from the parts that are not None."""
         given = {name: part for name, part in parts.items() if _array_of(part) is not None}
         self._native = Value.from_parts(self.KIND, given, facts)._native
         self._parts = None
@@ -178,27 +178,27 @@ class Value:
 
     @property
     def hash(self) -> str:
-        """The hash of its content, 64 hexadecimal digits; that of the command line."""
+        """The hash of its content, 64 hexadecimal digits, the same as on the command line."""
         return self._native.hash
 
     @property
     def nbytes(self) -> int:
-        """How much memory it holds, in bytes."""
+        """The size in memory, in bytes."""
         return self._native.size
 
     @property
     def facts(self) -> Dict[str, Any]:
-        """Counts, sizes and kinds that tests compare first, by name."""
+        """Counts, sizes and kinds, by name."""
         return self._native.facts()
 
     @property
     def summary(self) -> Dict[str, Any]:
-        """What `maquette inspect` says of it: counts, bounds in mm, topology, by name."""
+        """The facts that `maquette inspect` prints, by name: counts, bounds in mm, topology."""
         return self._native.describe()
 
     @property
     def parts(self) -> Mapping[str, Part]:
-        """All columns of which it is made, by name; each access copies one."""
+        """All columns by name; each access makes a copy."""
         return self._columns
 
     @property
@@ -208,14 +208,14 @@ class Value:
         return self._parts
 
     def probe(self, column: int, row: int) -> Dict[str, Any]:
-        """What is at a pixel; empty where the value has no pixels."""
+        """The data of a pixel, by name; empty if the value has no pixels."""
         return self._native.probe((column, row))
 
     def to_bytes(self, ending: str) -> bytes:
-        """The content of the file of this ending, `"glb"` or `".ply"`: the bytes that `save` writes. What the file cannot tell of the value is
-        a warning.
+        """The content of a file with this extension, `"glb"` or `".ply"`: the bytes that `save` writes. Warns of data that the file cannot
+        hold.
 
-        Raises ValueError if no such file holds this type of values, or several belong together: then `save` writes them.
+        Raises ValueError if such files cannot hold this type of value, or if the value needs several files, which `save` writes.
         """
         files, doubts = self._native.files("value." + ending.lstrip("."))
         for doubt in doubts:
@@ -226,14 +226,14 @@ class Value:
         return files[0][1]
 
     def save(self, path: Union[str, os.PathLike[str]]) -> List[str]:
-        """Writes it to a file, whose ending says how, and gives the paths of all files that were written: the bytes that
-        `maquette run --no-provenance` writes. `Run.write` lets files tell where they came from, too.
+        """Writes the value to a file in the format of its extension, with the bytes that `maquette run --no-provenance` writes. Returns the
+        paths of all written files. `Run.write` also stores the provenance.
 
-        What the file cannot tell of the value is a warning, as of `Run.write`. In files a mesh that has a `frame`, since it came out of a
-        capture, stands upright: y and z of its `vertices`, which look along the sensor, have the opposite sign there.
+        Warns of data that the file cannot hold, as `Run.write` does. A mesh with a `frame`, which comes from a capture, has other axes in
+        files, with y up: the signs of y and z are the opposite of those of its `vertices`, which are in the axes of the sensor.
 
-        Each file appears whole or not at all, and only plain files are replaced. Raises ValueError if no such file holds this type of
-        values, OSError if one cannot be written.
+        Each file is written completely or not at all, and only regular files are replaced. Raises ValueError if such files cannot hold this
+        type of value, OSError if a file cannot be written.
         """
         files, doubts = self._native.save(path)
         for doubt in doubts:
@@ -249,11 +249,10 @@ class Value:
         zoom: float = 1.0,
         orthographic: bool = False,
     ) -> Image:
-        """A picture of it, the same as `maquette render` makes.
+        """Renders the value, with the same result as `maquette render`.
 
-        `yaw` and `pitch` are degrees to the right and above the front, `zoom` is .001 to 1000. `size`: columns and rows of pixels; without it
-        800 x 600, or those of a value that is a flat picture.
-        Raises ValueError if there is nothing to see.
+        `yaw` and `pitch` are degrees to the right and above the front, `zoom` is .001 to 1000. `size`: columns and rows of pixels, by
+        default 800 x 600, or the size of a value that is a flat picture. Raises ValueError if the value cannot be shown.
         """
         for name, number, limit in (("yaw", yaw, 1e9), ("pitch", pitch, 1e9), ("zoom", zoom, 1e3)):
             if not abs(number) <= limit:
@@ -266,22 +265,22 @@ class Value:
         picture = self._native.render(size, yaw, pitch, zoom, orthographic)
         if picture is None:
             raise ValueError(f"this {self.kind} shows nothing")
-        return wrapped(Image, picture)
+        return wrap_as(Image, picture)
 
     def __eq__(self, other: object) -> bool:
-        """Whether their types and contents are equal."""
+        """True if types and contents are equal."""
         return self.hash == other.hash if isinstance(other, Value) else NotImplemented
 
     def __hash__(self) -> int:
-        """From the hash of its content."""
+        """Derived from the hash of the content."""
         return int(self.hash[:15], 16)
 
     def __reduce__(self) -> Tuple[Any, ...]:
-        """Values are pickled by their parts."""
+        """Pickles a value as its parts."""
         return Value.from_parts, (self.kind, dict(self.parts), self.facts)
 
     def __repr__(self) -> str:
-        """Its type and facts."""
+        """The type and the facts."""
         facts = ", ".join(f"{name}: {fact}" for name, fact in self.facts.items())
         return f"<{self.kind} {facts}>" if facts else f"<{self.kind}>"
 
@@ -298,12 +297,12 @@ class Value:
         relative: float = 0.0,
         remeshed: bool = False,
     ) -> Comparison:
-        """How another value differs from this one, as `maquette compare` says it: its verdict, the reasons, and what was measured.
+        """Compares another value with this one, as `maquette compare` does: returns the verdict, the reasons and the measures.
 
-        `max`, `rms`: the largest distance (mm) or difference, and its root mean square, that are allowed. `normals`: the largest angle, in
-        degrees. `attributes`: the largest difference of each, by name. `differing`: the share of pixels that may differ. `level`: the
-        difference of a color channel that does not count, 0 to 255. `relative`: the same of numbers, as a share. `remeshed`: whether a mesh
-        may have other faces.
+        `max`, `rms`: the maximum distance (mm) or difference, and the maximum root mean square. `normals`: the maximum angle, in degrees.
+        `attributes`: the maximum difference of each attribute, by name. `differing`: the fraction of pixels that may differ. `level`: the
+        difference of color channels to ignore, 0 to 255. `relative`: the relative difference of numbers to ignore. `remeshed`: allow a mesh
+        to have other faces.
         """
         if not isinstance(other, Value):
             raise TypeError(f"expected a value to compare with, found a {type(other).__name__}")
@@ -313,18 +312,18 @@ class Value:
         return Comparison(told["verdict"], told["reasons"], {measure.pop("name"): measure for measure in told["measures"]})
 
     def _picture(self) -> Optional[bytes]:
-        """Its picture for notebooks, a PNG file."""
+        """The picture for notebooks, as PNG."""
         picture = self._native.render((480, 360), *LOOK)
         return picture.files("it.png")[0][0][1] if picture else None
 
     def _repr_html_(self) -> str:
-        """Its picture, small, with facts and columns, for notebooks."""
+        """A small picture, facts and columns, for notebooks."""
         from ._show import value_html
 
         return value_html(self)
 
     def _array(self, name: str) -> Any:
-        """A column by its name; raises AttributeError if the value has none."""
+        """The array of a column; raises AttributeError if the value has no such column."""
         part = self.parts.get(name)
         if part is None:
             raise AttributeError(f"this {self.kind} has no `{name}`; it has {', '.join(self.parts)}")
@@ -336,18 +335,18 @@ class Value:
 
 
 LOOK = (0.0, 0.0, 1.0, False)
-"""From where notebooks see values: yaw, pitch, zoom, orthographic."""
+"""The camera for pictures in notebooks: yaw, pitch, zoom, orthographic."""
 
 
 def wrap(native: _maquette.Value) -> Value:
-    """The value as its class; as a plain `Value` if its type comes from a pack of others."""
+    """Wraps a native value in the class of its type; in `Value` if its type comes from another pack."""
     from ._values import CLASSES
 
-    return wrapped(CLASSES.get(native.kind, Value), native)
+    return wrap_as(CLASSES.get(native.kind, Value), native)
 
 
-def wrapped(kind: Type[V], native: _maquette.Value) -> V:
-    """The value as one of this class."""
+def wrap_as(kind: Type[V], native: _maquette.Value) -> V:
+    """Wraps a native value in this class."""
     value = kind.__new__(kind)
     value._native = native
     value._parts = None

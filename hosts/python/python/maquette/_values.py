@@ -1,6 +1,6 @@
-"""What travels on links: meshes, range images, curves and all else, as NumPy arrays.
+"""All classes of values: meshes, range images, curves and others, with their data as NumPy arrays.
 
-Each subject has a file: `_value` what all values have in common, `_mesh`, `_grids` and `_curves` their classes. Here is which class a type has.
+The module `_value` has the base class, `_mesh`, `_grids` and `_curves` have the classes; this module maps types to classes.
 """
 
 from __future__ import annotations
@@ -41,26 +41,26 @@ __all__ = [
 
 
 class Region(Value):
-    """A connected set of cells of a range image, with their points. Made by graphs."""
+    """A connected set of cells of a range image, with their points. Only graphs create regions."""
 
     __slots__ = ()
     KIND = "Region"
 
     @property
     def points(self) -> _Floats:
-        """The places of its cells, (n, 3), in mm."""
+        """The points of the cells, (n, 3), in mm."""
         array: _Floats = self._array("point")
         return array
 
     @property
     def cells(self) -> _Indices:
-        """The numbers of its cells in the range image, row by row, (n,)."""
+        """The indices of the cells in the range image, row by row, (n,)."""
         array: _Indices = self._array("cell")
         return array
 
 
 class Trace(Value):
-    """How an iteration went. Made by graphs."""
+    """The history of an iteration. Only graphs create traces."""
 
     __slots__ = ()
     KIND = "Trace"
@@ -79,7 +79,7 @@ class Trace(Value):
 
     @property
     def rms(self) -> _Floats:
-        """The root of the mean square of distances after each step, (n,), in mm."""
+        """The root mean square of distances after each step, (n,), in mm."""
         array: _Floats = self._array("rms")
         return array
 
@@ -104,11 +104,11 @@ CLASSES: Dict[str, Type[Value]] = {
         Trace,
     )
 }
-"""The classes of values by the names of their types."""
+"""The classes of values by type name."""
 
 
 def value_of(kind: str, given: Any) -> Value:
-    """What is given for an input of this type, as a value: one already, or what the type's class takes."""
+    """Converts the argument for an input of this type to a value: returns a value unchanged, or passes the argument to the type's class."""
     if isinstance(given, Value):
         return given
     made = CLASSES.get(kind)

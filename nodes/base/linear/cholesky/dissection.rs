@@ -1,44 +1,48 @@
-//! The order in which the unknowns of equations are eliminated, in groups (supernodes) whose columns in the factor have the same pattern.
+//! Nested dissection: computes an elimination order of the unknowns. The order is divided into groups (supernodes); the factor's columns of
+//! one group have the same pattern of nonzero rows.
 //!
-//! George, "Nested dissection of a regular finite element mesh" (1973), with the middle levels of a breadth-first search as separator.
+//! George, "Nested dissection of a regular finite element mesh" (1973). The separator consists of the middle levels of a breadth-first
+//! search.
 
-/// Which unknowns are linked: both directions given, an unknown may be its own neighbor.
+/// The graph of the unknowns: two unknowns are linked if the matrix has an entry for them. Each link is listed in both directions; an
+/// unknown may be listed as its own neighbor.
 #[derive(Clone, Copy)]
 pub struct Links<'a> {
-    /// Where the neighbors of each unknown begin, with the end behind the last.
+    /// For each unknown the index in `neighbors` at which its neighbors begin, followed by the length of `neighbors`.
     pub starts: &'a [u32],
-    /// The neighbors of one unknown after those of another.
+    /// The neighbors of all unknowns, one unknown after another.
     pub neighbors: &'a [u32],
 }
 
 impl Links<'_> {
-    fn of(&self, unknown: u32) -> &[u32] {
+    fn neighbors_of(&self, unknown: u32) -> &[u32] {
         let [start, end] = [unknown, unknown + 1].map(|k| self.starts[k as usize] as usize);
         &self.neighbors[start..end]
     }
 }
 
-/// Unknowns in the order of their elimination, cut into groups.
+/// An elimination order of the unknowns, divided into groups.
 #[derive(Clone, Debug)]
 pub struct Dissection {
-    /// The unknowns, the first to be eliminated first.
+    /// The unknowns in elimination order.
     pub order: Vec<u32>,
-    /// Where each group begins in the order, with the end behind the last.
+    /// For each group the index in `order` at which it begins, followed by the number of unknowns.
     pub groups: Vec<u32>,
 }
 
-/// Parts of at most so many unknowns are not divided further. Smaller groups cost lists of rows, larger ones zeros that are computed with;
-/// from 8 to 32 the factors of a plate with 1000 unknowns take the same time within an eighth.
-const SMALL: usize = 24;
+/// A part with at most this many unknowns is not divided further. Smaller groups need more lists of rows; larger groups waste more time on
+/// zeros. From 8 to 32 the time to factor a plate with 1000 unknowns differs by less than an eighth.
+const MAX_LEAF: usize = 24;
 
 impl Dissection {
-    /// Two halves, each ordered alike, and then what separates them. Equations may link unknowns that are `reach` links apart.
+    /// Orders the unknowns recursively: first the two halves, then the separator between them. The matrix may have entries for pairs of
+    /// unknowns that are up to `reach` links apart.
     pub fn new(links: Links<'_>, reach: usize) -> Self {
         let count = links.starts.len() - 1;
         let mut order = vec![0u32; count];
         let mut groups = vec![count as u32];
         let mut search = Search { links, part: vec![0; count], parts: 1 };
-        // Each job is a part of the unknowns and where it ends in the order.
+        // Each job consists of the unknowns of a part, the end of the part's range in the order, and the number of the part.
         let mut jobs = vec![((0..count as u32).collect::<Vec<u32>>(), count, 0u32)];
         while let Some((members, end, own)) = jobs.pop() {
             if members.is_empty() {
@@ -48,11 +52,11 @@ impl Dissection {
                 order[end - members.len()..end].copy_from_slice(members);
                 groups.push((end - members.len()) as u32);
             };
-            if members.len() <= SMALL {
+            if members.len() <= MAX_LEAF {
                 put(&members, end);
                 continue;
             }
-            // From far out, so that levels are many and small.
+            // The search starts from an unknown that is far from the others. This gives many small levels, and thus small separators.
             let (far, _) = search.levels(members[0], own);
             let (reached, levels) = search.levels(far[far.len() - 1], search.parts - 1);
             let rest = if reached.len() < members.len() {
@@ -62,7 +66,7 @@ impl Dissection {
                 Vec::new()
             };
             jobs.push((rest, end - reached.len(), own));
-            if reached.len() <= SMALL {
+            if reached.len() <= MAX_LEAF {
                 put(&reached, end);
                 continue;
             }
@@ -74,7 +78,7 @@ impl Dissection {
             put(&reached[separator.clone()], end);
             let end = end - separator.len();
             for (part, end) in [(first, end - second.len()), (second, end)] {
-                let own = search.name(part);
+                let own = search.create_part(part);
                 jobs.push((part.to_vec(), end, own));
             }
         }
@@ -83,23 +87,24 @@ impl Dissection {
     }
 }
 
-/// Orders unknowns that no level divides: few as one group, many one by one, those with the fewest links first.
+/// Orders unknowns that no level divides. A few unknowns become one group; many become groups of one unknown each, those with the fewest
+/// links first.
 fn put_undivided(
     links: Links<'_>,
     mut members: Vec<u32>,
     end: usize,
     put: &mut impl FnMut(&[u32], usize),
 ) {
-    if members.len() <= 4 * SMALL {
+    if members.len() <= 4 * MAX_LEAF {
         return put(&members, end);
     }
-    members.sort_by_key(|&k| links.of(k).len());
+    members.sort_by_key(|&k| links.neighbors_of(k).len());
     let begin = end - members.len();
     (begin + 1..).zip(members.chunks(1)).for_each(|(end, member)| put(member, end));
 }
 
-/// The levels in the middle that separate those before from those behind; none if there are too few. `levels` are their beginnings and
-/// the end of the last.
+/// Returns the range of the unknowns in the middle levels, which separate the levels before them from the levels after them. Returns `None`
+/// if there are too few levels. `levels` has the start of each level, followed by the end of the last level.
 fn middle(levels: &[usize], reach: usize) -> Option<std::ops::Range<usize>> {
     let count = levels.len() - 1;
     let half = levels[count] / 2;
@@ -108,24 +113,24 @@ fn middle(levels: &[usize], reach: usize) -> Option<std::ops::Range<usize>> {
     Some(levels[first]..levels[first + reach])
 }
 
-/// Breadth-first searches within parts of the unknowns.
+/// Breadth-first search that is restricted to one part of the unknowns.
 struct Search<'a> {
     links: Links<'a>,
-    /// The number of the part of each unknown.
+    /// For each unknown the number of the part to which it belongs.
     part: Vec<u32>,
     parts: u32,
 }
 
 impl Search<'_> {
-    /// Makes these a part of their own.
-    fn name(&mut self, members: &[u32]) -> u32 {
+    /// Creates a new part from these unknowns and returns its number.
+    fn create_part(&mut self, members: &[u32]) -> u32 {
         members.iter().for_each(|&k| self.part[k as usize] = self.parts);
         self.parts += 1;
         self.parts - 1
     }
 
-    /// What can be reached within a part, nearest first, and where each level begins, with the end behind the last. What is reached
-    /// becomes a new part.
+    /// Returns those unknowns of part `own` that are connected to `start`, nearest first. Also returns the start of each level, followed by
+    /// the end of the last level. The returned unknowns become a new part.
     fn levels(&mut self, start: u32, own: u32) -> (Vec<u32>, Vec<usize>) {
         let new = self.parts;
         self.parts += 1;
@@ -137,7 +142,7 @@ impl Search<'_> {
             let end = reached.len();
             levels.push(end);
             while next < end {
-                for &neighbor in self.links.of(reached[next]) {
+                for &neighbor in self.links.neighbors_of(reached[next]) {
                     if self.part[neighbor as usize] == own {
                         self.part[neighbor as usize] = new;
                         reached.push(neighbor);

@@ -1,18 +1,19 @@
-//! Frontal matrices: dense columns of a factor, and the update that their elimination makes to later columns.
+//! Frontal matrices: dense columns of the factor, and the update that the elimination of these columns makes to later columns.
 
-use maquette_node::{Cancelled, Progress};
+use maquette_node::{CancelledError, Progress};
 
-/// The lower half of a symmetric matrix, by columns, of which the first ones are eliminated.
+/// The lower half of a dense symmetric matrix, stored by columns. The first columns are eliminated; the rest is the update for later
+/// fronts.
 pub(super) struct Front {
-    /// The length of a column.
+    /// The length of each stored column.
     pub height: usize,
     pub entries: Vec<f64>,
-    /// How many rows were eliminated before the first column.
+    /// The number of eliminated rows above the first stored column.
     skipped: usize,
 }
 
 impl Front {
-    /// Zeros.
+    /// Creates a zero matrix.
     pub(super) fn new(height: usize) -> Self {
         Self { height, entries: vec![0.0; height * height], skipped: 0 }
     }
@@ -21,7 +22,8 @@ impl Front {
         &mut self.entries[column * self.height..][..self.height]
     }
 
-    /// Adds the update of another front: the entries that its elimination has left. `local` maps their rows to those of this front.
+    /// Adds the update of another front, which consists of the entries left after the elimination of that front. `local` maps the rows of
+    /// the other front to those of this front.
     pub(super) fn add(&mut self, left: &Self, rows: &[u32], local: &[u32]) {
         for (k, (column, &place)) in left.entries.chunks_exact(left.height).zip(rows).enumerate() {
             let own = self.column(local[place as usize] as usize);
@@ -31,59 +33,59 @@ impl Front {
         }
     }
 
-    /// Turns the first columns, as many as `least` has pivots, into those of the factor, and the others into the update for later fronts;
-    /// false if a pivot is not above its least.
+    /// Eliminates the first columns, one for each entry of `min_pivots`. They become columns of the factor; the other columns become the
+    /// update for later fronts. Returns false if a pivot is not greater than its minimum.
     ///
     /// # Errors
-    /// If the evaluation is told to stop.
+    /// If the evaluation is cancelled.
     pub(super) fn eliminate(
         &mut self,
-        least: &[f64],
+        min_pivots: &[f64],
         progress: &Progress<'_>,
-    ) -> Result<bool, Cancelled> {
+    ) -> Result<bool, CancelledError> {
         let Self { height, entries, .. } = self;
-        pulp::Arch::new().dispatch(Eliminate { height: *height, entries, least, progress })
+        pulp::Arch::new().dispatch(Eliminate { height: *height, entries, min_pivots, progress })
     }
 
-    /// Takes off all columns behind the first ones.
+    /// Splits off and returns all columns after the first `count`.
     pub(super) fn split(&mut self, count: usize) -> Self {
         let entries = self.entries.split_off(count * self.height);
         Self { height: self.height, entries, skipped: count }
     }
 }
 
-/// An elimination, to be compiled for wide instructions.
+/// The elimination as a kernel, an inner loop that is compiled for several SIMD instruction sets.
 struct Eliminate<'a> {
     height: usize,
     entries: &'a mut [f64],
-    least: &'a [f64],
+    min_pivots: &'a [f64],
     progress: &'a Progress<'a>,
 }
 
 impl pulp::NullaryFnOnce for Eliminate<'_> {
-    type Output = Result<bool, Cancelled>;
+    type Output = Result<bool, CancelledError>;
 
     #[inline(always)]
     fn call(self) -> Self::Output {
-        let Self { height, entries, least, progress } = self;
-        eliminate(entries, height, least, progress)
+        let Self { height, entries, min_pivots, progress } = self;
+        eliminate(entries, height, min_pivots, progress)
     }
 }
 
-/// So many columns are eliminated before all others change: they stay in the nearest memory meanwhile.
+/// The number of columns that are eliminated before the other columns are updated. So many columns fit into the cache.
 const BLOCK: usize = 16;
 
 #[inline(always)]
 fn eliminate(
     entries: &mut [f64],
     height: usize,
-    least: &[f64],
+    min_pivots: &[f64],
     progress: &Progress<'_>,
-) -> Result<bool, Cancelled> {
+) -> Result<bool, CancelledError> {
     let columns = entries.len() / height;
-    for first in (0..least.len()).step_by(BLOCK) {
+    for first in (0..min_pivots.len()).step_by(BLOCK) {
         progress.check()?;
-        let end = (first + BLOCK).min(least.len());
+        let end = (first + BLOCK).min(min_pivots.len());
         for column in first..columns {
             let (done, own) = entries.split_at_mut(column * height);
             let own = &mut own[column..height];
@@ -91,9 +93,9 @@ fn eliminate(
             if column >= end {
                 continue;
             }
-            // A pivot that is NaN divides no better.
-            let divides = own[0] > least[column];
-            if !divides {
+            // The comparison is also false for a NaN pivot.
+            let is_usable = own[0] > min_pivots[column];
+            if !is_usable {
                 return Ok(false);
             }
             let root = own[0].sqrt();
@@ -103,7 +105,7 @@ fn eliminate(
     Ok(true)
 }
 
-/// Subtracts from the rows of a column, from `row` on, its products with those that are done.
+/// Subtracts from a column its products with the eliminated columns `done`, from row `row` on.
 #[inline(always)]
 fn subtract(done: &[f64], height: usize, row: usize, own: &mut [f64]) {
     let mut fours = done.chunks_exact(4 * height);

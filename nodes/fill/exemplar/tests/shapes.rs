@@ -1,11 +1,11 @@
-//! Surfaces with a part that counts as filled.
+//! Surfaces with a part that is marked as filled.
 
 use std::collections::HashMap;
 
 use super::super::spread::Plate;
 use super::*;
 
-/// Orders the vertices so that the missing ones are behind the data.
+/// Orders the vertices so that the missing ones follow the data.
 fn split(
     points: Vec<Point3<f64>>,
     faces: Vec<[u32; 3]>,
@@ -17,24 +17,25 @@ fn split(
     }
     let data = kept.len();
     let order: Vec<u32> = kept.into_iter().chain(gone).collect();
-    let mut place = vec![0; points.len()];
-    (0..).zip(&order).for_each(|(new, &old)| place[old as usize] = new);
-    let faces: Vec<[u32; 3]> = faces.iter().map(|face| face.map(|v| place[v as usize])).collect();
+    let mut index_of = vec![0; points.len()];
+    (0..).zip(&order).for_each(|(new, &old)| index_of[old as usize] = new);
+    let faces: Vec<[u32; 3]> =
+        faces.iter().map(|face| face.map(|v| index_of[v as usize])).collect();
     let (mut faces, filled): (Vec<_>, Vec<_>) =
         faces.into_iter().partition(|face| face.iter().all(|&vertex| (vertex as usize) < data));
     let kept = faces.len();
     faces.extend(filled);
     let points = order.iter().map(|&vertex| points[vertex as usize]).collect();
-    Filling { points, faces, data, kept }
+    Filling { points, faces, n_data_vertices: data, n_data_faces: kept }
 }
 
-/// A square from -1 to 1 of `side` x `side` vertices with these heights.
+/// Returns the square from -1 to 1 with `side` x `side` vertices at given heights.
 pub(super) fn grid(
     side: u32,
     missing: impl Fn(f64, f64) -> bool,
     height: impl Fn(f64, f64) -> f64,
 ) -> Filling {
-    fn at(k: u32, side: u32) -> f64 {
+    fn coordinate(k: u32, side: u32) -> f64 {
         -1.0 + 2.0 * f64::from(k) / f64::from(side - 1)
     }
     let quads = (0..side - 1).flat_map(|row| (0..side - 1).map(move |column| row * side + column));
@@ -48,7 +49,7 @@ pub(super) fn grid(
     });
     let points = (0..side * side)
         .map(|k: u32| {
-            let (x, y) = (at(k % side, side), at(k / side, side));
+            let (x, y) = (coordinate(k % side, side), coordinate(k / side, side));
             Point3::new(x, y, height(x, y))
         })
         .collect();
@@ -59,21 +60,24 @@ pub(super) fn ridge(x: f64) -> f64 {
     0.2 * libm::exp(-(x / 0.3) * (x / 0.3))
 }
 
-/// A unit sphere: an icosahedron, each face cut in four so many times.
+/// Returns the unit sphere: an icosahedron whose faces are divided into four `times` times.
 pub(super) fn sphere(times: usize, missing: impl Fn(&Point3<f64>) -> bool) -> Filling {
     let golden = (1.0 + 5.0_f64.sqrt()) / 2.0;
     let mut points = Vec::new();
     for [a, b] in [[-1.0, golden], [1.0, golden], [-1.0, -golden], [1.0, -golden]] {
         points.extend([[a, b, 0.0], [0.0, a, b], [b, 0.0, a]].map(Vector3::from));
     }
-    fn near(a: usize, b: usize, points: &[Vector3<f64>]) -> bool {
+    fn are_neighbors(a: usize, b: usize, points: &[Vector3<f64>]) -> bool {
         (points[a] - points[b]).norm() < 2.1
     }
     let mut faces = Vec::new();
     for a in 0..12 {
         for b in a + 1..12 {
             for c in b + 1..12 {
-                if near(a, b, &points) && near(b, c, &points) && near(a, c, &points) {
+                if are_neighbors(a, b, &points)
+                    && are_neighbors(b, c, &points)
+                    && are_neighbors(a, c, &points)
+                {
                     let out =
                         (points[b] - points[a]).cross(&(points[c] - points[a])).dot(&points[a]);
                     faces.push(if out > 0.0 { [a, b, c] } else { [a, c, b] }.map(|v| v as u32));
@@ -109,12 +113,12 @@ pub(super) fn sphere(times: usize, missing: impl Fn(&Point3<f64>) -> bool) -> Fi
     split(points.into_iter().map(Point3::from).collect(), faces, missing)
 }
 
-/// Puts the missing part on a thin plate.
+/// Moves the missing part to a thin plate.
 pub(super) fn plate(filling: &mut Filling) {
-    let Filling { points, faces, data, .. } = filling;
+    let Filling { points, faces, n_data_vertices: data, .. } = filling;
     let surface = Surface::new(points.len(), faces);
     let plate = Plate::new(&surface, points.len(), *data, |_| 0.0).unwrap();
-    // From where they are, what takes their Laplacians away.
+    // The displacement is chosen such that the Laplacians vanish.
     let rows: Vec<Vector3<f64>> = (0..points.len())
         .map(|vertex: usize| {
             let spokes = surface

@@ -7,10 +7,10 @@ use crate::control_net::{NetMethod, control_net};
 const HARMONIC: NetMethod = NetMethod::Harmonic { corners: None };
 
 fn net(region: &Region, range: &RangeImage, rows: usize, columns: usize) -> value::ControlNet {
-    control_net(region, range, HARMONIC, rows, columns, &Progress::none()).unwrap()
+    control_net(region, range, HARMONIC, rows, columns, &Progress::silent()).unwrap()
 }
 
-// The method Harmonic.
+// Tests the method `Harmonic`.
 #[test]
 fn a_planar_rectangle_is_its_own_net() {
     let range = range(20, 16, |x, y| 700.0 + 0.3 * x - 0.2 * y);
@@ -23,7 +23,7 @@ fn a_planar_rectangle_is_its_own_net() {
         for (index, point) in net.points().iter().enumerate() {
             let (row, column) = (index / width, index % width);
             let border = row % (height - 1) == 0 || column % (width - 1) == 0;
-            assert_eq!(net.fixed()[index] == 1, border);
+            assert_eq!(net.fixed_points()[index] == 1, border);
             if border {
                 assert_eq!(*point, rectangle.points()[index], "bitwise");
             }
@@ -34,13 +34,13 @@ fn a_planar_rectangle_is_its_own_net() {
     }
 }
 
-/// Numbers from 0 to 1 without any order.
+/// Returns a pseudorandom number from 0 to 1.
 fn noise(k: u32) -> f64 {
     f64::from((k.wrapping_mul(2_654_435_761) ^ (k << 7)).wrapping_mul(40_503) >> 8)
         / f64::from(1 << 24)
 }
 
-/// A blob with three to six bays of random depth, some deep enough to be concave, or a horseshoe.
+/// Returns a blob with three to six bays of random depth, some of which are deep, or a horseshoe.
 fn blob(kind: u32) -> impl Fn(usize, usize) -> bool {
     let bays = f64::from(3 + kind % 4);
     let (depth, turn) = (0.15 + 0.35 * noise(kind), 6.0 * noise(kind + 1000));
@@ -59,7 +59,7 @@ fn no_triangle_turns_over() {
     let range = range(48, 48, |_, _| 1.0);
     for kind in 0..40 {
         let blob = region(&range, blob(kind));
-        let window = GridWindow::new(&blob, &range, 0, &Progress::none()).unwrap();
+        let window = GridWindow::new(&blob, &range, 0, &Progress::silent()).unwrap();
         let disk = Disk::new(window.rows, window.columns, &window.inside).unwrap();
         let square = map_to_square(&disk, &Sides::new(&disk, chosen_corners(&disk))).unwrap();
         for triangle in &disk.triangles {
@@ -70,26 +70,26 @@ fn no_triangle_turns_over() {
 }
 
 #[test]
-fn bays_and_holes_make_a_net_that_looks_at_the_sensor() {
+fn nets_of_regions_with_bays_and_holes_face_the_sensor() {
     let range = range(48, 48, |x, y| 700.0 - 0.01 * (x * x + y * y));
     for kind in 0..20 {
         let shape = blob(kind);
         let holed = region(&range, |x, y| shape(x, y) && !(22..25).contains(&x));
         let whole = region(&range, shape);
         let net = net(&whole, &range, 0, 0);
-        fn at(row: usize, column: usize, net: &maquette_value::ControlNet) -> Point3<f64> {
+        fn point(row: usize, column: usize, net: &maquette_value::ControlNet) -> Point3<f64> {
             net.points()[row * net.columns() + column]
         }
         let (row, column) = (net.rows() / 2, net.columns() / 2);
         let (down, right) = (
-            at(row + 1, column, &net) - at(row, column, &net),
-            at(row, column + 1, &net) - at(row, column, &net),
+            point(row + 1, column, &net) - point(row, column, &net),
+            point(row, column + 1, &net) - point(row, column, &net),
         );
         assert!(down.cross(&right).z < 0.0);
         let chart = net.chart().unwrap();
         assert_eq!(&*chart.cells, whole.cells());
-        // Two parts are refused, or one of them has no triangle.
-        let _ = control_net(&holed, &range, HARMONIC, 0, 0, &Progress::none());
+        // A region of two parts is refused, unless one of them has no triangle.
+        let _ = control_net(&holed, &range, HARMONIC, 0, 0, &Progress::silent());
     }
 }
 
@@ -97,49 +97,78 @@ fn bays_and_holes_make_a_net_that_looks_at_the_sensor() {
 fn given_corners_are_the_corners_of_the_net() {
     let range = range(30, 24, |x, y| 700.0 + 0.3 * x - 0.2 * y);
     let rectangle = region(&range, |x, y| (5..21).contains(&x) && (3..15).contains(&y));
-    let made = |corners| {
+    fn net_with_corners(
+        corners: [[usize; 2]; 4],
+        rectangle: &Region,
+        range: &RangeImage,
+    ) -> Result<maquette_value::ControlNet, NetError> {
         let method = NetMethod::Harmonic { corners: Some(corners) };
-        control_net(&rectangle, &range, method, 7, 5, &Progress::none())
-    };
-    // A quarter turn, and the third corner in the middle of a side, given a little outside.
-    let net = made([[5, 14], [20, 14], [22, 8], [5, 3]]).unwrap();
-    fn at(row: usize, column: usize, net: &maquette_value::ControlNet) -> [f64; 2] {
+        control_net(rectangle, range, method, 7, 5, &Progress::silent())
+    }
+    // The corners are rotated by 90 degrees; the third one is in the middle of a side, given slightly outside.
+    let net = net_with_corners([[5, 14], [20, 14], [22, 8], [5, 3]], &rectangle, &range).unwrap();
+    fn horizontal_position(
+        row: usize,
+        column: usize,
+        net: &maquette_value::ControlNet,
+    ) -> [f64; 2] {
         let point = net.points()[row * 5 + column];
         [point.x, point.y]
     }
-    assert_eq!([at(0, 0, &net), at(6, 0, &net)], [[5.0, 14.0], [20.0, 14.0]]);
-    assert_eq!([at(6, 4, &net), at(0, 4, &net)], [[20.0, 8.0], [5.0, 3.0]]);
+    assert_eq!(
+        [horizontal_position(0, 0, &net), horizontal_position(6, 0, &net)],
+        [[5.0, 14.0], [20.0, 14.0]]
+    );
+    assert_eq!(
+        [horizontal_position(6, 4, &net), horizontal_position(0, 4, &net)],
+        [[20.0, 8.0], [5.0, 3.0]]
+    );
     let chart = net.chart().unwrap();
     assert_eq!(chart.coordinates[rectangle.find(8 * 30 + 20).unwrap()], [6.0, 4.0]);
-    // As they are chosen.
-    let given = made([[5, 3], [5, 14], [20, 14], [20, 3]]).unwrap();
-    assert_eq!(given, control_net(&rectangle, &range, HARMONIC, 7, 5, &Progress::none()).unwrap());
+    // Explicit corners equal to the automatic ones give the same net.
+    let given = net_with_corners([[5, 3], [5, 14], [20, 14], [20, 3]], &rectangle, &range).unwrap();
+    assert_eq!(
+        given,
+        control_net(&rectangle, &range, HARMONIC, 7, 5, &Progress::silent()).unwrap()
+    );
 
     let off = NetError::CornerOff { corner: [12, 8], nearest: [12, 3] };
-    assert_eq!(made([[5, 3], [5, 14], [20, 14], [12, 8]]), Err(off));
-    assert!(matches!(made([[usize::MAX; 2]; 4]), Err(NetError::CornerOff { .. })));
-    assert_eq!(made([[5, 3], [20, 3], [20, 14], [5, 14]]), Err(NetError::CornerOrder));
-    assert_eq!(made([[5, 3], [5, 3], [20, 14], [20, 3]]), Err(NetError::CornerOrder));
+    assert_eq!(
+        net_with_corners([[5, 3], [5, 14], [20, 14], [12, 8]], &rectangle, &range),
+        Err(off)
+    );
+    assert!(matches!(
+        net_with_corners([[usize::MAX; 2]; 4], &rectangle, &range),
+        Err(NetError::CornerOff { .. })
+    ));
+    assert_eq!(
+        net_with_corners([[5, 3], [20, 3], [20, 14], [5, 14]], &rectangle, &range),
+        Err(NetError::CornerOrder)
+    );
+    assert_eq!(
+        net_with_corners([[5, 3], [5, 3], [20, 14], [20, 3]], &rectangle, &range),
+        Err(NetError::CornerOrder)
+    );
 }
 
 #[test]
-fn spikes_go_with_the_cell_they_hang_on_and_parts_are_refused() {
+fn spikes_get_the_position_of_their_base_cell_and_parts_are_refused() {
     let range = range(16, 12, |_, _| 1.0);
     let spiked = region(&range, |x, y| (x < 6 && y < 5) || (y == 2 && x < 10));
     let net = net(&spiked, &range, 5, 9);
     let chart = net.chart().unwrap();
-    fn at(
+    fn position(
         x: usize,
         spiked: &Region,
         chart_coordinates: &maquette_value::Column<[f64; 2]>,
     ) -> [f64; 2] {
         chart_coordinates[spiked.find(2 * 16 + x).unwrap()]
     }
-    assert_eq!(at(9, &spiked, &chart.coordinates), at(7, &spiked, &chart.coordinates));
-    fn refused(region: &Region, range: &RangeImage) -> NetError {
-        control_net(region, range, HARMONIC, 0, 0, &Progress::none()).unwrap_err()
+    assert_eq!(position(9, &spiked, &chart.coordinates), position(7, &spiked, &chart.coordinates));
+    fn error(region: &Region, range: &RangeImage) -> NetError {
+        control_net(region, range, HARMONIC, 0, 0, &Progress::silent()).unwrap_err()
     }
-    assert_eq!(refused(&region(&range, |x, _| !(4..=9).contains(&x)), &range), NetError::Parts);
+    assert_eq!(error(&region(&range, |x, _| !(4..=9).contains(&x)), &range), NetError::Parts);
     let line = NetError::DegenerateRegion { rows: 1, columns: 9 };
-    assert_eq!(refused(&region(&range, |x, y| y == 4 && x < 9), &range), line);
+    assert_eq!(error(&region(&range, |x, y| y == 4 && x < 9), &range), line);
 }

@@ -1,25 +1,26 @@
-//! Nearest feet and normal directions on meshes that are hard for them: thin parts, tips, few vertices.
+//! Tests of `foot: Closest` and `direction: Normal` on difficult meshes: thin parts, spikes, few vertices.
 
 #![allow(clippy::print_stdout, reason = "says what is not there to be tested")]
 
 use std::path::{Path, PathBuf};
 
-use maquette_node::Reading;
+use maquette_node::InputFile;
 use maquette_value::{Faces, TriangleTree};
 
 use super::*;
 use crate::solve::extent::diagonal;
 
-/// The meshes of the shared data; none where it is not beside the project.
-fn shared() -> Vec<(String, Mesh)> {
+/// The meshes of the shared data folder; empty if the folder does not exist.
+fn shared_meshes() -> Vec<(String, Mesh)> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/meshes");
-    fn inside(
+    fn collect_meshes(
         path: &Path,
     ) -> std::iter::Flatten<std::iter::Flatten<std::result::IntoIter<std::fs::ReadDir>>> {
         std::fs::read_dir(path).into_iter().flatten().flatten()
     }
-    let files = inside(&folder).flat_map(|entry| inside(&entry.path()).map(|file| file.path()));
-    let mut files = Vec::from_iter(files);
+    let files = collect_meshes(&folder)
+        .flat_map(|entry| collect_meshes(&entry.path()).map(|file| file.path()));
+    let mut files: Vec<_> = files.collect();
     files.sort();
     files
         .into_iter()
@@ -33,11 +34,14 @@ fn shared() -> Vec<(String, Mesh)> {
 }
 
 fn read(path: &Path) -> Mesh {
-    maquette_format::read(&Reading::alone(&path.to_string_lossy(), &std::fs::read(path).unwrap()))
-        .unwrap()
+    maquette_format::read(&InputFile::standalone(
+        &path.to_string_lossy(),
+        &std::fs::read(path).unwrap(),
+    ))
+    .unwrap()
 }
 
-/// A file of the doll of the example graphs.
+/// Reads a mesh file of the example graph `doll`.
 fn example(name: &str) -> Mesh {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../graphs/doll");
     read(&folder.join(name))
@@ -46,46 +50,46 @@ fn example(name: &str) -> Mesh {
 /// A torus of quads with some long thin spikes.
 fn spiky() -> Mesh {
     let mesh = torus(12, 8, false);
-    let mut places = mesh.positions().to_vec();
+    let mut positions = mesh.positions().to_vec();
     for k in [5, 40, 77] {
-        places[k] = (places[k].coords * 1.8).into();
+        positions[k] = (positions[k].coords * 1.8).into();
     }
-    mesh.with_positions(places).unwrap()
+    mesh.with_positions(positions).unwrap()
 }
 
-/// A box that is as thin as paper.
+/// A very thin box.
 fn plate() -> Mesh {
-    let mesh = refined(&cube(), Scheme::CatmullClark, 2, false);
+    let mesh = refine_mesh(&cube(), Scheme::CatmullClark, 2, false);
     let flat = mesh.positions().iter().map(|p| Point3::new(p.x, p.y, 0.02 * p.z));
     mesh.with_positions(flat.collect()).unwrap()
 }
 
-fn prepared(mesh: &Mesh, scheme: Scheme) -> Mesh {
-    let mesh = if scheme == Scheme::Loop { triangulated(mesh) } else { mesh.clone() };
+fn prepare(mesh: &Mesh, scheme: Scheme) -> Mesh {
+    let mesh = if scheme == Scheme::Loop { triangulate_fans(mesh) } else { mesh.clone() };
     Mesh::new(mesh.positions().clone(), mesh.faces().clone()).unwrap()
 }
 
-/// How far the control points are from their vertices at most, over the diagonal.
-fn moved(mesh: &Mesh, control: &Mesh) -> f64 {
+/// The largest distance of a control point from its vertex, relative to the diagonal of the bounding box.
+fn max_displacement(mesh: &Mesh, control: &Mesh) -> f64 {
     let pairs = mesh.positions().iter().zip(control.positions().iter());
     pairs.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max) / diagonal(mesh.positions())
 }
 
-/// Interpolates with these feet, and measures what comes out.
+/// Interpolates a mesh with the given options, and checks the distances.
 fn check(name: &str, mesh: &Mesh, scheme: Scheme, foot: Foot, direction: Direction) {
-    let mesh = prepared(mesh, scheme);
+    let mesh = prepare(mesh, scheme);
     let how = Interpolation { foot, direction, solver: Solver::Plain, ..Interpolation::default() };
     let options = InterpolateOptions { how, ..InterpolateOptions::default() };
-    let found = interpolate(&mesh, scheme, &options, &[], &Progress::none());
+    let found = interpolate(&mesh, scheme, &options, &[], &Progress::silent());
     let found = found.unwrap_or_else(|error| panic!("{name} {scheme:?} {foot:?}: {error}"));
     let steps = found.trace.steps();
     let missed = steps[steps.len() - 1].max / diagonal(mesh.positions());
-    let moved = moved(&mesh, &found.shape);
+    let moved = max_displacement(&mesh, &found.shape);
     let said = format!("{name} {scheme:?} {foot:?} {direction:?}: {missed:e} {moved}");
     assert!(found.settled && missed <= 1e-6 && moved <= 1.0, "{said}");
-    // The chords of a fine mesh are as near as it is fine.
+    // The check compares with the vertices' distances from a fine mesh; its accuracy depends on the edge length of this mesh.
     if mesh.positions().len() < 300 {
-        let fine = refined(&found.shape, scheme, 5, true);
+        let fine = refine_mesh(&found.shape, scheme, 5, true);
         let hits = TriangleTree::new(&fine).nearest_to_all(mesh.positions());
         let worst = hits.iter().map(|hit| hit.unwrap().distance_sq.sqrt()).fold(0.0, f64::max);
         assert!(worst <= 5e-4 * diagonal(mesh.positions()), "{said} {worst}");
@@ -93,12 +97,12 @@ fn check(name: &str, mesh: &Mesh, scheme: Scheme, foot: Foot, direction: Directi
 }
 
 #[test]
-fn nearest_feet_and_normal_directions_reach_the_vertices() {
+fn closest_feet_and_normal_directions_interpolate_the_vertices() {
     let meshes = [
         ("spiky", spiky()),
-        ("noisy", noisy(&torus(12, 8, false), 0.1)),
-        ("refined cube", noisy(&refined(&cube(), Scheme::CatmullClark, 1, false), 0.1)),
-        ("sphere", bumpy(&sphere(1))),
+        ("noisy", add_noise(&torus(12, 8, false), 0.1)),
+        ("refined cube", add_noise(&refine_mesh(&cube(), Scheme::CatmullClark, 1, false), 0.1)),
+        ("sphere", add_bumps(&sphere(1))),
         ("doll", example("coarse.obj")),
         ("jug", example("mug.obj")),
     ];
@@ -113,20 +117,21 @@ fn nearest_feet_and_normal_directions_reach_the_vertices() {
             }
         }
     }
-    // What is thin is no other sheet's. A cube's smallest eigenvalue is too small for Catmull and Clark.
+    // In a thin part, the nearest surface point must not be searched on the opposite sheet. Catmull-Clark is not tested, because the
+    // smallest eigenvalue of a cube is too small.
     for scheme in [Scheme::Loop, Scheme::DooSabin] {
         check("plate", &plate(), scheme, Foot::Closest, Direction::Residual);
     }
 }
 
 #[test]
-fn nearest_feet_reach_the_vertices_of_the_shared_meshes() {
-    let meshes = shared();
+fn closest_feet_interpolate_the_shared_meshes() {
+    let meshes = shared_meshes();
     if meshes.is_empty() {
         println!("SKIPPED: ../shared/data/meshes is not beside the project");
     }
     for (name, mesh) in meshes {
-        // The large ones are for the optimized program.
+        // In an unoptimized build large meshes would be too slow.
         if mesh.edges().faces.iter().any(|&count| count != 2) || mesh.positions().len() > 5000 {
             println!("SKIPPED: {name}, which is open or large");
             continue;
@@ -144,15 +149,16 @@ fn nearest_feet_reach_the_vertices_of_the_shared_meshes() {
 }
 
 #[test]
-fn what_no_control_points_reach_is_an_error_and_no_monster() {
-    // A pattern that alternates around a prism is smoothed away but for a thirtieth: it takes control points far off.
+fn an_unsolvable_problem_is_an_error_without_extreme_control_points() {
+    // Around a prism, the limit surface shows only a thirtieth of an alternating pattern of control points, so the control points must be
+    // far away.
     let mesh = prism(5);
     let shifted = mesh.positions().iter().zip([1.0, -1.0].into_iter().cycle());
     let shifted = shifted.map(|(p, sign)| p + Vector3::new(0.0, 0.0, 0.5 * sign));
     let alternating = mesh.with_positions(shifted.collect()).unwrap();
-    let mut places = cube().positions().to_vec();
-    places[3].x += 0.1;
-    let moved_cube = cube().with_positions(places).unwrap();
+    let mut positions = cube().positions().to_vec();
+    positions[3].x += 0.1;
+    let moved_cube = cube().with_positions(positions).unwrap();
     let mut refused = 0;
     for mesh in [alternating, moved_cube] {
         for (foot, direction) in [
@@ -165,10 +171,10 @@ fn what_no_control_points_reach_is_an_error_and_no_monster() {
                 let how =
                     Interpolation { foot, direction, solver, iterations, ..Default::default() };
                 let options = InterpolateOptions { how, ..InterpolateOptions::default() };
-                match interpolate(&mesh, Scheme::CatmullClark, &options, &[], &Progress::none()) {
-                    // Where there is a solution, its control points are far away, but its surface is not.
+                match interpolate(&mesh, Scheme::CatmullClark, &options, &[], &Progress::silent()) {
+                    // If there is a solution, its control points are far from the vertices, but its surface is not.
                     Ok(found) => {
-                        let surface = refined(&found.shape, Scheme::CatmullClark, 4, true);
+                        let surface = refine_mesh(&found.shape, Scheme::CatmullClark, 4, true);
                         let (low, high) = mesh.bounds().unwrap();
                         let off = surface.positions().iter().map(|p| p - p.sup(&low).inf(&high));
                         let off = off.map(|off| off.norm()).fold(0.0, f64::max);
@@ -188,20 +194,22 @@ fn what_no_control_points_reach_is_an_error_and_no_monster() {
 }
 
 #[test]
-fn a_shrunk_part_does_not_find_another_sheet() {
-    // Two plates face each other, nearer than a step of the iteration shrinks their corners.
-    let mesh = refined(&cube(), Scheme::CatmullClark, 1, false);
+fn feet_do_not_switch_to_another_sheet() {
+    // Two opposite plates. Their distance is less than the change of their corners in one iteration.
+    let mesh = refine_mesh(&cube(), Scheme::CatmullClark, 1, false);
     let thin = |z: f64| mesh.positions().iter().map(move |p| Point3::new(p.x, p.y, 0.01 * p.z + z));
-    let places: Vec<_> = thin(0.0).chain(thin(0.03)).collect();
+    let positions: Vec<_> = thin(0.0).chain(thin(0.03)).collect();
     let count = mesh.positions().len() as u32;
     let corners = mesh.faces().corners().iter().copied();
     let corners = corners.clone().chain(corners.map(|corner| corner + count));
-    let both = Mesh::new(places, Faces::uniform(4, corners.collect::<Vec<_>>()).unwrap()).unwrap();
+    let both =
+        Mesh::new(positions, Faces::uniform(4, corners.collect::<Vec<_>>()).unwrap()).unwrap();
     check("two plates", &both, Scheme::DooSabin, Foot::Closest, Direction::Residual);
     let how = Interpolation { foot: Foot::Closest, solver: Solver::Plain, ..Default::default() };
     let options = InterpolateOptions { how, ..InterpolateOptions::default() };
     let alone = mesh.with_positions(thin(0.0).collect()).unwrap();
-    let [both, alone] = [both, alone].map(|mesh| found(&mesh, Scheme::DooSabin, &options).shape);
+    let [both, alone] =
+        [both, alone].map(|mesh| interpolate_mesh(&mesh, Scheme::DooSabin, &options).shape);
     for (a, b) in alone.positions().iter().zip(both.positions().iter()) {
         assert!((a - b).norm() <= 1e-4, "the other plate has no say: {a} {b}");
     }

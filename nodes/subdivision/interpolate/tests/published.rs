@@ -1,12 +1,12 @@
-//! The published iteration beside the same one with the vertices' own feet.
+//! Comparison of the published iteration (`foot: Closest`) with `foot: Vertex`.
 
 use super::*;
 
-/// The counts of iterations to 1e-3, 1e-4, 1e-5 and 1e-6 of the diagonal.
+/// Returns the numbers of iterations after which the distance is below 1e-3, 1e-4, 1e-5 and 1e-6 of the diagonal.
 fn counts(mesh: &Mesh, foot: Foot) -> [u64; 4] {
     let mut options = options(Solver::Plain, 1e-6);
     options.how.foot = foot;
-    let found = found(mesh, Scheme::Loop, &options);
+    let found = interpolate_mesh(mesh, Scheme::Loop, &options);
     assert!(found.settled);
     let diagonal = crate::solve::extent::diagonal(mesh.positions());
     [1e-3, 1e-4, 1e-5, 1e-6].map(|share| {
@@ -15,15 +15,15 @@ fn counts(mesh: &Mesh, foot: Foot) -> [u64; 4] {
     })
 }
 
-// The reference counts, which were found on a mesh in the surface's place and with other noise.
+// The reference numbers of iterations were measured with a mesh instead of the exact surface, and with other noise.
 #[test]
-fn both_feet_need_as_many_iterations_as_their_reference() {
-    let (sphere, torus) = (bumpy(&sphere(2)), torus(24, 12, true));
+fn both_feet_need_the_reference_numbers_of_iterations() {
+    let (sphere, torus) = (add_bumps(&sphere(2)), torus(24, 12, true));
     for (name, mesh, by_vertex, closest) in [
         ("bumpy sphere", sphere.clone(), [4, 11, 18, 25], [3, 8, 14, 20]),
-        ("bumpy sphere with noise", noisy(&sphere, 0.02), [6, 14, 21, 28], [6, 12, 19, 26]),
+        ("bumpy sphere with noise", add_noise(&sphere, 0.02), [6, 14, 21, 28], [6, 12, 19, 26]),
         ("torus", torus.clone(), [1, 2, 3, 4], [1, 2, 3, 6]),
-        ("torus with noise", noisy(&torus, 0.02), [5, 11, 18, 26], [4, 9, 16, 23]),
+        ("torus with noise", add_noise(&torus, 0.02), [5, 11, 18, 26], [4, 9, 16, 23]),
     ] {
         for (foot, expected) in [(Foot::Vertex, by_vertex), (Foot::Closest, closest)] {
             let counts = counts(&mesh, foot);

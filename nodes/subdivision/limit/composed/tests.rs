@@ -3,10 +3,10 @@ use crate::shapes::torus;
 use crate::sharp_edges::crease;
 use crate::{Corners, Subdivision, subdivide};
 
-/// The sharp edges of a refined mesh follow no order of their own: each must be found again in the next step.
+/// The sharp edges of a refined mesh are in no particular order, so each must be found again in the next step.
 #[test]
 fn the_composed_surface_is_the_subdivided_one_with_its_creases() {
-    // Some edges, all, and none.
+    // The angles make some edges sharp, all, or none.
     for angle in [60.0, 0.0, 180.0] {
         let mesh = crease(&torus(6, 5, true), angle, 10.0);
         for levels in 0..4 {
@@ -19,7 +19,8 @@ fn the_composed_surface_is_the_subdivided_one_with_its_creases() {
                 corners: Corners::default(),
             };
             let expected = subdivide(&mesh, how).unwrap();
-            let surface = Composed::new(&mesh, levels).unwrap().surface(mesh.positions()).unwrap();
+            let surface =
+                ComposedLimit::new(&mesh, levels).unwrap().surface(mesh.positions()).unwrap();
             let pairs = surface.positions().iter().zip(expected.positions().iter());
             let farthest = pairs.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
             assert!(farthest < 1e-12, "{levels} levels, {angle} degrees: {farthest}");

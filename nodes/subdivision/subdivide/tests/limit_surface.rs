@@ -1,17 +1,17 @@
-//! The limit surface at any place.
+//! Tests of the evaluation of limit surfaces.
 
 use nalgebra::Vector3;
 
 use super::super::*;
+use super::scheme_options;
 use super::shapes::*;
-use super::with;
 use crate::surface::face_point::FacePoint;
 use crate::surface::limit_point::LimitPoint;
 use crate::surface::limit_surface::LimitSurface;
 use crate::{Boundary, Scheme};
 
 fn surface(mesh: &Mesh, scheme: Scheme) -> LimitSurface {
-    LimitSurface::new(mesh, with(scheme, 0, true, Boundary::EdgeAndCorner)).unwrap()
+    LimitSurface::new(mesh, scheme_options(scheme, 0, true, Boundary::EdgeAndCorner)).unwrap()
 }
 
 fn families(scheme: Scheme) -> Vec<Mesh> {
@@ -21,7 +21,7 @@ fn families(scheme: Scheme) -> Vec<Mesh> {
         [cube_faces(), trapezohedron(5), prism(5), sheet(3, 3, false), patchwork(), fan(1, 4)];
     let all = if scheme == Scheme::Loop { triangles } else { polygons };
     all.into_iter()
-        .map(scattered)
+        .map(scattered_polygons)
         .flat_map(|mesh| {
             let edges = mesh.edges().vertices;
             let creases: Vec<_> =
@@ -31,11 +31,11 @@ fn families(scheme: Scheme) -> Vec<Mesh> {
         .collect()
 }
 
-/// Places in the faces of the control mesh, and the vertices of the refined mesh there.
-fn places(mesh: &Mesh, scheme: Scheme) -> Vec<(usize, [f64; 2], u32)> {
-    let how = with(scheme, 1, false, Boundary::EdgeAndCorner);
+/// Returns positions in the faces of the control mesh, each with the vertex of the refined mesh at this position.
+fn positions(mesh: &Mesh, scheme: Scheme) -> Vec<(usize, [f64; 2], u32)> {
+    let how = scheme_options(scheme, 1, false, Boundary::EdgeAndCorner);
     let refined = subdivide(mesh, how).unwrap();
-    let mut places = Vec::new();
+    let mut positions = Vec::new();
     for (face, corners) in mesh.faces().iter().enumerate() {
         let first = mesh.faces().first_corner(face);
         let at: &[(usize, usize, [f64; 2])] = match (scheme, corners.len()) {
@@ -55,12 +55,12 @@ fn places(mesh: &Mesh, scheme: Scheme) -> Vec<(usize, [f64; 2], u32)> {
             ],
             _ => &[(0, 0, [0., 0.]), (2, 0, [2., 0.]), (1, 3, [1., 1.])],
         };
-        for &(part, corner, place) in at {
+        for &(part, corner, position) in at {
             let finer = if scheme == Scheme::Loop { 4 * face + part } else { first + part };
-            places.push((face, place, refined.faces().face(finer)[corner]));
+            positions.push((face, position, refined.faces().face(finer)[corner]));
         }
     }
-    places
+    positions
 }
 
 #[test]
@@ -71,10 +71,10 @@ fn at_vertices_and_middles_the_surface_is_where_the_masks_say() {
                 continue;
             }
             let surface = surface(&mesh, scheme);
-            let how = with(scheme, 1, true, Boundary::EdgeAndCorner);
+            let how = scheme_options(scheme, 1, true, Boundary::EdgeAndCorner);
             let limit = subdivide(&mesh, how).unwrap();
-            for (face, [u, v], vertex) in places(&mesh, scheme) {
-                let point = surface.at(face, u, v).point;
+            for (face, [u, v], vertex) in positions(&mesh, scheme) {
+                let point = surface.evaluate(face, u, v).point;
                 let error = (point - limit.positions()[vertex as usize]).norm();
                 assert!(error < 1e-13, "{scheme:?} {face} {u} {v} {error} {:?}", mesh.faces());
             }
@@ -84,13 +84,13 @@ fn at_vertices_and_middles_the_surface_is_where_the_masks_say() {
 
 #[test]
 fn a_regular_patch_is_a_b_spline_with_its_derivatives() {
-    // Heights of degree 1 and 2 are reproduced but for a constant, and x, y exactly.
+    // Heights of degree 1 and 2 are reproduced up to a constant; x and y are reproduced exactly.
     let mesh = lattice(5, |x, y| 0.5 * x * x - x * y + 0.25 * y * y + x);
     let surface = surface(&mesh, Scheme::CatmullClark);
     for k in 0..50 {
         let [u, v] = [f64::from(k % 7) / 6.0, f64::from(k % 5) / 4.0];
-        // Face 12 is the square from (2, 2) on, with corners counter-clockwise from above.
-        let point = surface.at(12, u, v);
+        // Face 12 is the square with its lowest corner at (2, 2), counter-clockwise as seen from above.
+        let point = surface.evaluate(12, u, v);
         let [x, y] = [2.0 + u, 2.0 + v];
         let height = 0.5 * x * x - x * y + 0.25 * y * y + x + (1.0 + 0.5) / 6.0;
         assert!((point.point.coords - Vector3::new(x, y, height)).norm() < 1e-13);
@@ -104,14 +104,14 @@ fn a_regular_patch_is_a_b_spline_with_its_derivatives() {
 }
 
 #[test]
-fn derivatives_are_those_of_the_points_and_neighboring_faces_meet() {
+fn derivatives_equal_difference_quotients_and_neighboring_faces_match() {
     const STEP: f64 = 1e-5;
     for scheme in [Scheme::CatmullClark, Scheme::Loop] {
         for mesh in families(scheme) {
             let surface = surface(&mesh, scheme);
             for face in 0..mesh.faces().len() {
                 for [u, v] in [[0.3, 0.4], [0.07, 0.61], [0.45, 0.02], [0.6, 0.3]] {
-                    let at = |u: f64, v: f64| surface.at(face, u, v);
+                    let at = |u: f64, v: f64| surface.evaluate(face, u, v);
                     let here = at(u, v);
                     let [right, left, up, down] =
                         [at(u + STEP, v), at(u - STEP, v), at(u, v + STEP), at(u, v - STEP)];
@@ -136,11 +136,11 @@ fn derivatives_are_those_of_the_points_and_neighboring_faces_meet() {
 }
 
 #[test]
-fn fixed_places_around_a_face_give_what_its_pieces_give() {
+fn fixed_neighborhoods_and_pieces_give_equal_points() {
     let triangles = [rosette(3, 3), rosette(5, 3), rosette(6, 3), rosette(9, 3), icosahedron()];
     let polygons = [rosette(3, 4), rosette(4, 4), rosette(7, 4), prism(5), trapezohedron(7)];
     for (scheme, meshes) in [(Scheme::Loop, triangles), (Scheme::CatmullClark, polygons)] {
-        for mesh in meshes.into_iter().map(scattered) {
+        for mesh in meshes.into_iter().map(scattered_polygons) {
             let surface = surface(&mesh, scheme);
             let parts = match scheme {
                 Scheme::Loop => 4 * mesh.faces().len(),
@@ -150,8 +150,9 @@ fn fixed_places_around_a_face_give_what_its_pieces_give() {
                 for [u, v] in
                     [[0.3, 0.45], [0.01, 0.02], [0.001, 0.3], [0.7, 0.2], [0.1, 0.85], [0.5, 0.49]]
                 {
-                    let [fast, slow] = [LimitSurface::at_part, LimitSurface::by_pieces]
-                        .map(|at| at(&surface, part, FacePoint::new(u, v)));
+                    let [fast, slow] =
+                        [LimitSurface::evaluate_part, LimitSurface::evaluate_by_pieces]
+                            .map(|at| at(&surface, part, FacePoint::new(u, v)));
                     assert!((fast.point - slow.point).norm() < 1e-14, "{scheme:?} {part} {u} {v}");
                     for k in 0..2 {
                         let error = (fast.first[k] - slow.first[k]).norm();
@@ -171,19 +172,22 @@ fn fixed_places_around_a_face_give_what_its_pieces_give() {
 
 #[test]
 fn a_surface_moves_with_its_control_points() {
-    let mesh = scattered(cube_faces());
+    let mesh = scattered_polygons(cube_faces());
     let doubled = mesh.positions().iter().map(|point| (point.coords * 2.0).into());
     let moved = mesh.with_positions(doubled.collect()).unwrap();
     let surface = surface(&mesh, Scheme::CatmullClark);
-    let [other, new] =
-        [surface.moved(moved.positions()).unwrap(), self::surface(&moved, Scheme::CatmullClark)];
-    assert_ne!(surface.at(2, 0.3, 0.7), new.at(2, 0.3, 0.7));
-    assert_eq!(other.at(2, 0.3, 0.7), new.at(2, 0.3, 0.7));
-    assert_eq!(surface.moved(&[]).err(), Some(SubdivideError::OtherTopology));
+    let [other, new] = [
+        surface.with_control_points(moved.positions()).unwrap(),
+        self::surface(&moved, Scheme::CatmullClark),
+    ];
+    assert_ne!(surface.evaluate(2, 0.3, 0.7), new.evaluate(2, 0.3, 0.7));
+    assert_eq!(other.evaluate(2, 0.3, 0.7), new.evaluate(2, 0.3, 0.7));
+    assert_eq!(surface.with_control_points(&[]).err(), Some(SubdivideError::OtherTopology));
 }
 
 #[test]
-fn the_surface_of_doo_and_sabin_is_refused() {
-    let error = LimitSurface::new(&cube(), with(Scheme::DooSabin, 0, true, Boundary::EdgeOnly));
+fn a_limit_surface_of_doo_and_sabin_is_an_error() {
+    let error =
+        LimitSurface::new(&cube(), scheme_options(Scheme::DooSabin, 0, true, Boundary::EdgeOnly));
     assert_eq!(error.err(), Some(SubdivideError::NoPatches));
 }

@@ -1,4 +1,4 @@
-//! The schemes for polygons.
+//! Tests of the schemes for polygons.
 
 use maquette_node::Progress;
 use maquette_value::Faces;
@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::super::*;
 use super::shapes::*;
-use super::{farthest, with};
+use super::{farthest, scheme_options};
 use crate::refine::plan::apply;
 use crate::refine::topology::Topology;
 use crate::{Boundary, Creases, Scheme};
@@ -15,11 +15,11 @@ const BOTH: [Scheme; 2] = [Scheme::CatmullClark, Scheme::DooSabin];
 const BOUNDARIES: [Boundary; 2] = [Boundary::EdgeAndCorner, Boundary::EdgeOnly];
 
 fn refine(mesh: &Mesh, scheme: Scheme, levels: u32) -> Mesh {
-    subdivide(mesh, with(scheme, levels, false, Boundary::EdgeAndCorner)).unwrap()
+    subdivide(mesh, scheme_options(scheme, levels, false, Boundary::EdgeAndCorner)).unwrap()
 }
 
 fn limit(mesh: &Mesh, scheme: Scheme, levels: u32) -> Mesh {
-    subdivide(mesh, with(scheme, levels, true, Boundary::EdgeAndCorner)).unwrap()
+    subdivide(mesh, scheme_options(scheme, levels, true, Boundary::EdgeAndCorner)).unwrap()
 }
 
 fn families() -> Vec<Vec<Vec<u32>>> {
@@ -39,7 +39,7 @@ fn counts(mesh: &Mesh) -> [usize; 4] {
 fn each_step_has_its_counts_and_keeps_the_euler_characteristic() {
     for faces in families() {
         for scheme in BOTH {
-            let mut mesh = scattered(faces.clone());
+            let mut mesh = scattered_polygons(faces.clone());
             for level in 0..5 {
                 let corners = mesh.faces().corners().len();
                 let [v, e, f, border] = counts(&mesh);
@@ -65,14 +65,15 @@ fn each_step_has_its_counts_and_keeps_the_euler_characteristic() {
 fn a_quad_becomes_nine_by_doo_and_sabin_and_one_if_its_border_shrinks() {
     let quad = lattice(1, |_, _| 0.0);
     assert_eq!(counts(&refine(&quad, Scheme::DooSabin, 1)), [12, 20, 9, 8]);
-    let shrunk = subdivide(&quad, with(Scheme::DooSabin, 1, false, Boundary::None)).unwrap();
+    let shrunk =
+        subdivide(&quad, scheme_options(Scheme::DooSabin, 1, false, Boundary::None)).unwrap();
     assert_eq!(counts(&shrunk), [4, 4, 1, 4]);
 }
 
 #[test]
 fn several_steps_at_once_are_single_steps_one_after_the_other() {
-    fn creased(faces: Vec<Vec<u32>>) -> Mesh {
-        let mesh = scattered(faces);
+    fn creased_mesh(faces: Vec<Vec<u32>>) -> Mesh {
+        let mesh = scattered_polygons(faces);
         let creases: Vec<_> = mesh.edges().vertices.into_iter().step_by(3).zip(1..).collect();
         mesh.with_creases(creases.into_iter().map(|(ends, k)| (ends, f64::from(k % 8) / 2.0)))
             .unwrap()
@@ -84,13 +85,21 @@ fn several_steps_at_once_are_single_steps_one_after_the_other() {
                 continue;
             }
             for creases in [Creases::OpenSubdiv, Creases::Chaikin, Creases::Hoppe94] {
-                fn how(levels: u32, scheme: Scheme, creases: Creases) -> Subdivision {
-                    Subdivision { creases, ..with(scheme, levels, false, Boundary::EdgeOnly) }
+                fn subdivision_options(
+                    levels: u32,
+                    scheme: Scheme,
+                    creases: Creases,
+                ) -> Subdivision {
+                    Subdivision {
+                        creases,
+                        ..scheme_options(scheme, levels, false, Boundary::EdgeOnly)
+                    }
                 }
-                let mesh = creased(faces.clone());
-                let at_once = subdivide(&mesh, how(3, scheme, creases)).unwrap();
-                let steps =
-                    (0..3).fold(mesh, |mesh, _| subdivide(&mesh, how(1, scheme, creases)).unwrap());
+                let mesh = creased_mesh(faces.clone());
+                let at_once = subdivide(&mesh, subdivision_options(3, scheme, creases)).unwrap();
+                let steps = (0..3).fold(mesh, |mesh, _| {
+                    subdivide(&mesh, subdivision_options(1, scheme, creases)).unwrap()
+                });
                 assert_eq!(at_once.faces(), steps.faces());
                 let error = farthest(at_once.positions(), steps.positions());
                 assert!(error < 1e-15, "{scheme:?} {creases:?} {error}");
@@ -107,13 +116,13 @@ fn the_limit_is_the_same_from_every_level() {
         .chain([patchwork(), cube_faces(), fan(1, 5)]);
     for faces in shapes {
         for boundary in BOUNDARIES {
-            let mesh = scattered(faces.clone());
-            fn how(levels: u32, boundary: &Boundary) -> Subdivision {
-                with(Scheme::CatmullClark, levels, true, *boundary)
+            let mesh = scattered_polygons(faces.clone());
+            fn subdivision_options(levels: u32, boundary: &Boundary) -> Subdivision {
+                scheme_options(Scheme::CatmullClark, levels, true, *boundary)
             }
-            let direct = subdivide(&mesh, how(0, &boundary)).unwrap();
+            let direct = subdivide(&mesh, subdivision_options(0, &boundary)).unwrap();
             for levels in 1..=3 {
-                let later = subdivide(&mesh, how(levels, &boundary)).unwrap();
+                let later = subdivide(&mesh, subdivision_options(levels, &boundary)).unwrap();
                 let error = farthest(direct.positions(), later.positions());
                 assert!(error < 1e-14, "{faces:?} {boundary:?} {levels} {error}");
             }
@@ -126,7 +135,7 @@ fn normals_are_the_same_from_every_level() {
     let around =
         |n| [trapezohedron(n), prism(n), rosette(n, 4), rosette(n, 3), fan(n, 4), fan(n, 3)];
     for faces in (3..=12).flat_map(around).chain([patchwork(), fan(1, 5), fan(2, 5)]) {
-        let mesh = scattered(faces.clone());
+        let mesh = scattered_polygons(faces.clone());
         let edges = mesh.edges();
         let border = edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1);
         let border: Vec<u32> = border.flat_map(|(ends, _)| *ends).collect();
@@ -138,7 +147,8 @@ fn normals_are_the_same_from_every_level() {
         for levels in 1..=3 {
             for (vertex, (a, b)) in (0u32..).zip(direct.iter().zip(normals(levels, &mesh))) {
                 let error = (Vector3::from(*a) - Vector3::from(b)).norm();
-                // The sides of a corner are told apart by the faces, which scattered vertices fold at random.
+                // The orientation of a corner's sides follows from the faces, which may be folded because positions are random. So only
+                // inner vertices are compared.
                 let is_inner = !border.contains(&vertex);
                 assert!(!is_inner || error < 1e-11, "{faces:?} {levels} {vertex} {error}");
             }
@@ -164,7 +174,7 @@ fn a_regular_vertex_is_a_b_splines() {
 #[test]
 fn the_faces_of_doo_and_sabin_keep_their_centroids_and_vertices_become_faces_around_their_limit() {
     for faces in families() {
-        let mesh = scattered(faces);
+        let mesh = scattered_polygons(faces);
         fn centroid(mesh: &Mesh, face: usize) -> Vector3<f64> {
             let corners = mesh.faces().face(face);
             let sum: Vector3<f64> =
@@ -195,12 +205,12 @@ fn the_faces_of_doo_and_sabin_keep_their_centroids_and_vertices_become_faces_aro
 
 #[test]
 fn the_border_of_doo_and_sabin_is_a_quadratic_spline_of_its_edges() {
-    let mesh = scattered(patchwork());
+    let mesh = scattered_polygons(patchwork());
     let limit = limit(&mesh, Scheme::DooSabin, 0);
     let [left, middle, right] = [1, 2, 3].map(|k| mesh.positions()[k].coords);
     let expected = (left + 6.0 * middle + right) / 8.0;
     assert!((limit.positions()[2].coords - expected).norm() < 1e-15);
-    // Chaikin's curve meets its limit in the middle of each of its edges.
+    // Chaikin's curve touches its limit at the midpoint of each edge.
     let once = refine(&mesh, Scheme::DooSabin, 1);
     let (edges, points) = (once.edges(), once.positions());
     let middles = edges.vertices.iter().zip(&edges.faces).filter(|(_, faces)| **faces == 1);
@@ -210,13 +220,13 @@ fn the_border_of_doo_and_sabin_is_a_quadratic_spline_of_its_edges() {
 }
 
 #[test]
-fn subdividing_and_an_affine_map_can_be_exchanged() {
+fn subdivision_commutes_with_affine_maps() {
     let linear = Matrix3::new(1., 2., -1., 0.5, 1., 0., 3., -2., 1.);
     fn map(points: &[Point3<f64>], linear: &Matrix3<f64>) -> Vec<Point3<f64>> {
         points.iter().map(|point| *linear * point + Vector3::new(5., -1., 2.)).collect::<Vec<_>>()
     }
     for (faces, scheme) in families().into_iter().flat_map(|f| BOTH.map(|s| (f.clone(), s))) {
-        let mesh = scattered(faces);
+        let mesh = scattered_polygons(faces);
         let mapped = mesh.with_positions(map(mesh.positions(), &linear)).unwrap();
         let (first, then) =
             (limit(&mapped, scheme, 2), map(limit(&mesh, scheme, 2).positions(), &linear));
@@ -225,9 +235,9 @@ fn subdividing_and_an_affine_map_can_be_exchanged() {
 }
 
 #[test]
-fn a_flat_mesh_stays_flat_and_its_normals_stand_on_it() {
+fn a_flat_mesh_stays_flat_with_perpendicular_normals() {
     fn flat(faces: Vec<Vec<u32>>, turn: f64, step: u32) -> Mesh {
-        // Vertex 0 at the middle, the others on the unit circle, those on edges to vertex 0 a little farther out.
+        // Vertex 0 is at the center, the others are on the unit circle, except that neighbors of vertex 0 are slightly farther out.
         let count = faces.iter().flatten().max().map_or(0, |&vertex| vertex);
         let rim = (0..count).map(|k| {
             let (sine, cosine) = libm::sincos(turn * f64::from(k));
@@ -235,7 +245,7 @@ fn a_flat_mesh_stays_flat_and_its_normals_stand_on_it() {
             [radius * cosine, radius * sine, 0.0]
         });
         let positions: Vec<_> = std::iter::once([0.0; 3]).chain(rim).collect();
-        placed(faces, &positions)
+        polygons_at(faces, &positions)
     }
     let (pi, mut meshes) = (std::f64::consts::PI, vec![lattice(3, |_, _| 0.0)]);
     for (n, sides) in (1..9).flat_map(|n| [3, 4, 5].map(|sides| (n, sides))) {
@@ -247,13 +257,12 @@ fn a_flat_mesh_stays_flat_and_its_normals_stand_on_it() {
     }
     for (mesh, scheme) in meshes.iter().flat_map(|mesh| BOTH.map(|scheme| (mesh, scheme))) {
         for (boundary, levels) in BOUNDARIES.iter().flat_map(|b| [(b, 0), (b, 2)]) {
-            let limit = subdivide(mesh, with(scheme, levels, true, *boundary)).unwrap();
+            let limit = subdivide(mesh, scheme_options(scheme, levels, true, *boundary)).unwrap();
             assert!(limit.positions().iter().all(|point| point.z == 0.0));
             let normals = limit.vertex().vectors("normal").unwrap();
-            let stands = |normal: &[f64; 3]| (normal[2] - 1.0).abs() < 1e-12;
             let faces = mesh.faces();
             assert!(
-                normals.iter().all(stands),
+                normals.iter().all(|normal| (normal[2] - 1.0).abs() < 1e-12),
                 "{scheme:?} {boundary:?} {levels} {faces:?} {normals:?}"
             );
         }
@@ -264,9 +273,9 @@ fn a_flat_mesh_stays_flat_and_its_normals_stand_on_it() {
 fn the_limit_stays_within_the_hull_of_its_neighbors() {
     let shapes = (3..40).flat_map(|n| [trapezohedron(n), prism(n), fan(n, 4)]);
     for (faces, scheme) in shapes.flat_map(|f| BOTH.map(|s| (f.clone(), s))) {
-        let mesh = scattered(faces);
-        let how = with(scheme, 0, true, Boundary::EdgeAndCorner);
-        let limit = Limit::new(&Topology::of(&mesh, how)).unwrap();
+        let mesh = scattered_polygons(faces);
+        let how = scheme_options(scheme, 0, true, Boundary::EdgeAndCorner);
+        let limit = Limit::new(&Topology::from_mesh(&mesh, how)).unwrap();
         for vertex in 0..mesh.positions().len() {
             let (columns, weights) = limit.positions.row(vertex);
             assert!(weights.iter().all(|&weight| weight >= 0.0));
@@ -276,7 +285,7 @@ fn the_limit_stays_within_the_hull_of_its_neighbors() {
     }
 }
 
-/// The cube, its 12 edges sharp.
+/// A cube with 12 sharp edges.
 fn sharp_cube(sharpness: f64) -> Mesh {
     let edges = (0..8u32).flat_map(|a| [1, 2, 4].map(|bit| [a, a | bit])).filter(|[a, b]| a != b);
     cube().with_creases(edges.map(|edge| (edge, sharpness)).collect::<Vec<_>>()).unwrap()
@@ -285,16 +294,15 @@ fn sharp_cube(sharpness: f64) -> Mesh {
 #[test]
 fn a_cube_with_sharp_edges_stays_a_cube() {
     let mesh = limit(&sharp_cube(10.0), Scheme::CatmullClark, 3);
-    let on_a_side = |point: &Point3<f64>| {
-        point.coords.iter().any(|x| x.abs() < 1e-14 || (x - 1.0).abs() < 1e-14)
-    };
-    assert!(mesh.positions().iter().all(on_a_side));
+    for point in mesh.positions().iter() {
+        assert!(point.coords.iter().any(|x| x.abs() < 1e-14 || (x - 1.0).abs() < 1e-14));
+    }
     assert_eq!(mesh.positions()[..8], cube().positions()[..]);
     assert_eq!(mesh.creases().len(), 12 * 8);
 }
 
 #[test]
-fn a_sharpness_of_one_lasts_one_step_and_half_a_sharpness_is_half_way() {
+fn a_sharpness_of_one_lasts_one_step_and_half_a_sharpness_is_interpolated() {
     fn refine_cube(sharpness: f64) -> Mesh {
         refine(&sharp_cube(sharpness), Scheme::CatmullClark, 1)
     }
@@ -310,7 +318,7 @@ fn a_sharpness_of_one_lasts_one_step_and_half_a_sharpness_is_half_way() {
 
 #[test]
 fn a_crease_is_the_cubic_spline_of_its_edges() {
-    let mesh = scattered(sheet(4, 4, false));
+    let mesh = scattered_polygons(sheet(4, 4, false));
     let creases: Vec<_> = (10..14).map(|j| ([j, j + 1], 10.0)).collect();
     let mesh = mesh.with_creases(creases).unwrap();
     let [left, middle, right] = [11, 12, 13].map(|i| mesh.positions()[i].coords);
@@ -324,16 +332,18 @@ fn a_crease_is_the_cubic_spline_of_its_edges() {
 #[test]
 fn a_regular_normal_is_that_of_the_spline() {
     let mesh = lattice(4, |x, y| 0.3 * x * x - 0.2 * x * y + 0.1 * y * y * y);
-    fn at(i: usize, j: usize, mesh: &Mesh) -> Vector3<f64> {
+    fn position(i: usize, j: usize, mesh: &Mesh) -> Vector3<f64> {
         mesh.positions()[5 * i + j].coords
     }
     for (scheme, side) in [(Scheme::CatmullClark, 1.0 / 6.0), (Scheme::DooSabin, 1.0 / 8.0)] {
         let weights = [side, 1.0 - 2.0 * side, side];
         let (u, v) = (
             (1..4)
-                .map(|k: usize| (at(k, 3, &mesh) - at(k, 1, &mesh)) * weights[k - 1])
+                .map(|k: usize| (position(k, 3, &mesh) - position(k, 1, &mesh)) * weights[k - 1])
                 .sum::<Vector3<f64>>(),
-            (1..4).map(|k: usize| (at(3, k, &mesh) - at(1, k, &mesh)) * weights[k - 1]).sum(),
+            (1..4)
+                .map(|k: usize| (position(3, k, &mesh) - position(1, k, &mesh)) * weights[k - 1])
+                .sum(),
         );
         let expected = u.cross(&v).normalize();
         let limit = limit(&mesh, scheme, 0);
@@ -357,14 +367,14 @@ fn normals_of_a_closed_surface_point_outward() {
 #[test]
 fn a_plan_serves_every_mesh_of_its_topology() {
     for (faces, scheme) in families().into_iter().flat_map(|f| BOTH.map(|s| (f.clone(), s))) {
-        let mesh = scattered(faces);
-        let how = with(scheme, 2, false, Boundary::EdgeOnly);
-        let first = Step::first(&Topology::of(&mesh, how)).unwrap();
+        let mesh = scattered_polygons(faces);
+        let how = scheme_options(scheme, 2, false, Boundary::EdgeOnly);
+        let first = Step::from_topology(&Topology::from_mesh(&mesh, how)).unwrap();
         let steps = [first.clone(), first.next().unwrap()];
         let turned = mesh.positions().iter().map(|point| Point3::new(point.y, point.z, point.x));
         let moved = mesh.with_positions(turned.collect()).unwrap();
         assert_eq!(
-            apply(&moved, &steps, &Progress::none()).unwrap(),
+            apply(&moved, &steps, &Progress::silent()).unwrap(),
             subdivide(&moved, how).unwrap()
         );
     }
@@ -373,46 +383,50 @@ fn a_plan_serves_every_mesh_of_its_topology() {
 #[test]
 fn other_numbers_for_the_vertices_give_the_same_surface() {
     for scheme in BOTH {
-        let mesh = scattered(patchwork());
+        let mesh = scattered_polygons(patchwork());
         let same = mesh.faces().corners().len();
         let count = mesh.positions().len() as u32;
-        fn renamed(vertex: u32, count: u32) -> u32 {
+        fn renumber(vertex: u32, count: u32) -> u32 {
             (vertex * 5 + 3) % count
         }
         let faces =
-            mesh.faces().iter().map(|face| face.iter().map(|&v| renamed(v, count)).collect());
+            mesh.faces().iter().map(|face| face.iter().map(|&v| renumber(v, count)).collect());
         let mut positions = vec![[0.0; 3]; count as usize];
         (0..)
             .zip(mesh.positions().iter())
-            .for_each(|(i, &p)| positions[renamed(i, count) as usize] = p.into());
-        let other = refine(&placed(faces.collect(), &positions), scheme, 2);
+            .for_each(|(i, &p)| positions[renumber(i, count) as usize] = p.into());
+        let other = refine(&polygons_at(faces.collect(), &positions), scheme, 2);
         let mesh = refine(&mesh, scheme, 2);
         let corners = mesh.faces().corners().iter().zip(other.faces().corners().iter());
-        let mut places = corners
+        let mut positions = corners
             .map(|(&a, &b)| (mesh.positions()[a as usize] - other.positions()[b as usize]).norm());
-        // The faces around vertices come in the order of these, and so do what comes of them; those in old faces do not.
-        assert!(places.by_ref().take(same).all(|distance| distance < 1e-15));
+        // The faces around vertices are in the order of the vertices, which differs between the two meshes, and their refinements are in
+        // this order, too. So only the refined faces inside old faces are compared.
+        assert!(positions.by_ref().take(same).all(|distance| distance < 1e-15));
     }
 }
 
 #[test]
 fn the_bytes_do_not_depend_on_the_number_of_threads() {
-    let mesh = scattered(sheet(70, 70, true));
+    let mesh = scattered_polygons(sheet(70, 70, true));
     for scheme in BOTH {
-        fn on(threads: usize, mesh: &Mesh, scheme: &Scheme) -> Mesh {
+        fn refine_with_threads(threads: usize, mesh: &Mesh, scheme: &Scheme) -> Mesh {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| limit(mesh, *scheme, 1))
         }
-        let one = on(1, &mesh, &scheme);
-        assert_eq!([on(2, &mesh, &scheme), on(8, &mesh, &scheme)], [one.clone(), one]);
+        let one = refine_with_threads(1, &mesh, &scheme);
+        assert_eq!(
+            [refine_with_threads(2, &mesh, &scheme), refine_with_threads(8, &mesh, &scheme)],
+            [one.clone(), one]
+        );
     }
 }
 
-// CGAL issue 3603: a vertex amid two quads that share two edges.
+// From CGAL issue 3603: a vertex has two quads that share two edges.
 #[test]
 fn an_inner_vertex_of_two_faces_is_smooth() {
     let positions = [[0., 0., 1.], [0., 0., 0.], [1., 0., 0.], [0.25, 0., 0.3], [1., 0., 1.]];
-    let mesh = placed(vec![vec![0, 1, 2, 3], vec![3, 2, 4, 0]], &positions);
+    let mesh = polygons_at(vec![vec![0, 1, 2, 3], vec![3, 2, 4, 0]], &positions);
     let refined = refine(&mesh, Scheme::CatmullClark, 3);
     let once = refine(&mesh, Scheme::CatmullClark, 1);
     assert!((once.positions()[3] - Point3::new(0.46875, 0.0, 0.475)).norm() < 1e-15);
@@ -422,13 +436,13 @@ fn an_inner_vertex_of_two_faces_is_smooth() {
     assert!(farthest(direct.positions(), later.positions()) < 1e-15);
 }
 
-// OpenSubdiv pull request 1123: masks must not depend on the corner at which a face begins.
+// From OpenSubdiv pull request 1123: masks must not depend on the corner at which a face begins.
 #[test]
 fn faces_may_begin_at_any_corner() {
     for (turn, scheme) in (0..4).flat_map(|turn| BOTH.map(|scheme| (turn, scheme))) {
-        let plain = limit(&scattered(patchwork()), scheme, 0);
+        let plain = limit(&scattered_polygons(patchwork()), scheme, 0);
         let turned = limit(
-            &scattered(
+            &scattered_polygons(
                 patchwork()
                     .into_iter()
                     .map(|mut face: Vec<u32>| {
@@ -446,32 +460,33 @@ fn faces_may_begin_at_any_corner() {
 }
 
 #[test]
-fn one_large_face_whose_border_shrinks_has_its_limit_at_once() {
-    // Its places and its tangents, by the rules of the scheme: after many steps they are those of the limit at hand.
-    fn place(k: u32) -> Point3<f64> {
+fn one_large_face_has_its_limit_at_its_center() {
+    // Tests the positions and tangents that the rules of the scheme give after several steps, which converge to those of the limit.
+    fn position(k: u32) -> Point3<f64> {
         let (sine, cosine) = libm::sincos(f64::from(k) * 0.7 + 0.2 * f64::from(k % 3));
         Point3::new(3.0 * cosine, 2.0 * sine, 0.4 * libm::sin(f64::from(k * k)))
     }
     for count in [3, 4, 5, 9] {
-        let places: Vec<Point3<f64>> = (0..count).map(place).collect();
+        let positions: Vec<Point3<f64>> = (0..count).map(position).collect();
         let corners = Faces::uniform(count as usize, (0..count).collect::<Vec<_>>()).unwrap();
-        let mesh = Mesh::new(places, corners).unwrap();
-        let limit = subdivide(&mesh, with(Scheme::DooSabin, 0, true, Boundary::None)).unwrap();
-        let once = with(Scheme::DooSabin, 1, false, Boundary::None);
+        let mesh = Mesh::new(positions, corners).unwrap();
+        let limit =
+            subdivide(&mesh, scheme_options(Scheme::DooSabin, 0, true, Boundary::None)).unwrap();
+        let once = scheme_options(Scheme::DooSabin, 1, false, Boundary::None);
         let late = (0..25).fold(mesh.clone(), |mesh, _| subdivide(&mesh, once).unwrap());
         let normals = limit.vertex().vectors("normal").unwrap();
         for (vertex, at) in limit.positions().iter().enumerate() {
             assert!((at - late.positions()[vertex]).norm() <= 1e-6, "{count}: {at}");
             let normal = Vector3::from(normals[vertex]);
-            let ends = late.positions().iter().map(|place| (place - at) * libm::exp2(25.0));
+            let ends = late.positions().iter().map(|position| (position - at) * libm::exp2(25.0));
             assert!(ends.map(|way| way.dot(&normal).abs()).all(|off| off <= 1e-5), "{count}");
         }
     }
     let count = 1000;
     let corners = Faces::uniform(count as usize, (0..count).collect::<Vec<_>>()).unwrap();
-    let large = Mesh::new((0..count).map(place).collect::<Vec<_>>(), corners).unwrap();
+    let large = Mesh::new((0..count).map(position).collect::<Vec<_>>(), corners).unwrap();
     let start = std::time::Instant::now();
-    subdivide(&large, with(Scheme::DooSabin, 0, true, Boundary::None)).unwrap();
-    // Corner by corner of corner it would take a minute and more.
+    subdivide(&large, scheme_options(Scheme::DooSabin, 0, true, Boundary::None)).unwrap();
+    // A quadratic algorithm would take more than a minute.
     assert!(start.elapsed().as_secs() < 20, "{:?}", start.elapsed());
 }

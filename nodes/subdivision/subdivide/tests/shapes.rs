@@ -1,10 +1,10 @@
-//! Meshes of polygons for tests.
+//! Polygon meshes for tests.
 
 use maquette_value::{Faces, Mesh};
 use nalgebra::Point3;
 
-/// A mesh with scattered vertices: the tests are about topology, or hold for any places.
-pub(super) fn scattered(faces: Vec<Vec<u32>>) -> Mesh {
+/// A mesh with random positions, for tests of the topology or of properties that hold for any positions.
+pub(super) fn scattered_polygons(faces: Vec<Vec<u32>>) -> Mesh {
     let vertices = faces.iter().flatten().max().map_or(0, |&vertex| vertex + 1);
     let mut state = 7u32;
     fn random(state: &mut u32) -> f64 {
@@ -14,18 +14,18 @@ pub(super) fn scattered(faces: Vec<Vec<u32>>) -> Mesh {
     let positions: Vec<[f64; 3]> = (0..vertices)
         .map(|_| [random(&mut state), random(&mut state), random(&mut state)])
         .collect();
-    placed(faces, &positions)
+    polygons_at(faces, &positions)
 }
 
-pub(super) fn placed(faces: Vec<Vec<u32>>, positions: &[[f64; 3]]) -> Mesh {
+pub(super) fn polygons_at(faces: Vec<Vec<u32>>, positions: &[[f64; 3]]) -> Mesh {
     let positions: Vec<Point3<f64>> = positions.iter().map(|&point| point.into()).collect();
     let sides: Vec<usize> = faces.iter().map(Vec::len).collect();
     Mesh::new(positions, Faces::polygons(&sides, faces.concat()).unwrap()).unwrap()
 }
 
-/// The cube between 0 and 1; vertex `i` has the bits of `i` as x, y and z.
+/// Creates the unit cube. Bits 0, 1 and 2 of a vertex's index are its x, y and z.
 pub(super) fn cube() -> Mesh {
-    placed(
+    polygons_at(
         cube_faces(),
         &(0..8).map(|i: u32| [i & 1, i >> 1 & 1, i >> 2].map(f64::from)).collect::<Vec<_>>(),
     )
@@ -41,7 +41,7 @@ pub(super) fn tetrahedron() -> Vec<Vec<u32>> {
     [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]].map(|face| face.to_vec()).to_vec()
 }
 
-/// Two poles over a ring of `n`.
+/// A bipyramid over a ring of `n` vertices.
 pub(super) fn bipyramid(n: u32) -> Vec<Vec<u32>> {
     (0..n).flat_map(|i| [vec![i, (i + 1) % n, n], vec![(i + 1) % n, i, n + 1]]).collect()
 }
@@ -60,7 +60,7 @@ pub(super) fn prism(n: u32) -> Vec<Vec<u32>> {
     sides.chain(ends).collect()
 }
 
-/// Two poles of `n` quads each: vertices 0 and 1.
+/// A trapezohedron: `n` quads around each of the poles, which are the vertices 0 and 1.
 pub(super) fn trapezohedron(n: u32) -> Vec<Vec<u32>> {
     fn ring(i: u32, n: u32) -> u32 {
         2 + i % (2 * n)
@@ -73,34 +73,34 @@ pub(super) fn trapezohedron(n: u32) -> Vec<Vec<u32>> {
         .collect()
 }
 
-/// A sheet of `m` x `n` squares; closed to a torus if `around`.
+/// Creates a sheet of `m` x `n` squares. If `around` is true, the sheet is closed to a torus.
 pub(super) fn sheet(m: u32, n: u32, around: bool) -> Vec<Vec<u32>> {
     let (rows, columns) = if around { (m, n) } else { (m + 1, n + 1) };
-    fn at(i: u32, j: u32, rows: u32, columns: u32) -> u32 {
+    fn vertex_index(i: u32, j: u32, rows: u32, columns: u32) -> u32 {
         i % rows * columns + j % columns
     }
     let squares = (0..m * n).map(|k| (k / n, k % n));
     squares
         .map(|(i, j)| {
             vec![
-                at(i, j, rows, columns),
-                at(i, j + 1, rows, columns),
-                at(i + 1, j + 1, rows, columns),
-                at(i + 1, j, rows, columns),
+                vertex_index(i, j, rows, columns),
+                vertex_index(i, j + 1, rows, columns),
+                vertex_index(i + 1, j + 1, rows, columns),
+                vertex_index(i + 1, j, rows, columns),
             ]
         })
         .collect()
 }
 
-/// A sheet of `n` x `n` squares on the unit lattice, with heights by x and y.
+/// Creates a sheet of `n` x `n` squares on the unit lattice; `height` is a function of x and y.
 pub(super) fn lattice(n: u32, height: impl Fn(f64, f64) -> f64) -> Mesh {
-    let places = (0..(n + 1) * (n + 1))
+    let positions = (0..(n + 1) * (n + 1))
         .map(|k: u32| [f64::from(k % (n + 1)), f64::from(k / (n + 1))])
         .map(|[x, y]| [x, y, height(x, y)]);
-    placed(sheet(n, n, false), &places.collect::<Vec<_>>())
+    polygons_at(sheet(n, n, false), &positions.collect::<Vec<_>>())
 }
 
-/// Vertex 0 in the middle of `n` polygons of `sides` corners each.
+/// Creates `n` polygons around vertex 0, each with `sides` corners.
 pub(super) fn rosette(n: u32, sides: u32) -> Vec<Vec<u32>> {
     let step = sides - 2;
     fn rim(k: u32, step: u32, n: u32) -> u32 {
@@ -117,14 +117,14 @@ pub(super) fn fan(n: u32, sides: u32) -> Vec<Vec<u32>> {
     (0..n).map(|i| [0].into_iter().chain((0..=step).map(|k| 1 + step * i + k)).collect()).collect()
 }
 
-/// Triangles, quads and larger faces around borders: a sheet with some squares cut in two, some joined, some missing.
+/// Triangles, quads and larger faces at borders: a sheet with some squares divided, some merged, some removed.
 pub(super) fn patchwork() -> Vec<Vec<u32>> {
     let mut faces = sheet(5, 5, false);
     faces.remove(12);
     let [a, b, c, d] = [faces[3][0], faces[3][1], faces[3][2], faces[3][3]];
     faces[3] = vec![a, b, c];
     faces.push(vec![a, c, d]);
-    // Two neighbors become a hexagon.
+    // Two neighbors are merged into a hexagon.
     let (left, right) = (faces[15].clone(), faces.remove(16));
     faces[15] = vec![left[0], left[1], right[1], right[2], left[2], left[3]];
     faces

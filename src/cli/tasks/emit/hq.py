@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""@TASKS@ tasks for HyperQueue: `python3 THIS [SERVER DIRECTORY]`, or `python3 THIS --here` without a server. It waits for them and makes the
-contact sheet, whatever came of them. The first task leaves in the cache what the others have in common. What jobs print is in the folder of
-logs."""
+"""@TASKS@ tasks for HyperQueue: `python3 THIS [SERVER DIRECTORY]`, or `python3 THIS --here` without a server. Waits for the tasks and makes
+the contact sheet, even if tasks fail. The first job computes what the tasks have in common and leaves it in the cache. The output of jobs
+is in the folder of logs."""
 import os
 import subprocess
 import sys
@@ -14,8 +14,8 @@ LOGS = os.path.join(FOLDER, @LOGS@)
 HERE = sys.argv[1:] == ["--here"]
 
 
-def submitted(client, *calls):
-    """Runs the command with each of these words, whose last one names its log. Returns how many failed."""
+def submit(client, *calls):
+    """Runs the command once with each list of arguments, whose last one names the log. Returns the number of failed runs."""
     job = Job(default_workdir=FOLDER, max_fails=None, name=@NAME@)
     for words in calls:
         log = os.path.join(LOGS, "@" + words[-1].strip("-"))
@@ -28,15 +28,15 @@ def submitted(client, *calls):
 def run(client):
     os.makedirs(LOGS, exist_ok=True)
     calls = [[*@CHUNK@, "--task", str(job)] for job in range(@JOBS@)]
-    failed = submitted(client, ["--warm"])
+    failed = submit(client, ["--warm"])
     if failed:
-        # None of the others can run either: the tasks are not those that were handed over.
+        # The tasks have changed since the handover, so none of the others can run either.
         failed = len(calls)
     else:
-        # So many run at a time.
+        # In groups of the maximum number of jobs that may run at a time.
         for first in range(0, len(calls), @AT-ONCE@):
-            failed += submitted(client, *calls[first:first + @AT-ONCE@])
-    # It runs here, so that what it reports is seen.
+            failed += submit(client, *calls[first:first + @AT-ONCE@])
+    # Runs here, not as a job, so that its report is visible.
     is_complete = subprocess.run([*COMMAND, "--report"], cwd=FOLDER).returncode == 0
     print(f"{len(calls) - failed} done, {failed} failed")
     return 0 if is_complete and not failed else 1

@@ -1,11 +1,11 @@
-//! A batch as a job of Open Job Description.
+//! Writes a batch as a job template of Open Job Description.
 
 use serde_json::{Value as Json, json};
 
 use super::Handover;
 
 impl Handover<'_> {
-    /// The template of a job. Its tasks run in folders of their own, so that the current one is a parameter.
+    /// Returns the job template. The project folder is a job parameter, because the tasks run in other folders, the sessions' own.
     pub(super) fn openjd(&self) -> String {
         let (jobs, chunk) = self.jobs();
         let on_run = |last: &[&str]| {
@@ -18,7 +18,8 @@ impl Handover<'_> {
         let mut task = vec!["--events=openjd"];
         task.extend(chunk.split_whitespace());
         task.extend(["--task", "{{Task.Param.Task}}"]);
-        // A step that depends on tasks does not run where one of them fails, but an environment ends in any case.
+        // The page is written when an environment exits: an environment always runs its exit action, but a step does not run if a task
+        // that it depends on failed.
         let page = self.action("cd \"$0\" && \"$@\" || true", &["--report"]);
         let page = json!({ "name": "Page", "script": { "actions": { "onExit": page } } });
         let range = format!("0-{}", jobs.saturating_sub(1));
@@ -44,7 +45,7 @@ impl Handover<'_> {
             }),
             json!({ "name": "Sheet", "dependencies": [{ "dependsOn": "Tasks" }], "script": on_run(&["--report"]) }),
         ];
-        let amounts = Vec::from_iter(self.amounts());
+        let amounts = Vec::from_iter(self.resource_amounts());
         if !amounts.is_empty() {
             for step in &mut steps[..2] {
                 step["hostRequirements"] = json!({ "amounts": amounts });
@@ -59,9 +60,10 @@ impl Handover<'_> {
         format!("{job:#}\n")
     }
 
-    /// An action that runs the command with more words in the folder of the project, inside of a line of a shell.
+    /// Returns an action that runs the command in the project folder, followed by the arguments `last`. `inside` is the shell code that
+    /// runs the command.
     fn action(&self, inside: &str, last: &[&str]) -> Json {
-        let (decode, words) = encoded(self.words);
+        let (decode, words) = encode_words(self.words);
         let start = ["-c".to_owned(), decode + inside, "{{Param.Project}}".to_owned()];
         let assignments = self.parameters.iter().map(|it| it.assignment.clone());
         let set = assignments.flat_map(|assignment| ["--set".to_owned(), assignment]);
@@ -70,17 +72,17 @@ impl Handover<'_> {
         json!({ "command": "bash", "args": args })
     }
 
-    /// What a machine must have.
-    fn amounts(&self) -> impl Iterator<Item = Json> {
+    /// Returns the required resources of a machine.
+    fn resource_amounts(&self) -> impl Iterator<Item = Json> {
         let threads = self.resources.threads.map(|threads| ("vcpu", threads as u64));
         let memory = self.resources.mebibytes().map(|memory| ("memory", memory));
         threads.into_iter().chain(memory).map(|(name, min): (&str, u64)| json!({ "name": format!("amount.worker.{name}"), "min": min }))
     }
 }
 
-/// Words as a template may hold them, and what a shell must do first to have them as they were: `{{` would begin a parameter, and
-/// control characters are refused.
-fn encoded(words: &[String]) -> (String, Vec<String>) {
+/// Encodes arguments for a template, and returns them with the shell code that decodes them. Templates do not allow control characters,
+/// and `{{` would begin a parameter.
+fn encode_words(words: &[String]) -> (String, Vec<String>) {
     if words.iter().all(|word| !word.contains(['{', '}']) && !word.contains(char::is_control)) {
         return (String::new(), words.to_vec());
     }
@@ -89,7 +91,7 @@ fn encoded(words: &[String]) -> (String, Vec<String>) {
             .map(|c: char| match c {
                 '\\' => "\\\\".to_owned(),
                 '{' | '}' => format!("\\x{:02x}", u32::from(c)),
-                // Bytes, since a letter has no number in some languages of a shell.
+                // Encodes bytes rather than code points, because the shell's code points depend on its locale.
                 c if c.is_control() => {
                     c.to_string().bytes().map(|byte| format!("\\x{byte:02x}")).collect()
                 }
@@ -104,7 +106,7 @@ fn encoded(words: &[String]) -> (String, Vec<String>) {
     (decode, encoded.collect())
 }
 
-/// A name that Open Job Description takes: up to 128 characters, without control characters and `{{`, which would begin a parameter.
+/// Returns a valid job name: up to 128 characters, without control characters and `{{`, which would begin a parameter.
 fn job_name(name: &str) -> String {
     let name = name.replace("{{", "{ {").replace("}}", "} }");
     let name = name.chars().map(|c| if c.is_control() { '-' } else { c }).take(128);
@@ -117,20 +119,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn any_name_is_one_of_a_job() {
+    fn every_name_becomes_a_valid_job_name() {
         assert_eq!(job_name("a{{{b}}\n"), "a{ {{b} }-");
         assert_eq!(job_name(""), "batch");
         assert_eq!(job_name(&"\u{e4}".repeat(300)).chars().count(), 128);
     }
 
     #[test]
-    fn words_that_a_template_cannot_hold_are_encoded() {
+    fn arguments_that_a_template_cannot_contain_are_encoded() {
         fn words(words: &[&str]) -> Vec<String> {
             words.iter().map(|&word| word.to_owned()).collect::<Vec<_>>()
         }
         let plain = words(&["it's", "a\\b", "\u{e4}"]);
-        assert_eq!(encoded(&plain), (String::new(), plain.clone()));
-        let (decode, found) = encoded(&words(&["a\\b", "{{x}}\t\n"]));
+        assert_eq!(encode_words(&plain), (String::new(), plain.clone()));
+        let (decode, found) = encode_words(&words(&["a\\b", "{{x}}\t\n"]));
         assert!(decode.contains("${@:1:2}"), "{decode}");
         assert_eq!(found, words(&["a\\\\b", "\\x7b\\x7bx\\x7d\\x7d\\x09\\x0a"]));
     }

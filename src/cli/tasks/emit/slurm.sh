@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# @TASKS@ tasks for Slurm: `bash THIS [OPTIONS OF SBATCH]`. The first job leaves in the cache what the tasks have in common, and the last one
-# makes the contact sheet, whatever came of the tasks. What jobs print is in the folder of logs.
+# @TASKS@ tasks for Slurm: `bash THIS [OPTIONS OF SBATCH]`. The first job computes what the tasks have in common and leaves it in the cache;
+# the last one makes the contact sheet, even if tasks fail. The output of jobs is in the folder of logs.
 set -euo pipefail
 cd @FOLDER@
 command=(@COMMAND@)
@@ -8,7 +8,7 @@ logs=@LOGS@
 options=(@RESOURCES@ "$@")
 mkdir -p "$logs"
 
-# Submits the command with more words as an array, behind another job. Its log has the last word as its name.
+# submit AFTER ARRAY ARGUMENTS LOG: submits the command with further arguments as an array, which starts after the job AFTER has ended.
 submit() {
     {
         printf '#!/usr/bin/env bash\ncd %q || exit\nexec' "$PWD"

@@ -1,22 +1,22 @@
-// Those that are chosen: beside each other, one over the other, or where they differ.
+// The comparison of the chosen tasks: side by side, by a wipe, or by the difference of their pictures.
 
-import { cards, factsOf, pictureOf, pictured, said, valuesOf } from "./cards.js";
+import { cards, describe, factsOf, pictureOf, pictureUrl, valuesOf } from "./cards.js";
 import { facets } from "./data.js";
-import { element, onClick, plain, the } from "./element.js";
+import { element, elementById, onClick, plainText } from "./element.js";
 import { sheet } from "./layout.js";
-import { RANGES, remember, state } from "./state.js";
+import { RANGES, saveAddress, state } from "./state.js";
 /** @typedef {import("./data.js").Task} Task */
 
-export const compare = the("compare", HTMLDialogElement);
-/** The buttons that say how. */
-export const views = [...the("views", HTMLElement).querySelectorAll("button")];
+export const compare = elementById("compare", HTMLDialogElement);
+/** The buttons that select the kind of comparison. */
+export const views = [...elementById("views", HTMLElement).querySelectorAll("button")];
 
 /** @param {Task} task */
 export function choose(task, isChosen = !state.chosen.has(task)) {
   if (isChosen) state.chosen.add(task);
   else state.chosen.delete(task);
   showChosen();
-  remember();
+  saveAddress();
 }
 
 export function showChosen() {
@@ -26,32 +26,32 @@ export function showChosen() {
   }
   const count = state.chosen.size;
   sheet.toggleAttribute("data-choosing", count > 0);
-  the("picked", HTMLElement).hidden = count === 0;
-  the("picked-count", HTMLElement).textContent = `${count} chosen`;
-  the("picked-compare", HTMLButtonElement).ariaDisabled = String(count < 2);
+  elementById("picked", HTMLElement).hidden = count === 0;
+  elementById("picked-count", HTMLElement).textContent = `${count} chosen`;
+  elementById("picked-compare", HTMLButtonElement).ariaDisabled = String(count < 2);
 }
 
-/** Shows those chosen beside or over each other. */
+/** Shows the comparison of the chosen tasks. */
 export function showCompared(view = state.compare || "side") {
   const chosen = [...state.chosen];
   const [first, second] = chosen;
   if (!first || !second) return compare.close();
-  const canOverlay = chosen.length === 2 && chosen.every((task) => pictured(task) !== null);
+  const canOverlay = chosen.length === 2 && chosen.every((task) => pictureUrl(task) !== null);
   state.compare = canOverlay ? view : "side";
-  const differing = facets.slice(1).filter((facet) => chosen.some((task) => facet.of(task) !== facet.of(first)));
+  const differing = facets.slice(1).filter((facet) => chosen.some((task) => facet.value(task) !== facet.value(first)));
   const same = facets.slice(1).filter((facet) => !differing.includes(facet));
-  the("compare-title", HTMLElement).replaceChildren(`${chosen.length} compared`, ...(same.length ? [valuesOf(first, same)] : []));
+  elementById("compare-title", HTMLElement).replaceChildren(`${chosen.length} compared`, ...(same.length ? [valuesOf(first, same)] : []));
   for (const button of views) {
     button.ariaPressed = String(button.value === state.compare);
     button.ariaDisabled = String(button.value !== "side" && !canOverlay);
     if (button.value === "side") continue;
-    button.title = canOverlay ? `${button.value} (${button.value[0]})` : "two that have pictures can be laid over each other";
+    button.title = canOverlay ? `${button.value} (${button.value[0]})` : "needs exactly two tasks with pictures";
   }
-  const caption = (/** @type {Task} */ task) => [differing.length ? valuesOf(task, differing) : plain(task.name), factsOf(task)];
-  const compared = the("compared", HTMLElement);
+  const caption = (/** @type {Task} */ task) => [differing.length ? valuesOf(task, differing) : plainText(task.name), factsOf(task)];
+  const compared = elementById("compared", HTMLElement);
   if (state.compare === "side") {
     const figures = chosen.map((task) => {
-      const label = `no longer compare ${task.name}`;
+      const label = `remove ${task.name} from the comparison`;
       const remove = onClick(element("button", { class: "remove", type: "button", title: label, "aria-label": label }, "×"), () => {
         choose(task, false);
         showCompared();
@@ -63,9 +63,9 @@ export function showCompared(view = state.compare || "side") {
     compared.replaceChildren(overlaid(first, second, caption));
   }
   if (!compare.open) compare.showModal();
-  // The keys move what is over the other at once.
+  // The slider has the focus, so that the arrow keys move it at once.
   compared.querySelector("input")?.focus();
-  remember();
+  saveAddress();
 }
 
 /**
@@ -76,15 +76,15 @@ export function showCompared(view = state.compare || "side") {
 function overlaid(first, second, caption) {
   const isWipe = state.compare === "wipe";
   const key = isWipe ? "at" : "gain";
-  const [, least, most] = RANGES.find(([name]) => name === key) ?? [key, 0, 1];
-  const label = `${said(first)}; ${said(second)}`;
+  const [, min, max] = RANGES.find(([name]) => name === key) ?? [key, 0, 1];
+  const label = `${describe(first)}; ${describe(second)}`;
   const inside = isWipe ? [pictureOf(first), pictureOf(second)] : [differenceOf(first, second)];
   const pair = element("div", { class: "pair", "data-view": state.compare, role: "img", "aria-label": label }, ...inside);
-  const range = element("input", { type: "range", min: least, max: most, value: state[key] });
+  const range = element("input", { type: "range", min: min, max: max, value: state[key] });
   const show = () => {
     state[key] = Number(range.value);
     pair.style.setProperty(`--${key}`, String(state[key]));
-    remember();
+    saveAddress();
   };
   range.addEventListener("input", show);
   const drag = (/** @type {PointerEvent} */ event) => {
@@ -106,12 +106,12 @@ function overlaid(first, second, caption) {
 }
 
 /**
- * Where two pictures differ, pixel by pixel. Laid over each other as they are scaled they would differ where they do not.
+ * Draws the difference of pictures, pixel by pixel, at their own size: scaled pictures would differ even where they are equal.
  * @param {Task[]} tasks
  */
 function differenceOf(...tasks) {
   const canvas = element("canvas");
-  const pictures = tasks.map((task) => Object.assign(new Image(), { src: pictured(task) ?? "" }));
+  const pictures = tasks.map((task) => Object.assign(new Image(), { src: pictureUrl(task) ?? "" }));
   const draw = () => {
     const pen = canvas.getContext("2d");
     canvas.width = Math.max(...pictures.map(({ naturalWidth }) => naturalWidth));
@@ -128,5 +128,5 @@ function differenceOf(...tasks) {
 export function chooseNone() {
   state.chosen.clear();
   showChosen();
-  remember();
+  saveAddress();
 }

@@ -1,6 +1,6 @@
-// What the batch wrote into the page. Names and messages in it may be anything: they only ever become text.
+// The data of the batch, which is part of the page. Names and messages may contain anything and are only ever inserted as text.
 
-import { the } from "./element.js";
+import { elementById } from "./element.js";
 
 /** @typedef {{severity: "error" | "warning", message: string, place?: string | null, help?: string | null}} Problem */
 /** @typedef {{name: string, path: string, bytes: number}} Written */
@@ -8,30 +8,30 @@ import { the } from "./element.js";
  * @typedef {object} Task
  * @property {string} name
  * @property {"done" | "failed" | "missing"} state
- * @property {string[]} values one for each name of the sheet, as an author writes it
+ * @property {string[]} values one for each name of the sheet, as RON
  * @property {number | null} seconds
- * @property {Record<string, number> | null} nodes how many nodes came to which end; ends that none came to are left out
+ * @property {Record<string, number> | null} nodes the number of nodes by state; states without nodes are left out
  * @property {string | null} picture
  * @property {Written[]} files
  * @property {Problem[]} problems
  */
 /** @typedef {{title: string, graph: string, names: string[], size: [number, number], tasks: Task[]}} Sheet */
 /**
- * What tasks can be told apart by: their state, which is the first, or what they have for a name.
+ * A property by which tasks are filtered, sorted and laid out: their state (the first facet), or their value of a name of the sweep.
  * @typedef {object} Facet
  * @property {string} name
- * @property {string} key its word in the address
- * @property {(task: Task) => string} of
- * @property {Map<string, number>} rank its values and their places: numbers by what they are worth, then texts as they come in the sweep
+ * @property {string} key its name in the page's address
+ * @property {(task: Task) => string} value
+ * @property {Map<string, number>} rank its values and their sort order: numbers with units by size, then texts in the order of the sweep
  */
 
 export const WORDS = { done: "done", failed: "failed", missing: "not run" };
 
-/** What one of a unit is in mm, degrees or pixels. A bare number counts as one of these. */
+/** Units in mm, degrees or pixels. A number without a unit counts as mm, degrees or pixels. */
 const UNITS = new Map([["mm", 1], ["cm", 10], ["m", 1000], ["inch", 25.4], ["deg", 1], ["rad", 180 / Math.PI], ["px", 1]]);
 
 /**
- * The numbers of a value; none of a text.
+ * The numbers of a value, in the units of `UNITS`; empty for other texts.
  * @param {string} text
  */
 function numbersOf(text) {
@@ -44,36 +44,36 @@ function numbersOf(text) {
 /**
  * @param {string} name
  * @param {string} key
- * @param {(task: Task) => string} of
+ * @param {(task: Task) => string} value
  * @param {string[]} values
  * @returns {Facet}
  */
-function facetOf(name, key, of, values) {
+function makeFacet(name, key, value, values) {
   const sorted = values.map((text) => ({ text, numbers: numbersOf(text) })).sort((a, b) => {
     if (!a.numbers.length || !b.numbers.length) return Number(!a.numbers.length) - Number(!b.numbers.length);
     const k = a.numbers.findIndex((number, k) => number !== b.numbers[k]);
     return k < 0 ? a.numbers.length - b.numbers.length : (a.numbers[k] ?? 0) - (b.numbers[k] ?? -Infinity);
   });
-  return { name, key, of, rank: new Map(sorted.map(({ text }, place) => [text, place])) };
+  return { name, key, value, rank: new Map(sorted.map(({ text }, place) => [text, place])) };
 }
 
 /** @type {Sheet} */
-export const { title, graph, names, size, tasks } = JSON.parse(the("data", HTMLScriptElement).text);
-export const number = new Map(tasks.map((task, k) => [task, k]));
-export const called = new Map(tasks.map((task) => [task.name, task]));
+export const { title, graph, names, size, tasks } = JSON.parse(elementById("data", HTMLScriptElement).text);
+export const taskIndex = new Map(tasks.map((task, k) => [task, k]));
+export const tasksByName = new Map(tasks.map((task) => [task.name, task]));
 const states = Object.keys(WORDS).filter((state) => tasks.some((task) => task.state === state));
 export const facets = [
-  facetOf("state", "state", (task) => task.state, states),
+  makeFacet("state", "state", (task) => task.state, states),
   ...names.map((name, k) => {
-    const of = (/** @type {Task} */ task) => task.values[k] ?? "";
-    return facetOf(name, `is.${name}`, of, [...new Set(tasks.map(of))]);
+    const value = (/** @type {Task} */ task) => task.values[k] ?? "";
+    return makeFacet(name, `is.${name}`, value, [...new Set(tasks.map(value))]);
   }),
 ];
 const several = facets.slice(1).filter(({ rank }) => rank.size > 1);
-/** The names that have several values; all of them if none has. */
+/** The facets with several values, or all facets if there are none. */
 export const varied = several.length ? several : facets.slice(1);
-/** Where words are searched for, one of them being `growth=5`. */
-export const words = tasks.map((task) => {
+/** The text of each task in which words are searched; values are in it as `growth=5`. */
+export const searchTexts = tasks.map((task) => {
   const values = names.map((name, k) => `${name}=${task.values[k] ?? ""}`);
   return [task.name, WORDS[task.state], ...values, ...task.problems.map(({ message }) => message)].join("\n").toLowerCase();
 });

@@ -1,4 +1,4 @@
-// Elements, made and found, and how numbers are told.
+// Helpers that create and find elements and format numbers.
 
 /**
  * @template {keyof HTMLElementTagNameMap} Name
@@ -14,12 +14,12 @@ export function element(name, attributes = {}, ...inside) {
 }
 
 /**
- * The element that the page has from the start.
+ * Finds an element of `sheet.html`.
  * @template {HTMLElement} Kind
  * @param {string} id
  * @param {new () => Kind} kind
  */
-export function the(id, kind) {
+export function elementById(id, kind) {
   const found = document.getElementById(id);
   if (!(found instanceof kind)) throw new Error(`the page has no ${id}`);
   return found;
@@ -35,7 +35,7 @@ export function onClick(made, act) {
 }
 
 /** @param {number} seconds */
-export function inTime(seconds) {
+export function formatSeconds(seconds) {
   if (seconds < 1) return `${(1000 * seconds).toFixed(0)} ms`;
   if (seconds < 60) return `${Math.min(seconds, 59.9).toPrecision(3)} s`;
   const minutes = Math.floor(seconds / 60);
@@ -43,20 +43,20 @@ export function inTime(seconds) {
 }
 
 /** @param {number} bytes */
-export function inBytes(bytes) {
+export function formatBytes(bytes) {
   if (bytes < 1e3) return `${bytes} B`;
   return bytes < 1e6 ? `${(bytes / 1e3).toFixed(1)} kB` : `${(bytes / 1e6).toFixed(1)} MB`;
 }
 
-/** A text of the data, whatever its direction. */
-export const plain = (/** @type {string} */ text, kind = "") => element("bdi", kind ? { class: kind } : {}, text);
+/** Creates an element for a text of the data, which may be written from left to right or from right to left. */
+export const plainText = (/** @type {string} */ text, kind = "") => element("bdi", kind ? { class: kind } : {}, text);
 
 /**
- * A value as its author wrote it; a color is also seen.
+ * A value as RON, with a swatch if it is a color.
  * @param {string} text
  */
 export function shownValue(text) {
   const color = /^"(#[0-9a-f]{6})"$/i.exec(text)?.[1];
-  if (color === undefined) return text ? plain(text) : element("span", { class: "quiet" }, "empty");
+  if (color === undefined) return text ? plainText(text) : element("span", { class: "quiet" }, "empty");
   return element("bdi", {}, element("span", { class: "swatch", style: `background: ${color}` }), text);
 }

@@ -1,13 +1,13 @@
-// The filter: for each value how many tasks have it, and whether it is wanted.
+// The filter: a button for each value of each facet, with the number of tasks that have it.
 
 import { WORDS, facets } from "./data.js";
-import { element, onClick, plain, shownValue, the } from "./element.js";
+import { element, elementById, onClick, plainText, shownValue } from "./element.js";
 import { state } from "./state.js";
 /** @typedef {import("./data.js").Task} Task */
 /** @typedef {import("./data.js").Facet} Facet */
 
-/** So many values of a facet are shown at first. */
-const FEW = 16;
+/** The number of values of a facet that are shown at first; `sheet.css` has it, too. */
+const MAX_CHIPS = 16;
 
 /**
  * The chip of each value of each facet.
@@ -15,12 +15,12 @@ const FEW = 16;
  */
 const chips = new Map();
 
-/** @param {() => void} update is called when others are wanted */
+/** @param {() => void} update is called when the filter has changed */
 export function makeFacets(update) {
   for (const facet of facets) {
-    const heading = element("h3", {}, plain(facet.name));
+    const heading = element("h3", {}, plainText(facet.name));
     if (facet.rank.size < 2) {
-      if (facet.key !== "state") the("facets", HTMLElement).append(element("section", {}, heading, ...[...facet.rank.keys()].map(shownValue)));
+      if (facet.key !== "state") elementById("facets", HTMLElement).append(element("section", {}, heading, ...[...facet.rank.keys()].map(shownValue)));
       continue;
     }
     const made = new Map([...facet.rank.keys()].map((value) => {
@@ -36,14 +36,14 @@ export function makeFacets(update) {
     chips.set(facet, made);
     const list = element("div", { class: "chips", role: "group" }, ...made.values());
     list.ariaLabel = facet.name;
-    if (made.size > FEW) {
-      const more = onClick(element("button", { class: "chip more", type: "button" }, `${made.size - FEW} more`), () => {
+    if (made.size > MAX_CHIPS) {
+      const more = onClick(element("button", { class: "chip more", type: "button" }, `${made.size - MAX_CHIPS} more`), () => {
         list.toggleAttribute("data-all", true);
-        [...made.values()][FEW]?.focus();
+        [...made.values()][MAX_CHIPS]?.focus();
       });
       list.append(more);
     }
-    the("facets", HTMLElement).append(element("section", {}, heading, list));
+    elementById("facets", HTMLElement).append(element("section", {}, heading, list));
   }
 }
 

@@ -1,37 +1,37 @@
-// Where the cards are: in a grid, or in a table of two names; and where the keyboard is among them.
+// The layout of the cards, in a grid or in a table by two names; and the keyboard focus among them.
 
-import { cardOf, cards, near } from "./cards.js";
+import { cardOf, cards, pictureObserver } from "./cards.js";
 import { tasks } from "./data.js";
-import { element, plain, shownValue, the } from "./element.js";
+import { element, elementById, plainText, shownValue } from "./element.js";
 import { shown, state } from "./state.js";
 /** @typedef {import("./data.js").Task} Task */
 /** @typedef {import("./data.js").Facet} Facet */
 
-/** So many cards are made at once, about what is seen, and so many after each frame: nobody waits for those below. */
-const [FIRST, NEXT] = [48, 200];
+/** The number of cards created at once, about a screenful, and after each further frame, so that the first ones appear at once. */
+const [FIRST_CARDS, NEXT_CARDS] = [48, 200];
 
-export const sheet = the("sheet", HTMLElement);
+export const sheet = elementById("sheet", HTMLElement);
 
-/** The cards that are still to come, and where they go. */
+/** The tasks whose cards are not created yet, and the parent element of each. */
 let rest = /** @type {[HTMLElement, Task][]} */ ([]);
 let isGrowing = false;
 
 /** @param {number} count */
-function grow(count) {
+function addCards(count) {
   for (const [place, task] of rest.splice(0, count)) place.append(cardOf(task));
   setCurrent(current);
   if (!rest.length || isGrowing) return;
   isGrowing = true;
   const next = () => {
     isGrowing = false;
-    grow(NEXT);
+    addCards(NEXT_CARDS);
   };
-  // After what is there has been painted.
+  // After the next paint.
   requestAnimationFrame(() => setTimeout(next));
 }
 
-/** Makes all cards now. */
-export const finish = () => grow(Infinity);
+/** Creates all cards now. */
+export const makeAllCards = () => addCards(Infinity);
 
 function grid() {
   const made = element("div", { class: "cards" });
@@ -39,25 +39,25 @@ function grid() {
   return made;
 }
 
-/** A table: a row and a column for each value that a task shown has, and in each cell all that have both. */
+/** A table with a row and a column for each value of the shown tasks; each cell has the tasks with both values. */
 function table() {
   const { rows, columns } = state;
-  const of = (/** @type {Facet | undefined} */ facet, /** @type {Task} */ task) => (facet ? facet.of(task) : "");
+  const valueOn = (/** @type {Facet | undefined} */ facet, /** @type {Task} */ task) => (facet ? facet.value(task) : "");
   const axis = (/** @type {Facet | undefined} */ facet) => {
-    const used = new Set(shown.map((task) => of(facet, task)));
+    const used = new Set(shown.map((task) => valueOn(facet, task)));
     return facet ? [...facet.rank.keys()].filter((value) => used.has(value)) : [""];
   };
   const key = (/** @type {string[]} */ ...values) => JSON.stringify(values);
   /** @type {Map<string, Task[]>} */
   const cells = new Map();
   for (const task of shown) {
-    const cell = key(of(rows, task), of(columns, task));
+    const cell = key(valueOn(rows, task), valueOn(columns, task));
     const inside = cells.get(cell);
     if (inside) inside.push(task);
     else cells.set(cell, [task]);
   }
   const heading = (/** @type {string} */ scope, /** @type {Facet} */ facet, /** @type {string} */ value) =>
-    element("th", { scope, title: `${facet.name} ${value}` }, element("div", {}, plain(facet.name, "quiet"), shownValue(value)));
+    element("th", { scope, title: `${facet.name} ${value}` }, element("div", {}, plainText(facet.name, "quiet"), shownValue(value)));
   const across = axis(columns);
   const made = element("table", { class: columns ? "plot" : "plot one" });
   if (columns) {
@@ -82,29 +82,29 @@ function table() {
   return made;
 }
 
-/** What is laid out now. */
-let laid = { key: "", shown };
+/** The tasks in the page, and the facets of rows and columns. */
+let layout = { key: "", shown };
 
 export function layOut() {
   const key = `${state.rows?.key}\n${state.columns?.key}`;
-  if (key === laid.key && shown.length === laid.shown.length && shown.every((task, k) => task === laid.shown[k])) return;
-  if (key !== laid.key) {
+  if (key === layout.key && shown.length === layout.shown.length && shown.every((task, k) => task === layout.shown[k])) return;
+  if (key !== layout.key) {
     cards.clear();
-    near.disconnect();
+    pictureObserver.disconnect();
   }
-  laid = { key, shown };
+  layout = { key, shown };
   const hadFocus = sheet.contains(document.activeElement);
   rest = [];
-  const nothing = () => element("p", { class: "nothing" }, tasks.length ? "No task is like this." : "The sweep has no tasks.");
+  const nothing = () => element("p", { class: "nothing" }, tasks.length ? "No task matches." : "The sweep has no tasks.");
   if (!shown.length) sheet.replaceChildren(nothing());
   else sheet.replaceChildren(state.rows || state.columns ? table() : grid());
-  grow(FIRST);
+  addCards(FIRST_CARDS);
   const next = current && shown.includes(current) ? current : shown[0];
   if (hadFocus) goTo(next);
   else setCurrent(next);
 }
 
-/** The task whose card the keyboard is at. */
+/** The task whose card has the keyboard focus. */
 export let current = /** @type {Task | undefined} */ (undefined);
 
 const lookOf = (/** @type {Task | undefined} */ task) => task && cards.get(task)?.querySelector("button");
@@ -119,29 +119,29 @@ export function setCurrent(task) {
 /** @param {Task | undefined} task */
 export function goTo(task) {
   if (!task || !shown.includes(task)) return;
-  if (!lookOf(task)?.isConnected) finish();
+  if (!lookOf(task)?.isConnected) makeAllCards();
   setCurrent(task);
   lookOf(task)?.focus();
 }
 
 /**
- * Goes to the card that is next in a direction on the screen.
+ * Moves the focus to the nearest card in a direction on the screen.
  * @param {number} x
  * @param {number} y
  */
-export function go(x, y) {
+export function moveFocus(x, y) {
   if (!current) return;
   if (x && !state.rows && !state.columns) return goTo(shown[shown.indexOf(current) + x]);
-  finish();
+  makeAllCards();
   const from = cards.get(current)?.getBoundingClientRect();
-  let [found, least] = [current, Infinity];
+  let [found, min] = [current, Infinity];
   for (const task of from ? shown : []) {
     const to = cards.get(task)?.getBoundingClientRect();
     if (!from || !to) continue;
     const [right, below] = [to.left - from.left, to.top - from.top];
     const far = right * x + below * y;
-    const way = far + 8 * Math.abs(x ? below : right);
-    if (far > 1 && way < least) [found, least] = [task, way];
+    const cost = far + 8 * Math.abs(x ? below : right);
+    if (far > 1 && cost < min) [found, min] = [task, cost];
   }
   goTo(found);
 }

@@ -1,22 +1,22 @@
-// The contact sheet of a batch: each task with its picture and its values, to find, to lay out, to look at and to compare.
+// The contact sheet of a batch: finds, sorts, lays out, enlarges and compares its tasks.
 
-import { cards, fill, taskOf } from "./cards.js";
+import { cards, loadPicture, taskOf } from "./cards.js";
 import { choose, chooseNone, compare, showChosen, showCompared, views } from "./compare.js";
 import { WORDS, graph, size, tasks, title, varied } from "./data.js";
-import { element, inTime, onClick, plain, the } from "./element.js";
+import { element, elementById, formatSeconds, onClick, plainText } from "./element.js";
 import { makeFacets, showFacets } from "./filter.js";
-import { current, finish, go, goTo, layOut, setCurrent, sheet } from "./layout.js";
-import { goAlong, look, one } from "./one.js";
-import { readAddress, remember, shown, sift, state } from "./state.js";
+import { current, goTo, layOut, makeAllCards, moveFocus, setCurrent, sheet } from "./layout.js";
+import { followKey, one, showTask } from "./one.js";
+import { applyFilter, readAddress, saveAddress, shown, state } from "./state.js";
 /** @typedef {import("./data.js").Task} Task */
 /** @typedef {import("./data.js").Facet} Facet */
 
 function showAll() {
-  return onClick(element("button", { type: "button", title: "show all (Esc)" }, "show all"), forget);
+  return onClick(element("button", { type: "button", title: "show all (Esc)" }, "show all"), clearFilter);
 }
 
-/** Wants nothing in particular any more. */
-function forget() {
+/** Clears the filter. */
+function clearFilter() {
   state.text = "";
   state.wanted.forEach((wanted) => wanted.clear());
   showTools();
@@ -24,11 +24,11 @@ function forget() {
 }
 
 const ratio = size[0] > 0 && size[1] > 0 ? size[0] / size[1] : 4 / 3;
-const [text, slider, down] = [the("text", HTMLInputElement), the("size", HTMLInputElement), the("down", HTMLButtonElement)];
-const [sort, rows, columns] = [the("sort", HTMLSelectElement), the("rows", HTMLSelectElement), the("columns", HTMLSelectElement)];
-const help = the("help", HTMLDialogElement);
+const [text, slider, down] = [elementById("text", HTMLInputElement), elementById("size", HTMLInputElement), elementById("down", HTMLButtonElement)];
+const [sort, rows, columns] = [elementById("sort", HTMLSelectElement), elementById("rows", HTMLSelectElement), elementById("columns", HTMLSelectElement)];
+const help = elementById("help", HTMLDialogElement);
 
-/** Brings the tools to what the state says. */
+/** Updates the toolbar from the state. */
 function showTools() {
   text.value = state.text;
   sort.value = state.sort;
@@ -38,27 +38,27 @@ function showTools() {
   slider.value = String(state.size);
 }
 
-/** Shows what is to be shown. */
+/** Updates the page from the state. */
 function update() {
-  const counts = sift();
+  const counts = applyFilter();
   document.documentElement.style.setProperty("--size", `${state.size}px`);
   layOut();
   showFacets(counts);
   const isAll = shown.length === tasks.length;
-  the("shown", HTMLElement).replaceChildren(isAll ? "" : `${shown.length} of ${tasks.length} shown `, ...(isAll ? [] : [showAll()]));
-  remember();
+  elementById("shown", HTMLElement).replaceChildren(isAll ? "" : `${shown.length} of ${tasks.length} shown `, ...(isAll ? [] : [showAll()]));
+  saveAddress();
 }
 
 function showSummary() {
   document.title = `${title} - contact sheet`;
   document.documentElement.style.setProperty("--ratio", String(ratio));
-  the("title", HTMLElement).append(plain(title), " ", plain(graph, "quiet"));
-  const summary = the("summary", HTMLElement);
+  elementById("title", HTMLElement).append(plainText(title), " ", plainText(graph, "quiet"));
+  const summary = elementById("summary", HTMLElement);
   for (const [name, word] of Object.entries(WORDS)) {
     const count = tasks.filter(({ state }) => state === name).length;
     if (count) summary.append(element("span", { class: "word", "data-state": name }, `${count} ${word}`), ", ");
   }
-  summary.append(`${inTime(tasks.reduce((sum, { seconds }) => sum + (seconds ?? 0), 0))} in all`);
+  summary.append(`${formatSeconds(tasks.reduce((sum, { seconds }) => sum + (seconds ?? 0), 0))} in all`);
 }
 
 /** @param {number} by */
@@ -68,12 +68,12 @@ function resize(by) {
   update();
 }
 
-function showFilter(isShown = the("facets", HTMLElement).hidden) {
-  the("facets", HTMLElement).hidden = !isShown;
-  the("filter", HTMLElement).ariaExpanded = String(isShown);
+function showFilter(isShown = elementById("facets", HTMLElement).hidden) {
+  elementById("facets", HTMLElement).hidden = !isShown;
+  elementById("filter", HTMLElement).ariaExpanded = String(isShown);
 }
 
-/** What keys do in the sheet. */
+/** The actions of keys in the sheet. */
 const SHEET = /** @type {Record<string, () => void>} */ ({
   "/": () => text.select(),
   f: () => showFilter(),
@@ -83,27 +83,27 @@ const SHEET = /** @type {Record<string, () => void>} */ ({
   "-": () => resize(-20),
   Escape() {
     if (state.chosen.size) chooseNone();
-    else forget();
+    else clearFilter();
   },
 });
 
-/** What keys do at a card. */
+/** The actions of keys on a card. */
 const CARD = /** @type {Record<string, () => void>} */ ({
-  ArrowLeft: () => go(-1, 0),
-  ArrowRight: () => go(1, 0),
-  ArrowUp: () => go(0, -1),
-  ArrowDown: () => go(0, 1),
+  ArrowLeft: () => moveFocus(-1, 0),
+  ArrowRight: () => moveFocus(1, 0),
+  ArrowUp: () => moveFocus(0, -1),
+  ArrowDown: () => moveFocus(0, 1),
   Home: () => goTo(shown[0]),
   End: () => goTo(shown.at(-1)),
   " ": () => current && choose(current),
 });
 
 /**
- * Does what a key is for; false if it is for nothing.
+ * Performs the action of a key; returns false if it has none.
  * @param {KeyboardEvent} event
  */
 function press({ key, shiftKey, target }) {
-  if (one.open) return goAlong(shiftKey ? `Shift+${key}` : key);
+  if (one.open) return followKey(shiftKey ? `Shift+${key}` : key);
   if (compare.open) {
     const view = views.find(({ value }) => value[0] === key);
     view?.click();
@@ -120,7 +120,7 @@ function press({ key, shiftKey, target }) {
 document.addEventListener("keydown", (event) => {
   if (!event.ctrlKey && !event.metaKey && !event.altKey && press(event)) event.preventDefault();
 });
-// A button is clicked as the space bar goes up.
+// The browser clicks a button when the space bar is released; space means `choose` here.
 sheet.addEventListener("keyup", (event) => event.key === " " && event.preventDefault());
 
 sheet.addEventListener("click", (event) => {
@@ -134,7 +134,7 @@ sheet.addEventListener("click", (event) => {
     const [from = 0, to = 0] = [shown.indexOf(last), shown.indexOf(task)].sort((a, b) => a - b);
     for (const it of shown.slice(Math.max(0, from), to + 1)) choose(it, true);
   } else if (event.shiftKey || event.ctrlKey || event.metaKey) choose(task);
-  else look(task);
+  else showTask(task);
   setCurrent(task);
 });
 sheet.addEventListener("focusin", (event) => {
@@ -145,15 +145,15 @@ sheet.addEventListener("focusin", (event) => {
 one.addEventListener("close", () => {
   const task = state.one;
   state.one = undefined;
-  remember();
+  saveAddress();
   goTo(task);
 });
 compare.addEventListener("close", () => {
   state.compare = "";
-  remember();
+  saveAddress();
 });
 
-function wire() {
+function connectTools() {
   const orders = ["order", "state", "time"].map((name) => new Option(name));
   sort.append(...orders, ...varied.map(({ name, key }) => new Option(name, key)));
   for (const select of [rows, columns]) select.append(new Option("none", ""), ...varied.map(({ name }) => new Option(name)));
@@ -177,27 +177,27 @@ function wire() {
     showTools();
     update();
   });
-  onClick(the("filter", HTMLButtonElement), () => showFilter());
-  onClick(the("keys", HTMLButtonElement), () => help.showModal());
-  onClick(the("picked-compare", HTMLButtonElement), () => showCompared("side"));
-  onClick(the("picked-none", HTMLButtonElement), chooseNone);
+  onClick(elementById("filter", HTMLButtonElement), () => showFilter());
+  onClick(elementById("keys", HTMLButtonElement), () => help.showModal());
+  onClick(elementById("picked-compare", HTMLButtonElement), () => showCompared("side"));
+  onClick(elementById("picked-none", HTMLButtonElement), chooseNone);
   for (const button of views) onClick(button, () => showCompared(button.value));
-  // Who prints wants all of them.
+  // A printed sheet has all cards with their pictures.
   addEventListener("beforeprint", () => {
-    finish();
-    cards.forEach(fill);
+    makeAllCards();
+    cards.forEach(loadPicture);
   });
   addEventListener("hashchange", show);
 }
 
-/** Shows what the address says. */
+/** Updates the page from its address. */
 function show() {
   readAddress();
   const { one: task, compare: view } = state;
   showTools();
   update();
   showChosen();
-  if (task) look(task);
+  if (task) showTask(task);
   else if (one.open) one.close();
   if (view) showCompared(view);
   else if (compare.open) compare.close();
@@ -206,5 +206,5 @@ function show() {
 makeFacets(update);
 showSummary();
 showFilter(innerWidth > 700);
-wire();
+connectTools();
 show();

@@ -1,21 +1,21 @@
-// What is shown of the tasks, and how; the address says it, so that a link shows the same.
+// The state of the page: filter, order, layout and comparison. It is part of the address, so that a link restores it.
 
-import { called, facets, tasks, words } from "./data.js";
+import { facets, searchTexts, tasks, tasksByName } from "./data.js";
 /** @typedef {import("./data.js").Task} Task */
 /** @typedef {import("./data.js").Facet} Facet */
 
-/** All that a link brings back. */
+/** The state that a link restores. */
 export const state = {
   text: "",
-  /** Of each facet the values that are wanted; any if there is none. */
+  /** The values of each facet that the filter accepts; an empty set accepts all. */
   wanted: new Map(facets.map((facet) => [facet, /** @type {Set<string>} */ (new Set())])),
   sort: "order",
   isDown: false,
-  /** What the rows and the columns of a table are. */
+  /** The facets of the rows and the columns of a table. */
   rows: /** @type {Facet | undefined} */ (undefined),
   columns: /** @type {Facet | undefined} */ (undefined),
   size: innerWidth <= 700 ? 150 : tasks.length > 200 ? 140 : tasks.length > 12 ? 220 : 320,
-  /** In the order in which they were chosen. */
+  /** The chosen tasks, in the order in which they were chosen. */
   chosen: /** @type {Set<Task>} */ (new Set()),
   one: /** @type {Task | undefined} */ (undefined),
   compare: "",
@@ -23,72 +23,72 @@ export const state = {
   gain: 2,
 };
 
-/** The numbers of the state, with their least and largest values. */
+/** The numbers of the state, with their minimum and maximum. */
 export const RANGES = /** @type {["size" | "at" | "gain", number, number][]} */ ([["size", 80, 480], ["at", 0, 100], ["gain", 1, 32]]);
 
-/** The address as it says all this. */
+/** Formats the state as the fragment of the address. */
 function address() {
-  const said = new URLSearchParams();
-  if (state.text) said.set("text", state.text);
-  for (const [facet, wanted] of state.wanted) for (const value of wanted) said.append(facet.key, value);
-  if (state.sort !== "order") said.set("sort", state.sort);
-  if (state.isDown) said.set("down", "1");
-  if (state.rows) said.set("rows", state.rows.name);
-  if (state.columns) said.set("columns", state.columns.name);
-  for (const [key] of RANGES) if (state[key] !== usual[key]) said.set(key, String(state[key]));
-  for (const task of state.chosen) said.append("chosen", task.name);
-  if (state.one) said.set("one", state.one.name);
-  if (state.compare) said.set("compare", state.compare);
-  return `#${said}`;
+  const query = new URLSearchParams();
+  if (state.text) query.set("text", state.text);
+  for (const [facet, wanted] of state.wanted) for (const value of wanted) query.append(facet.key, value);
+  if (state.sort !== "order") query.set("sort", state.sort);
+  if (state.isDown) query.set("down", "1");
+  if (state.rows) query.set("rows", state.rows.name);
+  if (state.columns) query.set("columns", state.columns.name);
+  for (const [key] of RANGES) if (state[key] !== defaults[key]) query.set(key, String(state[key]));
+  for (const task of state.chosen) query.append("chosen", task.name);
+  if (state.one) query.set("one", state.one.name);
+  if (state.compare) query.set("compare", state.compare);
+  return `#${query}`;
 }
 
-const usual = { ...state };
+const defaults = { ...state };
 
-/** Takes over what an address says, as far as there is such a thing. */
+/** Restores the state from the address; ignores unknown names and values. */
 export function readAddress() {
-  const said = new URLSearchParams(location.hash.slice(1));
-  const facet = (/** @type {string} */ key) => facets.find((facet, k) => k > 0 && facet.name === said.get(key));
-  state.text = said.get("text") ?? "";
+  const query = new URLSearchParams(location.hash.slice(1));
+  const facet = (/** @type {string} */ key) => facets.find((facet, k) => k > 0 && facet.name === query.get(key));
+  state.text = query.get("text") ?? "";
   for (const [facet, wanted] of state.wanted) {
     wanted.clear();
-    for (const value of said.getAll(facet.key)) if (facet.rank.has(value)) wanted.add(value);
+    for (const value of query.getAll(facet.key)) if (facet.rank.has(value)) wanted.add(value);
   }
-  const sort = said.get("sort") ?? "";
+  const sort = query.get("sort") ?? "";
   state.sort = sort === "time" || facets.some(({ key }) => key === sort) ? sort : "order";
-  state.isDown = said.has("down");
+  state.isDown = query.has("down");
   [state.rows, state.columns] = [facet("rows"), facet("columns")];
-  for (const [key, least, most] of RANGES) state[key] = Math.min(most, Math.max(least, Number(said.get(key) ?? usual[key]) || usual[key]));
-  state.chosen = new Set(said.getAll("chosen").flatMap((name) => called.get(name) ?? []));
-  state.one = called.get(said.get("one") ?? "");
-  const compare = said.get("compare") ?? "";
+  for (const [key, min, max] of RANGES) state[key] = Math.min(max, Math.max(min, Number(query.get(key) ?? defaults[key]) || defaults[key]));
+  state.chosen = new Set(query.getAll("chosen").flatMap((name) => tasksByName.get(name) ?? []));
+  state.one = tasksByName.get(query.get("one") ?? "");
+  const compare = query.get("compare") ?? "";
   state.compare = state.chosen.size > 1 && ["side", "wipe", "difference"].includes(compare) ? compare : "";
 }
 
-/** A browser takes no more than some addresses a second. */
-let remembering = 0;
-export function remember() {
-  clearTimeout(remembering);
-  remembering = setTimeout(() => history.replaceState(null, "", address()), 100);
+/** Writes the state into the address, with a delay: browsers limit the rate of such changes. */
+let saveTimer = 0;
+export function saveAddress() {
+  clearTimeout(saveTimer);
+  saveTimer = setTimeout(() => history.replaceState(null, "", address()), 100);
 }
 
 /** The tasks that are shown, in order. */
 export let shown = /** @type {Task[]} */ ([]);
 
-/** Finds them, and how many there would be of each value if nothing else of its facet were wanted. */
-export function sift() {
+/** Updates `shown`. Returns the number of tasks for each value if the filter accepted only that value of its facet. */
+export function applyFilter() {
   const wantedWords = state.text.toLowerCase().split(/\s+/);
   const counts = new Map(facets.map((facet) => [facet, /** @type {Map<string, number>} */ (new Map())]));
   shown = tasks.filter((task, k) => {
-    if (!wantedWords.every((word) => words[k]?.includes(word))) return false;
-    const against = facets.filter((facet) => !(state.wanted.get(facet)?.size === 0 || state.wanted.get(facet)?.has(facet.of(task))));
+    if (!wantedWords.every((word) => searchTexts[k]?.includes(word))) return false;
+    const against = facets.filter((facet) => !(state.wanted.get(facet)?.size === 0 || state.wanted.get(facet)?.has(facet.value(task))));
     for (const facet of against.length === 0 ? facets : against.length === 1 ? against : []) {
       const count = counts.get(facet);
-      count?.set(facet.of(task), (count.get(facet.of(task)) ?? 0) + 1);
+      count?.set(facet.value(task), (count.get(facet.value(task)) ?? 0) + 1);
     }
     return against.length === 0;
   });
   const facet = facets.find(({ key }) => key === state.sort);
-  const by = (/** @type {Task} */ task) => (state.sort === "time" ? (task.seconds ?? -1) : facet ? (facet.rank.get(facet.of(task)) ?? 0) : 0);
+  const by = (/** @type {Task} */ task) => (state.sort === "time" ? (task.seconds ?? -1) : facet ? (facet.rank.get(facet.value(task)) ?? 0) : 0);
   if (state.sort !== "order") shown.sort((a, b) => by(a) - by(b));
   if (state.isDown) shown.reverse();
   return counts;

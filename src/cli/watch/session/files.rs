@@ -1,4 +1,4 @@
-//! The files that a watch depends on: which of them hold something else, and which are watched from now on.
+//! Handles changes of the files that a watch depends on.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -9,53 +9,55 @@ use super::state::{Check, Running};
 use crate::listen::Event;
 
 impl Session<'_> {
-    /// Finds out which files have another content now, and reacts to it.
-    pub(super) fn files_touched(&mut self, events: &[Event]) {
+    /// Handles file events.
+    pub(super) fn handle_events(&mut self, events: &[Event]) {
         let (mut files, mut moved) = (BTreeSet::new(), false);
         for event in events {
-            let mut touched = self.sources.touched(event);
+            let mut touched = self.sources.affected_files(event);
             match event {
                 Event::Growing(_) => {
-                    touched.drain(..).for_each(|file| self.series.grows(&file, Instant::now()));
+                    touched
+                        .drain(..)
+                        .for_each(|file| self.series.record_growth(&file, Instant::now()));
                 }
                 Event::Touched(_) => touched.retain(|file| !self.series.is_open(file)),
-                Event::Closed(_) => touched.iter().for_each(|file| self.series.closed(file)),
+                Event::Closed(_) => touched.iter().for_each(|file| self.series.record_close(file)),
                 Event::Moved(_) | Event::Lost => {
                     moved |= !touched.is_empty();
-                    touched.iter().for_each(|file| self.series.closed(file));
+                    touched.iter().for_each(|file| self.series.record_close(file));
                 }
             }
             files.extend(touched);
         }
-        self.files_changed(&files, moved);
+        self.reread_files(&files, moved);
     }
 
-    /// Reads files again, and reacts if they hold something else, or were moved.
-    pub(super) fn files_changed(&mut self, files: &BTreeSet<PathBuf>, moved: bool) {
+    /// Reads some files again. If one of them has changed or `moved` is true, updates the list of watched files.
+    pub(super) fn reread_files(&mut self, files: &BTreeSet<PathBuf>, moved: bool) {
         let mut changed = false;
         for file in files {
-            changed |= self.reread(file);
+            changed |= self.reread_file(file);
         }
         if changed || moved {
             self.rewatch();
         }
     }
 
-    /// Reads a file again; whether it holds something else now.
-    pub(super) fn reread(&mut self, file: &Path) -> bool {
+    /// Reads a file again. Returns true if its content has changed.
+    pub(super) fn reread_file(&mut self, file: &Path) -> bool {
         let Some(shape) = self.contents.refresh(file) else { return false };
         let now = Instant::now();
-        self.batch.changed(file, shape, now);
-        self.series.changed(now);
-        if self.command_due.is_some() {
-            self.command_due = self.series.command_due();
+        self.batch.record_change(file, shape, now);
+        self.series.record_change(now);
+        if self.command_time.is_some() {
+            self.command_time = self.series.command_due();
         }
-        self.changed(file, shape.is_whole());
+        self.handle_change(file, shape.is_complete());
         true
     }
 
-    /// A file holds something else.
-    fn changed(&mut self, file: &Path, whole: bool) {
+    /// Handles a change of a file; `whole` is false if the file may be incomplete.
+    fn handle_change(&mut self, file: &Path, whole: bool) {
         let is_graph = self.sources.paths().next() == Some(file);
         if is_graph && whole {
             self.check_graph();
@@ -71,7 +73,7 @@ impl Session<'_> {
                 Check::Due | Check::Bad { .. } => false,
             }
         }
-        // What may be half a file stops nothing yet.
+        // While the file is incomplete, the running evaluation is not cancelled.
         if whole
             && self
                 .running
@@ -82,27 +84,29 @@ impl Session<'_> {
         }
     }
 
-    /// Watches what the outcome depends on now.
+    /// Updates the list of watched files to those that the result depends on now.
     pub(super) fn rewatch(&mut self) {
-        let (command, outside) = (self.command, self.outside);
+        let (command, outside) = (self.command, self.has_outside_files);
         let (files, subgraphs, catalog) = (&self.files, &self.subgraphs, self.catalog);
-        let here = &self.here;
+        let here = &self.start_folder;
         for file in
             self.sources.update(|| command.watch_list(here, files, subgraphs, outside, catalog))
         {
-            self.reread(&file);
+            self.reread_file(&file);
         }
         self.contents.keep(self.sources.paths());
-        self.series.is_polled = self.sources.polled().is_some();
+        self.series.is_polled = self.sources.polling_reason().is_some();
     }
 
-    /// Says what is watched, if it is something else than before.
-    pub(super) fn tell_watched(&mut self) {
+    /// Reports the list of watched files if it has changed.
+    pub(super) fn report_watch_list(&mut self) {
         let now: Vec<PathBuf> = self.sources.paths().map(Path::to_owned).collect();
-        let polled = self.sources.polled().map(str::to_owned);
-        if !self.command.once && self.told.as_ref() != Some(&(now.clone(), polled.clone())) {
-            self.view.watching(&now, polled.as_deref());
-            self.told = Some((now, polled));
+        let polled = self.sources.polling_reason().map(str::to_owned);
+        if !self.command.once
+            && self.reported_files.as_ref() != Some(&(now.clone(), polled.clone()))
+        {
+            self.view.show_watch_list(&now, polled.as_deref());
+            self.reported_files = Some((now, polled));
         }
     }
 }

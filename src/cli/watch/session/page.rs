@@ -1,166 +1,170 @@
-//! What pages want of a watch: values in the graph's file, and drags, which leave it alone.
+//! Handles requests of live pages: setting values in the graph file, and drags, which do not change the file.
 
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
-use maquette_edit::{Edit, Edited, Put};
-use maquette_graph::{Checked, Graph};
+use maquette_edit::{Edit, EditedText, ValueChange};
+use maquette_graph::{CheckedGraph, Graph};
 use maquette_syntax::error::Severity;
 use maquette_value::Hash;
-use maquette_value::plain;
+use maquette_value::fs;
 
 use super::Session;
-use crate::edit::GraphFile;
+use crate::edit::graph_file::GraphFile;
 use crate::watch::Watch;
 use crate::watch::drag::Values;
 use crate::watch::worker::Purpose;
 
 impl<'a> Session<'a> {
-    /// Puts values into the file of the graph. Its change is noticed like one of anybody else.
+    /// Sets values in the graph file. The watch notices this change like any other change of the file.
     pub(super) fn set(&mut self, page: u64, values: &Values) {
-        let was_dragged = self.drag.let_go(page);
+        let was_dragged = self.drag.release(page);
         match self.edit(values, |_| true) {
-            Ok(change) if !change.puts.is_empty() => {
-                // The run that follows shows all: until then nothing of the old file comes back.
-                self.look = false;
+            Ok(change) if !change.value_changes.is_empty() => {
+                // The change causes a run that shows all values; no older values may be shown before that run.
+                self.has_due_views = false;
                 return self.changes.push(change);
             }
             Ok(_) => {}
-            Err(why) => self.view.refused(&why),
+            Err(why) => self.view.show_refusal(&why),
         }
         if was_dragged {
             self.show_file();
         }
     }
 
-    /// Goes back from what was dragged to what the file says.
+    /// Shows the values of the graph file again after a drag.
     pub(super) fn show_file(&mut self) {
-        self.leave();
-        self.look = true;
+        self.abandon_view();
+        self.has_due_views = true;
     }
 
-    /// A page drags.
-    pub(super) fn dragged(&mut self, page: u64, values: Values) {
-        self.drag.moved(page, values, Instant::now());
-        // Outputs would keep the hand waiting; they are made when it lets go.
-        if self.drag.is_on()
+    /// Records new values from a drag.
+    pub(super) fn drag_to(&mut self, page: u64, values: Values) {
+        self.drag.move_to(page, values, Instant::now());
+        // A run that writes outputs would delay the drag, so it is cancelled. The outputs are written after the drag.
+        if self.drag.is_active()
             && self.running.as_ref().is_some_and(|running| running.purpose == Purpose::Outputs)
         {
             self.cancel();
         }
     }
 
-    /// When the evaluation under way is given up for newer values of a drag.
-    pub(super) fn gives_up(&self) -> Option<Instant> {
+    /// Returns the time at which the running evaluation is abandoned because a drag has newer values.
+    pub(super) fn abandon_at(&self) -> Option<Instant> {
         let running = self.running.as_ref()?;
-        self.drag.gives_up().filter(|_| !running.cancel.is_cancelled())
+        self.drag.abandon_at().filter(|_| !running.cancel.is_cancelled())
     }
 
-    /// Gives up what is evaluated only to be looked at.
-    pub(super) fn leave(&mut self) {
+    /// Cancels the running evaluation if it is only for live pages.
+    pub(super) fn abandon_view(&mut self) {
         let running = self.running.as_ref();
         if let Some(running) = running.filter(|running| running.purpose != Purpose::Outputs) {
             running.cancel.cancel();
         }
     }
 
-    /// Starts the evaluation of the newest values of the drag, if that has to be.
+    /// Starts the evaluation of the newest values of a drag, unless they have been evaluated.
     pub(super) fn start_drag(&mut self) {
-        if std::mem::take(&mut self.look) {
-            self.drag.again();
+        if std::mem::take(&mut self.has_due_views) {
+            self.drag.mark_due();
         }
         let Some(values) = self.drag.take() else { return };
         match self.graph_with(&values) {
             Ok((graph, before)) => {
-                self.drag.fits(before);
-                let run = self.good.as_ref().map_or(self.runs, |(run, _)| *run);
-                self.give(run, Arc::new(graph), Vec::new(), false, Purpose::Drag);
+                self.drag.accept_text(before);
+                let run = self.last_good.as_ref().map_or(self.runs, |(run, _)| *run);
+                self.start_job(run, Arc::new(graph), Vec::new(), false, Purpose::Drag);
             }
-            Err(why) if self.drag.refused() => self.view.refused(&why),
+            Err(why) if self.drag.note_refusal() => self.view.show_refusal(&why),
             Err(_) => {}
         }
     }
 
-    /// The graph as it would be with these values in its file, and the text that is there.
+    /// Returns the graph with these values set, and the present text of the graph file.
     fn graph_with(&self, values: &Values) -> Result<(Graph, String), String> {
         let Watch { graph: path, options, .. } = self.command;
-        let edited = self.edited(values)?;
-        let options = options.all().with_text(path, edited.text);
-        let Checked { graph, problems, .. } =
-            Graph::load(path, self.catalog, &options).as_far_as_known();
-        let wrong = problems.into_iter().find(|problem| problem.severity == Severity::Error);
+        let edited = self.compute_edit(values)?;
+        let options = options.to_options().with_text(path, edited.text);
+        let CheckedGraph { graph, diagnostics, .. } =
+            Graph::load(path, self.catalog, &options).without_unknown_nodes();
+        let wrong =
+            diagnostics.into_iter().find(|diagnostic| diagnostic.severity == Severity::Error);
         graph
             .map(|graph| (graph, edited.before))
-            .ok_or_else(|| wrong.map_or_else(String::new, |problem| problem.message))
+            .ok_or_else(|| wrong.map_or_else(String::new, |diagnostic| diagnostic.message))
     }
 
-    /// The file of the graph has another content: it wins over what is dragged.
+    /// Ends a drag if the graph file has changed.
     pub(super) fn end_drag(&mut self) {
-        let text = plain::read_text(&self.command.graph).unwrap_or_default();
-        if self.drag.ends_by(&text) {
-            self.leave();
-            self.view.refused("the file has been changed meanwhile: it is shown as it is now");
+        let text = fs::read_text(&self.command.graph).unwrap_or_default();
+        if self.drag.end_on_change(&text) {
+            self.abandon_view();
+            self.view
+                .show_refusal("the file has been changed meanwhile; its present values are shown");
         }
     }
 
-    /// Takes the last change back, if nobody has changed since what it changed.
+    /// Undoes the last change that a live page made, unless someone has changed the same values since.
     pub(super) fn undo(&mut self) {
         let Some(change) = self.changes.pop() else { return };
-        if let Err(why) = self.take_back(&change) {
-            self.view.refused(&why);
+        if let Err(why) = self.undo_change(&change) {
+            self.view.show_refusal(&why);
         }
     }
 
-    fn take_back(&self, change: &Change) -> Result<(), String> {
-        let turn = self.file().turn().map_err(|error| error.to_string())?;
+    fn undo_change(&self, change: &Change) -> Result<(), String> {
+        let turn = self.file().acquire_lock().map_err(|error| error.to_string())?;
         let text = self.file().text().map_err(|error| error.to_string())?;
-        if let Some(before) = change.taken_back(&text) {
-            let edited = Edited { text: before, before: text, changes: Vec::new() };
+        if let Some(before) = change.undone_text(&text) {
+            let edited = EditedText { text: before, before: text, changes: Vec::new() };
             return self.file().write(&edited).map_err(|error| error.to_string());
         }
         drop(turn);
-        // The rest of the file is another one now: only values can be put back.
-        fn old(put: &Put) -> Result<(String, String), &str> {
-            let before = put.before.clone().ok_or("it was not in the file before")?;
+        // Other parts of the file have changed since, so only the values are restored.
+        fn old_value(put: &ValueChange) -> Result<(String, String), &str> {
+            let before = put.before.clone().ok_or("the value was not in the file before")?;
             match put.after.starts_with(&format!("Draft(final: {before}, draft: ")) {
-                true => Err("it was no `Draft` before"),
+                true => Err("the value was not a `Draft` before"),
                 false => Ok((put.target.clone(), before)),
             }
         }
-        let back: Result<Vec<_>, _> = change.puts.iter().map(old).collect();
+        let back: Result<Vec<_>, _> = change.value_changes.iter().map(old_value).collect();
         let back = back.map_err(|why| {
-            format!("{why}, and the file has been changed since: take it out there")
+            format!("{why}, and the file has been changed since; edit the file instead")
         })?;
         self.edit(&back, |now| {
-            now.iter().zip(&change.puts).all(|(now, put)| now.before.as_ref() == Some(&put.after))
+            now.iter()
+                .zip(&change.value_changes)
+                .all(|(now, put)| now.before.as_ref() == Some(&put.after))
         })
         .map(drop)
     }
 
-    /// Puts values into the file of the graph, if what would be changed is as it should be. Gives what was changed, or says why not.
+    /// Sets values in the graph file if `is_due` accepts the changes. Returns the change, or an error message.
     fn edit(
         &self,
         values: &[(String, String)],
-        is_due: impl Fn(&[Put]) -> bool,
+        is_due: impl Fn(&[ValueChange]) -> bool,
     ) -> Result<Change, String> {
-        let _turn = self.file().turn().map_err(|error| error.to_string())?;
-        let edited = self.edited(values)?;
+        let _turn = self.file().acquire_lock().map_err(|error| error.to_string())?;
+        let edited = self.compute_edit(values)?;
         if !is_due(&edited.changes) {
-            return Err("somebody has changed it since".into());
+            return Err("another change edited the value since".into());
         }
         self.file().write(&edited).map_err(|error| error.to_string())?;
-        Ok(Change::of(edited))
+        Ok(Change::new(edited))
     }
 
-    /// The text of the graph's file with these values in it, or why they cannot be.
-    fn edited(&self, values: &[(String, String)]) -> Result<Edited, String> {
+    /// Returns the text of the graph file with these values set, or an error message.
+    fn compute_edit(&self, values: &[(String, String)]) -> Result<EditedText, String> {
         let edits: Vec<_> = values
             .iter()
             .cloned()
             .map(|(target, value): (String, String)| Edit::Set { target, value })
             .collect();
-        self.file().edited(&edits, self.catalog).map_err(|error| error.to_string())
+        self.file().compute(&edits, self.catalog).map_err(|error| error.to_string())
     }
 
     fn file(&self) -> GraphFile<'a> {
@@ -169,38 +173,41 @@ impl<'a> Session<'a> {
     }
 }
 
-/// What was put into the graph's file, and how it is taken back.
+/// A change of the graph file that can be undone.
 pub(super) struct Change {
-    puts: Vec<Put>,
-    /// Where the text differs, and what stood there before.
-    at: Range<usize>,
+    value_changes: Vec<ValueChange>,
+    /// The range of the text that the change replaced.
+    range: Range<usize>,
     before: String,
-    /// The text with it.
+    /// The hash of the whole text after the change.
     text: Hash,
 }
 
 impl Change {
-    fn of(edited: Edited) -> Self {
-        let Edited { text, before, changes } = edited;
-        fn alike((a, b): &(char, char)) -> bool {
+    fn new(edited: EditedText) -> Self {
+        let EditedText { text, before, changes } = edited;
+        fn is_equal_pair((a, b): &(char, char)) -> bool {
             a == b
         }
-        let length = |(a, _): (char, char)| a.len_utf8();
-        let start = before.chars().zip(text.chars()).take_while(alike).map(length).sum();
+        fn length((a, _): (char, char)) -> usize {
+            a.len_utf8()
+        }
+        let start = before.chars().zip(text.chars()).take_while(is_equal_pair).map(length).sum();
         let rest = before[start..].chars().rev().zip(text[start..].chars().rev());
-        let end: usize = rest.take_while(alike).map(length).sum();
-        let puts = changes.into_iter().filter(|put| put.before.as_ref() != Some(&put.after));
+        let end: usize = rest.take_while(is_equal_pair).map(length).sum();
+        let value_changes =
+            changes.into_iter().filter(|put| put.before.as_ref() != Some(&put.after));
         Self {
-            puts: puts.collect(),
-            at: start..text.len() - end,
+            value_changes: value_changes.collect(),
+            range: start..text.len() - end,
             before: before[start..before.len() - end].to_owned(),
-            text: Hash::of(text.as_bytes()),
+            text: Hash::compute(text.as_bytes()),
         }
     }
 
-    /// The text without it, if it is as it was left.
-    fn taken_back(&self, text: &str) -> Option<String> {
-        let is_same = Hash::of(text.as_bytes()) == self.text;
-        is_same.then(|| [&text[..self.at.start], &self.before, &text[self.at.end..]].concat())
+    /// Returns the text before the change, or `None` if the text has been changed since.
+    fn undone_text(&self, text: &str) -> Option<String> {
+        let is_same = Hash::compute(text.as_bytes()) == self.text;
+        is_same.then(|| [&text[..self.range.start], &self.before, &text[self.range.end..]].concat())
     }
 }

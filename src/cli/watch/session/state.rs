@@ -1,59 +1,60 @@
-//! What a watch knows of its graph and of the run under way.
+//! The check result and the running evaluation of a watch.
 
 use std::path::Path;
 use std::sync::Arc;
 
 use maquette_graph::Graph;
 use maquette_node::CancelToken;
-use maquette_syntax::error::{Problem, code};
+use maquette_syntax::error::{Diagnostic, code};
 
 use crate::watch::worker::Purpose;
 
-/// What is known of the graph's text.
+/// The result of checking the graph.
 pub(super) enum Check {
-    /// It has to be read.
+    /// The graph must be read and checked again.
     Due,
-    /// It can be evaluated; the problems are warnings.
-    Good { graph: Arc<Graph>, problems: Vec<Problem> },
-    /// It has errors, and whether they have been shown.
-    Bad { problems: Vec<Problem>, shown: bool },
+    /// The graph can be evaluated; the diagnostics are warnings.
+    Good { graph: Arc<Graph>, diagnostics: Vec<Diagnostic> },
+    /// The graph has errors; `shown` is true if the errors have been shown to the user.
+    Bad { diagnostics: Vec<Diagnostic>, shown: bool },
 }
 
-/// A run under way.
+/// A running evaluation.
 pub(super) struct Running {
     pub(super) graph: Arc<Graph>,
     pub(super) cancel: CancelToken,
     pub(super) purpose: Purpose,
-    /// Whether it lacks nodes of unknown types.
-    pub(super) is_part: bool,
+    /// True if the graph has nodes of unknown types, which are left out.
+    pub(super) is_partial: bool,
 }
 
 impl Running {
-    /// A look may be over in the moment in which it is given up.
-    pub(super) fn is_left(&self) -> bool {
+    /// Returns true if the evaluation is only for live pages and was cancelled.
+    pub(super) fn is_abandoned(&self) -> bool {
         self.cancel.is_cancelled() && self.purpose != Purpose::Outputs
     }
 }
 
-/// Whether there are nodes of unknown types in the graph.
-pub(super) fn is_part(problems: &[Problem]) -> bool {
-    problems.iter().any(|problem| problem.code == code::UNKNOWN_NODE)
+/// Returns true if diagnostics report nodes of unknown types.
+pub(super) fn is_partial(diagnostics: &[Diagnostic]) -> bool {
+    diagnostics.iter().any(|diagnostic| diagnostic.code == code::UNKNOWN_NODE)
 }
 
-/// Enters a folder again if another one has taken its place, as after a new checkout: relative paths lead to the current one.
+/// Enters the folder again if it was replaced, for instance by a new checkout. Otherwise relative paths would start in the deleted
+/// folder.
 #[cfg(unix)]
 pub(super) fn return_to(folder: &Path) {
     use std::os::unix::fs::MetadataExt;
-    fn place(path: &Path) -> Option<(u64, u64)> {
+    fn file_id(path: &Path) -> Option<(u64, u64)> {
         let metadata = std::fs::metadata(path).ok()?;
         Some((metadata.dev(), metadata.ino()))
     }
-    if place(folder) != place(Path::new(".")) {
-        // If it is not there either, the graph cannot be read, which is reported.
+    if file_id(folder) != file_id(Path::new(".")) {
+        // If the folder is missing, the graph cannot be read, and that error is reported.
         let _ = std::env::set_current_dir(folder);
     }
 }
 
-/// On other systems nobody can remove the current folder.
+/// Does nothing: on this system the current folder cannot be removed.
 #[cfg(not(unix))]
 pub(super) fn return_to(_: &Path) {}

@@ -1,40 +1,41 @@
-//! Looks at every file of a cache, of all programs, and removes what is not as it was written. What is removed is computed again.
+//! Checks every file in a cache folder, of all builds, and removes damaged and useless files. Results that are removed are computed again
+//! when they are needed.
 
 use std::collections::{HashMap, HashSet};
 use std::io;
 use std::path::{Path, PathBuf};
 
 use maquette_value::Hash;
+use maquette_value::fs;
 use maquette_value::parallel::*;
-use maquette_value::plain;
 
-use super::folder::{self, Found, What, contents};
-use super::seal::unsealed;
+use super::folder::{self, CacheFile, FileKind, contents};
+use super::seal::unseal;
 use super::{Disk, DiskError, entry, program};
 use crate::writing::{is_abandoned, remove};
 
-/// What is wrong with a cache folder.
+/// The result of checking a cache folder.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Diagnosis {
-    /// How many files were looked at.
+    /// The number of files checked.
     pub files: usize,
-    /// All of them together.
+    /// The size of all files, in bytes.
     pub bytes: u64,
-    /// What was found, in the order of the paths.
-    pub faults: Vec<Fault>,
-    /// What is not ours, and was left alone.
+    /// The faults, sorted by path.
+    pub faults: Vec<CacheFault>,
+    /// Files and folders that are not part of the cache. They are left alone.
     pub foreign: Vec<PathBuf>,
 }
 
-/// Something wrong with a cache folder.
+/// A fault of a cache folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Fault {
+pub struct CacheFault {
     /// The file.
     pub path: PathBuf,
-    /// What is wrong with it, in words.
-    pub what: &'static str,
-    /// Whether it was mended: the file is gone, or written anew.
-    pub mended: bool,
+    /// A description of the fault.
+    pub description: &'static str,
+    /// True if the fault was repaired: the file was removed or rewritten.
+    pub is_repaired: bool,
 }
 
 const DAMAGED: &str = "its content is not what was written";
@@ -45,34 +46,34 @@ const LEFT: &str = "a process that was killed left it half written";
 const NO_TAG: &str = "the tag is not as it was written";
 const OTHER_PROGRAM: &str = "it names another program";
 
-/// What an entry says, as far as it matters here.
+/// The columns that an entry refers to, or the reason why they are unknown.
 enum Entry {
-    /// The columns that it names, and how many items each has.
+    /// An undamaged entry, with the columns that it refers to. Each has its number of items.
     Whole(Vec<(Hash, u64)>),
     Faulty(&'static str),
-    /// Another program wrote it in its own way.
+    /// The entry has the format of another version of the program.
     Unknown,
-    /// Another process has just removed it.
+    /// Another process has just removed the entry.
     Gone,
 }
 
 impl Disk {
-    /// Looks at every file of a cache folder, of all programs, and removes those that nobody could use: what is damaged, what names
-    /// something that is gone, what nothing names. Only tells what it would do in a dry run.
+    /// Checks every file in a cache folder, of all builds. Removes damaged files, entries whose columns are missing, and columns to which
+    /// no entry refers. In a dry run the faults are only reported.
     ///
     /// # Errors
-    /// If the folder is not a cache of ours.
+    /// If the folder is not a cache of this program.
     pub fn doctor(folder: &Path, dry_run: bool) -> Result<Diagnosis, DiskError> {
         folder::check(folder)?;
         let contents = contents(folder);
         let mut faults = Vec::new();
         for home in &contents.homes {
             let files = contents.files.iter().filter(|found| found.path.starts_with(home));
-            faults.extend(faults_of_program(&Vec::from_iter(files)));
+            faults.extend(program_faults(&Vec::from_iter(files)));
         }
-        let others = contents.files.par_iter().filter_map(|found| match found.what {
-            What::Program => Some((&*found.path, fault_of_memo(folder, &found.path)?)),
-            What::Temporary => is_abandoned(&found.path).then_some((&*found.path, LEFT)),
+        let others = contents.files.par_iter().filter_map(|found| match found.kind {
+            FileKind::Program => Some((&*found.path, memo_fault(folder, &found.path)?)),
+            FileKind::Temporary => is_abandoned(&found.path).then_some((&*found.path, LEFT)),
             _ => None,
         });
         faults.extend(others.collect::<Vec<_>>());
@@ -84,13 +85,13 @@ impl Disk {
                         |error: io::Error| error.kind() == io::ErrorKind::NotFound,
                         |()| true,
                     );
-                Fault { path: path.to_owned(), what, mended }
+                CacheFault { path: path.to_owned(), description: what, is_repaired: mended }
             })
             .collect();
         if folder.exists() && !folder::is_tagged(folder) {
             let (path, what) = (folder.join(folder::TAG), NO_TAG);
             let mended = !dry_run && folder::tag(folder).is_ok();
-            faults.push(Fault { path, what, mended });
+            faults.push(CacheFault { path, description: what, is_repaired: mended });
         }
         faults.sort_by(|a, b| a.path.cmp(&b.path));
         let bytes = contents.files.iter().map(|found| found.bytes).sum();
@@ -98,18 +99,20 @@ impl Disk {
     }
 }
 
-/// What is wrong with the files of one program.
-fn faults_of_program<'f>(files: &[&'f Found]) -> Vec<(&'f Path, &'static str)> {
-    let of = |what: &'static str| {
-        let files = files.iter().filter(move |found| found.what == What::Kept(what));
-        files.map(|found| &*found.path).collect::<Vec<_>>()
-    };
+/// Returns the paths of the files in the folder `folder` of a build.
+fn paths_in<'f>(files: &[&'f CacheFile], folder: &'static str) -> Vec<&'f Path> {
+    let files = files.iter().filter(|file| file.kind == FileKind::Stored(folder));
+    files.map(|file| &*file.path).collect()
+}
+
+/// Returns the faults of the files of one build.
+fn program_faults<'f>(files: &[&'f CacheFile]) -> Vec<(&'f Path, &'static str)> {
     let entries: Vec<_> =
-        of("entries").into_par_iter().map(|path| (path, entry_at(path))).collect();
-    let all_known = entries.iter().all(|(_, entry)| !matches!(entry, Entry::Unknown));
+        paths_in(files, "entries").into_par_iter().map(|path| (path, entry_at(path))).collect();
+    let are_all_known = entries.iter().all(|(_, entry)| !matches!(entry, Entry::Unknown));
     let lengths: HashMap<Hash, u64> =
         entries.iter().flat_map(|(_, entry)| entry.columns()).collect();
-    let columns: Vec<_> = of("columns")
+    let columns: Vec<_> = paths_in(files, "columns")
         .into_par_iter()
         .filter_map(|path| Some((path, name_of(path)?)))
         .map(|(path, hash)| {
@@ -134,13 +137,13 @@ fn faults_of_program<'f>(files: &[&'f Found]) -> Vec<(&'f Path, &'static str)> {
     for (path, hash, is_whole) in columns {
         match is_whole {
             Some(false) => faults.push((path, DAMAGED)),
-            _ if all_known && !named.contains(&hash) => faults.push((path, UNUSED)),
+            _ if are_all_known && !named.contains(&hash) => faults.push((path, UNUSED)),
             _ => {}
         }
     }
-    let notes = [of("graphs"), of("outputs")].concat();
-    let damaged = notes.into_par_iter().filter(|path| match plain::read_own(path) {
-        Ok(bytes) => unsealed(path, bytes).is_none(),
+    let notes = [paths_in(files, "graphs"), paths_in(files, "outputs")].concat();
+    let damaged = notes.into_par_iter().filter(|path| match fs::read_no_follow(path) {
+        Ok(bytes) => unseal(path, bytes).is_none(),
         Err(error) => error.kind() != io::ErrorKind::NotFound,
     });
     faults.extend(damaged.map(|path| (path, DAMAGED)).collect::<Vec<_>>());
@@ -155,8 +158,8 @@ impl Entry {
 }
 
 fn entry_at(path: &Path) -> Entry {
-    let bytes = match plain::read_own(path) {
-        Ok(bytes) => unsealed(path, bytes),
+    let bytes = match fs::read_no_follow(path) {
+        Ok(bytes) => unseal(path, bytes),
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Entry::Gone,
         Err(_) => None,
     };
@@ -168,22 +171,23 @@ fn entry_at(path: &Path) -> Entry {
     }
 }
 
-/// Whether a file holds the column of this hash.
+/// Returns true if a file contains the column with this hash.
 fn is_column(path: &Path, hash: Hash, items: u64) -> bool {
-    fn hashed(items: u64, path: &Path) -> Result<Hash, io::Error> {
+    fn column_hash(items: u64, path: &Path) -> Result<Hash, io::Error> {
         let mut hasher = blake3::Hasher::new();
-        hasher.update(&items.to_le_bytes()).update_reader(plain::open_own(path)?)?;
+        hasher.update(&items.to_le_bytes()).update_reader(fs::open_no_follow(path)?)?;
         io::Result::Ok(Hash(*hasher.finalize().as_bytes()))
     }
-    hashed(items, path).is_ok_and(|found| found == hash)
+    column_hash(items, path).is_ok_and(|found| found == hash)
 }
 
-/// What is wrong with a file that remembers a program.
-fn fault_of_memo(folder: &Path, memo: &Path) -> Option<&'static str> {
-    let remembered = plain::read_own(memo).ok().and_then(|bytes| program::remembered(memo, bytes));
+/// Returns the fault of a memo, the file that stores the hash of a file of code. Returns `None` if it has none.
+fn memo_fault(folder: &Path, memo: &Path) -> Option<&'static str> {
+    let remembered =
+        fs::read_no_follow(memo).ok().and_then(|bytes| program::read_memo(memo, bytes));
     let Some(remembered) = remembered else { return Some(DAMAGED) };
-    // Of the other programs nobody knows where they are.
-    program::is_wrong(folder, memo, &remembered).then_some(OTHER_PROGRAM)
+    // Only the memo of this program's own code can be checked, because the files of other programs are unknown.
+    program::is_outdated(folder, memo, &remembered).then_some(OTHER_PROGRAM)
 }
 
 fn name_of(path: &Path) -> Option<Hash> {

@@ -1,19 +1,19 @@
-//! An entry: what a node gave, as bytes.
+//! The binary format of an entry: the result of a node.
 
 use std::collections::HashMap;
 use std::io::Read;
 use std::ops::Range;
 use std::path::Path;
 
-use maquette_value::{AnyValue, Columns, Hash, Kept, ValueType, plain};
+use maquette_value::{AnyValue, Columns, EncodedValue, Hash, ValueType, fs};
 use serde::{Deserialize, Serialize};
 
 use super::super::cache::{Outcome, Values};
 
-/// What stands at the start of every entry: the format's name and version.
+/// The first bytes of every entry: the name and the version of the format.
 const MAGIC: &[u8; 8] = b"maqent03";
 
-/// What is known of a result without its values; in JSON, so that a person can read it.
+/// The header of an entry: the result without its values. It is JSON, so people can read it.
 #[derive(Serialize, Deserialize)]
 struct Header {
     key: String,
@@ -21,7 +21,7 @@ struct Header {
     #[serde(default)]
     node: String,
     outputs: Vec<OutputHeader>,
-    /// The large columns of all outputs, and how many items each has.
+    /// The large columns of all outputs, each as hash and number of items.
     columns: Vec<(Hash, u64)>,
     warnings: Vec<String>,
     shapes: Vec<String>,
@@ -37,15 +37,15 @@ struct OutputHeader {
     length: usize,
 }
 
-/// An entry that was read.
+/// A parsed entry.
 pub(super) struct Entry {
     header: Header,
     outputs: Vec<(&'static ValueType, Hash, Range<usize>)>,
     bytes: Vec<u8>,
 }
 
-/// The bytes of an entry for these values.
-pub(super) fn write(key: Hash, node: &str, outcome: &Outcome, kept: &[Kept]) -> Vec<u8> {
+/// Returns the bytes of the entry for the result `outcome`; `kept` are its encoded values.
+pub(super) fn write(key: Hash, node: &str, outcome: &Outcome, kept: &[EncodedValue]) -> Vec<u8> {
     let outputs = outcome.outputs.iter().zip(kept).map(|((kind, hash), kept)| OutputHeader {
         kind: (*kind).to_owned(),
         hash: hash.to_string(),
@@ -58,7 +58,7 @@ pub(super) fn write(key: Hash, node: &str, outcome: &Outcome, kept: &[Kept]) -> 
         outputs: outputs.collect(),
         columns: columns.map(|column| (column.hash(), column.items() as u64)).collect(),
         warnings: outcome.warnings.to_vec(),
-        shapes: outcome.shapes.to_vec(),
+        shapes: outcome.descriptions.to_vec(),
         bytes: outcome.bytes,
         seconds: outcome.seconds,
     };
@@ -70,7 +70,7 @@ pub(super) fn write(key: Hash, node: &str, outcome: &Outcome, kept: &[Kept]) -> 
     bytes
 }
 
-/// The header of an entry, and where what it describes begins; none if these are no bytes of one.
+/// Returns the header of an entry, and the offset at which its data begins. Returns `None` if the bytes are not an entry of this version.
 fn header(bytes: &[u8]) -> Option<(Header, usize)> {
     let rest = bytes.strip_prefix(MAGIC)?;
     let (length, rest) = rest.split_first_chunk()?;
@@ -79,9 +79,9 @@ fn header(bytes: &[u8]) -> Option<(Header, usize)> {
     Some((serde_json::from_slice(header).ok()?, start))
 }
 
-/// Returns the type of the node that gave the result in a file, and the columns that it names. The rest of the file is not read.
+/// Returns the type of the node whose result an entry file contains, and the columns to which the entry refers. Reads only the header.
 pub(super) fn summary(path: &Path) -> Option<(String, Vec<Hash>)> {
-    let mut file = plain::open_own(path).ok()?;
+    let mut file = fs::open_no_follow(path).ok()?;
     let mut start = [0; MAGIC.len() + size_of::<u64>()];
     file.read_exact(&mut start).ok()?;
     let (_, length) = start.split_last_chunk()?;
@@ -91,8 +91,8 @@ pub(super) fn summary(path: &Path) -> Option<(String, Vec<Hash>)> {
     Some((header.node, header.columns.into_iter().map(|(column, _)| column).collect()))
 }
 
-/// The columns that the entry of this key names, and how many items each has: `Some(None)` if it is of another key or does not hold
-/// what it describes, none if it is of another version.
+/// Returns the columns to which the entry with this key refers, each with its number of items. Returns `Some(None)` if the entry has
+/// another key or is incomplete, and `None` if the entry has another version.
 pub(super) fn columns(bytes: &[u8], key: Hash) -> Option<Option<Vec<(Hash, u64)>>> {
     let (header, start) = header(bytes)?;
     let lengths = header.outputs.iter().map(|output| output.length);
@@ -102,7 +102,7 @@ pub(super) fn columns(bytes: &[u8], key: Hash) -> Option<Option<Vec<(Hash, u64)>
 }
 
 impl Entry {
-    /// The entry of this key; none if the bytes are not one, or hold values of an unknown type.
+    /// Parses the entry with this key. Returns `None` if the bytes are not this entry, or if they contain values of an unknown type.
     pub(super) fn parse(
         bytes: Vec<u8>,
         key: Hash,
@@ -122,17 +122,17 @@ impl Entry {
         Some(Self { header, outputs, bytes })
     }
 
-    /// The columns that it names, and how many items each has.
+    /// Returns the columns to which the entry refers, each with its number of items.
     pub(super) fn columns(&self) -> &[(Hash, u64)] {
         &self.header.columns
     }
 
-    /// How long it took to compute.
+    /// Returns the time that computing the result took, in seconds.
     pub(super) fn seconds(&self) -> f64 {
         self.header.seconds
     }
 
-    /// How many bytes of memory the values need.
+    /// Returns the memory that the values need, in bytes.
     pub(super) fn size(&self) -> usize {
         self.header.bytes
     }
@@ -140,7 +140,7 @@ impl Entry {
     pub(super) fn outcome(self) -> Outcome {
         let outputs = self.outputs.iter().map(|(kind, hash, _)| (kind.name, *hash)).collect();
         let Header { warnings, shapes, bytes, seconds, .. } = self.header;
-        Outcome::known(outputs, warnings, bytes, seconds).shaped(shapes)
+        Outcome::without_values(outputs, warnings, bytes, seconds).with_descriptions(shapes)
     }
 
     pub(super) fn values(&self, columns: &dyn Columns) -> Option<Values> {

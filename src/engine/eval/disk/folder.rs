@@ -1,4 +1,5 @@
-//! The folder of a cache: whose it is, and which files in it are ours. What has another name, or is a link, is somebody's.
+//! The folder of a cache: who owns it, and which files in it belong to the cache. Links, and files with other names, do not belong to the
+//! cache.
 
 use std::fs::{self, DirEntry};
 use std::io;
@@ -6,80 +7,82 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use maquette_value::Hash;
-use maquette_value::plain;
 
 use super::{DiskError, FOLDERS, program};
 use crate::writing::{is_temporary, make_folder, write_whole};
 
-/// The file that tells backup programs to leave a folder out (bford.info/cachedir), and us that it is ours.
+/// The file that marks the folder as a cache, for backup programs (bford.info/cachedir) and for this program.
 pub(super) const TAG: &str = "CACHEDIR.TAG";
 const TAG_TEXT: &str =
     "Signature: 8a477f597d28d172789f06886806bc55\n# Results that maquette can compute again.\n";
 
-/// The folder of what is known of programs.
+/// The folder that contains the hashes of files of code.
 pub(super) const PROGRAMS: &str = "programs";
 
-/// Its file whose time of change says when the cache was last tidied.
+/// A file in [`PROGRAMS`]. Its modification time is the time of the last cleanup.
 pub(super) const TIDIED: &str = "tidied";
 
-/// What a file of the cache is.
+/// The kind of a file in the cache.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum What {
-    /// In one of the [`FOLDERS`] of a program.
-    Kept(&'static str),
+pub(super) enum FileKind {
+    /// A file in one of the [`FOLDERS`] of a program.
+    Stored(&'static str),
     Program,
     Tidied,
-    /// It is being written, or was.
+    /// A file that is being written, or whose writing was interrupted.
     Temporary,
 }
 
-/// A file of ours.
+/// A file of the cache.
 #[derive(Clone, Debug)]
-pub(super) struct Found {
+pub(super) struct CacheFile {
     pub(super) path: PathBuf,
-    pub(super) what: What,
-    pub(super) used: SystemTime,
+    pub(super) kind: FileKind,
+    pub(super) last_use: SystemTime,
     pub(super) bytes: u64,
 }
 
-/// Everything in a cache folder.
+/// The contents of a cache folder.
 #[derive(Default)]
 pub(super) struct Contents {
-    pub(super) files: Vec<Found>,
-    /// The folders of programs.
+    pub(super) files: Vec<CacheFile>,
+    /// The folders of the builds.
     pub(super) homes: Vec<PathBuf>,
-    /// What is not ours.
+    /// Files and folders that are not part of the cache.
     pub(super) foreign: Vec<PathBuf>,
 }
 
-/// Makes a folder a cache if it is none: one that is not there, or empty.
+/// Turns a missing or empty folder into a cache. If the folder is a cache already, checks its owner.
 pub(super) fn claim(folder: &Path) -> Result<(), DiskError> {
-    let failed = |error| DiskError::System { folder: folder.to_owned(), error };
-    make_folder(folder).map_err(failed)?;
+    make_folder(folder).map_err(|error| DiskError::system(folder, error))?;
     check(folder)?;
-    if is_tagged(folder) { Ok(()) } else { tag(folder).map_err(failed) }
+    if is_tagged(folder) {
+        return Ok(());
+    }
+    tag(folder).map_err(|error| DiskError::system(folder, error))
 }
 
-/// Marks the folder as ours.
+/// Writes the tag that marks a folder as a cache.
 pub(super) fn tag(folder: &Path) -> io::Result<()> {
     write_whole(&folder.join(TAG), TAG_TEXT.as_bytes()).map(|_| ())
 }
 
-/// Whether the folder says that it is ours.
+/// Returns true if the folder has the tag of a cache.
 pub(super) fn is_tagged(folder: &Path) -> bool {
-    plain::read_own(&folder.join(TAG)).is_ok_and(|text| text == TAG_TEXT.as_bytes())
+    maquette_value::fs::read_no_follow(&folder.join(TAG))
+        .is_ok_and(|text| text == TAG_TEXT.as_bytes())
 }
 
-/// Whether a folder is a cache of ours, or may become one.
+/// Checks that a folder is a cache, or may become one.
 pub(super) fn check(folder: &Path) -> Result<(), DiskError> {
     if !folder.exists() {
         return Ok(());
     }
-    if !is_mine(folder).map_err(|error| DiskError::System { folder: folder.to_owned(), error })? {
+    if !is_mine(folder).map_err(|error| DiskError::system(folder, error))? {
         return Err(DiskError::OtherUser(folder.to_owned()));
     }
     let may_be_ours = is_tagged(folder) || is_empty(folder) || looks_ours(folder);
-    // Another process may have marked it meanwhile.
+    // The tag is looked for again, because another process may have written it in the meantime.
     if may_be_ours || is_tagged(folder) {
         Ok(())
     } else {
@@ -102,36 +105,37 @@ fn is_empty(folder: &Path) -> bool {
     list(folder).all(|entry| is_temporary(&entry.path()))
 }
 
-/// Whether a folder without its tag can be nothing else: all that it holds is ours, and some of it could not be anything else.
+/// Returns true if a folder without a tag is certainly a cache: all files in it have names of cache files, and some names are used only by
+/// caches.
 fn looks_ours(folder: &Path) -> bool {
     let contents = contents(folder);
     let is_known = contents.homes.iter().any(|home| home.join(FOLDERS[0]).is_dir())
         || contents.files.iter().any(|found| {
-            found.what == What::Program
-                && plain::read_own(&found.path)
-                    .is_ok_and(|bytes| program::remembered(&found.path, bytes).is_some())
+            found.kind == FileKind::Program
+                && maquette_value::fs::read_no_follow(&found.path)
+                    .is_ok_and(|bytes| program::read_memo(&found.path, bytes).is_some())
         });
     contents.foreign.is_empty() && is_known
 }
 
-/// Whether a text is a fingerprint: 32 hexadecimal digits.
+/// Returns true if a text is a fingerprint: 32 hexadecimal digits.
 pub(super) fn is_fingerprint(text: &str) -> bool {
     text.len() == 32 && text.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'))
 }
 
-/// Everything in the folder of a cache.
+/// Lists the contents of a cache folder.
 pub(super) fn contents(folder: &Path) -> Contents {
     let mut contents = Contents::default();
     for entry in list(folder) {
         let (name, path) = (name_of(&entry), entry.path());
         match is_folder(&entry) {
             true if name == PROGRAMS => contents.add_all(&path, |name| match name {
-                TIDIED => Some(What::Tidied),
-                name => is_hash(name).then_some(What::Program),
+                TIDIED => Some(FileKind::Tidied),
+                name => is_hash(name).then_some(FileKind::Program),
             }),
             true if is_fingerprint(&name) => contents.add_home(path),
-            false if name == TAG && plain::is_own(&path) => {}
-            false if is_temporary(&path) => contents.add(&entry, Some(What::Temporary)),
+            false if name == TAG && maquette_value::fs::is_regular_file(&path) => {}
+            false if is_temporary(&path) => contents.add(&entry, Some(FileKind::Temporary)),
             _ => contents.foreign.push(path),
         }
     }
@@ -140,13 +144,15 @@ pub(super) fn contents(folder: &Path) -> Contents {
 }
 
 impl Contents {
-    /// The folder of a program.
+    /// Adds the folder of a build.
     fn add_home(&mut self, home: PathBuf) {
         for entry in list(&home) {
             let name = name_of(&entry);
             match FOLDERS.into_iter().find(|folder| *folder == name && is_folder(&entry)) {
                 Some(folder) => {
-                    self.add_all(&entry.path(), |name| is_hash(name).then_some(What::Kept(folder)));
+                    self.add_all(&entry.path(), |name| {
+                        is_hash(name).then_some(FileKind::Stored(folder))
+                    });
                 }
                 None => self.foreign.push(entry.path()),
             }
@@ -154,24 +160,24 @@ impl Contents {
         self.homes.push(home);
     }
 
-    /// The files of a folder in which these names are ours.
-    fn add_all(&mut self, folder: &Path, what: impl Fn(&str) -> Option<What>) {
+    /// Adds the files of a folder. `kind_of` returns the kind of file for a name, or `None` if the name is not used by the cache.
+    fn add_all(&mut self, folder: &Path, kind_of: impl Fn(&str) -> Option<FileKind>) {
         for entry in list(folder) {
-            let temporary = is_temporary(&entry.path()).then_some(What::Temporary);
-            self.add(&entry, what(&name_of(&entry)).or(temporary));
+            let temporary = is_temporary(&entry.path()).then_some(FileKind::Temporary);
+            self.add(&entry, kind_of(&name_of(&entry)).or(temporary));
         }
     }
 
-    fn add(&mut self, entry: &DirEntry, what: Option<What>) {
+    fn add(&mut self, entry: &DirEntry, kind: Option<FileKind>) {
         let path = entry.path();
-        // Of a link, this is about the link.
+        // The metadata of a link is that of the link itself, not of its target.
         match entry.metadata() {
-            Ok(metadata) if metadata.is_file() && what.is_some() => {
+            Ok(metadata) if metadata.is_file() && kind.is_some() => {
                 let used = metadata.modified().unwrap_or(SystemTime::UNIX_EPOCH);
                 let bytes = metadata.len();
-                self.files.extend(what.map(|what| Found { path, what, used, bytes }));
+                self.files.extend(kind.map(|kind| CacheFile { path, kind, last_use: used, bytes }));
             }
-            // It has just gone.
+            // Another process has just removed the file.
             Err(error) if error.kind() == io::ErrorKind::NotFound => {}
             _ => self.foreign.push(path),
         }
@@ -190,7 +196,7 @@ fn is_folder(entry: &DirEntry) -> bool {
     entry.file_type().is_ok_and(|kind| kind.is_dir())
 }
 
-/// Whether a name is a hash as we write it.
+/// Returns true if a name is a hash in the form in which the cache writes hashes.
 fn is_hash(name: &str) -> bool {
     Hash::parse(name).is_some_and(|hash| hash.to_string() == name)
 }

@@ -1,6 +1,6 @@
-//! Which build of the code this is: results of another one are never believed.
+//! Identifies the build of the running code. Results of another build are never used, because its code may compute other results.
 //!
-//! Values, formats and readers of a pack count as its nodes do, because they need not be from the crate of its nodes.
+//! The code of a pack includes its nodes, value types, formats and readers, which may come from different crates.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -12,115 +12,118 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use maquette_graph::catalog::{Catalog, Code};
-use maquette_graph::stamp::Stamp;
+use maquette_graph::file_stat::FileStat;
 use maquette_value::Hash;
-use maquette_value::plain;
 
 use super::folder::{PROGRAMS, is_fingerprint};
-use super::seal::{seal, unsealed};
+use super::seal::{seal, unseal};
 use crate::writing::write_parts;
 
-/// Whether this process is a program of its own, and no host that has loaded a library.
-static IS_OWN: AtomicBool = AtomicBool::new(false);
+/// True if this process is the maquette program, false if it is a host that has loaded maquette as a library.
+static IS_PROGRAM: AtomicBool = AtomicBool::new(false);
 
-/// Says that this process is a program of its own.
+/// Declares that this process is the maquette program and not a host.
 pub fn this_is_a_program() {
-    IS_OWN.store(true, Ordering::Relaxed);
+    IS_PROGRAM.store(true, Ordering::Relaxed);
 }
 
 /// The id of the engine's build: see `build.rs`.
 const BUILD: &str = env!("MAQUETTE_BUILD");
 
-/// The fingerprint of all code that makes results, the engine's and that of the packs, in their order: of the ids of their builds, so that
-/// programs and libraries of the same build share results, and where there is no id, of the files that it was loaded from.
+/// Returns the fingerprint of all code that computes results: the engine and the packs, in their order. The fingerprint contains build ids,
+/// so a program and a library of the same build share results. Code without a build id is identified by the hash of the file from which it
+/// was loaded.
 pub(super) fn fingerprint(folder: &Path, catalog: &Catalog) -> io::Result<String> {
     fingerprint_with(folder, BUILD, catalog.code())
 }
 
-/// The same, for an engine of this build.
+/// Returns the fingerprint for an engine with this build id.
 fn fingerprint_with(folder: &Path, build: &'static str, packs: &[Code]) -> io::Result<String> {
     let others = build.is_empty().then(own_code).into_iter().collect();
     let engine = Code { pack: "", build, others };
     let mut hashes = BTreeMap::new();
-    let mut told = String::new();
+    let mut description = String::new();
     for Code { pack, build, others } in [&engine].into_iter().chain(packs) {
-        let _ = writeln!(told, "{pack:?} is of {build:?}");
-        // Where no file is needed, none must be found: there are systems that do not tell.
+        let _ = writeln!(description, "{pack:?} is of {build:?}");
+        // Not all systems report the file from which code was loaded, so files are looked up only if some code has no build id.
         let files = if others.is_empty() { BTreeSet::new() } else { files_of(others)? };
         for file in files {
             let hash = match hashes.get(&file) {
                 Some(known) => String::clone(known),
                 None => fingerprint_of(folder, &file)?,
             };
-            let _ = writeln!(told, "and from {hash}");
+            let _ = writeln!(description, "and from {hash}");
             hashes.insert(file, hash);
         }
     }
-    Ok(Hash::of(told.as_bytes()).to_string()[..32].to_owned())
+    Ok(Hash::compute(description.as_bytes()).to_string()[..32].to_owned())
 }
 
-/// The hash of a file of code, remembered in the cache by what the system says of the file, because hashing it takes longer than most
-/// graphs.
+/// Returns the hash of a file of code. The hash is stored in the cache by the file's stamp (its metadata), because hashing takes longer
+/// than evaluating most graphs.
 fn fingerprint_of(folder: &Path, file: &Path) -> io::Result<String> {
     let (memo, is_settled) = memo(folder, file)?;
-    if let Some(known) = plain::read_own(&memo).ok().and_then(|bytes| remembered(&memo, bytes)) {
+    if let Some(known) =
+        maquette_value::fs::read_no_follow(&memo).ok().and_then(|bytes| read_memo(&memo, bytes))
+    {
         return Ok(known);
     }
-    let fingerprint = computed(file)?;
+    let fingerprint = hash_code_file(file)?;
     if is_settled {
-        // Only time is lost if it cannot be remembered.
+        // If the hash cannot be stored, it is only computed again the next time.
         let text = fingerprint.as_bytes();
         let _ = write_parts(&memo, &[text, &seal(&memo, text)]);
     }
     Ok(fingerprint)
 }
 
-/// Where a file of code is remembered, and whether a later build would be remembered elsewhere.
+/// Returns the path of the memo, the file that stores the hash of a file of code. Also returns true if any later build would have another
+/// memo.
 fn memo(folder: &Path, file: &Path) -> io::Result<(PathBuf, bool)> {
-    let stamp = Stamp::of(file).ok_or_else(|| io::Error::other("no such program"))?;
-    let name = Hash::of(format!("{} {stamp:?}", file.display()).as_bytes()).to_string();
+    let stamp = FileStat::read(file).ok_or_else(|| io::Error::other("no such program"))?;
+    let name = Hash::compute(format!("{} {stamp:?}", file.display()).as_bytes()).to_string();
     Ok((folder.join(PROGRAMS).join(name), stamp.is_settled()))
 }
 
-/// Whether this file remembers another fingerprint of the engine's own code than it has now.
-pub(super) fn is_wrong(folder: &Path, path: &Path, remembered: &str) -> bool {
+/// Returns true if the memo belongs to the engine's own code and stores a wrong hash.
+pub(super) fn is_outdated(folder: &Path, path: &Path, remembered: &str) -> bool {
     let Ok(files) = files_of(&[own_code()]) else { return false };
     files.iter().any(|file| {
-        let is_its = memo(folder, file).is_ok_and(|(memo, _)| memo == path);
-        is_its && computed(file).is_ok_and(|now| now != remembered)
+        let is_own_memo = memo(folder, file).is_ok_and(|(memo, _)| memo == path);
+        is_own_memo && hash_code_file(file).is_ok_and(|now| now != remembered)
     })
 }
 
-fn computed(file: &Path) -> io::Result<String> {
+fn hash_code_file(file: &Path) -> io::Result<String> {
     let mut hasher = blake3::Hasher::new();
     hasher.update_reader(File::open(file)?)?;
     Ok(hasher.finalize().to_hex()[..32].to_owned())
 }
 
-/// Where the engine's own code is.
+/// Returns the address of a function in the engine's own code.
 fn own_code() -> usize {
-    computed as fn(&Path) -> io::Result<String> as usize
+    hash_code_file as fn(&Path) -> io::Result<String> as usize
 }
 
-/// The files that the code at these addresses was loaded from.
+/// Returns the files from which the code at these addresses was loaded.
 #[cfg(target_os = "linux")]
 fn files_of(addresses: &[usize]) -> io::Result<BTreeSet<PathBuf>> {
     let maps = std::fs::read_to_string("/proc/self/maps")?;
-    let parts: Vec<_> = maps.lines().filter_map(mapped).collect();
+    let parts: Vec<_> = maps.lines().filter_map(parse_mapping).collect();
     addresses
         .iter()
         .map(|address| {
             let part = parts.iter().find(|(range, _)| range.contains(address));
             part.map(|(_, file)| PathBuf::from(file)).ok_or_else(|| {
-                io::Error::other("which file the code of a pack is from cannot be told")
+                io::Error::other("the file that contains the code of a pack is unknown")
             })
         })
         .collect()
 }
 
-/// The addresses and the file of a line such as `55d0a000-55d0b000 r-xp 00001000 08:01 1234    /usr/bin/maquette`.
+/// Parses the range of addresses and the file in a line such as `55d0a000-55d0b000 r-xp 00001000 08:01 1234    /usr/bin/maquette`.
 #[cfg(target_os = "linux")]
-fn mapped(line: &str) -> Option<(Range<usize>, &str)> {
+fn parse_mapping(line: &str) -> Option<(Range<usize>, &str)> {
     let file = &line[line.find('/')?..];
     let (start, rest) = line.split_once('-')?;
     let end = rest.split_once(' ')?.0;
@@ -130,18 +133,18 @@ fn mapped(line: &str) -> Option<(Range<usize>, &str)> {
     Some((number(start)?..number(end)?, file))
 }
 
-/// Here only a program of its own is known to be one file: that of a host is not its libraries'.
+/// Returns the executable if this process is the maquette program. On this system the file of a library cannot be determined.
 #[cfg(not(target_os = "linux"))]
 fn files_of(_: &[usize]) -> io::Result<BTreeSet<PathBuf>> {
-    if !IS_OWN.load(Ordering::Relaxed) {
-        return Err(io::Error::other("which library this is cannot be told on this system"));
+    if !IS_PROGRAM.load(Ordering::Relaxed) {
+        return Err(io::Error::other("the file of this library is unknown on this system"));
     }
     std::env::current_exe().map(|program| [program].into())
 }
 
-/// The fingerprint in a file that remembers one.
-pub(super) fn remembered(memo: &Path, bytes: Vec<u8>) -> Option<String> {
-    let text = String::from_utf8(unsealed(memo, bytes)?).ok()?;
+/// Returns the hash that is stored in a memo.
+pub(super) fn read_memo(memo: &Path, bytes: Vec<u8>) -> Option<String> {
+    let text = String::from_utf8(unseal(memo, bytes)?).ok()?;
     Some(text).filter(|text| is_fingerprint(text))
 }
 
@@ -152,7 +155,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_code_of_the_tests_is_in_the_file_of_the_tests() {
+    fn the_code_of_the_tests_is_found_in_the_test_executable() {
         let files = files_of(&[own_code()]).unwrap();
         assert_eq!(Vec::from_iter(files), [std::env::current_exe().unwrap()]);
         assert!(files_of(&[8]).is_err());
@@ -163,58 +166,46 @@ mod tests {
     }
 
     #[test]
-    fn code_that_is_known_by_its_build_needs_no_file() {
-        let folder = tempfile::tempdir().unwrap();
-        fn fingerprint(
-            engine: &'static str,
-            packs: &[Code],
-            folder: &tempfile::TempDir,
-        ) -> Result<String, io::Error> {
-            fingerprint_with(folder.path(), engine, packs)
-        }
+    fn code_with_a_build_id_needs_no_file() {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
         let (a, b) = (code("a", "1", &[]), code("b", "2", &[]));
         let all = [
-            fingerprint("0", &[a.clone(), b.clone()], &folder),
-            fingerprint("0", &[b.clone(), a.clone()], &folder),
-            fingerprint("0", std::slice::from_ref(&a), &folder),
-            fingerprint("1", &[a.clone(), b.clone()], &folder),
-            fingerprint("0", &[code("a", "4", &[]), b.clone()], &folder),
-            fingerprint("0", &[code("c", "1", &[]), b.clone()], &folder),
-            fingerprint("0", &[code("a", "2", &[]), code("b", "1", &[])], &folder),
+            fingerprint_with(folder, "0", &[a.clone(), b.clone()]),
+            fingerprint_with(folder, "0", &[b.clone(), a.clone()]),
+            fingerprint_with(folder, "0", std::slice::from_ref(&a)),
+            fingerprint_with(folder, "1", &[a.clone(), b.clone()]),
+            fingerprint_with(folder, "0", &[code("a", "4", &[]), b.clone()]),
+            fingerprint_with(folder, "0", &[code("c", "1", &[]), b.clone()]),
+            fingerprint_with(folder, "0", &[code("a", "2", &[]), code("b", "1", &[])]),
         ];
         let all = all.map(Result::unwrap);
         assert_eq!(BTreeSet::from_iter(&all).len(), all.len(), "{all:?}");
         assert!(all.iter().all(|fingerprint| is_fingerprint(fingerprint)));
-        assert_eq!(fingerprint("0", &[a, b], &folder).unwrap(), all[0]);
-        assert!(!folder.path().join(PROGRAMS).exists());
+        assert_eq!(fingerprint_with(folder, "0", &[a, b]).unwrap(), all[0]);
+        assert!(!folder.join(PROGRAMS).exists());
     }
 
     #[test]
-    fn code_without_a_build_is_known_by_its_file() {
-        let folder = tempfile::tempdir().unwrap();
-        fn fingerprint(
-            engine: &'static str,
-            packs: &[Code],
-            folder: &tempfile::TempDir,
-        ) -> Result<String, io::Error> {
-            fingerprint_with(folder.path(), engine, packs)
-        }
+    fn code_without_a_build_id_is_identified_by_its_file() {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
         let library = libc::mallopt as unsafe extern "C" fn(_, _) -> _ as usize;
         let all = [
-            fingerprint("0", &[code("a", "", &[])], &folder),
-            fingerprint("0", &[code("a", "", &[own_code()])], &folder),
-            fingerprint("0", &[code("a", "", &[library])], &folder),
-            fingerprint("0", &[code("a", "", &[own_code(), library])], &folder),
-            fingerprint("", &[code("a", "", &[library])], &folder),
+            fingerprint_with(folder, "0", &[code("a", "", &[])]),
+            fingerprint_with(folder, "0", &[code("a", "", &[own_code()])]),
+            fingerprint_with(folder, "0", &[code("a", "", &[library])]),
+            fingerprint_with(folder, "0", &[code("a", "", &[own_code(), library])]),
+            fingerprint_with(folder, "", &[code("a", "", &[library])]),
         ];
         let all = all.map(Result::unwrap);
         assert_eq!(BTreeSet::from_iter(&all).len(), all.len(), "{all:?}");
-        // Where it cannot be told, nothing is believed.
-        assert!(fingerprint("0", &[code("a", "", &[8])], &folder).is_err());
+        // If the file of some code is unknown, the fingerprint is an error, so no result is used.
+        assert!(fingerprint_with(folder, "0", &[code("a", "", &[8])]).is_err());
     }
 
     #[test]
-    fn the_doctor_finds_what_is_remembered_wrongly_of_a_file_of_code() {
+    fn the_doctor_finds_wrong_program_memos() {
         let folder = tempfile::tempdir().unwrap();
         folder::tag(folder.path()).unwrap();
         let file = files_of(&[own_code()]).unwrap().pop_first().unwrap();
@@ -222,13 +213,13 @@ mod tests {
         fn remember(text: &str, memo: &Path) {
             write_parts(memo, &[text.as_bytes(), &seal(memo, text.as_bytes())]).unwrap();
         }
-        remember(&computed(&file).unwrap(), &memo);
+        remember(&hash_code_file(&file).unwrap(), &memo);
         fn faults(folder: &tempfile::TempDir) -> Vec<PathBuf> {
             let faults = Disk::doctor(folder.path(), false).unwrap().faults;
             faults.into_iter().map(|fault| fault.path).collect::<Vec<_>>()
         }
         assert_eq!(faults(&folder), [""; 0].map(PathBuf::from));
-        let other = memo.with_file_name(Hash::of(b"other").to_string());
+        let other = memo.with_file_name(Hash::compute(b"other").to_string());
         write_parts(&other, &[&std::fs::read(&memo).unwrap()]).unwrap();
         assert_eq!((faults(&folder), memo.exists()), (vec![other], true));
         remember("0123456789abcdef0123456789abcdef", &memo);
@@ -236,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn code_of_a_library_is_in_the_file_of_the_library() {
+    fn the_code_of_a_library_is_found_in_its_file() {
         let library = files_of(&[libc::mallopt as unsafe extern "C" fn(_, _) -> _ as usize]);
         let library = library.unwrap().pop_first().unwrap();
         assert!(library.to_string_lossy().contains("libc"), "{}", library.display());

@@ -1,4 +1,4 @@
-//! What the last evaluation of a graph found, without values: so that the next process knows at once what changed, and why.
+//! The record of the last evaluation of a graph, without values. From the record the next process knows what has changed, and why.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
@@ -11,16 +11,16 @@ use serde_json::Value as Json;
 
 use super::super::cache::Outcome;
 use super::super::key::Parts;
-use super::super::snapshot::{Done, Snapshot};
+use super::super::snapshot::{NodeRecord, Snapshot};
 use super::Store;
 
 #[derive(Serialize, Deserialize)]
 struct Record {
     version: u32,
-    /// The graph's file.
+    /// The path of the graph file.
     #[serde(default)]
     graph: Option<String>,
-    /// The identity of the graph's shape.
+    /// The identity of the graph's topology.
     shape: Hash,
     nodes: Vec<Node>,
     files: Vec<KnownFile>,
@@ -31,7 +31,7 @@ const VERSION: u32 = 3;
 #[derive(Serialize, Deserialize)]
 struct Node {
     name: String,
-    /// Whether the last evaluation found the result.
+    /// True if the last evaluation found this result, false if the result is from an earlier one.
     found: bool,
     result: Option<NodeResult>,
 }
@@ -51,11 +51,11 @@ struct NodeResult {
 }
 
 pub(super) fn write(snapshot: &Snapshot, files: &[KnownFile]) -> Vec<u8> {
-    let Snapshot { shape, names, results, found, .. } = snapshot;
+    let Snapshot { shape, names, results, is_current: found, .. } = snapshot;
     let nodes = names.iter().zip(results).zip(found).map(|((name, done), &found)| Node {
         name: name.clone(),
         found,
-        result: done.as_ref().map(|done| result(done)),
+        result: done.as_ref().map(|done| to_result(done)),
     });
     let nodes = nodes.collect();
     let graph = std::path::absolute(&snapshot.graph).ok();
@@ -64,11 +64,11 @@ pub(super) fn write(snapshot: &Snapshot, files: &[KnownFile]) -> Vec<u8> {
     serde_json::to_vec(&record).unwrap_or_default()
 }
 
-/// A result: its key, and the name and type of the node that gave it.
-pub(super) type Owned = (Hash, String, String);
+/// The key of a result, with the name and the type of the node that computed it.
+pub(super) type ResultOwner = (Hash, String, String);
 
-/// Returns the file of the graph in a record, if it is known, and the last results of its nodes.
-pub(super) fn owned(bytes: &[u8]) -> Option<(Option<PathBuf>, Vec<Owned>)> {
+/// Returns the graph file that a record is about, if it is known, and the last results of the graph's nodes.
+pub(super) fn read_owners(bytes: &[u8]) -> Option<(Option<PathBuf>, Vec<ResultOwner>)> {
     let record: Record = serde_json::from_slice(bytes).ok()?;
     let nodes = record.nodes.into_iter().filter_map(|node| {
         let NodeResult { kind, parameters, identity, inputs, files, .. } = node.result?;
@@ -79,7 +79,7 @@ pub(super) fn owned(bytes: &[u8]) -> Option<(Option<PathBuf>, Vec<Owned>)> {
     Some((record.graph.map(PathBuf::from), nodes.collect()))
 }
 
-fn result(done: &Done) -> NodeResult {
+fn to_result(done: &NodeRecord) -> NodeResult {
     let (parts, outcome) = (&done.parts, &done.outcome);
     NodeResult {
         kind: parts.recipe.kind.clone(),
@@ -91,12 +91,12 @@ fn result(done: &Done) -> NodeResult {
         warnings: outcome.warnings.to_vec(),
         bytes: outcome.bytes,
         seconds: outcome.seconds,
-        shapes: outcome.shapes.to_vec(),
+        shapes: outcome.descriptions.to_vec(),
     }
 }
 
-/// The snapshot of a graph in a record, with the files that were read; none if it is of another version, or names an unknown
-/// type.
+/// Returns the snapshot that a record contains, and the files that were read. Returns `None` if the record has another version or contains
+/// an unknown type.
 pub(super) fn read(
     bytes: &[u8],
     graph: &Path,
@@ -109,7 +109,7 @@ pub(super) fn read(
     let (mut names, mut results, mut found) = (Vec::new(), Vec::new(), Vec::new());
     for node in record.nodes {
         let result = match node.result {
-            Some(result) => Some(Arc::new(done(result, store)?)),
+            Some(result) => Some(Arc::new(parse_result(result, store)?)),
             None => None,
         };
         names.push(node.name);
@@ -122,13 +122,13 @@ pub(super) fn read(
         identities: Arc::default(),
         names: names.into(),
         results,
-        found,
-        places: OnceLock::new(),
+        is_current: found,
+        positions: OnceLock::new(),
     };
     Some((snapshot, record.files))
 }
 
-fn done(result: NodeResult, store: &Store) -> Option<Done> {
+fn parse_result(result: NodeResult, store: &Store) -> Option<NodeRecord> {
     let NodeResult { kind, parameters, identity, .. } = result;
     let outputs = result.outputs.iter();
     let outputs = outputs.map(|(kind, hash)| Some((store.types.get(&kind[..])?.name, *hash)));
@@ -138,7 +138,7 @@ fn done(result: NodeResult, store: &Store) -> Option<Done> {
         inputs: result.inputs.into(),
         files: result.files.into(),
     };
-    let known = Outcome::known(outputs, result.warnings, result.bytes, result.seconds);
-    let outcome = known.shaped(result.shapes);
-    Some(Done { key: parts.key(), parts, outcome: Arc::new(outcome) })
+    let known = Outcome::without_values(outputs, result.warnings, result.bytes, result.seconds);
+    let outcome = known.with_descriptions(result.shapes);
+    Some(NodeRecord { key: parts.key(), parts, outcome: Arc::new(outcome) })
 }

@@ -1,78 +1,80 @@
-//! What goes from the folder to a server of results, and comes from there into it.
+//! Exchanges results between the cache folder and a server.
 
 use std::path::PathBuf;
 
-use maquette_remote::{Address, Exchange, Remote, reach};
+use maquette_remote::{Address, Remote, RequestCounts, check_server};
 use maquette_value::Hash;
 use maquette_value::parallel::*;
 
 use super::super::cache::Outcome;
 use super::entry::Entry;
-use super::seal::unsealed;
+use super::seal::unseal;
 use super::{Disk, Store};
 
-/// The longest entry that is taken from a server: what is large in a result is in its columns.
-const MOST: u64 = 64 << 20;
+/// The maximum size of an entry from a server, in bytes. Entries are small, because large data is in columns.
+const MAX_ENTRY_BYTES: u64 = 64 << 20;
 
-/// The variable with what is shown to a server that asks for a token.
+/// The environment variable with the token for a server.
 const TOKEN: &str = "MAQUETTE_CACHE_REMOTE_TOKEN";
 
 impl Disk {
-    /// The same, sharing results with other machines through the server at this address, such as `http://host:8080/results`: one that
-    /// keeps what is `PUT` there and gives it to a `GET`. A name and password stand in the address, a token in
-    /// `MAQUETTE_CACHE_REMOTE_TOKEN`. `https://` is for builds with the feature `tls`, `s3://bucket/results` for those with the feature
-    /// `s3`, whose keys are in the usual variables, such as `AWS_ACCESS_KEY_ID`.
+    /// Shares results with other machines through the server at this address, such as `http://host:8080/results`. The server must store
+    /// files that are sent by `PUT` and return them to a `GET`. A name and password are part of the address; a token is in
+    /// `MAQUETTE_CACHE_REMOTE_TOKEN`. An address `https://` needs a build with the feature `tls`. An address `s3://bucket/results` needs
+    /// the feature `s3`, and the keys in the usual variables such as `AWS_ACCESS_KEY_ID`.
     ///
-    /// What is found there is put into the folder, if it is whole, and what is kept in the folder from now on is sent there. No result
-    /// hangs on the server: one that is slow, lost or wrong is left alone. Who may write there is trusted, as in the folder.
+    /// Undamaged results from the server are written to the folder, and new results in the folder are sent to the server. No result depends
+    /// on the server: if it is slow, unreachable or wrong, it is ignored. As with the folder, everybody who can write to the server is
+    /// trusted.
     ///
     /// # Errors
-    /// In words, if it is no address, or there are no keys for a bucket.
-    pub fn sharing(self, server: &str) -> Result<Self, String> {
+    /// A message if the address is invalid, or there are no keys for a bucket.
+    pub fn with_server(self, server: &str) -> Result<Self, String> {
         let fingerprint = self.store.home.file_name().unwrap_or_default().to_string_lossy();
         let remote = Remote::new(address(server)?, &fingerprint);
         let _ = self.store.remote.set(remote);
         Ok(self)
     }
 
-    /// The first trouble with the server, if there was any.
-    pub fn server_trouble(&self) -> Option<&str> {
-        self.store.remote.get()?.trouble()
+    /// Returns the first error of the server, or `None`.
+    pub fn server_error(&self) -> Option<&str> {
+        self.store.remote.get()?.problem()
     }
 
-    /// What the server was asked for so far; none if there is none.
-    pub fn exchange(&self) -> Option<Exchange> {
-        self.store.remote.get().map(Remote::exchange)
+    /// Returns the counts of requests to the server so far; `None` without a server.
+    pub fn exchange(&self) -> Option<RequestCounts> {
+        self.store.remote.get().map(Remote::request_counts)
     }
 
-    /// Whether there is a server that answers at an address, which is given back without name and password; else why not.
+    /// Checks that a server answers at an address. Returns the address without name and password, and the error if the server does not
+    /// answer.
     ///
     /// # Errors
-    /// In words, if it is no address.
-    pub fn reach(server: &str) -> Result<(String, Result<(), String>), String> {
+    /// A message if the address is invalid.
+    pub fn check_server(server: &str) -> Result<(String, Result<(), String>), String> {
         let address = address(server)?;
-        Ok((address.to_string(), reach(&address)))
+        Ok((address.to_string(), check_server(&address)))
     }
 
-    /// What another machine has found, which is in the folder then.
+    /// Fetches a result that another machine computed, and writes it to the folder.
     pub(in super::super) fn fetch(&self, key: Hash) -> Option<Outcome> {
         self.store.fetch_entry(key).map(Entry::outcome)
     }
 }
 
-/// The server at this address, and who one is there.
+/// Parses the address of a server and reads the credentials for it.
 fn address(server: &str) -> Result<Address, String> {
     let token = std::env::var(TOKEN).ok().filter(|token| !token.is_empty());
     Address::parse(server, token.as_deref())
 }
 
 impl Store {
-    /// The server, if what it gives can be put into the folder.
+    /// Returns the server, if its results can be written to the folder.
     fn remote(&self) -> Option<&Remote> {
-        self.remote.get().filter(|_| self.trouble.get().is_none())
+        self.remote.get().filter(|_| self.write_error.get().is_none())
     }
 
-    /// Sends a file that has just been written, or was there.
+    /// Sends a file of the cache to the server. `is_new` is true if the file has just been written.
     pub(super) fn share(&self, path: impl FnOnce() -> PathBuf, is_new: bool) {
         if let Some(remote) = self.remote() {
             remote.put(path(), is_new);
@@ -81,16 +83,16 @@ impl Store {
 
     fn fetch_entry(&self, key: Hash) -> Option<Entry> {
         let (remote, path) = (self.remote()?, self.entry_path(key));
-        let (entry, content) = remote.get(&path, MOST, 0.0, |bytes| {
-            let content = unsealed(&path, bytes)?;
+        let (entry, content) = remote.get(&path, MAX_ENTRY_BYTES, 0.0, |bytes| {
+            let content = unseal(&path, bytes)?;
             Some((Entry::parse(content.clone(), key, &self.types)?, content))
         })?;
         self.write_checked(&path, &content);
-        remote.has_saved(entry.seconds());
+        remote.record_saved_time(entry.seconds());
         Some(entry)
     }
 
-    /// Takes the columns of an entry that are not in the folder from the server, if that is quicker than so many seconds.
+    /// Fetches the missing columns of an entry from the server, if that probably takes less than `seconds`.
     pub(super) fn fetch_columns(&self, entry: &Entry, seconds: f64) {
         let Some(remote) = self.remote() else { return };
         let missing: Vec<_> = entry

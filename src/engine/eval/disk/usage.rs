@@ -1,4 +1,4 @@
-//! How much the cache holds, of which nodes and graphs it is, and what goes when that is too much.
+//! The sizes of the cache by node and graph, and the removal of old files.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fs;
@@ -7,81 +7,81 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, SystemTime};
 
-use maquette_value::{Hash, plain};
+use maquette_value::Hash;
 
-use super::folder::{Found, PROGRAMS, TIDIED, What, check, contents};
-use super::seal::unsealed;
+use super::folder::{CacheFile, FileKind, PROGRAMS, TIDIED, check, contents};
+use super::seal::unseal;
 use super::{Disk, DiskError, FOLDERS, Store, entry, record};
 use crate::writing::{is_abandoned, remove, remove_empty, write_whole};
 
-/// What the cache holds.
+/// The contents of a cache.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Usage {
-    /// Results.
+    /// The number of results.
     pub entries: usize,
-    /// Large columns of results.
+    /// The number of large columns of results.
     pub columns: usize,
-    /// Graphs whose last evaluation is remembered.
+    /// The number of graphs whose last evaluation is stored.
     pub graphs: usize,
-    /// Programs, or builds of one, that kept something here.
+    /// The number of builds that have stored something.
     pub programs: usize,
-    /// All files together.
+    /// The size of all files, in bytes.
     pub bytes: u64,
 }
 
 /// The results of one node in a cache.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NodeSize {
-    /// The graph's file; none if no graph is known to have given the results last.
+    /// The graph file. `None` if the results are not the last results of a known graph.
     pub graph: Option<PathBuf>,
-    /// The name of the node there.
+    /// The name of the node in the graph.
     pub node: Option<String>,
-    /// Its type; empty if it is unknown.
+    /// The type of the node; empty if unknown.
     pub kind: String,
-    /// The number of results.
+    /// The number of stored results of the node.
     pub results: usize,
-    /// Their bytes. A column that several have counts once.
+    /// The size of the results, in bytes. A column that several results share counts once.
     pub bytes: u64,
 }
 
-/// All bytes of a cache.
+/// The sizes of all results in a cache.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Sizes {
-    /// The largest first.
+    /// The sizes by node, the largest first.
     pub nodes: Vec<NodeSize>,
-    /// The bytes of files that are not of results.
+    /// The size of files that are not results, in bytes.
     pub other: u64,
 }
 
-/// The graph, the node's name and its type.
+/// The graph, the name and the type of the node that a result belongs to.
 type Owner = (Option<PathBuf>, Option<String>, String);
 
 impl Disk {
-    /// What a cache folder holds, of all programs.
+    /// Returns the contents of a cache folder, of all builds.
     ///
     /// # Errors
-    /// If the folder is there and is not a cache of ours.
+    /// If the folder exists and is not a cache.
     pub fn usage(folder: &Path) -> Result<Usage, DiskError> {
         check(folder)?;
         let contents = contents(folder);
         let mut usage = Usage { programs: contents.homes.len(), ..Usage::default() };
         for found in contents.files {
             usage.bytes += found.bytes;
-            match found.what {
-                What::Kept("entries") => usage.entries += 1,
-                What::Kept("columns") => usage.columns += 1,
-                What::Kept("graphs") => usage.graphs += 1,
+            match found.kind {
+                FileKind::Stored("entries") => usage.entries += 1,
+                FileKind::Stored("columns") => usage.columns += 1,
+                FileKind::Stored("graphs") => usage.graphs += 1,
                 _ => {}
             }
         }
         Ok(usage)
     }
 
-    /// Drops the files that were not used for longest, until at most `limit` bytes are left, and what a killed process left
-    /// half written. Gives the number of bytes that went. What is not ours stays.
+    /// Drops the least recently used files until at most `limit` bytes are left. Also drops files that a killed process left unfinished.
+    /// Returns the number of bytes removed. Files that do not belong to the cache stay.
     ///
     /// # Errors
-    /// If the folder is there and is not a cache of ours, or files that should go cannot be removed; the others are gone then.
+    /// If the folder exists and is not a cache, or if some files cannot be removed. In the second case the other files have been removed.
     pub fn gc(folder: &Path, limit: u64) -> Result<u64, DiskError> {
         check(folder)?;
         let contents = contents(folder);
@@ -89,10 +89,10 @@ impl Disk {
         let mut bytes: u64 = files.iter().map(|found| found.bytes).sum();
         let before = bytes;
         let mut kept = None;
-        files.sort_by_key(|found| std::cmp::Reverse(found.used));
-        while let Some(Found { path, what, bytes: size, .. }) = files.pop() {
-            let goes = match what {
-                What::Temporary => is_abandoned(&path),
+        files.sort_by_key(|found| std::cmp::Reverse(found.last_use));
+        while let Some(CacheFile { path, kind, bytes: size, .. }) = files.pop() {
+            let goes = match kind {
+                FileKind::Temporary => is_abandoned(&path),
                 _ => limit < bytes,
             };
             if !goes {
@@ -100,7 +100,7 @@ impl Disk {
             }
             match remove(&path) {
                 Ok(()) => bytes -= size,
-                // Another process was quicker.
+                // Another process has removed the file.
                 Err(error) if error.kind() == ErrorKind::NotFound => bytes -= size,
                 Err(error) => {
                     let (count, _) = kept.get_or_insert((0, error));
@@ -109,27 +109,27 @@ impl Disk {
             }
         }
         for home in contents.homes {
-            // Those of programs that are long gone.
+            // Removes the folders of builds that have no results left.
             FOLDERS.iter().for_each(|name| remove_empty(&home.join(name)));
             remove_empty(&home);
         }
         let folder = folder.to_owned();
         kept.map_or(Ok(before - bytes), |(count, error)| {
-            Err(DiskError::Kept { folder, count, error })
+            Err(DiskError::NotRemoved { folder, count, error })
         })
     }
 }
 
 impl Store {
-    /// Looks after the cache's size, once in a while.
+    /// Limits the size of the cache. Does so at most once an hour, unless much was written.
     pub(super) fn tidy(&self) {
         let written = self.written.swap(0, Ordering::Relaxed);
         let stamp = self.folder.join(PROGRAMS).join(TIDIED);
         let last = fs::metadata(&stamp).and_then(|metadata| metadata.modified()).ok();
         let age = last.and_then(|last| SystemTime::now().duration_since(last).ok());
         let due = age.is_none_or(|age| Duration::from_secs(3600) < age);
-        if self.trouble.get().is_none() && 0 < written && (due || self.limit / 32 < written) {
-            // First, so that other processes need not do the same.
+        if self.write_error.get().is_none() && 0 < written && (due || self.limit / 32 < written) {
+            // The stamp is written before the cleanup, so that other processes skip theirs.
             let _ = write_whole(&stamp, b"");
             let _ = Disk::gc(&self.folder, self.limit);
         }
@@ -137,11 +137,11 @@ impl Store {
 }
 
 impl Disk {
-    /// Returns the sizes of the results in a cache folder, of all programs. Results that a graph gave last are its node's, others are
-    /// known by the types of their nodes.
+    /// Returns the sizes of the results in a cache folder, of all builds. The last results of a graph are listed by node, all others by
+    /// node type.
     ///
     /// # Errors
-    /// If the folder is there and is not a cache of ours.
+    /// If the folder exists and is not a cache.
     pub fn sizes(folder: &Path) -> Result<Sizes, DiskError> {
         check(folder)?;
         let mut files = contents(folder).files;
@@ -150,25 +150,27 @@ impl Disk {
         let mut columns: HashMap<PathBuf, u64> = HashMap::new();
         let mut sizes = Sizes::default();
         for found in &files {
-            match found.what {
-                What::Kept("graphs") => {
+            match found.kind {
+                FileKind::Stored("graphs") => {
                     sizes.other += found.bytes;
-                    let bytes = plain::read_own(&found.path).ok();
-                    let record = bytes.and_then(|bytes| unsealed(&found.path, bytes));
-                    let owned = record.and_then(|record| record::owned(&record));
+                    let bytes = maquette_value::fs::read_no_follow(&found.path).ok();
+                    let record = bytes.and_then(|bytes| unseal(&found.path, bytes));
+                    let owned = record.and_then(|record| record::read_owners(&record));
                     let Some((graph, nodes)) = owned else { continue };
                     for (key, name, kind) in nodes {
                         let owner = (graph.clone(), Some(name), kind);
                         owners.entry((home(&found.path), key)).or_insert(owner);
                     }
                 }
-                What::Kept("columns") => drop(columns.insert(found.path.clone(), found.bytes)),
-                What::Kept("entries") => {}
+                FileKind::Stored("columns") => {
+                    columns.insert(found.path.clone(), found.bytes);
+                }
+                FileKind::Stored("entries") => {}
                 _ => sizes.other += found.bytes,
             }
         }
         let mut nodes: BTreeMap<Owner, (usize, u64)> = BTreeMap::new();
-        for found in files.iter().filter(|found| found.what == What::Kept("entries")) {
+        for found in files.iter().filter(|found| found.kind == FileKind::Stored("entries")) {
             let (kind, named) = entry::summary(&found.path).unwrap_or_default();
             let home = home(&found.path);
             let name = found.path.file_name().and_then(|name| name.to_str());
@@ -197,7 +199,7 @@ impl Disk {
     }
 }
 
-/// The folder of the program that kept a file.
+/// Returns the folder of the build that wrote a file.
 fn home(path: &Path) -> PathBuf {
     path.ancestors().nth(2).map_or_else(PathBuf::new, Path::to_owned)
 }

@@ -1,4 +1,4 @@
-//! A thread that writes results while the others compute.
+//! A thread that writes results while other threads compute.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -15,9 +15,9 @@ use super::super::snapshot::Snapshot;
 use super::{Store, entry, record};
 use crate::writing::bring_to_disk;
 
-/// Something to write.
+/// A write task.
 pub(super) enum Job {
-    /// A result; over columns that are there already if they are not `trusted`.
+    /// Writes a result. If `trusts_columns` is false, existing files of its columns are written again.
     Entry {
         key: Hash,
         /// The type of the node.
@@ -31,24 +31,24 @@ pub(super) enum Job {
         snapshot: Arc<Snapshot>,
         files: Vec<KnownFile>,
     },
-    /// What is noted of some files, which are on disk before it is.
+    /// Writes a note about files, after these files are on disk.
     Note {
         path: PathBuf,
         note: Vec<u8>,
         files: Vec<PathBuf>,
     },
-    /// Everything before is written: say so.
+    /// Signals that all earlier jobs have been written.
     Done(Sender<()>),
 }
 
-/// Jobs that may wait; whoever brings another one waits, too.
-const QUEUE: usize = 64;
+/// The maximum number of queued jobs. If the queue is full, sending a job blocks.
+const MAX_QUEUED_JOBS: usize = 64;
 
-/// Values of this many bytes together may wait; what comes then is written by the thread that brings it, so that the queue
-/// does not hold much memory.
-const MOST_WAITING: usize = 64 << 20;
+/// The maximum total size of queued values, in bytes. If a job would exceed it, the thread that sends the job writes it itself. So the
+/// queue never holds much memory.
+const MAX_WAITING_BYTES: usize = 64 << 20;
 
-/// Why nothing is written any more once a result has other bytes than those that its hash was computed from.
+/// The reason for stopping if the bytes of a result no longer match its hash.
 const CHANGED: &str = "something wrote into the memory of a result after it was computed";
 
 pub(super) struct Writer {
@@ -64,7 +64,7 @@ impl Writer {
         Self { store, waiting, entries, thread: Mutex::default() }
     }
 
-    /// How many entries came so far.
+    /// Returns the number of entries sent so far.
     pub(super) fn entries(&self) -> usize {
         self.entries.load(Ordering::Relaxed)
     }
@@ -74,12 +74,12 @@ impl Writer {
         if let Job::Entry { .. } = job {
             self.entries.fetch_add(1, Ordering::Relaxed);
         }
-        if MOST_WAITING < self.waiting.fetch_add(bytes, Ordering::Relaxed) + bytes {
+        if MAX_WAITING_BYTES < self.waiting.fetch_add(bytes, Ordering::Relaxed) + bytes {
             self.waiting.fetch_sub(bytes, Ordering::Relaxed);
             return job.run(&self.store);
         }
         let sender = self.sender();
-        // The thread ends only after the senders.
+        // Sending cannot fail: the thread ends only after all senders.
         let _ = sender.send(job);
     }
 
@@ -95,7 +95,7 @@ impl Writer {
     fn sender(&self) -> SyncSender<Job> {
         let mut thread = lock(&self.thread);
         let (sender, _) = thread.get_or_insert_with(|| {
-            let (sender, receiver) = sync_channel::<Job>(QUEUE);
+            let (sender, receiver) = sync_channel::<Job>(MAX_QUEUED_JOBS);
             let (store, waiting) = (self.store.clone(), self.waiting.clone());
             (
                 sender,
@@ -132,11 +132,11 @@ impl Job {
     pub(super) fn run(self, store: &Store) {
         match self {
             Self::Entry { key, node, outcome, values, trusted } => {
-                let kept: Vec<_> = values.iter().map(AnyValue::keep).collect();
+                let kept: Vec<_> = values.iter().map(AnyValue::encode).collect();
                 if !kept.iter().all(|kept| kept.is_intact) {
                     return store.stop(CHANGED);
                 }
-                // First what the entry names.
+                // Columns are written before the entry that refers to them.
                 for column in kept.iter().flat_map(|kept| &kept.columns) {
                     let is_new = store.write_column(&**column, trusted);
                     store.share(|| store.column_path(column.hash()), is_new);
@@ -147,7 +147,7 @@ impl Job {
             }
             Self::Record { path, snapshot, files } => {
                 store.write_checked(&path, &record::write(&snapshot, &files));
-                // An evaluation has ended.
+                // A snapshot is the last job of an evaluation, so this is the time to limit the size of the cache.
                 store.tidy();
             }
             Self::Note { path, note, files } => {

@@ -1,4 +1,4 @@
-//! Nodes on whole numbers: cheap ones, one that often comes out the same, some that read a file, fail or panic.
+//! Test nodes that compute with whole numbers. Some are cheap, one often gives equal results, and some read a file, fail or panic.
 
 use maquette_node::pack::Pack;
 use maquette_node::{Context, FilePath, In, Node, Previous, node};
@@ -7,7 +7,7 @@ use maquette_value::{DecodeError, Decoder, Encoder, Parts, Summary, Value, value
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// A whole number that claims to need a kilobyte, so that a few of them fill a small memory.
+/// A whole number that reports a size of a kilobyte. So a few numbers fill a small memory limit.
 #[derive(Clone, Debug)]
 struct Amount(u64);
 
@@ -27,7 +27,7 @@ impl Value for Amount {
     }
 
     fn describe(&self) -> Summary {
-        Summary::default().with("amount", self.0)
+        Summary::default().with_fact("amount", self.0)
     }
 
     fn parts(&self) -> Parts<'_> {
@@ -35,13 +35,13 @@ impl Value for Amount {
     }
 }
 
-/// Adds amounts, each as often as its place says, and a number: their order counts.
+/// Adds a number and some amounts. Each amount is multiplied by its position, so the order of the amounts matters.
 #[derive(Serialize, Deserialize, JsonSchema)]
 struct Add {
-    /// The amounts.
+    /// Amounts to add.
     #[serde(default)]
     of: Vec<In<Amount>>,
-    /// What is added to them.
+    /// Number to add.
     plus: u64,
 }
 
@@ -54,7 +54,7 @@ impl Node for Add {
         Ok((Amount(amounts.sum::<u64>() + self.plus),))
     }
 
-    /// Adds by how much the amounts have grown, so that it is wrong if anything else has changed.
+    /// Adds only the change of the amounts. The result is wrong if anything else has changed.
     fn update(
         &self,
         cx: &Context<'_>,
@@ -69,7 +69,7 @@ impl Node for Add {
     }
 }
 
-/// Divides by four: many amounts have the same quotient.
+/// Divides an amount by four, so different amounts often have equal results.
 #[derive(Serialize, Deserialize, JsonSchema)]
 struct Split {
     /// The amount.
@@ -89,7 +89,7 @@ impl Node for Split {
     }
 }
 
-/// The first byte of a file, and that of the file `extra` beside it if there is one.
+/// Returns the first byte of a file. If a file `extra` is in the same folder, adds the first byte of that file.
 #[derive(Serialize, Deserialize, JsonSchema)]
 struct Read {
     /// The file.
@@ -101,27 +101,27 @@ impl Node for Read {
     const OUTPUTS: [&'static str; 1] = ["byte"];
 
     fn files(&self) -> Vec<FilePath> {
-        vec![self.path.beside("extra")]
+        vec![self.path.sibling("extra")]
     }
 
     fn eval(&self, cx: &Context<'_>) -> Result<Self::Outputs, Error> {
-        fn first(bytes: &[u8]) -> u64 {
+        fn first_byte(bytes: &[u8]) -> u64 {
             bytes.first().map_or(0, |byte| u64::from(*byte))
         }
         let extra =
-            cx.file_if_any(&self.path.beside("extra")).map_or(0, |file| first(file.bytes()));
-        Ok((Amount(first(cx.file(&self.path)?.bytes()) + extra),))
+            cx.file_if_any(&self.path.sibling("extra")).map_or(0, |file| first_byte(file.bytes()));
+        Ok((Amount(first_byte(cx.file(&self.path)?.bytes()) + extra),))
     }
 }
 
-/// Passes amounts on; fails at some and panics at others.
+/// Returns its input, but fails for some amounts and panics for others.
 #[derive(Serialize, Deserialize, JsonSchema)]
 struct Fragile {
     /// The amount.
     of: In<Amount>,
 }
 
-/// What [`Fragile`] says when it panics.
+/// The message of the panics that [`Fragile`] causes.
 pub(super) const PANIC: &str = "an amount of this kind is too much";
 
 impl Node for Fragile {

@@ -1,4 +1,4 @@
-//! An evaluation without memory: every node that is needed runs, in the graph's order.
+//! An evaluation without a cache: every needed node runs, in the graph's order.
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -11,17 +11,17 @@ use maquette_value::{AnyValue, Hash};
 
 use crate::eval::key::Parts;
 
-/// What is true of a node.
+/// The right result of a node, as computed without a cache.
 pub(super) enum Truth {
-    /// Nobody needs it.
+    /// The node is not needed for the requested nodes.
     Unwanted,
     Given {
         values: Vec<AnyValue>,
         parts: Parts,
     },
-    /// It fails.
+    /// The node fails.
     Fails,
-    /// It hangs on one that fails.
+    /// The node depends on a node that fails.
     Skipped,
 }
 
@@ -38,7 +38,7 @@ impl Truth {
     }
 }
 
-/// The truth of all nodes, of which these are wanted.
+/// Returns the right results of all nodes, if the nodes `roots` are requested.
 pub(super) fn evaluate(graph: &Graph, roots: &[usize]) -> Vec<Truth> {
     let mut wanted = vec![false; graph.nodes().len()];
     roots.iter().for_each(|&root| wanted[root] = true);
@@ -49,13 +49,14 @@ pub(super) fn evaluate(graph: &Graph, roots: &[usize]) -> Vec<Truth> {
     }
     let mut truths: Vec<Truth> = Vec::new();
     for (index, node) in graph.nodes().iter().enumerate() {
-        let truth = if wanted[index] { of(graph, node, &truths) } else { Truth::Unwanted };
+        let truth =
+            if wanted[index] { evaluate_node(graph, node, &truths) } else { Truth::Unwanted };
         truths.push(truth);
     }
     truths
 }
 
-fn of(graph: &Graph, node: &GraphNode, before: &[Truth]) -> Truth {
+fn evaluate_node(graph: &Graph, node: &GraphNode, before: &[Truth]) -> Truth {
     let Some(inputs) = node
         .links
         .iter()
@@ -75,7 +76,7 @@ fn of(graph: &Graph, node: &GraphNode, before: &[Truth]) -> Truth {
         }
         let found = bytes.map(|bytes| File {
             name: file.given.clone(),
-            hash: Hash::of(&bytes),
+            hash: Hash::compute(&bytes),
             bytes: bytes.into(),
             companions: Arc::default(),
         });
@@ -90,7 +91,7 @@ fn of(graph: &Graph, node: &GraphNode, before: &[Truth]) -> Truth {
     let cx = Context {
         inputs: &inputs,
         files: &files,
-        progress: Progress::none(),
+        progress: Progress::silent(),
         memos: None,
         readers: graph.readers(),
         warnings: Mutex::default(),

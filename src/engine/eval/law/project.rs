@@ -1,4 +1,4 @@
-//! A folder with a graph, the graph that it uses, and files; and how its author changes them.
+//! A project folder with a graph, a used graph and files; and the edits that an author makes in it.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -12,29 +12,29 @@ struct Node {
     name: String,
     kind: Kind,
     number: u8,
-    /// Where its links go: places of nodes before it.
+    /// The targets of its links: indices of earlier nodes.
     links: Vec<usize>,
-    /// Whether it takes their other outputs.
-    other: bool,
+    /// True if its links lead to the second outputs of the nodes.
+    uses_other_outputs: bool,
 }
 
-/// What the author has in mind; [`Project::save`] brings it into the folder.
+/// The intended state of the project; [`Project::save`] writes it to the folder.
 pub(super) struct Project {
     folder: PathBuf,
     nodes: Vec<Node>,
-    /// What the used graph adds.
-    inner: u8,
-    /// Whether the used graph has one more node.
-    longer: bool,
-    /// Which case a `Switch` takes.
-    second: bool,
-    /// How many nodes have been named.
+    /// The number that the used graph adds.
+    inner_number: u8,
+    /// True if the used graph has one more node.
+    has_extra_node: bool,
+    /// True if `Switch` nodes choose their second case.
+    chooses_second: bool,
+    /// The number of names that nodes have got so far.
     named: usize,
-    /// How often something was changed: what a file holds tells it, so that no two contents are the same by chance.
+    /// The number of edits so far.
     changes: u8,
 }
 
-/// The files of the folder that nodes read; the last one is optional.
+/// The files that nodes read; the last one is optional.
 const FILES: [&str; 3] = ["a.txt", "b.txt", "extra"];
 
 impl Project {
@@ -42,9 +42,9 @@ impl Project {
         let project = Self {
             folder: folder.to_owned(),
             nodes: Vec::new(),
-            inner: 1,
-            longer: false,
-            second: false,
+            inner_number: 1,
+            has_extra_node: false,
+            chooses_second: false,
             named: 0,
             changes: 0,
         };
@@ -63,12 +63,12 @@ impl Project {
         self.nodes.is_empty()
     }
 
-    /// The name of a node.
+    /// Returns the name of a node.
     pub(super) fn name(&self, pick: u8) -> &str {
         &self.nodes[usize::from(pick) % self.nodes.len()].name
     }
 
-    /// Does what the author does; what is not possible changes nothing.
+    /// Applies an edit. If the edit is impossible, it changes nothing.
     pub(super) fn edit(&mut self, edit: &Edit) {
         self.changes = self.changes.wrapping_add(1);
         let count = self.nodes.len();
@@ -88,14 +88,14 @@ impl Project {
             Edit::Date { file, seconds } => {
                 let date = SystemTime::now() - Duration::from_secs(u64::from(seconds));
                 let file = fs::File::options().append(true).open(self.file(file));
-                // A file that is not there has no date.
+                // The file may be missing.
                 let _ = file.and_then(|file| file.set_modified(date));
             }
             Edit::Delete { file } => drop(fs::remove_file(self.file(file))),
-            Edit::Settle => std::thread::sleep(maquette_graph::stamp::FINE_GRAIN * 5 / 4),
-            Edit::Inner { number } => self.inner = number,
-            Edit::Longer => self.longer = !self.longer,
-            Edit::Switch => self.second = !self.second,
+            Edit::Settle => std::thread::sleep(maquette_graph::file_stat::FINE_GRAIN * 5 / 4),
+            Edit::Inner { number } => self.inner_number = number,
+            Edit::Longer => self.has_extra_node = !self.has_extra_node,
+            Edit::Switch => self.chooses_second = !self.chooses_second,
             _ if count == 0 => {}
             Edit::Number { node, number } => self.nodes[place(node, count)].number = number,
             Edit::Kind { node, kind } => self.nodes[place(node, count)].kind = kind,
@@ -104,12 +104,12 @@ impl Project {
                 let node = place(node, count);
                 let links = &mut self.nodes[node].links;
                 if node > 0 && !links.is_empty() {
-                    let link = usize::from(link) % links.len();
-                    links[link] = usize::from(to) % node;
+                    let link_text = usize::from(link) % links.len();
+                    links[link_text] = usize::from(to) % node;
                 }
             }
             Edit::Turn { node } => self.nodes[place(node, count)].links.reverse(),
-            Edit::Other { node } => self.nodes[place(node, count)].other ^= true,
+            Edit::Other { node } => self.nodes[place(node, count)].uses_other_outputs ^= true,
             Edit::Swap { node } => self.swap(place(node, count)),
             Edit::Remove { node } => self.remove(place(node, count)),
         }
@@ -127,10 +127,10 @@ impl Project {
         }
         let links = links.iter().filter(|_| at > 0).map(|link| usize::from(*link) % at).collect();
         let name = self.new_name();
-        self.nodes.insert(at, Node { name, kind, number, links, other: false });
+        self.nodes.insert(at, Node { name, kind, number, links, uses_other_outputs: false });
     }
 
-    /// Removes a node; what was linked to it is linked to the one before it.
+    /// Removes a node. Links to the node are changed to the node before it.
     fn remove(&mut self, at: usize) {
         self.nodes.remove(at);
         for node in &mut self.nodes[at..] {
@@ -141,7 +141,7 @@ impl Project {
         }
     }
 
-    /// Exchanges a node and the next one, if that does not hang on it.
+    /// Swaps a node with the next one, unless the next one depends on it.
     fn swap(&mut self, at: usize) {
         if at + 1 < self.nodes.len() && !self.nodes[at + 1].links.contains(&at) {
             self.nodes.swap(at, at + 1);
@@ -163,10 +163,10 @@ impl Project {
         fs::write(self.file(file), content(number)).unwrap();
     }
 
-    /// Brings the graphs into the folder.
+    /// Writes the graphs to the folder.
     fn save(&self) {
-        let longer = if self.longer { r#""c": Split(of: "b"),"# } else { "" };
-        let out = if self.longer { "c.remainder" } else { "b" };
+        let longer = if self.has_extra_node { r#""c": Split(of: "b"),"# } else { "" };
+        let out = if self.has_extra_node { "c.remainder" } else { "b" };
         let inner = format!(
             r#"Graph(
                 format: 1,
@@ -179,7 +179,7 @@ impl Project {
                 }},
                 outputs: {{ "sum": "{out}" }},
             )"#,
-            self.inner
+            self.inner_number
         );
         fs::write(self.folder.join("inner.ron"), inner).unwrap();
         let mut text = String::from(r#"Graph(format: 1, use: { "Twice": "inner.ron" }, nodes: {"#);
@@ -190,16 +190,18 @@ impl Project {
         fs::write(self.path(), text).unwrap();
     }
 
-    /// A node as the file has it; one that needs links and has none is a plain number.
+    /// Returns the text of a node. If the node needs links but has none, a plain number is written instead.
     fn call(&self, node: &Node) -> String {
         let link = |at: usize| {
             let to = &self.nodes[*node.links.get(at % node.links.len().max(1))?];
             let output = match to.kind {
                 Kind::Split if to.links.is_empty() => "",
-                Kind::Split if node.other ^ node.number.is_multiple_of(2) => ".remainder",
+                Kind::Split if node.uses_other_outputs ^ node.number.is_multiple_of(2) => {
+                    ".remainder"
+                }
                 _ => "",
             };
-            // Of a list only the first element.
+            // Only the first element of a list is used.
             let element = if to.kind == Kind::Each && !to.links.is_empty() { "/1" } else { "" };
             Some(format!("\"{}{element}{output}\"", to.name))
         };
@@ -216,7 +218,7 @@ impl Project {
                 format!("ForEach(graph: \"Twice\", over: [{over}], links: (of: {of}))")
             }
             (Kind::Switch, Some(a), Some(b)) => {
-                let choose = if self.second { "b" } else { "a" };
+                let choose = if self.chooses_second { "b" } else { "a" };
                 format!("Switch(cases: {{ \"a\": {a}, \"b\": {b} }}, choose: \"{choose}\")")
             }
             _ => format!("Add(of: [{}], plus: {number})", all.join(", ")),

@@ -1,17 +1,17 @@
-//! What an evaluation promises, judged by the truth.
+//! Checks that an evaluation keeps its promises, by comparing it with the right results.
 
 use std::collections::{HashMap, HashSet};
 
 use maquette_graph::Graph;
 use maquette_value::{AnyValue, Hash};
 
-use super::Last;
+use super::LastParts;
 use super::plain::Truth;
 use crate::eval::trace::Reason;
 use crate::eval::why::Outlook;
 use crate::eval::{Evaluation, Forecast, State};
 
-/// Makes a promise.
+/// Returns an error with a formatted message if the condition is false.
 macro_rules! promise {
     ($kept:expr, $($words:tt)+) => {
         if !$kept {
@@ -22,7 +22,7 @@ macro_rules! promise {
 
 pub(super) use promise;
 
-/// Nothing that an evaluation says is false; if it was not cancelled, nothing is missing.
+/// Checks that everything that an evaluation returns is right. If the evaluation was not cancelled, checks that it is complete, too.
 pub(super) fn agree(
     graph: &Graph,
     truths: &[Truth],
@@ -47,15 +47,16 @@ pub(super) fn agree(
     Ok(())
 }
 
-/// An evaluation that came to its end.
-pub(super) struct Found<'a> {
+/// An evaluation that was completed, not cancelled.
+pub(super) struct CompletedEvaluation<'a> {
     pub(super) graph: &'a Graph,
     pub(super) truths: &'a [Truth],
     pub(super) evaluation: &'a Evaluation,
 }
 
-impl Found<'_> {
-    /// The trace has the wanted nodes in their order, each with a state that is possible; who ran began.
+impl CompletedEvaluation<'_> {
+    /// Checks that the trace lists the requested nodes in order, each in a state that is possible. Checks that exactly those nodes have
+    /// started that ran according to the trace.
     pub(super) fn states(&self, started: &[String]) -> Result<(), String> {
         let trace = self.evaluation.trace();
         let nodes =
@@ -64,7 +65,7 @@ impl Found<'_> {
             nodes.clone().map(|(node, _)| &node.name).eq(trace.0.iter().map(|node| &node.name)),
             "the trace has other nodes"
         );
-        let problems = self.evaluation.problems();
+        let diagnostics = self.evaluation.diagnostics();
         for ((_, truth), node) in nodes.zip(&trace.0) {
             let (name, state) = (&node.name, node.state);
             let possible = match truth {
@@ -80,13 +81,17 @@ impl Found<'_> {
             promise!(ran || state != State::Computed, "`{name}` did not run");
             promise!(!ran || matches!(state, State::Computed | State::Failed), "`{name}` ran");
             let failed = format!("`{name}` cannot be computed");
-            let told = problems.iter().filter(|problem| problem.message.starts_with(&failed));
-            promise!(told.count() == usize::from(state == State::Failed), "`{name}`: problems");
+            let reported =
+                diagnostics.iter().filter(|diagnostic| diagnostic.message.starts_with(&failed));
+            promise!(
+                reported.count() == usize::from(state == State::Failed),
+                "`{name}`: diagnostics"
+            );
         }
         Ok(())
     }
 
-    /// Of equal work exactly one piece is done, and only if nobody has done it before.
+    /// Checks that of several equal nodes exactly one ran, and only if no process had computed the result before.
     pub(super) fn runs(&self, known: &HashSet<Hash>, started: &[String]) -> Result<(), String> {
         let mut runs: HashMap<Hash, usize> = HashMap::new();
         let mut above = vec![false; self.truths.len()];
@@ -117,7 +122,7 @@ impl Found<'_> {
         Ok(())
     }
 
-    /// What was forecast came true.
+    /// Checks that the forecasts agree with the evaluation.
     pub(super) fn forecast(&self, forecasts: &[Forecast]) -> Result<(), String> {
         let trace = self.evaluation.trace();
         let names = forecasts.iter().map(|forecast| &self.graph.nodes()[forecast.index].name);
@@ -136,7 +141,7 @@ impl Found<'_> {
             });
             let possible = match forecast.outlook {
                 Outlook::Cached => matches!(state, State::Cached),
-                // Another one with the same work may have been faster.
+                // The node may be found in the cache: another node with the same key may have been computed first.
                 Outlook::Runs => state != State::Skipped || !inputs_are_known,
                 Outlook::MayRun => true,
                 Outlook::Fails => state == State::Failed,
@@ -152,8 +157,8 @@ impl Found<'_> {
         Ok(())
     }
 
-    /// Each reason names what differs from the last time.
-    pub(super) fn reasons(&self, last: &Last) -> Result<(), String> {
+    /// Checks that each reason names the difference from the last evaluation.
+    pub(super) fn reasons(&self, last: &LastParts) -> Result<(), String> {
         let trace = self.evaluation.trace();
         let mut trace = trace.0.iter();
         for (index, truth) in self.truths.iter().enumerate().filter(|(_, truth)| truth.is_wanted())

@@ -1,8 +1,8 @@
-//! What may happen to a project, and the chances of each.
+//! The steps of a sequence, with their probabilities.
 
 use proptest::prelude::*;
 
-/// A kind of node in the author's mind.
+/// A kind of node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     Add,
@@ -14,7 +14,7 @@ pub(super) enum Kind {
     Switch,
 }
 
-/// A change of the folder. Numbers pick among what is there, so that a sequence stays one whatever is taken out of it.
+/// An edit of the project. Nodes are selected by numbers modulo the number of nodes, so a sequence stays valid if steps are removed.
 #[derive(Clone, Debug)]
 pub(super) enum Edit {
     Add {
@@ -39,11 +39,11 @@ pub(super) enum Edit {
         link: u8,
         to: u8,
     },
-    /// Its links in the opposite order.
+    /// Reverses the order of the node's links.
     Turn {
         node: u8,
     },
-    /// It takes the other outputs of what it is linked to.
+    /// Changes the links of the node to the other outputs of the same nodes.
     Other {
         node: u8,
     },
@@ -73,29 +73,30 @@ pub(super) enum Edit {
     Delete {
         file: u8,
     },
-    /// Files become old enough to be known by what the system says of them.
+    /// Waits until the stamps of all files are old enough to be trusted.
     Settle,
 }
 
-/// What is asked of a process.
+/// A command to a process.
 #[derive(Clone, Debug)]
 pub(super) enum Command {
-    /// Evaluates some nodes: all, if `wanted` is empty. The values are wanted, too, or only hashes.
+    /// Evaluates the nodes `wanted`, or all nodes if the list is empty. If `values` is true their values are requested, otherwise only the
+    /// hashes.
     Evaluate { wanted: Vec<u8>, values: bool },
-    /// The same, but somebody cancels it when this many nodes have begun.
+    /// Like `Evaluate`, but cancels the evaluation after this number of nodes has started.
     Cancel { wanted: Vec<u8>, after: usize },
-    /// Another process goes on, with what is on `disk` or without; the one before lives on if `keep`.
+    /// Starts another process, with the disk cache if `disk` is true. The earlier process stays alive if `keep` is true.
     Process { keep: bool, disk: bool },
-    /// How much memory there is for results.
+    /// Sets the memory limit of results.
     Memory { kilobytes: usize },
-    /// What is on disk goes.
+    /// Clears the disk cache.
     Clear,
-    /// A file of the cache is damaged at a place.
+    /// Damages the file of the cache with this number, at a position.
     Damage { file: u16, at: u16 },
-    /// Everything is to be computed again.
+    /// Drops all results in memory.
     Forget,
-    /// Results that could be taken from the cache are computed and compared.
-    Verify { share: u8 },
+    /// Computes a fraction of the cached results again and compares them with the cache.
+    Verify { fraction: u8 },
 }
 
 #[derive(Clone, Debug)]
@@ -153,24 +154,24 @@ fn edit() -> impl Strategy<Value = Edit> {
 }
 
 fn command() -> impl Strategy<Value = Command> {
-    fn wanted() -> prop::collection::VecStrategy<prop::num::u8::Any> {
+    fn node_picks() -> prop::collection::VecStrategy<prop::num::u8::Any> {
         prop::collection::vec(any::<u8>(), 0..3)
     }
     prop_oneof![
-        16 => (wanted(), any::<bool>())
+        16 => (node_picks(), any::<bool>())
             .prop_map(|(wanted, values)| Command::Evaluate { wanted, values }),
-        1 => (wanted(), 0..6_usize).prop_map(|(wanted, after)| Command::Cancel { wanted, after }),
+        1 => (node_picks(), 0..6_usize).prop_map(|(wanted, after)| Command::Cancel { wanted, after }),
         2 => (any::<bool>(), prop::bool::weighted(0.8))
             .prop_map(|(keep, disk)| Command::Process { keep, disk }),
         1 => (0..12_usize).prop_map(|kilobytes| Command::Memory { kilobytes }),
         1 => Just(Command::Clear),
         1 => (any::<u16>(), any::<u16>()).prop_map(|(file, at)| Command::Damage { file, at }),
         1 => Just(Command::Forget),
-        1 => any::<u8>().prop_map(|share| Command::Verify { share }),
+        1 => any::<u8>().prop_map(|fraction| Command::Verify { fraction }),
     ]
 }
 
-/// Some nodes, and then whatever may happen.
+/// Returns a strategy for sequences: first some nodes are added, then random steps follow.
 pub(super) fn sequence() -> impl Strategy<Value = Vec<Step>> {
     let first = prop::collection::vec(add().prop_map(Step::Edit), 1..7);
     let step = prop_oneof![edit().prop_map(Step::Edit), command().prop_map(Step::Command)];

@@ -1,45 +1,45 @@
-//! The corners of faces: each is coded by its rank among the vertices that are likely there.
+//! Codes the corners of faces. Each corner is coded by the rank of its vertex among the likely vertices.
 //!
-//! Where two faces meet at an edge, one of them runs through it in the other direction. So what follows a vertex in a face is
-//! mostly the start of an edge towards it that had no partner yet. Gumhold and Strasser, "Real time compression of triangle mesh
-//! connectivity" (1998), grow a region by this; here the faces keep their order.
+//! If two faces share an edge, they traverse the edge in opposite directions. So the vertex that follows a vertex in a face is mostly the
+//! start of an edge which ends at that vertex and which only one face has traversed so far (an open edge). Gumhold and Strasser, "Real time
+//! compression of triangle mesh connectivity" (1998), grow a region in this way; here the faces keep their order.
 
 use super::coder::{Bit, Coder, EVEN, Numbers};
 
-/// How many likely vertices are tried.
-const LIKELY: usize = 12;
+/// The maximum number of likely vertices for a corner.
+const MAX_CANDIDATES: usize = 12;
 
-/// Edges of a vertex that are remembered as long as they have no partner.
-const OPEN: usize = 8;
+/// The maximum number of open edges that are kept for a vertex.
+const MAX_OPEN_EDGES: usize = 8;
 
-/// Vertices that are likely at a corner, each once, the likeliest first.
+/// The likely vertices of a corner, with the likeliest first. Each occurs once.
 #[derive(Default)]
-struct Likely {
-    vertices: [u32; LIKELY],
+struct Candidates {
+    vertices: [u32; MAX_CANDIDATES],
     count: usize,
 }
 
-impl Likely {
+impl Candidates {
     fn add(&mut self, vertex: i64) {
         let Ok(vertex) = u32::try_from(vertex) else { return };
-        if self.count < LIKELY && !self.vertices[..self.count].contains(&vertex) {
+        if self.count < MAX_CANDIDATES && !self.vertices[..self.count].contains(&vertex) {
             self.vertices[self.count] = vertex;
             self.count += 1;
         }
     }
 }
 
-/// Edges without a partner: for each vertex, where those that end there begin, the latest last.
+/// The open edges: for each vertex, the start vertices of the open edges that end there, with the latest last.
 #[derive(Default)]
-struct Open(Vec<Vec<u32>>);
+struct OpenEdges(Vec<Vec<u32>>);
 
-impl Open {
-    fn of(&self, vertex: u32) -> &[u32] {
+impl OpenEdges {
+    fn starts_of(&self, vertex: u32) -> &[u32] {
         self.0.get(vertex as usize).map_or(&[], |open| open)
     }
 
     fn insert(&mut self, from: u32, to: u32) {
-        // A damaged file names vertices that are not there; they are not worth the memory.
+        // A damaged file may contain vertices that do not exist. No memory is allocated for such a vertex.
         if to as usize >= self.0.len() + (1 << 20) {
             return;
         }
@@ -47,13 +47,13 @@ impl Open {
             self.0.resize(to as usize + 1, Vec::new());
         }
         let open = &mut self.0[to as usize];
-        if open.len() == OPEN {
+        if open.len() == MAX_OPEN_EDGES {
             open.remove(0);
         }
         open.push(from);
     }
 
-    /// Whether the edge was there; it is no more.
+    /// Removes an open edge. Returns true if it existed.
     fn take(&mut self, from: u32, to: u32) -> bool {
         let Some(open) = self.0.get_mut(to as usize) else { return false };
         let found = open.iter().rposition(|&other| other == from);
@@ -61,13 +61,13 @@ impl Open {
     }
 }
 
-/// Codes the corners of faces with so many sides each. When they are read, only the number of the given ones counts.
+/// Codes the corners of faces; `sides` is the number of corners of each face. For reading, `corners` is empty.
 pub(super) fn code(coder: &mut impl Coder, sides: &[usize], corners: &[u32]) -> Option<Vec<u32>> {
     let mut read: Vec<u32> = Vec::new();
-    // Edges towards a vertex and away from it.
-    let (mut to, mut from) = (Open::default(), Open::default());
-    let mut ranks = vec![[EVEN; LIKELY + 1]; 4 * (LIKELY + 2)];
-    let mut far = Numbers::new();
+    // The open edges by their end vertex, and by their start vertex.
+    let (mut to, mut from) = (OpenEdges::default(), OpenEdges::default());
+    let mut ranks = vec![[EVEN; MAX_CANDIDATES + 1]; 4 * (MAX_CANDIDATES + 2)];
+    let mut residuals = Numbers::new();
     let mut last_ranks = [0; 4];
     let mut next = 0u32;
     for &sides in sides {
@@ -79,7 +79,8 @@ pub(super) fn code(coder: &mut impl Coder, sides: &[usize], corners: &[u32]) -> 
             let wanted = corners.get(place).copied().unwrap_or(0);
             let known = &likely.vertices[..likely.count];
             let kind = corner.min(3);
-            let bits: &mut [Bit; LIKELY + 1] = &mut ranks[kind * (LIKELY + 2) + last_ranks[kind]];
+            let bits: &mut [Bit; MAX_CANDIDATES + 1] =
+                &mut ranks[kind * (MAX_CANDIDATES + 2) + last_ranks[kind]];
             let rank = known.iter().position(|&vertex| vertex == wanted).unwrap_or(known.len());
             let mut found = 0;
             while found < known.len() && coder.bit(&mut bits[found], rank > found) {
@@ -90,7 +91,7 @@ pub(super) fn code(coder: &mut impl Coder, sides: &[usize], corners: &[u32]) -> 
                 Some(&vertex) => vertex,
                 None => {
                     let near = read.get(before + corner).copied().unwrap_or(0);
-                    let by = far.code(coder, i64::from(wanted) - i64::from(near));
+                    let by = residuals.code(coder, i64::from(wanted) - i64::from(near));
                     u32::try_from(i64::from(near).checked_add(by)?).ok()?
                 }
             };
@@ -115,29 +116,30 @@ fn likely(
     start: usize,
     sides: usize,
     corner: usize,
-    [to, from]: [&Open; 2],
+    [to, from]: [&OpenEdges; 2],
     next: u32,
-) -> Likely {
-    let mut likely = Likely::default();
-    let earlier = |faces: usize, corner: usize| {
+) -> Candidates {
+    let mut likely = Candidates::default();
+    let earlier_corner = |faces: usize, corner: usize| {
         let place = (start + corner).checked_sub(faces * sides)?;
         read.get(place).map(|&vertex| i64::from(vertex))
     };
     if corner > 0 {
         let here = read[start + corner - 1];
-        let begun: &[u32] = if corner + 1 == sides { from.of(read[start]) } else { &[] };
-        let both = to.of(here).iter().rev().filter(|vertex| begun.contains(vertex));
+        let starting_here: &[u32] =
+            if corner + 1 == sides { from.starts_of(read[start]) } else { &[] };
+        let both = to.starts_of(here).iter().rev().filter(|vertex| starting_here.contains(vertex));
         both.for_each(|&vertex| likely.add(vertex.into()));
-        to.of(here).iter().rev().take(3).for_each(|&vertex| likely.add(vertex.into()));
-        begun.iter().rev().take(2).for_each(|&vertex| likely.add(vertex.into()));
+        to.starts_of(here).iter().rev().take(3).for_each(|&vertex| likely.add(vertex.into()));
+        starting_here.iter().rev().take(2).for_each(|&vertex| likely.add(vertex.into()));
     }
     likely.add(next.into());
     for faces in [2, 1, 4] {
-        earlier(faces, corner).into_iter().for_each(|vertex| likely.add(vertex + 1));
+        earlier_corner(faces, corner).into_iter().for_each(|vertex| likely.add(vertex + 1));
     }
     for other in (0..sides).rev() {
-        earlier(1, other).into_iter().for_each(|vertex| likely.add(vertex));
+        earlier_corner(1, other).into_iter().for_each(|vertex| likely.add(vertex));
     }
-    earlier(4, corner).into_iter().for_each(|vertex| likely.add(vertex));
+    earlier_corner(4, corner).into_iter().for_each(|vertex| likely.add(vertex));
     likely
 }

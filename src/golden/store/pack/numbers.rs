@@ -1,32 +1,33 @@
-//! Whole numbers for each element: each is predicted from its neighbors, and the small residual is coded.
+//! Codes whole numbers of elements. Each number is predicted from its neighbors, and only the small residual is coded.
 
 use super::coder::{Bit, Coder, EVEN, Numbers, length};
 
-/// The elements around one, of which some come before it.
+/// The neighborhood from which an element is predicted. Only neighbors that come before the element are used.
 pub(super) enum Layout<'a> {
-    /// Those before it in the list.
+    /// The neighbors are the previous elements in the list.
     List,
-    /// Those to the left and above, in rows of so many.
+    /// The neighbors are the elements at the left and above, in a grid with rows of this length.
     Grid(usize),
-    /// The vertices that share a face.
+    /// The neighbors are the vertices that share a face with the element.
     Mesh(&'a MeshNeighbors),
 }
 
-/// For each vertex the earlier vertices that predict it: neighbors, and corners of parallelograms of which it is the fourth.
+/// For each vertex, the earlier vertices from which it is predicted: its neighbors, and the other corners of parallelograms.
 pub(super) struct MeshNeighbors {
-    /// Where those of a vertex begin.
+    /// The index in `corners` at which the entries of each vertex begin.
     starts: Vec<u32>,
-    /// Two neighbors in a face, and the vertex across; itself if none is known.
+    /// Two neighbors of a vertex in a face, and the vertex opposite to them in the adjacent face. If there is no such vertex, the vertex
+    /// itself.
     corners: Vec<[u32; 3]>,
 }
 
 impl MeshNeighbors {
-    /// None if a corner is no vertex.
+    /// Creates the neighbors of the vertices of a mesh. Returns `None` if a corner is not a vertex.
     pub(super) fn new(vertices: usize, sides: &[usize], corners: &[u32]) -> Option<Self> {
         if corners.iter().any(|&vertex| vertex as usize >= vertices) {
             return None;
         }
-        // What lies opposite of each edge of a triangle, sorted by the edge.
+        // For each edge of a triangle, the vertex opposite to the edge; sorted by edge.
         let mut across: Vec<([u32; 2], u32)> = Vec::new();
         let mut around: Vec<(u32, [u32; 3])> = Vec::with_capacity(corners.len());
         let mut rest = corners;
@@ -37,16 +38,15 @@ impl MeshNeighbors {
                 across.extend([([a, b], c), ([b, c], a), ([c, a], b)]);
             }
             for k in 0..sides {
-                let at = |ahead: usize| face[(k + ahead) % sides];
-                let (next, before) = (at(1), at(sides - 1));
-                let opposite = if sides > 3 { at(2) } else { face[k] };
+                let (next, before) = (face[(k + 1) % sides], face[(k + sides - 1) % sides]);
+                let opposite = if sides > 3 { face[(k + 2) % sides] } else { face[k] };
                 around.push((face[k], [before, next, opposite]));
             }
         }
         across.sort_unstable();
         for (vertex, [before, next, opposite]) in &mut around {
             if opposite == vertex {
-                // The face on the other side runs through the edge in the other direction.
+                // The face on the other side of the edge traverses the edge in the other direction.
                 let edge = [*before, *next];
                 let found = across.binary_search_by_key(&edge, |(edge, _)| *edge);
                 *opposite = found.map_or(*vertex, |place| across[place].1);
@@ -61,7 +61,7 @@ impl MeshNeighbors {
         Some(Self { starts, corners: around.into_iter().map(|(_, corners)| corners).collect() })
     }
 
-    fn of(&self, vertex: usize) -> &[[u32; 3]] {
+    fn predictors(&self, vertex: usize) -> &[[u32; 3]] {
         match self.starts.get(vertex..vertex + 2) {
             Some(&[start, end]) => &self.corners[start as usize..end as usize],
             _ => &[],
@@ -69,44 +69,61 @@ impl MeshNeighbors {
     }
 }
 
-/// Ways to foretell a number.
+/// The number of ways in which a number is predicted.
 const WAYS: usize = 4;
 
-/// Whole numbers, `width` for each element; some elements have others.
+/// Whole numbers, `width` for each element. An element that is not a whole number (an odd element) contains the bits of floating-point
+/// numbers instead.
 #[derive(Clone, Default)]
-pub(super) struct Whole {
+pub(super) struct WholeNumbers {
     pub(super) width: usize,
     pub(super) numbers: Vec<i64>,
-    /// Elements that are not whole numbers; theirs are the bits of what they are.
+    /// For each element, true if the element is odd.
     pub(super) odd: Vec<bool>,
 }
 
-impl Whole {
-    fn at(&self, element: usize, component: usize) -> Option<i64> {
+impl WholeNumbers {
+    fn number(&self, element: usize, component: usize) -> Option<i64> {
         let is_whole = !*self.odd.get(element)?;
         is_whole.then(|| self.numbers[element * self.width + component])
     }
 
-    /// What is likely at the place of the next element.
+    /// Returns a component of the element that is `back` positions before the next one.
+    fn earlier_number(&self, back: usize, component: usize) -> Option<i64> {
+        self.number(self.odd.len().checked_sub(back)?, component)
+    }
+
+    /// Returns true if the element that is `back` positions before the next one is odd.
+    fn is_earlier_odd(&self, back: usize) -> bool {
+        self.odd.len().checked_sub(back).is_some_and(|element| self.odd[element])
+    }
+
+    /// Returns a component of an element, or 0 if it does not exist.
+    fn number_or_zero(&self, element: usize, component: usize) -> i64 {
+        self.numbers.get(element * self.width + component).copied().unwrap_or(0)
+    }
+
+    /// Returns the predictions for a component of the next element.
     fn guesses(&self, layout: &Layout<'_>, component: usize) -> [Option<i64>; WAYS] {
         let element = self.odd.len();
-        let at = |back: usize| self.at(element.checked_sub(back)?, component);
-        let before = at(1);
-        let straight = before.zip(at(2)).map(|(one, two)| one.wrapping_mul(2).wrapping_sub(two));
+        let before = self.earlier_number(1, component);
+        let second = self.earlier_number(2, component);
+        let straight = before.zip(second).map(|(one, two)| one.wrapping_mul(2).wrapping_sub(two));
         match layout {
             Layout::List => [before, straight, None, None],
             Layout::Grid(row) => {
                 let left = if element.is_multiple_of(*row) { None } else { before };
-                let (up, corner) = (at(*row), at(row + 1));
+                let up = self.earlier_number(*row, component);
+                let corner = self.earlier_number(row + 1, component);
                 let sum = left.zip(up).map(|(left, up)| left.wrapping_add(up));
                 let flat = sum.zip(corner).map(|(sum, corner)| sum.wrapping_sub(corner));
                 [left, up, flat, sum.map(|sum| sum >> 1)]
             }
             Layout::Mesh(around) => {
                 let (mut near, mut n_near, mut flat, mut n_flat) = (0i64, 0, 0i64, 0);
-                for &[one, other, across] in around.of(element) {
-                    let [one, other, across] =
-                        [one, other, across].map(|vertex: u32| self.at(vertex as usize, component));
+                for &[one, other, across] in around.predictors(element) {
+                    let [one, other, across] = [one, other, across]
+                        .map(|vertex: u32| self.number(vertex as usize, component));
                     for x in one.into_iter().chain(other) {
                         near = near.wrapping_add(x);
                         n_near += 1;
@@ -116,44 +133,41 @@ impl Whole {
                         n_flat += 1;
                     }
                 }
-                let mean =
-                    |sum: i64, n: i64| (n > 0).then(|| sum.wrapping_add(n / 2).div_euclid(n));
+                fn mean(sum: i64, n: i64) -> Option<i64> {
+                    (n > 0).then(|| sum.wrapping_add(n / 2).div_euclid(n))
+                }
                 [mean(near, n_near), mean(flat, n_flat), before, straight]
             }
         }
     }
 }
 
-/// Codes so many elements. When they are read, only the width of the given ones counts.
+/// Codes `count` elements. A reader uses only the width of `given`.
 pub(super) fn code(
     coder: &mut impl Coder,
     layout: &Layout<'_>,
     count: usize,
-    given: &Whole,
-) -> Whole {
+    given: &WholeNumbers,
+) -> WholeNumbers {
     const LEVELS: usize = 24;
     let width = given.width;
-    let mut read = Whole { width, ..Whole::default() };
+    let mut read = WholeNumbers { width, ..WholeNumbers::default() };
     let mut odd_bits = [EVEN; 4];
     let mut unknown_bit: Bit = EVEN;
     let mut tables: Vec<Numbers> = (0..2 * LEVELS).map(|_| Numbers::new()).collect();
-    // By component: how far each way was off lately, and how long what was left was, in sixteenths.
+    // For each component: the recent error of each prediction, and the recent length of the residuals in sixteenths of a bit.
     let mut off = vec![[0u64; 2 * WAYS]; width];
     let mut lengths = vec![0usize; width];
     let mut last = vec![0i64; width];
     for element in 0..count {
-        let is_grid = if let Layout::Grid(row) = layout { *row } else { 1 };
-        fn odd(back: usize, element: usize, read_odd: &[bool]) -> bool {
-            element.checked_sub(back).is_some_and(|other| read_odd[other])
-        }
-        let context = usize::from(odd(1, element, &read.odd))
-            + 2 * usize::from(odd(is_grid, element, &read.odd));
+        let row = if let Layout::Grid(row) = layout { *row } else { 1 };
+        let context =
+            usize::from(read.is_earlier_odd(1)) + 2 * usize::from(read.is_earlier_odd(row));
         let is_odd = given.odd.get(element).copied().unwrap_or(false);
         let is_odd = coder.bit(&mut odd_bits[context], is_odd);
-        let number = |component: usize| given.numbers.get(element * width + component);
         if is_odd {
             for component in 0..width {
-                let bits = number(component).copied().unwrap_or(0) as u64;
+                let bits = given.number_or_zero(element, component) as u64;
                 let unknown = f64::NAN.to_bits();
                 let is_unknown = coder.bit(&mut unknown_bit, bits == unknown);
                 let bits = if is_unknown { unknown } else { coder.plain(64, bits) };
@@ -166,16 +180,16 @@ pub(super) fn code(
         let mut whole = Vec::with_capacity(width);
         for component in 0..width {
             let guesses = read.guesses(layout, component);
-            let number = number(component).copied().unwrap_or(0);
-            // The second half of the ways: what was wrong with the component before is wrong with this one, too.
-            let guess = |way: usize| match way {
+            let number = given.number_or_zero(element, component);
+            // The second half of the predictions adds the error that the same prediction had for the previous component.
+            let guess_of = |way: usize| match way {
                 way if way < WAYS => guesses[way],
                 _ if component == 0 => None,
                 way => guesses[way - WAYS].map(|guess| guess.wrapping_add(left_before)),
             };
-            let known = (0..2 * WAYS).filter(|&way| guess(way).is_some());
+            let known = (0..2 * WAYS).filter(|&way| guess_of(way).is_some());
             let best = known.min_by_key(|&way| off[component][way]);
-            let expected = best.and_then(guess).unwrap_or(last[component]);
+            let expected = best.and_then(guess_of).unwrap_or(last[component]);
             let level = match component {
                 0 => lengths[0] / 8,
                 _ => lengths[component] / 16 + length_before,
@@ -184,7 +198,7 @@ pub(super) fn code(
             let left = tables[table].code(coder, number.wrapping_sub(expected));
             let number = expected.wrapping_add(left);
             for (way, off) in off[component].iter_mut().enumerate() {
-                if let Some(guess) = guess(way) {
+                if let Some(guess) = guess_of(way) {
                     let size = number.wrapping_sub(guess).unsigned_abs().min(1 << 50);
                     *off = *off * 15 / 16 + size;
                 }

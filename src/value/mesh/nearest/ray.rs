@@ -1,45 +1,45 @@
-//! Where a ray meets a mesh first.
+//! The first hit of a ray on a mesh.
 //!
-//! Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection" (2013), in double precision: two triangles that share an edge judge it
-//! by the same numbers, so that no ray slips through between them.
+//! Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection" (2013), here in double precision. Two triangles that share an edge use
+//! the same numbers for that edge, so no ray passes between them.
 
 use nalgebra::{Point3, Vector3};
 
 use super::{Bounds, LEAF, Triangle, TriangleTree};
 use crate::Mesh;
 
-/// Where a ray meets a mesh.
+/// A hit of a ray on a mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RayHit {
-    /// How far along the ray, in lengths of its direction.
+    /// The ray parameter of the hit, in multiples of the direction's length.
     pub along: f64,
-    /// The face.
+    /// The face that the ray hits.
     pub face: u32,
-    /// The corners of its triangle, by index among the corners of all faces.
+    /// The corners of the triangle that the ray hits, as indices among the corners of all faces.
     pub corners: [u32; 3],
-    /// How far each corner of the triangle weighs in the place.
-    shares: [f64; 3],
+    /// The barycentric coordinates of the hit.
+    barycentric: [f64; 3],
 }
 
 impl RayHit {
-    /// The weight of each corner of the triangle in the place.
-    pub fn shares(&self) -> [f64; 3] {
-        self.shares
+    /// The barycentric coordinates of the hit.
+    pub fn barycentric(&self) -> [f64; 3] {
+        self.barycentric
     }
 
-    /// The place.
-    pub fn place(&self, mesh: &Mesh) -> Point3<f64> {
+    /// The position of the hit.
+    pub fn position(&self, mesh: &Mesh) -> Point3<f64> {
         let vertices = self.corners.map(|corner| mesh.faces().corners()[corner as usize]);
-        let weighed = vertices.iter().zip(self.shares);
-        Point3::from(weighed.fold(Vector3::zeros(), |sum, (&vertex, share)| {
-            sum + mesh.positions()[vertex as usize].coords * share
+        let weighed = vertices.iter().zip(self.barycentric);
+        Point3::from(weighed.fold(Vector3::zeros(), |sum, (&vertex, fraction)| {
+            sum + mesh.positions()[vertex as usize].coords * fraction
         }))
     }
 }
 
 impl TriangleTree {
-    /// Where a ray meets a triangle first, from whichever side; of several at the same distance the first face counts. None if it
-    /// meets none, or its numbers are no ray.
+    /// The first triangle that a ray hits, from either side. At equal distances it is the triangle of the face with the lowest index.
+    /// `None` if the ray hits nothing, has no direction, or is not finite.
     pub fn first_hit(&self, origin: Point3<f64>, direction: Vector3<f64>) -> Option<RayHit> {
         let ray = Ray::new(origin, direction)?;
         let mut best: Option<RayHit> = None;
@@ -58,7 +58,7 @@ impl TriangleTree {
             }
             let mut children = [2 * node, 2 * node + 1]
                 .map(|child| ray.enters(&self.boxes[child]).map(|along| (child, along)));
-            // The nearer one is looked into first.
+            // The child of the node that is nearer to the ray's origin is visited first.
             if children[0].is_some_and(|a| children[1].is_some_and(|b| a.1 < b.1)) {
                 children.swap(0, 1);
             }
@@ -70,26 +70,23 @@ impl TriangleTree {
 
 impl RayHit {
     fn earlier(self, other: Self) -> Self {
-        let order = |hit: &Self| (hit.face, hit.corners);
-        match other.along < self.along || other.along == self.along && order(&other) < order(&self)
-        {
-            true => other,
-            false => self,
-        }
+        let is_earlier = other.along < self.along
+            || other.along == self.along && (other.face, other.corners) < (self.face, self.corners);
+        if is_earlier { other } else { self }
     }
 }
 
-/// A ray, and the axes in which it runs along z: `axes[2]` is the one along which it goes farthest.
+/// A ray, and a permutation of the axes that makes z the dominant axis: `axes[2]` is the axis along which the direction is longest.
 struct Ray {
     origin: Point3<f64>,
     direction: Vector3<f64>,
     axes: [usize; 3],
-    /// How far x and y go aside for each step of z, and what one step of z is of the ray.
+    /// The steps in x and y per step of z, and the ray parameter per step of z.
     shear: [f64; 3],
 }
 
 impl Ray {
-    /// None if a number is not finite, or it goes nowhere.
+    /// Builds the ray. Returns `None` if a number is not finite or the direction is zero.
     fn new(origin: Point3<f64>, direction: Vector3<f64>) -> Option<Self> {
         let along = direction.iamax();
         let axes = [(along + 1) % 3, (along + 2) % 3, along];
@@ -99,15 +96,15 @@ impl Ray {
         is_one.then_some(Self { origin, direction, axes, shear })
     }
 
-    /// How far along the ray it enters a box, or 0 if it begins inside; none if it misses it.
+    /// The ray parameter at which the ray enters a box, or 0 if the ray begins inside the box. `None` if the ray misses the box.
     fn enters(&self, [low, high]: &Bounds) -> Option<f64> {
-        // Whatever the roundings were, a box that is met is not missed.
+        // The factor compensates for rounding, because a box that is hit must not be missed.
         const SLACK: f64 = 1.0 + 4.0 * f64::EPSILON;
         let (mut enters, mut leaves) = (0.0, f64::INFINITY);
         for axis in 0..3 {
             let (low, high) = (f64::from(low[axis]), f64::from(high[axis]));
             let (origin, step) = (self.origin[axis], self.direction[axis]);
-            // The box of no triangle.
+            // The box is empty.
             if high < low {
                 return None;
             }
@@ -124,28 +121,26 @@ impl Ray {
         (enters <= leaves).then_some(enters)
     }
 
-    /// Where it meets a triangle. The letters are those of the paper.
+    /// The hit on a triangle. The names of variables are those of the paper.
     fn hit(&self, triangle: &Triangle) -> Option<RayHit> {
-        let [a, b, c] = triangle.places.map(|corner| {
+        let [a, b, c] = triangle.positions.map(|corner| {
             let [x, y, z] = self.axes.map(|axis| corner[axis] - self.origin[axis]);
             [x - self.shear[0] * z, y - self.shear[1] * z, self.shear[2] * z]
         });
         let u = c[0] * b[1] - c[1] * b[0];
         let v = a[0] * c[1] - a[1] * c[0];
         let w = b[0] * a[1] - b[1] * a[0];
-        fn has(is: fn(&f64) -> bool, u: f64, v: f64, w: f64) -> bool {
-            [u, v, w].iter().any(is)
-        }
-        if has(|x| *x < 0.0, u, v, w) && has(|x| 0.0 < *x, u, v, w) {
+        let weights = [u, v, w];
+        if weights.iter().any(|x| *x < 0.0) && weights.iter().any(|x| 0.0 < *x) {
             return None;
         }
         let det = u + v + w;
         let along = (u * a[2] + v * b[2] + w * c[2]) / det;
-        // A triangle without an area as the ray sees it: the quotients are not finite.
+        // Seen along the ray, the triangle may have no area. Then the quotients are not finite.
         let is_met = det != 0.0 && 0.0 <= along && along.is_finite();
-        let shares = [u / det, v / det, w / det];
+        let barycentric = [u / det, v / det, w / det];
         let Triangle { face, corners, .. } = *triangle;
-        is_met.then_some(RayHit { along, face, corners, shares })
+        is_met.then_some(RayHit { along, face, corners, barycentric })
     }
 }
 
@@ -153,9 +148,9 @@ impl Ray {
 mod tests {
     use super::*;
     use crate::Faces;
-    use crate::random::Random;
+    use crate::rng::Random;
 
-    /// What a look at all triangles finds.
+    /// Finds the hit by testing all triangles.
     fn slowly(tree: &TriangleTree, origin: Point3<f64>, to: Vector3<f64>) -> Option<RayHit> {
         let ray = Ray::new(origin, to)?;
         tree.triangles.iter().filter_map(|triangle| ray.hit(triangle)).reduce(RayHit::earlier)
@@ -168,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn the_tree_meets_what_a_look_at_all_triangles_meets() {
+    fn the_tree_finds_the_same_hits_as_a_full_scan() {
         let mut random = Random(7);
         let mut number = |size: f64| (random.even() - 0.5) * size;
         let mut corners = Vec::new();
@@ -178,10 +173,10 @@ mod tests {
                 || Point3::from(middle + Vector3::new(number(3.0), number(3.0), number(3.0)));
             let mut corner = [corner(), corner(), corner()];
             match k % 10 {
-                // Without an area: a line, a point.
+                // Degenerate triangles: one is a line, one is a point.
                 0 => corner[2] = nalgebra::center(&corner[0], &corner[1]),
                 1 => corner = [corner[0]; 3],
-                // In a plane of two axes.
+                // The triangle is parallel to the x and y axes.
                 2 => corner.iter_mut().for_each(|corner| corner.z = 1.0),
                 _ => {}
             }
@@ -196,14 +191,14 @@ mod tests {
             if k % 3 == 0 {
                 to[k / 3 % 3] = 0.0;
             }
-            // Straight at a vertex, of which the line of sight is an edge of boxes and triangles.
+            // The ray aims exactly at a vertex, where it runs along edges of boxes and triangles.
             if k % 5 == 0 {
                 to = mesh.positions()[k % mesh.positions().len()] - origin;
             }
             let hit = tree.first_hit(origin, to);
             assert_eq!(hit, slowly(&tree, origin, to), "{origin} {to}");
             if let Some(hit) = hit {
-                let off = (origin + to * hit.along - hit.place(&mesh)).norm();
+                let off = (origin + to * hit.along - hit.position(&mesh)).norm();
                 assert!(off < 1e-9, "{off}");
                 met += 1;
             }
@@ -212,35 +207,37 @@ mod tests {
     }
 
     #[test]
-    fn no_ray_slips_through_between_two_faces() {
-        fn at(k: u32) -> Point3<f64> {
+    fn no_ray_passes_between_two_faces() {
+        fn bumpy_point(k: u32) -> Point3<f64> {
             let bump = f64::from(k * k % 17) / 50.0;
             Point3::new(f64::from(k % 20), f64::from(k / 20), bump)
         }
         let quads = (0..19).flat_map(|row| (0..19).map(move |column| row * 20 + column));
         let quads = quads.flat_map(|a: u32| [a, a + 1, a + 21, a + 20]);
         let faces = Faces::polygons(&[4; 19 * 19], quads.collect()).unwrap();
-        let mesh = Mesh::new((0..400).map(at).collect::<Vec<_>>(), faces).unwrap();
+        let mesh = Mesh::new((0..400).map(bumpy_point).collect::<Vec<_>>(), faces).unwrap();
         let tree = TriangleTree::new(&mesh);
         let from = Point3::new(9.3, 8.7, 30.1);
         let mut fans = [0; 2];
-        for (a, b) in (21..380).filter(|k| (1..18).contains(&(k % 20))).map(|k| (at(k), at(k + 1)))
+        for (a, b) in (21..380)
+            .filter(|k| (1..18).contains(&(k % 20)))
+            .map(|k| (bumpy_point(k), bumpy_point(k + 1)))
         {
-            for share in [0.0, 0.25, 0.3, 1.0] {
-                let to = a + (b - a) * share;
+            for fraction in [0.0, 0.25, 0.3, 1.0] {
+                let to = a + (b - a) * fraction;
                 let hit = tree.first_hit(from, to - from).unwrap();
-                assert!((hit.place(&mesh) - to).norm() < 1e-9, "{to}");
+                assert!((hit.position(&mesh) - to).norm() < 1e-9, "{to}");
                 let vertices = hit.corners.map(|corner| mesh.faces().corners()[corner as usize]);
                 assert!(vertices.iter().all(|v| mesh.faces().face(hit.face as usize).contains(v)));
                 fans[hit.corners[1] as usize % 4 - 1] += 1;
-                // Straight down, along the faces of the tree's boxes.
+                // The rays run straight down, along the sides of the tree's boxes.
                 let above = Point3::new(to.x, to.y, 5.0);
                 assert!(tree.first_hit(above, -Vector3::z()).is_some(), "{above}");
                 assert!(tree.first_hit(above, Vector3::z()).is_none());
             }
         }
         assert!(fans.iter().all(|&count| count > 0), "{fans:?}");
-        // Along the plane of a face, and along an edge in it.
+        // The rays are in the plane of a face, and one of them runs along an edge.
         let flat = triangles(vec![
             Point3::origin(),
             Point3::new(1.0, 0.0, 0.0),
@@ -253,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_ray_meets_nothing() {
+    fn invalid_rays_hit_nothing() {
         let one = triangles(vec![
             Point3::new(-1.0, -1.0, 0.0),
             Point3::new(1.0, -1.0, 0.0),
@@ -263,7 +260,7 @@ mod tests {
         fn hit(origin: [f64; 3], to: [f64; 3], tree: &TriangleTree) -> Option<RayHit> {
             tree.first_hit(origin.into(), to.into())
         }
-        // From both sides, at any length of the direction.
+        // The rays come from both sides, with directions of any length.
         for scale in [1e-200, 1.0, -1.0, 1e200] {
             let hit = hit([0.0, 0.0, scale], [0.0, 0.0, -scale], &tree).unwrap();
             assert_eq!((hit.along, hit.face), (1.0, 0));

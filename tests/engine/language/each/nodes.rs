@@ -1,4 +1,4 @@
-//! Nodes and a value to go over.
+//! Test nodes, and a value type whose elements a `ForEach` can iterate over.
 
 use maquette::value::{Curve, Mesh, Parts, Points};
 use maquette::{
@@ -9,12 +9,12 @@ use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// A sum, and one point more.
+/// Appends points to the points collected so far.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub(super) struct Add {
-    /// What there is.
+    /// The points collected so far.
     sum: In<Points>,
-    /// What comes.
+    /// The points to append.
     point: In<Points>,
 }
 
@@ -32,7 +32,7 @@ impl Node for Add {
 /// One point on the x axis.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub(super) struct Along {
-    /// Where.
+    /// The x coordinate.
     at: u32,
 }
 
@@ -45,7 +45,7 @@ impl Node for Along {
     }
 }
 
-/// The first corners of a mesh.
+/// The first vertex of a mesh.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub(super) struct Corner {
     /// The mesh.
@@ -77,7 +77,7 @@ impl Node for Rim {
     }
 }
 
-/// A stranger's value: numbers on a string, each a string by itself.
+/// A third-party value: a string of numbered beads. Each bead is an element, which is a string of one bead.
 #[derive(Clone, Debug)]
 pub(super) struct Beads(pub(super) Vec<u8>);
 
@@ -120,7 +120,7 @@ impl Value for Beads {
     }
 }
 
-/// The numbers of beads, as points.
+/// Makes points from the numbers of beads.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub(super) struct Count {
     /// The beads.

@@ -1,4 +1,4 @@
-//! Random sequences of data, whose numbers of elements come and go: what a session remembers is what one without memory finds.
+//! Random sequences of data with changing numbers of elements: a session that keeps earlier results gives the same result as a new one.
 
 use maquette::value::Points;
 use maquette::{AnyValue, Graph, Run, Session, Settings, State};
@@ -6,7 +6,8 @@ use proptest::prelude::*;
 
 use super::{Folder, PACK, messages, session, spots};
 
-/// Loops over labels, over what a loop gives, and in each other; one is carried, one is named by its number.
+/// Loops over labels and over the result of a loop, and nested loops. One loop carries a value, and one passes the element's number to its
+/// graph.
 const GRAPH: &str = r#"use: { "Grow": "grow.ron" }, inputs: { "labels": Labels() },
     nodes: {
         "spots": ForEach(graph: "Center", over: "labels", number: "rank"),
@@ -26,8 +27,8 @@ const GROW: &str = r#"inputs: { "point": Points(), "others": Points() },
     },
     outputs: { "points": "all" }"#;
 
-/// What a session gives: the values of outputs, and what it says is wrong.
-fn given(
+/// Runs a graph and returns the values of its outputs and the messages.
+fn run_with_labels(
     session: &mut Session,
     graph: &Graph,
     labels: AnyValue,
@@ -61,11 +62,11 @@ proptest! {
             match event {
                 0 => remembering = kept(),
                 1 => remembering.forget(),
-                2 => drop(remembering.why(&graph, "all")),
+                2 => drop(remembering.explain(&graph, "all")),
                 _ => {}
             }
-            let now = given(&mut remembering, &graph, spots(&widths));
-            let truth = given(&mut session(), &graph, spots(&widths));
+            let now = run_with_labels(&mut remembering, &graph, spots(&widths));
+            let truth = run_with_labels(&mut session(), &graph, spots(&widths));
             prop_assert_eq!(now, truth);
             remembering.finish();
         }

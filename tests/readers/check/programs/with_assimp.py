@@ -1,4 +1,4 @@
-"""assimp, by its command line: what it exports as JSON is what its library gives to a program."""
+"""assimp, by its command line, whose JSON export is the scene as its library returns it."""
 
 import json
 import pathlib
@@ -13,7 +13,7 @@ def read(path: pathlib.Path) -> record.Record:
         output = pathlib.Path(folder) / "scene.json"
         done = subprocess.run(["assimp", "export", str(path), str(output), "-fassjson"], capture_output=True, text=True)
         if done.returncode != 0 or not output.is_file():
-            raise ValueError(next(iter(reversed((done.stdout + done.stderr).strip().splitlines())), "no word"))
+            raise ValueError(next(iter(reversed((done.stdout + done.stderr).strip().splitlines())), "no message"))
         scene = json.loads(output.read_text(encoding="utf8", errors="replace"))
     found = {"points": [], "faces": [], "lines": [], "colors": [], "normals": [], "uv": []}
     identity = [float(i % 5 == 0) for i in range(16)]
@@ -25,28 +25,28 @@ def read(path: pathlib.Path) -> record.Record:
             found[key] = []
     found["materials"] = materials(scene, path.suffix)
     names = [it["value"] for material in scene.get("materials", ()) for it in material["properties"] if it["key"] == "$tex.file"]
-    # A picture within the file begins with `*`.
+    # The name of an embedded picture begins with `*`.
     found["named_picture"] = names[0] if names and (names[0][0] == "*" or (path.parent / names[0]).is_file()) else ""
     return found
 
 
 def materials(scene: dict, ending: str) -> record.Record:
-    """Materials that meshes have: `semantic` is the kind of a picture."""
+    """The materials of meshes; `semantic` is the kind of a texture."""
     kinds = {1: "color", 12: "color", 4: "emission", 6: "normals", 16: "roughness"}
     found = {}
     for mesh in scene["meshes"]:
         properties = scene["materials"][mesh["materialindex"]]["properties"]
         name = next((it["value"] for it in properties if it["key"] == "?mat.name"), "")
-        told = found.setdefault(name, {"triangles": 0, "maps": set()})
-        told["triangles"] += sum(len(face) - 2 for face in mesh.get("faces", ()))
-        told["maps"] |= {kinds[it["semantic"]] for it in properties if it["key"] == "$tex.file" and it["semantic"] in kinds}
+        entry = found.setdefault(name, {"triangles": 0, "maps": set()})
+        entry["triangles"] += sum(len(face) - 2 for face in mesh.get("faces", ()))
+        entry["maps"] |= {kinds[it["semantic"]] for it in properties if it["key"] == "$tex.file" and it["semantic"] in kinds}
         key = "$clr.base" if ending == ".glb" else "$clr.diffuse"
-        told["color"] = next((it["value"][:3] for it in properties if it["key"] == key), [1, 1, 1])
-    return {name: {**told, "maps": sorted(told["maps"])} for name, told in found.items()}
+        entry["color"] = next((it["value"][:3] for it in properties if it["key"] == key), [1, 1, 1])
+    return {name: {**entry, "maps": sorted(entry["maps"])} for name, entry in found.items()}
 
 
 def add(scene: dict, node: dict, parent: list, found: record.Record) -> None:
-    """Adds the meshes of a node and of those below it. Matrices are row by row."""
+    """Adds the meshes of a node and of its descendants. Matrices are stored by rows."""
     own = node["transformation"]
     matrix = [sum(parent[4 * row + k] * own[4 * k + column] for k in range(4)) for row in range(4) for column in range(4)]
     for index in node.get("meshes", ()):

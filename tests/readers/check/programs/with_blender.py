@@ -1,4 +1,4 @@
-"""Blender as a Python module, with the options that its menu of imports begins with."""
+"""Blender as a Python module, with the default options of its importers."""
 
 import pathlib
 
@@ -12,8 +12,8 @@ def read(path: pathlib.Path) -> record.Record:
     if path.suffix in (".png", ".tiff"):
         image = bpy.data.images.load(str(path))
         if image.size[0] == 0:
-            raise ValueError("it gives no picture")
-        # A picture with more than eight bits is made linear unless it is said to be data.
+            raise ValueError("no picture")
+        # Blender converts pictures with more than eight bits to linear colors, unless they are non-color data.
         image.colorspace_settings.name = "Non-Color" if image.is_float else image.colorspace_settings.name
         return {"picture": pixels(image)}
     importers = {
@@ -33,7 +33,7 @@ def read(path: pathlib.Path) -> record.Record:
             add(it, found)
     points = np.array(found["points"]).reshape(-1, 3)
     if path.suffix in (".obj", ".glb"):
-        # It has z up; these files have y up.
+        # Blender has z up; these files have y up.
         turn = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]], float)
         points = points @ turn.T * (1000 if path.suffix == ".glb" else 1)
         found["normals"] = np.array(found["normals"]).reshape(-1, 3) @ turn.T
@@ -68,7 +68,7 @@ def add(thing: "bpy.types.Object", found: record.Record) -> None:
 
 
 def shading(material: "bpy.types.Material") -> record.Record:
-    """What its pictures say, and its color: what hangs on the inputs of its shader."""
+    """The kinds of textures linked to the inputs of the shader, and the base color."""
     shader = next((it for it in material.node_tree.nodes if it.type == "BSDF_PRINCIPLED"), None)
     if shader is None:
         return {}
@@ -78,7 +78,7 @@ def shading(material: "bpy.types.Material") -> record.Record:
 
 
 def pixels(image: "bpy.types.Image") -> np.ndarray:
-    """Rows from the top, in the numbers of the file: bytes, 16 bits in PNG, or floats."""
+    """Rows from the top, in the units of the file: bytes, 16 bits in PNG, or floats."""
     width, height = image.size
     scale = 255 if not image.is_float else 65535 if image.file_format == "PNG" else 1
     return scale * np.array(image.pixels[:]).reshape(height, width, -1)[::-1, :, :3]

@@ -1,4 +1,4 @@
-"""CloudCompare, by its command line: what it loads becomes a PLY file of text."""
+"""CloudCompare, by its command line: it loads a file and saves it as ASCII PLY."""
 
 import os
 import pathlib
@@ -8,7 +8,7 @@ import tempfile
 
 import record
 
-# It wants no window, but a system of windows.
+# CloudCompare needs a window system even without a window.
 os.environ["QT_QPA_PLATFORM"] = "offscreen"
 
 
@@ -16,7 +16,7 @@ def read(path: pathlib.Path) -> record.Record:
     with tempfile.TemporaryDirectory() as folder:
         for file in path.parent.glob(f"{path.stem}.*"):
             shutil.copy(file, folder)
-        # As a user's, whose settings are not touched.
+        # A temporary home, so that the user's settings are not changed.
         environment = {**os.environ, "HOME": folder, "XDG_CONFIG_HOME": folder}
         words = "-SILENT -NO_TIMESTAMP -AUTO_SAVE OFF -C_EXPORT_FMT PLY -M_EXPORT_FMT PLY -PLY_EXPORT_FMT ASCII".split()
         outputs = {kind: pathlib.Path(folder) / f"loaded-{kind}.ply" for kind in ("MESHES", "CLOUDS")}
@@ -24,12 +24,12 @@ def read(path: pathlib.Path) -> record.Record:
             files = ["-O", str(pathlib.Path(folder) / path.name), f"-SAVE_{kind}", "FILE", str(output)]
             done = subprocess.run(["CloudCompare", *words, *files], capture_output=True, text=True, env=environment)
             if output.is_file():
-                return parsed(output.read_text(errors="replace"), path)
+                return parse(output.read_text(errors="replace"), path)
     lines = [line for line in done.stdout.splitlines() if "Processed" not in line and line.strip()]
-    raise ValueError(lines[-1] if lines else f"it ends with {done.returncode}")
+    raise ValueError(lines[-1] if lines else f"exit code {done.returncode}")
 
 
-def parsed(text: str, path: pathlib.Path) -> record.Record:
+def parse(text: str, path: pathlib.Path) -> record.Record:
     head, _, body = text.partition("end_header\n")
     elements = []
     for line in head.splitlines():
@@ -53,7 +53,7 @@ def parsed(text: str, path: pathlib.Path) -> record.Record:
                 pairs = [[float(x) for x in row[5:11]] for row in rows]
                 found["uv"] = [row[k : k + 2] for row in pairs for k in (0, 2, 4)]
     if path.suffix == ".obj":
-        # Those of corners are lost on the way out.
+        # Corner normals are lost when CloudCompare saves PLY.
         del found["normals"]
     if path.suffix == ".ptx":
         found["points"] = record.scaled(found["points"], 1000)

@@ -1,4 +1,4 @@
-"""lib3mf, the reference of the 3MF Consortium."""
+"""lib3mf, the reference implementation of the 3MF Consortium."""
 
 import io
 import pathlib
@@ -18,7 +18,7 @@ def read(path: pathlib.Path) -> record.Record:
     reader.ReadFromFile(str(path))
     warnings = [reader.GetWarning(k) for k in range(reader.GetWarningCount())]
     if warnings:
-        raise ValueError(f"it warns: {warnings[0]}")
+        raise ValueError(f"warning: {warnings[0]}")
     found = {"points": [], "faces": []}
     items = model.GetBuildItems()
     while items.MoveNext():

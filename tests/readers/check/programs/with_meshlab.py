@@ -11,7 +11,7 @@ from PIL import Image
 
 def read(path: pathlib.Path) -> record.Record:
     meshes = pymeshlab.MeshSet()
-    # PTX: all points, and no faces between them.
+    # PTX: read all points, without faces between them.
     words = {"pointcull": False, "anglecull": False, "usecolor": True} if path.suffix == ".ptx" else {}
     meshes.load_new_mesh(str(path), **words)
     mesh = meshes.current_mesh()
@@ -22,16 +22,16 @@ def read(path: pathlib.Path) -> record.Record:
         points = 1000 * points
     found = {"points": points, "faces": [list(map(int, face)) for face in mesh.polygonal_face_list()] if mesh.face_number() else []}
     found["colors"] = [[round(255 * x) for x in color[:3]] for color in mesh.vertex_color_matrix()] if mesh.has_vertex_color() else []
-    # It has those of triangles alone, also where it keeps polygons.
+    # MeshLab has face colors of triangles only, even if it keeps polygons.
     are_triangles = len(found["faces"]) == mesh.face_number()
     found["face_colors"] = 255 * mesh.face_color_matrix()[:, :3] if mesh.has_face_color() and are_triangles else []
     found["uv"] = []
-    # Where parts of a scene have both, those of vertices are of some parts alone.
+    # If both exist, vertex coordinates belong to some parts of the scene only.
     if mesh.has_vertex_tex_coord() and not mesh.has_wedge_tex_coord():
         found["uv"] = mesh.vertex_tex_coord_matrix()
     elif mesh.has_wedge_tex_coord():
         found["uv"] = mesh.wedge_tex_coord_matrix()
-        # Those of triangles, too.
+        # Wedge coordinates belong to triangles.
         found["faces"] = mesh.face_matrix()
     if not mesh.face_number():
         found["normals"] = mesh.vertex_normal_matrix()
@@ -47,7 +47,7 @@ def read(path: pathlib.Path) -> record.Record:
 
 
 def pixels(image: "pymeshlab.Image") -> list:
-    """The pixels of an image, which it can save and not give."""
+    """The pixels of an image, which MeshLab can only save to a file."""
     with tempfile.TemporaryDirectory() as folder:
         path = pathlib.Path(folder) / "picture.png"
         image.save(str(path))

@@ -1,4 +1,4 @@
-"""Open3D, which reads meshes, points and pictures."""
+"""Open3D."""
 
 import pathlib
 
@@ -20,7 +20,7 @@ def read(path: pathlib.Path) -> record.Record:
         return {"points": points, "faces": [], "colors": 255 * np.asarray(cloud.colors), "normals": np.asarray(cloud.normals)}
     points = np.asarray(mesh.vertices)
     if cloud is not None and not np.array_equal(points, np.asarray(cloud.points)):
-        raise ValueError(f"as a mesh it has {len(points)} points, as a cloud {len(cloud.points)}")
+        raise ValueError(f"{len(points)} points as a mesh, {len(cloud.points)} as a cloud")
     textures = [texture for texture in map(np.asarray, mesh.textures) if texture.ndim == 3]
     return {
         # GLB is in meters.
@@ -29,7 +29,7 @@ def read(path: pathlib.Path) -> record.Record:
         "colors": 255 * np.asarray(mesh.vertex_colors),
         "normals": np.asarray(mesh.vertex_normals),
         "uv": np.asarray(mesh.triangle_uvs),
-        # It has the lowest row first.
+        # Open3D has the lowest row first.
         "picture": textures[0][::-1] if textures else [],
     }
 

@@ -1,4 +1,4 @@
-"""Open CASCADE, on which FreeCAD and many other CAD programs stand."""
+"""Open CASCADE, which FreeCAD and many other CAD programs use."""
 
 import pathlib
 
@@ -16,18 +16,18 @@ from OCP.TopoDS import TopoDS
 def read(path: pathlib.Path) -> record.Record:
     reader = STEPControl_Reader()
     if reader.ReadFile(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
-        raise ValueError("it gives nothing")
+        raise ValueError("cannot read the file")
     reader.TransferRoots()
     shape = reader.OneShape()
     if not BRepCheck_Analyzer(shape).IsValid():
-        raise ValueError("it finds the shape invalid")
+        raise ValueError("invalid shape")
     explorer = TopExp_Explorer(shape, TopAbs_ShapeEnum.TopAbs_FACE)
     faces = []
     while explorer.More():
         faces.append(explorer.Current())
         explorer.Next()
     if len(faces) != 1:
-        raise ValueError(f"it finds {len(faces)} faces")
+        raise ValueError(f"{len(faces)} faces")
     surface = GeomConvert.SurfaceToBSplineSurface_s(BRep_Tool.Surface_s(as_face(faces[0])))
     surface.SetUNotPeriodic()
     surface.SetVNotPeriodic()

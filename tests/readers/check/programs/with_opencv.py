@@ -1,4 +1,4 @@
-"""OpenCV, which reads pictures."""
+"""OpenCV."""
 
 import pathlib
 
@@ -8,10 +8,10 @@ import record
 
 
 def read(path: pathlib.Path) -> record.Record:
-    # Names of files with letters of other scripts are not for `imread` on every system.
+    # `imread` does not support non-ASCII file names on every system.
     image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None:
-        raise ValueError("it gives no picture")
+        raise ValueError("no picture")
     return {"picture": image[:, :, 2::-1] if image.ndim == 3 else image}
 
 

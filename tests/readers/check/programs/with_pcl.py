@@ -1,4 +1,4 @@
-"""PCL, by its command line: clouds become PCD files of text."""
+"""PCL, by its command line tools, which convert point clouds to ASCII PCD."""
 
 import pathlib
 import subprocess
@@ -20,7 +20,7 @@ def read(path: pathlib.Path) -> record.Record:
             command("pcl_convert_pcd_ascii_binary", binary, output, "0")
         else:
             command("pcl_converter", "-f", "ascii", "-c", path, output)
-        return parsed(output.read_text())
+        return parse(output.read_text())
 
 
 def command(*words: object) -> None:
@@ -28,15 +28,15 @@ def command(*words: object) -> None:
     done = subprocess.run(list(map(str, words)), capture_output=True, text=True)
     if done.returncode != 0 or not pathlib.Path(str(output)).is_file():
         lines = (done.stdout + done.stderr).strip().splitlines()
-        raise ValueError(lines[-1] if lines else f"{words[0]} ends with {done.returncode}")
+        raise ValueError(lines[-1] if lines else f"{words[0]}: exit code {done.returncode}")
 
 
-def parsed(text: str) -> record.Record:
+def parse(text: str) -> record.Record:
     head, _, body = text.partition("DATA ascii\n")
     header = dict(line.split(" ", 1) for line in head.splitlines() if not line.startswith("#"))
     fields, kinds = header["FIELDS"].split(), header["TYPE"].split()
     rows = [line.split() for line in body.splitlines()]
-    # An invalid cell is a point that is not a number.
+    # The coordinates of invalid cells are NaN.
     rows = [row for row in rows if row[0] != "nan"]
     found = {"points": [[float(x) for x in row[:3]] for row in rows], "colors": [], "normals": [], "wear": []}
     if "normal_x" in fields:
@@ -47,7 +47,7 @@ def parsed(text: str) -> record.Record:
     if "rgb" in fields:
         place = fields.index("rgb")
         if kinds[place] == "F":
-            raise ValueError("its colors are floats")
+            raise ValueError("colors are floats")
         packed = [int(row[place]) for row in rows]
         found["colors"] = [[it >> 16 & 255, it >> 8 & 255, it & 255] for it in packed]
     return found

@@ -1,4 +1,4 @@
-"""Pillow, which most programs in Python have pictures from."""
+"""Pillow."""
 
 import pathlib
 

@@ -1,4 +1,4 @@
-"""PrusaSlicer, by its command line: what it loads becomes an OBJ file."""
+"""PrusaSlicer, by its command line: it loads a file and saves it as OBJ."""
 
 import pathlib
 import subprocess
@@ -14,7 +14,7 @@ def read(path: pathlib.Path) -> record.Record:
         done = subprocess.run(["prusa-slicer", *words], capture_output=True, text=True)
         if not output.is_file():
             lines = (done.stdout + done.stderr).strip().splitlines()
-            raise ValueError(lines[-1] if lines else f"it ends with {done.returncode}")
+            raise ValueError(lines[-1] if lines else f"exit code {done.returncode}")
         rows = [line.split() for line in output.read_text().splitlines()]
     return {
         "points": [[float(x) for x in row[1:4]] for row in rows if row[:1] == ["v"]],

@@ -10,7 +10,7 @@ const { chromium } = await import(join(resolve(made), "node_modules/playwright-c
 const PAGE = `<!doctype html><script type="importmap">{"imports": {"three": "/module/build/three.module.js", "three/addons/": "/module/examples/jsm/"}}</script>`;
 const TYPES = { js: "text/javascript", html: "text/html", png: "image/png" };
 
-/** Runs in the page: what is found in the file at this address. */
+/** Reads a file by its address; runs in the page. */
 async function find(name) {
   const THREE = await import("three");
   const addon = async (path) => import(`three/addons/loaders/${path}.js`);
@@ -20,7 +20,7 @@ async function find(name) {
   if (ending === "png") return { picture: await pixels(await new THREE.ImageLoader().loadAsync(address)) };
   let root;
   if (ending === "ply") {
-    // Its geometry does not tell whether there are faces.
+    // The loader's geometry does not distinguish meshes from point clouds.
     const faces = /element face [1-9]/.test(await (await fetch(address)).text());
     const geometry = await new (await addon("PLYLoader")).PLYLoader().loadAsync(address);
     root = faces ? new THREE.Mesh(geometry) : new THREE.Points(geometry);
@@ -39,13 +39,13 @@ async function find(name) {
     }
     root = await loader.loadAsync(address);
   }
-  // Pictures of materials come a little later.
+  // Textures of materials are loaded asynchronously.
   await new Promise((done) => setTimeout(done, 300));
   root.updateMatrixWorld(true);
   const parts = [];
   root.traverse((part) => part.geometry && parts.push(part));
   for (const part of parts) await add(part);
-  // Cells without a point stay there, and are not seen.
+  // Invalid cells remain in the geometry as NaN.
   if (ending === "pcd") for (const key of ["colors", "points"]) found[key] = found[key].filter((_, k) => Number.isFinite(found.points[k][0]));
   if (ending === "glb") found.points = found.points.map((point) => point.map((x) => 1000 * x));
   return found;
@@ -56,9 +56,9 @@ async function find(name) {
     const entries = (attribute, width, change) => Array.from({ length: attribute?.count ?? 0 }, (_, k) => change([attribute.getX(k), attribute.getY(k), width > 2 ? attribute.getZ(k) : 0].slice(0, width)));
     found.points.push(...entries(position, 3, (p) => new THREE.Vector3(...p).applyMatrix4(part.matrixWorld).toArray()));
     found.normals.push(...entries(normal, 3, (n) => new THREE.Vector3(...n).transformDirection(part.matrixWorld).toArray()));
-    // It computes with linear colors.
+    // three.js stores linear colors.
     found.colors.push(...entries(color, 3, (c) => new THREE.Color(...c).convertLinearToSRGB().toArray().map((x) => 255 * x)));
-    // glTF counts rows of a picture from the top.
+    // In glTF, texture coordinates begin at the top.
     found.uv.push(...entries(uv, 2, ([u, v]) => [u, ending === "glb" ? 1 - v : v]));
     const index = part.geometry.index?.array ?? Array.from({ length: position?.count ?? 0 }, (_, k) => k);
     if (part.isMesh) for (let k = 0; k < index.length; k += 3) found.faces.push([0, 1, 2].map((it) => first + index[k + it]));
@@ -79,7 +79,7 @@ async function find(name) {
     const pen = canvas.getContext("2d");
     pen.drawImage(image, 0, 0);
     const { data, width, height } = pen.getImageData(0, 0, canvas.width, canvas.height);
-    // As `record.thinned` does it.
+    // The same subsampling as in `record.thinned`.
     const step = Math.ceil(Math.max(width, height) / 64);
     const every = (count) => Array.from({ length: Math.ceil(count / step) }, (_, k) => k * step);
     return { size: [width, height], rows: every(height).map((y) => every(width).map((x) => Array.from(data.slice(4 * (y * width + x), 4 * (y * width + x) + 3)))) };

@@ -39,19 +39,19 @@ def of_parts(scene: trimesh.Scene, parts: list) -> record.Record:
         found["uv"] += np.asarray(part["uv"]).tolist()
         found["picture"] = part["picture"] if len(part["picture"]) else found.get("picture", [])
         material = mesh.visual.material
-        told = {"triangles": len(mesh.faces)}
+        entry = {"triangles": len(mesh.faces)}
         kinds = {"color": "baseColorTexture", "emission": "emissiveTexture", "normals": "normalTexture", "roughness": "metallicRoughnessTexture"}
         if isinstance(material, trimesh.visual.material.PBRMaterial):
-            told["maps"] = [kind for kind, key in kinds.items() if getattr(material, key) is not None]
-            told["color"] = [x / 255 for x in (material.baseColorFactor if material.baseColorFactor is not None else [255] * 4)[:3]]
-        found["materials"][material.name] = told
+            entry["maps"] = [kind for kind, key in kinds.items() if getattr(material, key) is not None]
+            entry["color"] = [x / 255 for x in (material.baseColorFactor if material.baseColorFactor is not None else [255] * 4)[:3]]
+        found["materials"][material.name] = entry
     return found
 
 
 def looks(mesh: trimesh.Trimesh, matrix: np.ndarray) -> record.Record:
     found = {"points": mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3], "faces": mesh.faces}
     turn = matrix[:3, :3] / np.linalg.norm(matrix[:3, 0])
-    # Others it would make of the faces.
+    # Only normals of the file; trimesh would calculate missing ones from the faces.
     found["normals"] = mesh.vertex_normals @ turn.T if "vertex_normals" in mesh._cache else []
     visual, kind = mesh.visual, mesh.visual.kind
     others = {**mesh.vertex_attributes, **(getattr(visual, "vertex_attributes", None) or {})}
@@ -64,7 +64,7 @@ def looks(mesh: trimesh.Trimesh, matrix: np.ndarray) -> record.Record:
     uv = getattr(visual, "uv", None)
     found["uv"] = uv if uv is not None else []
     found["picture"] = np.asarray(image.convert("RGB")) if image is not None else []
-    # PLY files come with all that they have.
+    # Custom attributes of PLY are in the metadata.
     data = mesh.metadata.get("_ply_raw", {}).get("vertex", {}).get("data", {})
     names = getattr(getattr(data, "dtype", None), "names", None) or data
     found["wear"] = np.asarray(data["wear"], float).reshape(-1, 1) if "wear" in names else []

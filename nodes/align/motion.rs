@@ -1,0 +1,61 @@
+//! Moves data into the axes of another scan.
+
+use maquette_mesh::{Motion, Movable, TransformError, transform};
+use maquette_scan::Scan;
+use maquette_value::{CaptureFrame, Mesh};
+use nalgebra::Matrix4;
+
+/// Moves an item. The result is in the axes of the capture with the frame `frame`; without a frame it belongs to no capture.
+pub(super) fn move_item(
+    what: &Movable,
+    motion: &Matrix4<f64>,
+    frame: Option<&CaptureFrame>,
+) -> Result<Movable, TransformError> {
+    let linear = motion.fixed_view::<3, 3>(0, 0).into();
+    let shift = motion.fixed_view::<3, 1>(0, 3).into();
+    let pose = frame.and_then(|frame| frame.world_from_camera);
+    Ok(match transform(what, &Motion { linear, shift })? {
+        Movable::Mesh(mesh) => Movable::Mesh(with_frame(mesh, frame)),
+        Movable::RangeImage(range) => Movable::RangeImage(range.with_world_from_camera(pose)),
+        other => other,
+    })
+}
+
+/// Sets the frame of a mesh. The mesh keeps its own picture and camera.
+fn with_frame(mesh: Mesh, frame: Option<&CaptureFrame>) -> Mesh {
+    let own = mesh.frame().copied();
+    let frame = frame.map(|frame| CaptureFrame {
+        camera: own.and_then(|own| own.camera),
+        picture: own.map_or(frame.picture, |own| own.picture),
+        ..*frame
+    });
+    mesh.with_frame(frame)
+}
+
+/// Moves a scan like [`move_item`].
+pub(super) fn move_scan(
+    scan: &Scan,
+    motion: &Matrix4<f64>,
+    frame: Option<&CaptureFrame>,
+) -> Result<Scan, TransformError> {
+    let what = match scan {
+        Scan::RangeImage(range) => Movable::RangeImage(range.clone()),
+        Scan::Points(points) => Movable::Points(points.clone()),
+        Scan::Mesh(mesh) => Movable::Mesh(mesh.clone()),
+    };
+    Ok(match move_item(&what, motion, frame)? {
+        Movable::RangeImage(range) => Scan::RangeImage(range),
+        Movable::Points(points) => Scan::Points(points),
+        Movable::Mesh(mesh) => Scan::Mesh(mesh),
+        other => unreachable!("a scan became {other:?}"),
+    })
+}
+
+/// The capture frame of a scan, if there is one.
+pub(super) fn frame_of(scan: &Scan) -> Option<CaptureFrame> {
+    match scan {
+        Scan::RangeImage(range) => range.capture_frame().ok(),
+        Scan::Points(_) => None,
+        Scan::Mesh(mesh) => mesh.frame().copied(),
+    }
+}

@@ -1,0 +1,31 @@
+//! Transfer of attributes from the elements of a mesh to the elements of a mesh derived from it. Elements are vertices, corners or faces.
+
+use maquette_value::Attribute;
+
+use super::stencils::Stencils;
+use super::weighted_mean::WeightedMean;
+
+/// A map from old elements to new elements that can be applied to attributes of every type.
+pub trait AttributeTransfer {
+    /// Computes the data of the new elements.
+    fn column<T: WeightedMean>(&self, old: &[T]) -> Vec<T>;
+
+    /// Transfers an attribute of any type.
+    fn attribute(&self, old: &Attribute) -> Attribute {
+        match old {
+            Attribute::Number(old) => Attribute::Number(self.column(old).into()),
+            Attribute::Index(old) => Attribute::Index(self.column(old).into()),
+            Attribute::Flag(old) => Attribute::Flag(self.column(old).into()),
+            Attribute::Pair(old) => Attribute::Pair(self.column(old).into()),
+            Attribute::Vector(old) => Attribute::Vector(self.column(old).into()),
+            Attribute::Color(old) => Attribute::Color(self.column(old).into()),
+        }
+    }
+}
+
+/// In this case each row expresses a new element as a weighted mean of old elements.
+impl AttributeTransfer for Stencils {
+    fn column<T: WeightedMean>(&self, old: &[T]) -> Vec<T> {
+        self.apply(old)
+    }
+}

@@ -1,0 +1,239 @@
+//! The volume within a radius of a set of triangles.
+//!
+//! Surfaces made of the tetrahedra of a grid never intersect themselves. Therefore a vertex is moved from its grid edge to the exact radius
+//! only if no faces intersect afterwards.
+
+use maquette_node::{CancelledError, Limit, LimitError, Progress};
+use maquette_value::parallel::*;
+use maquette_value::{Bounds, Faces, Mesh, MeshError, NearestPoint, TriangleTree};
+use nalgebra::{Point3, Vector3};
+use thiserror::Error;
+
+use crate::contour::Contour;
+
+/// Number of cells along an edge of a block. Blocks far from all triangles are left out.
+const BLOCK: usize = 4;
+
+/// Number of nodes along an edge of a block; neighboring blocks share the nodes between them.
+const SIDE: usize = BLOCK + 1;
+
+/// Number of blocks that are measured between two checks for cancellation.
+const CHUNK: usize = 64;
+
+/// Maximum number of blocks; measuring so many takes half a minute.
+const BLOCKS: Limit = Limit {
+    max: 800_000,
+    items: "blocks of a grid",
+    help: "choose a larger `thickness`, or a smaller part of the mesh",
+};
+
+/// Minimum distance of a vertex from a node, as a fraction of an edge, before the vertex is moved to the radius. Without a minimum,
+/// triangles degenerate and their normals are arbitrary.
+const NEAREST: f64 = 0.25;
+
+/// Distance between the result and the floor, as a fraction of the radius. It is invisible, but larger than the rounding error of coplanar
+/// walls.
+const GAP: f64 = 0.002;
+
+/// Reasons why the volume cannot be computed.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum OffsetSurfaceError {
+    /// The grid would have too many cells for the memory.
+    #[error(transparent)]
+    TooMuch(#[from] LimitError),
+    /// The result exceeds the limits of a mesh.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+    /// The evaluation was cancelled.
+    #[error(transparent)]
+    Cancelled(#[from] CancelledError),
+}
+
+/// A half-space that limits the result: the points whose height along a unit vector is at least the given one.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Floor {
+    pub(crate) up: Vector3<f64>,
+    pub(crate) height: f64,
+}
+
+impl Floor {
+    pub(crate) fn height_above(&self, at: &Point3<f64>) -> f64 {
+        at.coords.dot(&self.up) - self.height
+    }
+}
+
+/// Returns the surface of the points that are within `radius` of a triangle of the mesh and above the floor. The surface is closed,
+/// manifold and without self-intersections, for any triangles. It has flat faces, with `cells` cells of the grid along the radius: with 3
+/// cells the radius is exact to about 2 %, with 2 cells to 4 %.
+pub(crate) fn offset_surface(
+    mesh: &Mesh,
+    (radius, cells): (f64, f64),
+    floor: Option<Floor>,
+    progress: &Progress<'_>,
+) -> Result<Mesh, OffsetSurfaceError> {
+    let Some((low, high)) = mesh.bounds() else { return Ok(mesh.clone()) };
+    let spacing = radius / cells;
+    let reach = radius + 2.0 * spacing;
+    // The grid is shifted against the mesh's coordinates, which are often round numbers.
+    let low = low - Vector3::repeat(reach + 0.37 * spacing);
+    let block = spacing * BLOCK as f64;
+    let sizes = [0, 1, 2].map(|axis| ((high[axis] + reach - low[axis]) / block).ceil());
+    fn check_blocks(count: f64) -> Result<(), LimitError> {
+        BLOCKS.check("the space around the triangles", count)
+    }
+    // The blocks along each axis are limited first, then those of each triangle; the products therefore cannot overflow.
+    check_blocks(sizes.into_iter().fold(0.0, f64::max))?;
+    let mut blocks = Vec::new();
+    for face in mesh.faces().iter() {
+        let corners: Vec<_> = face.iter().map(|&it| mesh.positions()[it as usize]).collect();
+        let bounds = Bounds::from_points(&corners);
+        let range = [0, 1, 2].map(|axis| {
+            let ends = [bounds.low[axis] - reach, bounds.high[axis] + reach];
+            ends.map(|at| ((at - low[axis]) / block).max(0.0) as usize)
+        });
+        check_blocks(range.iter().map(|[from, to]| (to - from + 1) as f64).product())?;
+        for z in range[2][0]..=range[2][1] {
+            for y in range[1][0]..=range[1][1] {
+                blocks.extend((range[0][0]..=range[0][1]).map(|x| [z, y, x]));
+            }
+        }
+        // Duplicate blocks are removed early if there are many: faces close together produce the same blocks.
+        if 4 * BLOCKS.max <= blocks.len() {
+            sort_unique(&mut blocks);
+            check_blocks(blocks.len() as f64)?;
+        }
+    }
+    sort_unique(&mut blocks);
+    check_blocks(blocks.len() as f64)?;
+    let tree = TriangleTree::new(mesh);
+    // Only these blocks may be crossed by the surface: their distance from the triangles differs from the radius by at most half of their
+    // diagonal.
+    let middles: Vec<_> = blocks
+        .iter()
+        .map(|[z, y, x]| {
+            let at = [x, y, z].map(|k| (*k as f64 + 0.5) * block);
+            low + Vector3::from(at)
+        })
+        .collect();
+    progress.tick(0.1)?;
+    let far = tree.nearest_to_all(&middles).into_iter().map(|nearest| {
+        nearest.map_or(f64::INFINITY, |nearest| nearest.distance_sq.sqrt() - radius)
+    });
+    let half = 0.5 * 3f64.sqrt() * block + spacing;
+    let is_near =
+        far.map(|far| far.abs() <= half || (floor.is_some() && far <= half)).collect::<Vec<_>>();
+    let mut kept = is_near.into_iter();
+    blocks.retain(|_| kept.next() == Some(true));
+    progress.tick(0.2)?;
+    let place = |at: [usize; 3]| low + Vector3::from(at.map(|k| k as f64)) * spacing;
+    let gap = GAP * radius;
+    let mut contour = Contour::new(NEAREST);
+    for (number, chunk) in blocks.chunks(CHUNK).enumerate() {
+        progress.tick(0.2 + 0.7 * (number * CHUNK) as f64 / blocks.len() as f64)?;
+        let nodes = chunk.par_iter().flat_map_iter(|&[z, y, x]| {
+            (0..SIDE * SIDE * SIDE).map(move |k| {
+                let [i, j, k] = [k % SIDE, k / SIDE % SIDE, k / SIDE / SIDE];
+                [BLOCK * x + i, BLOCK * y + j, BLOCK * z + k]
+            })
+        });
+        let places: Vec<Point3<f64>> = nodes.map(place).collect();
+        let nearest = tree.nearest_to_all(&places);
+
+        for (block, &[z, y, x]) in chunk.iter().enumerate() {
+            let first = block * SIDE * SIDE * SIDE;
+            for k in 0..BLOCK * BLOCK * BLOCK {
+                let [i, j, k] = [k % BLOCK, k / BLOCK % BLOCK, k / BLOCK / BLOCK];
+                fn node(step: usize, i: usize, j: usize, k: usize, first: usize) -> usize {
+                    let (i, j, k) = (i + (step & 1), j + (step >> 1 & 1), k + (step >> 2));
+                    first + i + SIDE * (j + SIDE * k)
+                }
+                let depths = std::array::from_fn(|step| {
+                    let at = node(step, i, j, k, first);
+                    let inside = nearest[at].map_or(0.0, |it| radius - it.distance_sq.sqrt());
+                    floor.map_or(inside, |floor| inside.min(floor.height_above(&places[at]) - gap))
+                });
+                contour.add([BLOCK * x + i, BLOCK * y + j, BLOCK * z + k], depths, place);
+            }
+        }
+    }
+    // Faces of the contour look to the deep side, faces of a solid away from it; so they are reversed.
+    let triangles = contour.triangles.into_iter().map(|[a, b, c]| [a, c, b]).collect();
+    let mut skin = Mesh::new(contour.points.clone(), Faces::triangles(triangles))?;
+    let nearest = tree.nearest_to_all(&contour.points);
+    let mut moved: Vec<_> = contour
+        .points
+        .iter()
+        .zip(&nearest)
+        .map(|(point, nearest): (&Point3<f64>, &Option<NearestPoint>)| {
+            let Some(nearest) = nearest else { return *point };
+            let distance = nearest.distance_sq.sqrt();
+            match floor.map(|floor| (floor.up, floor.height_above(point) - gap)) {
+                Some((up, above)) if above < radius - distance => point - up * above,
+                _ => {
+                    let on = nearest.position(mesh);
+                    on + (point - on) * (radius / distance)
+                }
+            }
+        })
+        .collect();
+    // Moved vertices may pass each other where two parts of the surface are close to each other. The vertices of intersecting faces return
+    // to their grid edges, on which faces never intersect.
+    loop {
+        skin = skin.with_positions(moved.clone())?;
+        let found = skin.crossings(|| progress.check())?;
+        let faces = found.as_flattened().iter().map(|&face| skin.faces().face(face as usize));
+        let mut changes = false;
+        for vertex in faces.flatten().map(|&vertex| vertex as usize) {
+            changes |= moved[vertex] != contour.points[vertex];
+            moved[vertex] = contour.points[vertex];
+        }
+        if !changes {
+            return Ok(skin);
+        }
+    }
+}
+
+/// Sorts blocks and removes duplicates.
+fn sort_unique(blocks: &mut Vec<[usize; 3]>) {
+    blocks.sort_unstable();
+    blocks.dedup();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::volume::volume;
+
+    fn triangle() -> Mesh {
+        let corners = [[0.0, 0.0, 0.0], [12.0, 0.0, 0.0], [0.0, 9.0, 0.0]];
+        Mesh::new(corners.map(Point3::from).to_vec(), Faces::triangles(vec![[0, 1, 2]])).unwrap()
+    }
+
+    #[test]
+    fn around_a_triangle_there_is_a_round_plate() {
+        let radius = 1.0;
+        let plate = offset_surface(&triangle(), (radius, 3.0), None, &Progress::silent()).unwrap();
+        let edges = plate.edges();
+        assert!(edges.misoriented == 0 && edges.faces.iter().all(|faces| *faces == 2));
+        assert_eq!(plate.crossings(|| Progress::silent().check()).unwrap(), Vec::<[u32; 2]>::new());
+        // The expected volume is that of Steiner's formula: area times height, half a cylinder along the border, and a ball.
+        let pi = std::f64::consts::PI;
+        let expected = 54.0 * 2.0 + pi / 2.0 * 36.0 + 4.0 / 3.0 * pi;
+        let found = volume(&plate, Point3::origin());
+        assert!((found / expected - 1.0).abs() < 0.03, "{found} {expected}");
+        let nearest = TriangleTree::new(&triangle()).nearest_to_all(plate.positions());
+        let distances = nearest.iter().map(|it| it.unwrap().distance_sq.sqrt());
+        assert!(distances.clone().all(|it| (0.94..1.06).contains(&it)));
+    }
+
+    #[test]
+    fn nothing_is_below_the_floor() {
+        let floor = Floor { up: Vector3::z(), height: -0.4 };
+        let plate =
+            offset_surface(&triangle(), (1.0, 3.0), Some(floor), &Progress::silent()).unwrap();
+        let edges = plate.edges();
+        assert!(edges.misoriented == 0 && edges.faces.iter().all(|faces| *faces == 2));
+        let lowest = plate.positions().iter().map(|at| at.z).fold(f64::INFINITY, f64::min);
+        assert!((-0.4..-0.39).contains(&lowest), "{lowest}");
+    }
+}

@@ -1,0 +1,410 @@
+//! Readers of files. The type of the value and the extension of the file name select the reader.
+
+use std::cell::{Cell, RefCell};
+use std::cmp::Reverse;
+use std::collections::HashMap;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use maquette_syntax::error::Error;
+use maquette_syntax::paths::{PathError, may_read, project_root};
+use maquette_value::fs;
+use maquette_value::fs::{extension, strip_bom};
+use maquette_value::{AnyValue, Mesh, Value, ValueType, value_type};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::fidelity::Fidelities;
+
+/// A reader that reads one type of values from one kind of files.
+pub trait FileReader {
+    /// The type of the values.
+    type Value: Value;
+
+    /// The extensions of the files that it reads, in lower case, without the dot.
+    const EXTENSIONS: &'static [&'static str];
+
+    /// The data of meshes and points that the reader preserves. `maquette help formats` prints it.
+    const FIDELITY: Fidelities = &[];
+
+    /// Reads the value in a file. The method must never panic. Whatever sizes the file declares, the method must not reserve more memory
+    /// than a small multiple of the file's actual size.
+    ///
+    /// # Errors
+    /// If the file is invalid. The message must contain the position in the file.
+    fn read(file: &InputFile<'_>) -> Result<Self::Value, Error>;
+
+    /// A function that requests ([`InputFile::companion`]) every companion file that [`read`](Self::read) may request. `None` if such files
+    /// never name others. Companions are files that the file names, such as the materials of an OBJ file, and count as a part of it:
+    /// results are computed again when they change, and a watch monitors them. The function must never panic.
+    const COMPANIONS: Option<fn(&InputFile<'_>)> = None;
+}
+
+/// The maximum value of a color channel, for files that do not specify it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum ColorRange {
+    /// Channels go from 0 to 1.
+    To1,
+    /// Channels go from 0 to 255.
+    To255,
+    /// Channels go from 0 to 65535.
+    To65535,
+}
+
+/// Returns the content of a companion file, or the reason why it cannot be read.
+pub type CompanionLookup<'a> = dyn Fn(&str) -> Result<Arc<[u8]>, String> + 'a;
+
+/// A file passed to a reader.
+pub struct InputFile<'a> {
+    name: &'a str,
+    bytes: &'a [u8],
+    beside: &'a CompanionLookup<'a>,
+    color_range: Option<ColorRange>,
+    doubts: RefCell<Vec<String>>,
+}
+
+impl<'a> InputFile<'a> {
+    /// Creates a file with this name and content. `beside` returns the content of its companion files.
+    pub fn new(name: &'a str, bytes: &'a [u8], beside: &'a CompanionLookup<'a>) -> Self {
+        let (bytes, color_range) = (strip_bom(bytes), None);
+        Self { name, bytes, beside, color_range, doubts: RefCell::default() }
+    }
+
+    /// Sets the range of colors that the user has specified.
+    #[must_use]
+    pub fn with_color_range(mut self, range: Option<ColorRange>) -> Self {
+        self.color_range = range;
+        self
+    }
+
+    /// Returns the range of colors that the user has specified. If it is `None`, a reader of a format without a fixed range derives the
+    /// range from all colors of the file.
+    pub fn color_range(&self) -> Option<ColorRange> {
+        self.color_range
+    }
+
+    /// Creates a file that has no companions.
+    pub fn standalone(name: &'a str, bytes: &'a [u8]) -> Self {
+        Self::new(name, bytes, &|name| Err(format!("there is no file {name}")))
+    }
+
+    /// Returns the content without a leading UTF-8 byte order mark (EF BB BF), which some editors write.
+    pub fn bytes(&self) -> &'a [u8] {
+        self.bytes
+    }
+
+    /// Returns the extension of the file name in lower case. Empty if the name has no extension.
+    pub fn extension(&self) -> String {
+        extension(self.name.as_ref())
+    }
+
+    /// Returns the content of a companion file in the same folder, without a leading byte order mark.
+    ///
+    /// # Errors
+    /// If there is no such file, or it may not be read.
+    pub fn companion(&self, name: &str) -> Result<Arc<[u8]>, String> {
+        let bytes = (self.beside)(name)?;
+        let text = strip_bom(&bytes);
+        Ok(if text.len() < bytes.len() { text.into() } else { bytes })
+    }
+
+    /// Adds a warning that concerns the file.
+    pub fn warn(&self, message: impl Into<String>) {
+        self.doubts.borrow_mut().push(message.into());
+    }
+
+    /// Returns all warnings that were added so far.
+    pub fn warnings(&self) -> Vec<String> {
+        self.doubts.borrow().clone()
+    }
+}
+
+/// The description of a reader, without its Rust type. [`reader()`] creates it.
+#[derive(Clone, Copy)]
+pub struct AnyReader {
+    /// The extensions of the files that it reads.
+    pub extensions: &'static [&'static str],
+    kind: fn() -> &'static ValueType,
+    read: fn(&InputFile<'_>) -> Result<AnyValue, Error>,
+    companions: Option<fn(&InputFile<'_>)>,
+    /// The data of meshes and points that the reader preserves.
+    #[doc(hidden)]
+    pub fidelity: Fidelities,
+}
+
+/// Returns the description of the reader `R`.
+pub const fn reader<R: FileReader>() -> AnyReader {
+    AnyReader {
+        extensions: R::EXTENSIONS,
+        kind: value_type::<R::Value>,
+        read: |file| R::read(file).map(AnyValue::new),
+        companions: R::COMPANIONS,
+        fidelity: R::FIDELITY,
+    }
+}
+
+/// Error of a file for which there is no reader: none has its extension and the type of value.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("no {what} can be read from {}; supported extensions: {}", if extension.is_empty() { "a file without an extension".into() } else { format!("`.{extension}`") }, known.join(", "))]
+pub struct NoReader {
+    /// The type of values, or the word `value` if any type is accepted.
+    pub what: &'static str,
+    /// The extension of the file.
+    pub extension: String,
+    /// The supported extensions.
+    pub known: Vec<&'static str>,
+}
+
+/// Error of a file that no reader for its extension can read. It lists groups of types of values, each with the error that their readers
+/// share.
+#[derive(Debug, thiserror::Error)]
+#[error("{}", self.describe())]
+struct ReadFailures(Vec<(Vec<&'static str>, Error)>);
+
+impl ReadFailures {
+    /// Groups the types of values by the errors of their readers. The error that most types share comes first.
+    fn from_errors(refused: Vec<(&'static str, Error)>) -> Error {
+        let mut reasons: Vec<(Vec<_>, Error)> = Vec::new();
+        for (kind, error) in refused {
+            let message = error.to_string();
+            match reasons.iter_mut().find(|(_, reason)| reason.to_string() == message) {
+                Some((kinds, _)) => kinds.push(kind),
+                None => reasons.push((vec![kind], error)),
+            }
+        }
+        reasons.sort_by_key(|(kinds, _)| Reverse(kinds.len()));
+        match <[_; 1]>::try_from(reasons) {
+            Ok([(_, reason)]) => reason,
+            Err(reasons) => Self(reasons).into(),
+        }
+    }
+
+    fn describe(&self) -> String {
+        let errors = self.0.iter();
+        let errors = errors.map(|(kinds, error)| format!("as {}: {error}", kinds.join(" or ")));
+        errors.collect::<Vec<_>>().join("; ")
+    }
+}
+
+/// Error of a text in UTF-16, which no reader supports.
+#[derive(Debug, thiserror::Error)]
+#[error("it is text in UTF-16: save it as UTF-8")]
+struct Utf16;
+
+/// The readers of some packs.
+#[derive(Clone, Default)]
+#[doc(hidden)]
+pub struct Readers(Vec<AnyReader>);
+
+impl Readers {
+    /// Returns the readers, in the order of the packs.
+    #[doc(hidden)]
+    pub fn as_slice(&self) -> &[AnyReader] {
+        &self.0
+    }
+
+    #[doc(hidden)]
+    pub fn new(readers: impl IntoIterator<Item = AnyReader>) -> Self {
+        Self(readers.into_iter().collect())
+    }
+
+    /// Returns the extensions of the files from which values of this type can be read, in the order of the packs. For `None`, values of any
+    /// type.
+    #[doc(hidden)]
+    pub fn extensions(&self, kind: Option<&str>) -> Vec<&'static str> {
+        let mut endings: Vec<&str> = Vec::new();
+        for &ending in self
+            .0
+            .iter()
+            .filter(|reader| kind.is_none_or(|kind| reader.kind().name == kind))
+            .flat_map(|reader| reader.extensions)
+        {
+            if !endings.contains(&ending) {
+                endings.push(ending);
+            }
+        }
+        endings
+    }
+
+    /// Reads a value of this type from a file.
+    #[doc(hidden)]
+    pub fn read(&self, kind: &ValueType, file: &InputFile<'_>) -> Result<AnyValue, Error> {
+        let extension = file.extension();
+        for reader in &self.0 {
+            if reader.kind() == kind && reader.extensions.contains(&&extension[..]) {
+                return reader.call(file);
+            }
+        }
+        let known = self.extensions(Some(kind.name));
+        Err(NoReader { what: kind.name, extension, known }.into())
+    }
+
+    /// Reads a value of any type. Of the readers for the file's extension, the first one that succeeds determines the type.
+    ///
+    /// # Errors
+    /// The errors of all readers, if none of them succeeds.
+    #[doc(hidden)]
+    pub fn read_any(&self, file: &InputFile<'_>) -> Result<AnyValue, Error> {
+        let ending = file.extension();
+        let (mut bare, mut refused) = (None, Vec::new());
+        for reader in self.0.iter().filter(|reader| reader.extensions.contains(&&ending[..])) {
+            match reader.call(file) {
+                // A mesh without faces may be a point cloud or a line, so other readers are tried first.
+                Ok(value) if value.get::<Mesh>().is_some_and(|mesh| mesh.faces().is_empty()) => {
+                    bare = bare.or(Some(value));
+                }
+                Ok(value) => return Ok(value),
+                Err(error) => refused.push((reader.kind().name, error)),
+            }
+        }
+        match (bare, refused.is_empty()) {
+            (Some(value), _) => Ok(value),
+            (None, false) => Err(ReadFailures::from_errors(refused)),
+            (None, true) => {
+                let known = self.extensions(None);
+                Err(NoReader { what: "value", extension: ending, known }.into())
+            }
+        }
+    }
+
+    /// Returns true if files with this extension may have companions.
+    #[doc(hidden)]
+    pub fn may_name(&self, ending: &str) -> bool {
+        fn names(reader: &AnyReader) -> bool {
+            reader.companions.is_some()
+        }
+        self.0.iter().any(|reader| names(reader) && reader.extensions.contains(&ending))
+    }
+
+    /// Requests all companion files that a file has for any type of values.
+    #[doc(hidden)]
+    pub fn ask_companions(&self, file: &InputFile<'_>) {
+        let ending = file.extension();
+        self.0
+            .iter()
+            .filter(|reader| reader.extensions.contains(&&ending[..]))
+            .for_each(|reader| reader.ask_companions(file));
+    }
+
+    /// Reads a value of this type, or of any type, from the file at a path. Returns the value with the warnings of the reader. Companion
+    /// files are read if they are in the same project.
+    ///
+    /// # Errors
+    /// If the file cannot be read. The message contains the path.
+    #[doc(hidden)]
+    pub fn open(
+        &self,
+        path: &Path,
+        kind: Option<&ValueType>,
+    ) -> Result<(AnyValue, Vec<String>), String> {
+        self.open_with_companions(path, kind, &|_| {})
+    }
+
+    /// As [`open`](Self::open). Before a companion file is read, `on_companion` is called with the path of that file.
+    ///
+    /// # Errors
+    /// See [`open`](Self::open).
+    #[doc(hidden)]
+    pub fn open_with_companions(
+        &self,
+        path: &Path,
+        kind: Option<&ValueType>,
+        on_companion: &dyn Fn(&Path),
+    ) -> Result<(AnyValue, Vec<String>), String> {
+        fn read_error_message(error: &dyn fmt::Display, path: &Path) -> String {
+            format!("cannot read {}: {error}", path.display())
+        }
+        let bytes = fs::read(path).map_err(|error| read_error_message(&error, path))?;
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+        let folder = std::fs::canonicalize(folder.unwrap_or(Path::new(".")));
+        let folder = folder.map_err(|error| read_error_message(&error, path))?;
+        let roots = [project_root(&folder)];
+        let companions = CompanionFiles::new(&roots);
+        let beside = |name: &str| {
+            let path = folder.join(name);
+            on_companion(&path);
+            companions.read(name, &path)
+        };
+        let name = path.to_string_lossy();
+        let reading = InputFile::new(&name, &bytes, &beside);
+        let value = match kind {
+            Some(kind) => self.read(kind, &reading),
+            None => self.read_any(&reading),
+        };
+        Ok((value.map_err(|error| read_error_message(&error, path))?, reading.warnings()))
+    }
+}
+
+impl AnyReader {
+    /// Returns the type of values.
+    #[doc(hidden)]
+    pub fn kind(&self) -> &'static ValueType {
+        (self.kind)()
+    }
+
+    /// Returns the address of the reader's function, which identifies its code.
+    #[doc(hidden)]
+    pub fn code(&self) -> usize {
+        self.read as usize
+    }
+
+    /// Reads a file without checking its extension.
+    #[doc(hidden)]
+    pub fn call(&self, file: &InputFile<'_>) -> Result<AnyValue, Error> {
+        let is_utf16 = [b"\xff\xfe", b"\xfe\xff"].iter().any(|mark| file.bytes.starts_with(*mark));
+        (self.read)(file).map_err(|error| if is_utf16 { Utf16.into() } else { error })
+    }
+
+    /// Requests the companion files of a file.
+    #[doc(hidden)]
+    pub fn ask_companions(&self, file: &InputFile<'_>) {
+        if let Some(ask) = self.companions {
+            ask(file);
+        }
+    }
+}
+
+/// The companion files of one file. Each is read only once, even if it is named several times or by different paths.
+#[doc(hidden)]
+pub struct CompanionFiles<'a> {
+    /// The folders that must contain the companion files.
+    roots: &'a [PathBuf],
+    /// The contents of the companion files, by their real paths.
+    contents: RefCell<HashMap<PathBuf, Arc<[u8]>>>,
+    bytes: Cell<u64>,
+}
+
+/// The maximum total size in bytes of the companions of one file. It equals the maximum size of a GLB file.
+const MAX_BYTES: u64 = 4 << 30;
+
+impl<'a> CompanionFiles<'a> {
+    #[doc(hidden)]
+    pub fn new(roots: &'a [PathBuf]) -> Self {
+        Self { roots, contents: RefCell::default(), bytes: Cell::new(0) }
+    }
+
+    /// Returns the content of the file `name`, which is at `path`, if it may be read.
+    #[doc(hidden)]
+    pub fn read(&self, name: &str, path: &Path) -> Result<Arc<[u8]>, String> {
+        may_read(name, path, self.roots).map_err(|problem| match problem {
+            PathError::Outside { message, .. } | PathError::Missing { message, .. } => message,
+        })?;
+        let failed = |error: std::io::Error| format!("cannot read {name}: {error}");
+        let real = std::fs::canonicalize(path).map_err(failed)?;
+        if let Some(known) = self.contents.borrow().get(&real) {
+            return Ok(known.clone());
+        }
+        let length = std::fs::metadata(&real).map_err(failed)?.len();
+        if MAX_BYTES - self.bytes.get() < length {
+            return Err(format!(
+                "cannot read {name}: the files that are named have more than {} GB together",
+                MAX_BYTES >> 30
+            ));
+        }
+        let content: Arc<[u8]> = fs::read(&real).map_err(failed)?.into();
+        self.bytes.set(self.bytes.get() + length);
+        self.contents.borrow_mut().insert(real, content.clone());
+        Ok(content)
+    }
+}

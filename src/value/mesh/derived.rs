@@ -1,0 +1,347 @@
+//! Data that is derived from a mesh and cached beside its value, so that writing a changing mesh again costs only what has changed. Large
+//! data is kept only while another owner keeps it.
+
+use std::fmt;
+use std::ops::Range;
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+
+use nalgebra::{Point3, Vector3};
+
+use super::{BLOCK, Mesh, bounds};
+use crate::column::WeakColumn;
+use crate::parallel::*;
+use crate::{Column, Encoder, Hash, Material, Rgb, material};
+
+mod face_bins;
+mod update;
+
+pub(super) use face_bins::FaceBins;
+
+/// The caches of a mesh. They are not part of the mesh as a value. Copies of a mesh share them.
+#[derive(Clone, Default)]
+pub(super) struct DerivedData {
+    of_positions: Arc<PositionCaches>,
+    colors: Arc<Mutex<Option<TextureColors>>>,
+}
+
+/// The colors that the textures have at the vertices, and the hash of the data from which the colors were computed.
+#[derive(Clone)]
+struct TextureColors {
+    hash_of_inputs: Hash,
+    colors: WeakColumn<Rgb>,
+}
+
+/// Data that depends on the positions of the vertices.
+#[derive(Default)]
+struct PositionCaches {
+    normals: Mutex<Option<WeakColumn<[f32; 3]>>>,
+    earlier: Option<EarlierNormals>,
+    boxes: OnceLock<Vec<Bounds>>,
+}
+
+/// The normals of an earlier mesh with the same faces, and the rows of vertices that have moved since.
+struct EarlierNormals {
+    normals: WeakColumn<[f32; 3]>,
+    moved: Vec<Range<u32>>,
+}
+
+/// The minimum and maximum coordinates of some points.
+type Bounds = (Point3<f64>, Point3<f64>);
+
+impl DerivedData {
+    /// The caches that stay valid after all vertices have moved.
+    pub(super) fn after_moving_all(&self) -> Self {
+        Self { of_positions: Arc::default(), colors: self.colors.clone() }
+    }
+
+    /// The caches that stay valid after these rows of vertices have moved; `positions` holds the new positions of all vertices.
+    pub(super) fn after_moving_rows(&self, rows: &[Range<u32>], positions: &[Point3<f64>]) -> Self {
+        let of_positions = PositionCaches {
+            normals: Mutex::default(),
+            earlier: self.of_positions.earlier_normals(rows),
+            boxes: OnceLock::new(),
+        };
+        if let Some(boxes) = self.of_positions.boxes.get() {
+            let mut boxes = boxes.clone();
+            let touched = rows.iter().filter(|row| !row.is_empty());
+            let touched =
+                touched.flat_map(|row| row.start as usize / BLOCK..=(row.end as usize - 1) / BLOCK);
+            let mut last = None;
+            for block in touched.filter(|block| last.replace(*block) != Some(*block)) {
+                boxes[block] = box_of(positions, block);
+            }
+            // No other thread has access to the new cell yet.
+            let _ = of_positions.boxes.set(boxes);
+        }
+        Self { of_positions: of_positions.into(), colors: self.colors.clone() }
+    }
+
+    fn normals(&self) -> Option<Column<[f32; 3]>> {
+        lock(&self.of_positions.normals).as_ref()?.upgrade()
+    }
+}
+
+impl PositionCaches {
+    /// The normals from which those of this mesh can be updated after these rows have moved. `None` if there are none.
+    fn earlier_normals(&self, rows: &[Range<u32>]) -> Option<EarlierNormals> {
+        let current = lock(&self.normals).as_ref().and_then(WeakColumn::upgrade);
+        let (normals, moved) = match (current, &self.earlier) {
+            (Some(normals), _) => (normals, rows.to_vec()),
+            (None, earlier) => {
+                let earlier = earlier.as_ref()?;
+                (earlier.normals.upgrade()?, [&earlier.moved, rows].concat())
+            }
+        };
+        // If as many vertices have moved as there are normals, computing all normals again costs less than updating them.
+        let count: usize = moved.iter().map(ExactSizeIterator::len).sum();
+        (count < normals.len()).then(|| EarlierNormals { normals: normals.downgrade(), moved })
+    }
+}
+
+impl PartialEq for DerivedData {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
+}
+
+impl fmt::Debug for DerivedData {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("..")
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Mesh {
+    /// The [`vertex_normals`](Self::vertex_normals) in single precision. They are cached while another owner keeps them.
+    pub fn cached_normals(&self) -> Column<[f32; 3]> {
+        if let Some(known) = self.derived.normals() {
+            return known;
+        }
+        let earlier = self.derived.of_positions.earlier.as_ref();
+        let earlier = earlier.and_then(|it| Some((it.normals.upgrade()?, &it.moved)));
+        // Two concurrent calls may both compute the normals.
+        let normals = match earlier {
+            Some((normals, moved)) => self.updated_normals(&normals, moved),
+            None => to_single_precision(&self.vertex_normals()).into(),
+        };
+        *lock(&self.derived.of_positions.normals) = Some(normals.downgrade());
+        normals
+    }
+
+    /// The colors that the textures have at the vertices. `None` without textures or texture coordinates. A vertex on a seam takes the
+    /// color of one side. A vertex of a face without a texture has its own color, or else that of the material. The colors are cached while
+    /// another owner keeps them.
+    pub fn texture_colors(&self) -> Option<Column<Rgb>> {
+        let faces = self.face_materials();
+        let is_shown = match faces {
+            Some(_) => self.materials.iter().any(|it| it.non_empty_picture().is_some()),
+            None => self.materials.first()?.non_empty_picture().is_some(),
+        };
+        let (vertex, corner) = (self.vertex.pairs("uv"), self.corner.pairs("uv"));
+        let uv = vertex.or(corner).filter(|_| is_shown)?;
+        let by_corner = vertex.is_none() || faces.is_some();
+        let hash_of_inputs = Encoder::hash("texture colors", |to| {
+            material::encode(&self.materials, to.plain(&u8::from(vertex.is_some())).column(uv));
+            if by_corner {
+                self.faces.encode(to);
+            }
+            if let Some(faces) = faces {
+                self.vertex.encode(to.column(faces));
+            }
+        });
+        let known = lock(&self.derived.colors).clone();
+        let known = known.filter(|known| known.hash_of_inputs == hash_of_inputs);
+        if let Some(colors) = known.and_then(|known| known.colors.upgrade()) {
+            return Some(colors);
+        }
+        let colors = if by_corner {
+            self.colors_of_corners(uv, vertex.is_some())
+        } else {
+            uv.par_iter()
+                .with_min_len(BLOCK)
+                .map(|&uv| sample_color(&self.materials[0], uv))
+                .collect()
+        };
+        let colors = Column::from(colors);
+        *lock(&self.derived.colors) =
+            Some(TextureColors { hash_of_inputs, colors: colors.downgrade() });
+        Some(colors)
+    }
+
+    /// The color of each vertex, taken from the vertex's last corner. `uv` has an entry per vertex if `is_by_vertex` is true, otherwise an
+    /// entry per corner.
+    fn colors_of_corners(&self, uv: &[[f64; 2]], is_by_vertex: bool) -> Vec<Rgb> {
+        let mut last = vec![None; self.positions.len()];
+        let corners =
+            self.faces.iter().enumerate().flat_map(|(face, corners)| {
+                corners.iter().map(move |&vertex| (face, vertex as usize))
+            });
+        for (corner, (face, vertex)) in corners.enumerate() {
+            last[vertex] = Some((face, uv[if is_by_vertex { vertex } else { corner }]));
+        }
+        let vertex_colors = self.vertex.colors("color");
+        last.par_iter()
+            .enumerate()
+            .with_min_len(BLOCK)
+            .map(|(vertex, last)| {
+                let (material, uv) = match *last {
+                    Some((face, uv)) => (self.material_of(face), uv),
+                    None => (self.materials.first(), [0.0; 2]),
+                };
+                match (material, vertex_colors) {
+                    (Some(material), _) if material.non_empty_picture().is_some() => {
+                        sample_color(material, uv)
+                    }
+                    (_, Some(colors)) => colors[vertex],
+                    (material, None) => material.map_or([255; 3], Material::color),
+                }
+            })
+            .collect()
+    }
+
+    /// The minimum and maximum coordinates; `None` without vertices. After a move only the bounding boxes of blocks with moved vertices are
+    /// computed again.
+    pub fn cached_bounds(&self) -> Option<Bounds> {
+        let known = &self.derived.of_positions.boxes;
+        let boxes = known.get().unwrap_or_else(|| {
+            let blocks = (0..self.positions.len().div_ceil(BLOCK)).into_par_iter();
+            // The boxes are computed outside of the lock, because the thread pool may meanwhile run other work that needs the same value.
+            let boxes = blocks.map(|block| box_of(&self.positions, block)).collect();
+            known.get_or_init(|| boxes)
+        });
+        let (first, others) = boxes.split_first()?;
+        Some(others.iter().fold(*first, |all: Bounds, it| (all.0.inf(&it.0), all.1.sup(&it.1))))
+    }
+}
+
+/// The bounding box of the points of a block, which must not be empty.
+fn box_of(positions: &[Point3<f64>], block: usize) -> Bounds {
+    let positions = &positions[block * BLOCK..positions.len().min((block + 1) * BLOCK)];
+    bounds(positions.iter()).unwrap_or_default()
+}
+
+/// The color of a material's texture at a texture coordinate.
+fn sample_color(material: &Material, uv: [f64; 2]) -> Rgb {
+    material.sample(uv).map(|channel| channel.round() as u8)
+}
+
+fn to_single_precision(normals: &[Vector3<f64>]) -> Vec<[f32; 3]> {
+    let normals = normals.par_iter().with_min_len(BLOCK);
+    normals.map(|normal| normal.cast().into()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+    use crate::rng::Random;
+    use crate::{Attribute, Faces, Image, MATERIAL_ATTRIBUTE};
+
+    /// A bumpy sheet of triangles or quads.
+    fn sheet(width: u32, quads: bool) -> Mesh {
+        let position =
+            |k: u32| Point3::new(f64::from(k % width), f64::from(k / width), f64::from(k * k % 7));
+        let cells = (0..(width - 1) * (width - 1))
+            .map(|k: u32| (k / (width - 1)) * width + k % (width - 1));
+        let faces = match quads {
+            true => Faces::uniform(
+                4,
+                cells.flat_map(|a| [a, a + 1, a + width + 1, a + width]).collect::<Vec<_>>(),
+            )
+            .unwrap(),
+            false => Faces::triangles(
+                cells
+                    .flat_map(|a| [[a, a + 1, a + width], [a + 1, a + width + 1, a + width]])
+                    .collect(),
+            ),
+        };
+        Mesh::new((0..width * width).map(position).collect::<Vec<_>>(), faces).unwrap()
+    }
+
+    fn recomputed_normals(mesh: &Mesh) -> Vec<[f32; 3]> {
+        to_single_precision(&mesh.vertex_normals())
+    }
+
+    #[test]
+    fn vertices_have_the_texture_color_of_their_faces() {
+        fn picture(color: Rgb) -> Image {
+            Image::new(1, 1, vec![color]).unwrap()
+        }
+        let red = Material::from_picture(picture([255, 0, 0]));
+        let green = Material { base_color: [0.0, 1.0, 0.0, 1.0], ..Material::default() };
+        let mesh = sheet(2, false);
+        assert_eq!(mesh.texture_colors(), None);
+        let uv = Attribute::Pair(vec![[0.5; 2]; 4].into());
+        let mesh = mesh.with_vertex("uv", uv).unwrap();
+        let one = mesh.clone().with_materials([red.clone()]);
+        assert_eq!(one.texture_colors().unwrap()[..], [[255, 0, 0]; 4]);
+        // The corners of the faces are 0 1 2 and 1 3 2.
+        let numbers = Attribute::Index(vec![0, 1].into());
+        let two = mesh.with_face(MATERIAL_ATTRIBUTE, numbers).unwrap().with_materials([red, green]);
+        let colors = two.texture_colors().unwrap();
+        assert_eq!(colors[..], [[255, 0, 0], [0, 255, 0], [0, 255, 0], [0, 255, 0]]);
+        let own = Attribute::Color(vec![[1, 2, 3]; 4].into());
+        let own = two.with_vertex("color", own).unwrap().texture_colors().unwrap();
+        assert_eq!(own[..], [[255, 0, 0], [1, 2, 3], [1, 2, 3], [1, 2, 3]]);
+    }
+
+    #[test]
+    fn updated_normals_equal_recomputed_ones() {
+        let mut dice = Random(3);
+        for (width, quads) in [(2, true), (2, false), (70, true), (150, false)] {
+            let mut mesh = sheet(width, quads);
+            let mut kept = mesh.cached_normals();
+            for round in 0..20 {
+                // Every other round makes two moves in a row and does not request the normals between them.
+                for _ in 0..1 + round % 2 {
+                    let count = mesh.positions().len();
+                    let mut ends = [0; 4].map(|_| dice.next_below(count + 1) as u32);
+                    ends.sort_unstable();
+                    let [from, to, later, end] = ends;
+                    let rows = [from..to.min(from + 8), later..end.min(later + 8)];
+                    let positions: Vec<_> = rows
+                        .iter()
+                        .cloned()
+                        .flatten()
+                        .map(|vertex| {
+                            mesh.positions()[vertex as usize] + Vector3::new(0.0, 0.1, dice.even())
+                        })
+                        .collect();
+                    mesh = mesh.with_moved(&rows, &positions).unwrap();
+                }
+                assert!(
+                    mesh.derived.of_positions.earlier.is_some() || width == 2,
+                    "there is something to begin with"
+                );
+                kept = mesh.cached_normals();
+                assert_eq!(kept[..], recomputed_normals(&mesh), "{width} {round}");
+                assert_eq!(kept.hash(), Column::from(recomputed_normals(&mesh)).hash());
+            }
+            drop(kept);
+            assert!(mesh.derived.normals().is_none(), "nobody keeps them");
+            assert_eq!(mesh.cached_normals()[..], recomputed_normals(&mesh));
+        }
+    }
+
+    #[test]
+    fn normals_are_recomputed_after_large_moves() {
+        let mesh = sheet(9, false);
+        let kept = mesh.cached_normals();
+        let lifted: Vec<_> =
+            mesh.positions().iter().map(|position| position.map(|x| x * x)).collect();
+        let lifted = mesh.with_positions(lifted).unwrap();
+        assert_eq!(lifted.cached_normals()[..], recomputed_normals(&lifted));
+        let mut moved = mesh.clone();
+        for _ in 0..90 {
+            let position = moved.positions()[5] + Vector3::z();
+            moved = moved.with_moved(std::slice::from_ref(&(5..6)), &[position]).unwrap();
+        }
+        assert!(moved.derived.of_positions.earlier.is_none());
+        assert_eq!(moved.cached_normals()[..], recomputed_normals(&moved));
+        assert_eq!(kept[..], recomputed_normals(&mesh));
+    }
+}

@@ -1,0 +1,27 @@
+//! Disjoint sets of integers.
+
+/// Disjoint sets of the integers from 0 to a count (excluded). The representative of a set is its smallest member.
+pub(crate) struct UnionFind(Vec<u32>);
+
+impl UnionFind {
+    /// Builds one set for each integer.
+    pub(crate) fn new(count: usize) -> Self {
+        Self((0..count as u32).collect())
+    }
+
+    /// The representative of the set that contains `number`.
+    pub(crate) fn find(&mut self, mut number: u32) -> u32 {
+        while self.0[number as usize] != number {
+            // Path halving, which shortens later searches.
+            self.0[number as usize] = self.0[self.0[number as usize] as usize];
+            number = self.0[number as usize];
+        }
+        number
+    }
+
+    /// Merges the sets of two numbers.
+    pub(crate) fn union(&mut self, a: u32, b: u32) {
+        let (a, b) = (self.find(a), self.find(b));
+        self.0[a.max(b) as usize] = a.min(b);
+    }
+}
